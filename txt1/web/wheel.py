@@ -9,6 +9,7 @@ from typing import Final
 
 AGE_MAX: Final = 0.25  # s after which a command is late: the safety gate would not obey it either
 SAMPLES: Final = 20  # messages there and back that the offset of a page's clock is taken from
+ROUNDING: Final = 1e-6  # s by which answers may contradict one another: large times are rounded
 IDLE: Final = 10.0  # s without a command after which another page may take the wheel
 
 
@@ -31,7 +32,7 @@ class PageClock:
         if not isfinite(page) or not sent <= now:
             return
         low, high = sent - page, now - page
-        if self._samples and (low > min(h for _, h in self._samples) or high < self._low):
+        if self._samples and (low > min(h for _, h in self._samples) + ROUNDING or high < self._low - ROUNDING):
             self._samples.clear()
         self._samples.append((low, high))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf, isinf, nan
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from txt1.web.wheel import AGE_MAX, IDLE, SAMPLES, Budget, PageClock, PageWheel, Sequence
@@ -13,6 +13,7 @@ seconds = st.floats(0.0, 1e6)
 delays = st.floats(0.0, 5.0)
 
 
+@example(offset=1.8115690785925835, trips=[(48567.0, 0.0, 4.0), (999999.9999999999, 4.018848797977823, 0.0)], late=0.0)
 @given(offset=st.floats(-1e6, 1e6), trips=st.lists(st.tuples(seconds, delays, delays), min_size=1), late=delays)
 def test_a_command_is_never_taken_for_younger_than_it_is(
     offset: float, trips: list[tuple[float, float, float]], late: float
