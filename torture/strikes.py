@@ -21,7 +21,7 @@ from txt1.errors import CommandRefused, NotArmed, NotCapable
 from txt1.hal.base import Button
 from txt1.kernel.loop import clock_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, PwmCommand, PwmTest, Switch, Velocity
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 KINDS: Final = ("sim", "ours", "original")  # the hardware underneath: the simulation, or one of the two boards
 HUGE: Final = (1e6, 1e300, 10**400, -1e9, 3.4e38)

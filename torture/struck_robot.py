@@ -21,8 +21,8 @@ from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import HostMessage, PwmTest, Switch, Velocity
 from txt1.robot import Robot
-from txt1.sim.parameters import VehicleParameters
-from txt1.sim.serial_line import Arrival, LineFaults, SerialLine
+from txt1.sim.parameters import LineFaults, VehicleParameters
+from txt1.sim.serial_line import Arrival, SerialLine
 from txt1.sim.vehicle import Vehicle
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")

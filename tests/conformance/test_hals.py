@@ -28,7 +28,7 @@ from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
 from txt1.model.vehicle import sides
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 
 def sim() -> SimHal:

@@ -22,7 +22,7 @@ from txt1.protocol.decoder import Event, FrameFault
 from txt1.protocol.layout import encode
 from txt1.protocol.messages import Message
 from txt1.robot import Robot
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 HOUR = 3600.0
 FAULTS = LineFaults(drop=0.01, flip=1e-4, duplicate=0.01, delay=0.005, jitter=0.01, stall=0.1)

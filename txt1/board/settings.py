@@ -3,7 +3,7 @@
 from typing import Literal
 
 from txt1.config.schema import Section
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 from txt1.units import Positive
 
 

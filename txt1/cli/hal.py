@@ -17,7 +17,7 @@ from txt1.hal.base import Hal
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
 from txt1.resources import PACKAGE
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 SKELETON: Final = PACKAGE / "hal" / "skeleton"
 MODULE_NAME: Final = "the name of a Python module, such as mycar"

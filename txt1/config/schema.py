@@ -30,8 +30,7 @@ from txt1.model.channels import Channels
 from txt1.model.light_sensors import EVEN, MOUNT, SOUND, Mount, SensorFault
 from txt1.model.vehicle import Geometry
 from txt1.protocol.messages import PidSet
-from txt1.sim.parameters import Batteries, Box, Faults, Noise, Post, Roughness, VehicleParameters
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import Batteries, Box, Faults, LineFaults, Noise, Post, Roughness, VehicleParameters
 from txt1.units import NotNegative, Positive, PositiveInt
 
 GainOnWire = Annotated[float, Field(ge=-2147483.648, le=2147483.647)]

@@ -27,7 +27,7 @@ from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX, outputs_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 CALL_PERIOD: Final = 0.02  # s between two calls: the controller's
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from txt1.link.base import BACKLOG, End, Link
-from txt1.sim.serial_line import Arrival, LineFault, LineFaults, Pace, SerialLine
+from txt1.sim.parameters import LineFaults
+from txt1.sim.serial_line import Arrival, LineFault, Pace, SerialLine
 
 Carrier = SerialLine | Pace  # decides when which bytes arrive
 

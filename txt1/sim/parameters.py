@@ -3,7 +3,7 @@
 They stay uncompiled: the configuration's constraints and descriptions are read from the source.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from math import pi
 from typing import Annotated, Literal
 
@@ -126,3 +126,36 @@ class Roughness:
     """Of the waves, m; the car bridges shorter ones."""
     longest: Positive = 3.0
     """Of the waves, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineFaults:
+    """The faults of a line, both ways; none by default. A piece is what one write or one read brought: a frame."""
+
+    drop: Share = 0.0
+    """Share of the pieces that are lost."""
+    tear: Share = 0.0
+    """Share of the pieces of which the end is lost."""
+    flip: Share = 0.0
+    """Probability of each bit to arrive inverted."""
+    duplicate: Share = 0.0
+    """Share of the pieces that come twice."""
+    split: bool = False
+    """Every byte arrives as a piece of its own."""
+    merge: NotNegative = 0.0
+    """Pieces are handed on so many seconds apart, all that has come since then as one."""
+    delay: NotNegative = 0.0
+    """Every piece arrives so much later, s."""
+    jitter: NotNegative = 0.0
+    """Each piece arrives up to that much later still, s; the order is kept."""
+    stall: NotNegative = 0.0
+    """How long the line holds everything back each time, s."""
+    stall_every: Positive = 10.0
+    """Mean time between two stalls, s."""
+    cut: NotNegative = 0.0
+    """Time after which the line is lost, s; 0: never."""
+
+    @property
+    def harmless(self) -> bool:
+        """Whether nothing at all is wrong."""
+        return not any(astuple(replace(self, stall_every=0.0)))

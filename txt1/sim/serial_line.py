@@ -4,13 +4,12 @@
 """
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, replace
 from math import ceil
 from typing import Final, Literal, get_args
 
 from numpy.random import Generator
 
-from txt1.units import NotNegative, Positive, Share
+from txt1.sim.parameters import LineFaults
 
 BITS_PER_BYTE: Final = 10
 """On the line: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
@@ -18,39 +17,6 @@ BITS_PER_BYTE: Final = 10
 LineFault = Literal["drop", "tear", "flip", "duplicate", "stall", "cut"]
 Arrival = tuple[float, bytes]
 """When a piece arrives, s, and its bytes."""
-
-
-@dataclass(frozen=True, slots=True)
-class LineFaults:
-    """The faults of a line, both ways; none by default. A piece is what one write or one read brought: a frame."""
-
-    drop: Share = 0.0
-    """Share of the pieces that are lost."""
-    tear: Share = 0.0
-    """Share of the pieces of which the end is lost."""
-    flip: Share = 0.0
-    """Probability of each bit to arrive inverted."""
-    duplicate: Share = 0.0
-    """Share of the pieces that come twice."""
-    split: bool = False
-    """Every byte arrives as a piece of its own."""
-    merge: NotNegative = 0.0
-    """Pieces are handed on so many seconds apart, all that has come since then as one."""
-    delay: NotNegative = 0.0
-    """Every piece arrives so much later, s."""
-    jitter: NotNegative = 0.0
-    """Each piece arrives up to that much later still, s; the order is kept."""
-    stall: NotNegative = 0.0
-    """How long the line holds everything back each time, s."""
-    stall_every: Positive = 10.0
-    """Mean time between two stalls, s."""
-    cut: NotNegative = 0.0
-    """Time after which the line is lost, s; 0: never."""
-
-    @property
-    def harmless(self) -> bool:
-        """Whether nothing at all is wrong."""
-        return not any(astuple(replace(self, stall_every=0.0)))
 
 
 class SerialLine:

@@ -21,7 +21,7 @@ from txt1.hal.vesc.driver import PacketId, Unpacker, VescHal, VescOptions, packe
 from txt1.kernel.loop import run
 from txt1.link.base import Link, connect
 from txt1.robot import Robot
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 WORDS = ("vehicle=f1tenth", "sim.room.length=.inf", "sim.room.width=.inf", "sim.noise.drag=0")
 

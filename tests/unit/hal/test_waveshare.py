@@ -22,7 +22,7 @@ from txt1.kernel.loop import run
 from txt1.link.base import End, Link, connect
 from txt1.model.odometry import Odometry
 from txt1.robot import Robot
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 # as a UGV rover sends it: whole centimetres, hundredths of a volt
 UGV = b'{"T":1001,"L":0.25,"R":-0.5,"ax":309,"gz":-89,"mx":12,"odl":56,"odr":-20,"v":1216}'

@@ -20,7 +20,7 @@ from txt1.link.device import open_link
 from txt1.link.impairments import faulty, paced
 from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 Pair = Callable[[EndProtocol, EndProtocol], Any]
 

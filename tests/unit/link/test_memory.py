@@ -16,7 +16,8 @@ from txt1.kernel.clock import VirtualClock
 from txt1.kernel.loop import VirtualTimeLoop, clock_of
 from txt1.link.base import BACKLOG, connect
 from txt1.link.impairments import Way, faulty, paced
-from txt1.sim.serial_line import LineFault, LineFaults, SerialLine
+from txt1.sim.parameters import LineFaults
+from txt1.sim.serial_line import LineFault, SerialLine
 
 
 def test_memory_takes_no_time_and_keeps_pieces_as_they_were_written() -> None:

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.random import default_rng
 
-from txt1.sim.serial_line import Arrival, LineFault, LineFaults, Pace, SerialLine
+from txt1.sim.parameters import LineFaults
+from txt1.sim.serial_line import Arrival, LineFault, Pace, SerialLine
 
 FRAME = bytes(range(0x10, 0x2A))  # as long as an odometry frame: 26 bytes
 

@@ -21,7 +21,7 @@ from txt1.hal.pi.driver import GuardAnswer, PiOptions, answer_of
 from txt1.hal.pi.guard import AUTO, LED0, MODE1, MODE2, PRESCALE, SLEEP, STEPS, Guarded, GuardSetup, Pca9685, Quadrature
 from txt1.hal.registry import create_sim
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
-from txt1.sim.serial_line import LineFaults
+from txt1.sim.parameters import LineFaults
 
 FULL_OFF: Final = 0x10  # in the high byte of when an output goes off
 OSCILLATOR: Final = 25e6  # Hz
