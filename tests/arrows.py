@@ -34,6 +34,7 @@ SPINE: Final = frozenset(
     for name in (
         *("additions", "commands", "config", "conformance", "control", "driver", "errors", "hal", "kernel", "link"),
         *(
+            "maps",
             "model",
             "plugins",
             "protocol",

@@ -31,6 +31,7 @@ from txt1.model.light_sensors import EVEN, MOUNT, SOUND, Mount, SensorFault
 from txt1.model.vehicle import Geometry
 from txt1.protocol.messages import PidSet
 from txt1.sim.parameters import Batteries, Box, Faults, LineFaults, Noise, Post, Roughness, VehicleParameters
+from txt1.sim.room import Room
 from txt1.units import NotNegative, Positive, PositiveInt
 
 GainOnWire = Annotated[float, Field(ge=-2147483.648, le=2147483.647)]
@@ -111,7 +112,10 @@ class ControlConfig(LoopsConfig):
 
 
 class RoomConfig(Section):
-    """The simulated room, around the origin."""
+    """The simulated room: a rectangle around the origin, or a map."""
+
+    map: str | None = None
+    """Its walls: one of config/maps by its name, or a .yaml of your own as map_server reads it; null: the rectangle."""
 
     length: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 5.0
     """Along x, m; .inf for none."""
@@ -119,6 +123,23 @@ class RoomConfig(Section):
     """Along y, m; .inf for none."""
     light: tuple[float, float] = (0.0, 0.0)
     """Where the light is, x and y in m."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _map_has_all_walls(cls, given: Any) -> Any:
+        if not isinstance(given, Mapping) or given.get("map") is None:
+            return given
+        if {given.get("length", 5.0), given.get("width", 5.0)} - {5.0, inf}:
+            raise ValueError("length, width: the walls are those of the map; take out length and width, or map")
+        return {**given, "length": inf, "width": inf}
+
+    def built(self) -> Room:
+        """The room itself; raises ConfigError: its map cannot be read, or MissingExtra: it is a PNG."""
+        if self.map is None:
+            return Room(self.length, self.width)
+        from txt1.sim.walls import walls_of
+
+        return Room(walls=walls_of(self.map))
 
 
 class LightConfig(Section):

@@ -18,7 +18,6 @@ from txt1.hal.registry import in_world
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.runtime import Runtime
-from txt1.sim.room import Room
 from txt1.sim.world import World
 
 LINKED_WITHIN = 10.0  # s
@@ -82,7 +81,7 @@ class Fleet:
     ) -> AsyncIterator["Fleet"]:
         """A fleet of these configurations, which are one robot's each, disarmed, its links not up yet."""
         sim = next(iter(configs.values())).sim
-        world = World(Room(sim.room.length, sim.room.width), sim.room.light, sim.obstacles)
+        world = World(sim.room.built(), sim.room.light, sim.obstacles)
         async with AsyncExitStack() as stack:
             robots = {}
             for name, own in configs.items():

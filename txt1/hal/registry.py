@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 
 def in_world(config: Config, world: World) -> Config:
     """The configuration of a robot in this world: with its room, light and obstacles."""
-    length, width = world.room
-    room = config.sim.room.model_copy(update={"length": length, "width": width, "light": world.light})
+    length, width, walls = world.room
+    told = {"length": length, "width": width, "map": walls and walls.name, "light": world.light}
+    room = config.sim.room.model_copy(update=told)
     sim = config.sim.model_copy(update={"room": room, "obstacles": world.obstacles})
     return config.model_copy(update={"sim": sim})
 
@@ -43,19 +44,17 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
     """The simulated robot as configured, in a world of its own, or in one that it shares with others."""
     from txt1.hal.sim import SimHal
     from txt1.sim.ground import Ground
-    from txt1.sim.room import Room
     from txt1.sim.vehicle import Vehicle
     from txt1.sim.world import World
 
-    sim, room = config.sim, config.sim.room
-    alone = world is None
+    sim, alone = config.sim, world is None
     if world is None:
-        world = World(Room(room.length, room.width), room.light, sim.obstacles)
+        world = World(sim.room.built(), sim.room.light, sim.obstacles)
     parameters = sim.vehicle, config.geometry, sim.battery, sim.noise
     try:
         vehicle = Vehicle(world, *parameters, sim.start, config.own_seed, config.name)
     except ValueError as error:
-        remedy = "choose another start, a larger sim.room or other sim.obstacles"
+        remedy = "choose another start, a larger sim.room, or other sim.obstacles or walls"
         raise ConfigError(f"sim.start: {error}; {remedy}") from None
     vehicle.faults = sim.faults
     ground = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else None

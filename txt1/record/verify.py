@@ -65,7 +65,6 @@ from txt1.record.session import close
 from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS
-from txt1.sim.room import Room
 from txt1.sim.world import World
 from txt1.tasks.fields import VEHICLES
 
@@ -124,7 +123,7 @@ async def _replay(robots: list[Recorded], attach: Attach) -> list[Comparison]:
     """Run robots again, in one world where they were in one."""
     sim = robots[0].config.sim
     shared = robots[0].shared or len(robots) > 1
-    world = World(Room(sim.room.length, sim.room.width), sim.room.light, sim.obstacles) if shared else None
+    world = World(sim.room.built(), sim.room.light, sim.obstacles) if shared else None
     again = [_Again(recorded, world, len(robots) == 1, attach) for recorded in robots]
     for each in again:
         await each.start()

@@ -18,7 +18,6 @@ from txt1.protocol.messages import Switch
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1.ros.publisher import Publisher
-from txt1.sim.room import Room
 
 FEEDBACK: Final = 0.2  # s between two reports on the way to a goal
 SPEED: Final = 0.4  # m/s to a goal that says none
@@ -102,7 +101,7 @@ class Ros2RobotEnd(RobotEnd):
         sources = {"odom": wheel_pose, "room": true_pose, "map": fused_pose}
         if frame not in sources:
             raise ConfigError(f"frame_id '{frame}': give odom, room (where the true pose is known) or map (estimation)")
-        room = Room(config.sim.room.length, config.sim.room.width) if frame == "room" else None
+        room = config.sim.room.built() if frame == "room" else None
         if self._goal is not None:
             self._goal.cancel()
         source = sources[frame](robot)

@@ -18,7 +18,6 @@ from txt1.sensors.readings import CAMERA_MOUNT, DepthImage, Image, depth_topic, 
 from txt1.sensors.sim_laser import bodies
 from txt1.sensors.twin import Others, others_of, true_pose
 from txt1.sim.rays import shapes_of, walls_of
-from txt1.sim.room import Room
 from txt1.sim.view import Camera, Scene, distances, draw
 from txt1.telemetry.topics import Topic
 from txt1.units import Positive, PositiveInt
@@ -140,7 +139,7 @@ def _camera(
     given = checked(CameraOptions, setup.options, f"sensors.{setup.name}.options")
     sim, body = setup.config.sim, setup.config.geometry
     camera = Camera(given.width, given.height, radians(given.field))
-    walls, obstacles = walls_of(Room(sim.room.length, sim.room.width)), shapes_of(sim.obstacles)
+    walls, obstacles = walls_of(sim.room.built()), shapes_of(sim.obstacles)
 
     def seen(eye: Pose, others: Sequence[Pose]) -> T:
         return expose(given, camera, Scene(walls, obstacles, bodies(others, body), sim.room.light), eye)

@@ -18,7 +18,6 @@ from txt1.sensors.twin import Others, Twin, others_of, random_of, true_pose
 from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Box
 from txt1.sim.rays import Shapes, cast, edges_of, shapes_of, walls_of
-from txt1.sim.room import Room
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 
@@ -44,8 +43,7 @@ class LaserParameters:
 
 def standing(config: Config) -> Shapes:
     """All that stands in the configured room."""
-    room = config.sim.room
-    return walls_of(Room(room.length, room.width)) + shapes_of(config.sim.obstacles)
+    return walls_of(config.sim.room.built()) + shapes_of(config.sim.obstacles)
 
 
 def bodies(poses: Sequence[Pose], body: Geometry) -> Shapes:

@@ -7,6 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.maps.grid import Grid
+from txt1.maps.rays import cast as cast_in_grid
+from txt1.maps.rays import prepare
 from txt1.sim.obstacles import Obstacle, Outline, outline
 from txt1.sim.parameters import Post
 from txt1.sim.room import Room
@@ -19,11 +22,17 @@ class Shapes(NamedTuple):
 
     edges: Floats  # (n, 4): from x, y to x, y; m
     posts: Floats  # (m, 3): x, y and radius; m
+    grid: Grid | None = None  # whose solid cells stand there, too
 
     def __add__(self, other: object) -> "Shapes":
         """Both together."""
         assert isinstance(other, Shapes)
-        return Shapes(np.concatenate((self.edges, other.edges)), np.concatenate((self.posts, other.posts)))
+        edges, posts = np.concatenate((self.edges, other.edges)), np.concatenate((self.posts, other.posts))
+        return Shapes(edges, posts, self.grid or other.grid)
+
+    def __bool__(self) -> bool:
+        """Whether there is any."""
+        return bool(len(self.edges) or len(self.posts) or self.grid)
 
 
 def edges_of(outlines: Iterable[Outline]) -> Shapes:
@@ -33,13 +42,17 @@ def edges_of(outlines: Iterable[Outline]) -> Shapes:
 
 
 def walls_of(room: Room) -> Shapes:
-    """The four walls; those at infinity left out."""
+    """The four walls, those at infinity left out; or those of a map, with the caster ready."""
     x, y = 0.5 * room.length, 0.5 * room.width
     far = 1e6  # of a wall whose ends are at infinity, m
     wide, high = (min(each, far) for each in (x, y))
     walls = [(side * x, -high, side * x, high) for side in (-1.0, 1.0) if isfinite(x)]
     walls += [(-wide, side * y, wide, side * y) for side in (-1.0, 1.0) if isfinite(y)]
-    return Shapes(np.array(walls, float).reshape(-1, 4), np.empty((0, 3)))
+    grid = None
+    if room.walls is not None:
+        grid = room.walls.grid
+        prepare()
+    return Shapes(np.array(walls, float).reshape(-1, 4), np.empty((0, 3)), grid)
 
 
 def shapes_of(obstacles: Sequence[Obstacle]) -> Shapes:
@@ -78,4 +91,6 @@ def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -
         t = np.where(along - reach >= 0.0, along - reach, along + reach)  # from inside, where it leaves
         t[(half < 0.0) | (t < 0.0)] = np.inf
         nearest = np.minimum(nearest, t.min(axis=0))
+    if shapes.grid is not None:
+        nearest = np.minimum(nearest, cast_in_grid(shapes.grid, px, py, angles))
     return nearest

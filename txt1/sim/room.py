@@ -1,9 +1,12 @@
-"""Four walls that stop the vehicle."""
+"""Four walls that stop the vehicle, or those of a map."""
 
 from math import cos, inf, sin
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from txt1.model.vehicle import Geometry
+
+if TYPE_CHECKING:
+    from txt1.sim.walls import Walls
 
 
 class Room(NamedTuple):
@@ -11,13 +14,15 @@ class Room(NamedTuple):
 
     length: float = inf  # along x, m
     width: float = inf  # along y, m
+    walls: "Walls | None" = None  # of a map
 
 
 def clearance(x: float, y: float, theta: float, room: Room, body: Geometry) -> float:
     """Metres from the body's nearest corner to the nearest wall; negative when it sticks into the wall."""
     c, s = cos(theta), sin(theta)
-    x, y = x + body.centre * c, y + body.centre * s
+    ahead, beside = x + body.centre * c, y + body.centre * s
     # half extents of the rotated body along the room's axes
     reach_x = 0.5 * (body.length * abs(c) + body.width * abs(s))
     reach_y = 0.5 * (body.length * abs(s) + body.width * abs(c))
-    return min(0.5 * room.length - abs(x) - reach_x, 0.5 * room.width - abs(y) - reach_y)
+    left = min(0.5 * room.length - abs(ahead) - reach_x, 0.5 * room.width - abs(beside) - reach_y)
+    return left if room.walls is None else min(left, room.walls.clearance(x, y, theta, body))

@@ -95,7 +95,7 @@ def _surfaces(
     for index, (shapes, tall) in enumerate(
         ((scene.walls, WALL_HEIGHT), (scene.obstacles, OBSTACLE_HEIGHT), (scene.vehicles, VEHICLE_HEIGHT)), 2
     ):
-        if not any(map(len, shapes)):
+        if not shapes:
             continue
         along = cast(x, y, angles, shapes) * np.cos(angles - theta)
         up = z - below * np.minimum(along, 1e6)  # height over the floor of what is seen there

@@ -49,7 +49,7 @@ class World:
     """Everything that the simulated robots have in common. It lives on one event loop.
 
     Args:
-        room: the four walls.
+        room: the four walls, or a map's.
         light: where the light is, x and y in m.
         obstacles: boxes and posts.
 
@@ -90,7 +90,7 @@ class World:
         """The thing that a vehicle at (x, y, theta) would stick into, in words; None when it has `margin` m of room."""
         room, body = self.room, vehicle.outline((x, y, theta))
         if clearance(x, y, theta, room, vehicle.body) < margin:
-            return f"a wall of the {room.length:g} x {room.width:g} m room"
+            return f"a wall of the {room.length:g} x {room.width:g} m room" if room.walls is None else room.walls.told
         for number, obstacle in enumerate(self.obstacles):
             if gap(body, obstacle) < margin:
                 return f"obstacle {number}, a {type(obstacle).__name__.lower()} at ({obstacle.x:g}, {obstacle.y:g})"
@@ -186,7 +186,7 @@ class World:
         here.obstacles = [
             each for each in self.obstacles if distance(each, here.x, here.y) < here.reach + 1.5 * ROAM + STEP
         ]
-        if self.obstacles or len(self._all) > 1:
+        if self.obstacles or len(self._all) > 1 or self.room.walls is not None:
             here.roam = ROAM
         for there in self._all:
             if there is here:
@@ -206,6 +206,8 @@ class World:
     def _set_free(self, here: _Whereabouts) -> None:
         """Tell a vehicle where its centre may be with nothing in reach, whatever its heading."""
         vehicle, room, roam = here.vehicle, self.room, here.roam
+        if room.walls is not None:
+            roam = min(roam, room.walls.roam(here.x, here.y, here.reach))
         vehicle.crowded = bool(here.others or here.obstacles)
         x, y = 0.5 * room.length - here.reach, 0.5 * room.width - here.reach
         free = max(-x, here.x - roam), min(x, here.x + roam), max(-y, here.y - roam), min(y, here.y + roam)

@@ -1,0 +1,1 @@
+"""Maps of floors: occupancy grids, their files, and rays cast against them."""

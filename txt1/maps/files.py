@@ -1,0 +1,205 @@
+"""A map's files: map_server's pair of a .yaml, which says how to read the picture, and a .pgm or .png.
+
+The fields are those of ROS (https://docs.nav2.org/configuration/packages/configuring-map-server.html): image,
+resolution, origin, negate, occupied_thresh, free_thresh, mode. A pixel p of 0 to 255 is occupied by (255 - p) / 255, by
+p / 255 where negate is 1; above occupied_thresh it is a wall, below free_thresh it is free, else unknown.
+"""
+
+import re
+import reprlib as short
+from functools import lru_cache
+from hashlib import sha256
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeGuard
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from txt1.errors import ConfigError, MissingExtra
+from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from txt1.resources import resource
+
+MAPS: Final = "config/maps"
+CELLS_MAX: Final = 16_000_000  # 200 m x 200 m at 5 cm; the distances of so many are known in some seconds
+BYTES_MAX: Final = 100_000_000
+PICTURES: Final = (".pgm", ".png")
+KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
+FREE_BELOW: Final = 0.196  # map_server's default
+OCCUPIED_ABOVE: Final = 0.65  # map_server's default
+
+
+class Map(NamedTuple):
+    """A map as read from its files."""
+
+    name: str
+    """As it was asked for."""
+    file: Path
+    """Its .yaml."""
+    grid: Grid
+    digest: str
+    """SHA-256 of its cells, resolution and origin: the same for files of the same meaning."""
+
+
+def names() -> list[str]:
+    """Return the names of the maps that come with the package."""
+    return sorted(path.stem for path in resource(MAPS).glob("*.yaml"))
+
+
+def file_of(name: str) -> Path:
+    """Return the .yaml of a map: of one of ours by its name, or as given; raises ConfigError where there is none."""
+    file = Path(name) if name.endswith((".yaml", ".yml")) else resource(MAPS) / f"{name}.yaml"
+    if not file.is_file():
+        picture = f"; {name} is a picture: give the .yaml beside it" if name.endswith(PICTURES) else ""
+        raise ConfigError(f"there is no map '{name}'; there are: {', '.join(names())}; or give a .yaml{picture}")
+    return file
+
+
+def read(name: str) -> Map:
+    """Return a map by its name or its .yaml.
+
+    Raises ConfigError: a field or the picture is wrong, in one line with file, field, value and remedy; MissingExtra:
+    a .png without pillow.
+    """
+    file = file_of(name)
+    text = _bytes_of(file)
+    fields = _fields(file, text)
+    picture = file.parent / fields["image"]
+    data = _bytes_of(picture)
+    # whoever asks again has the same arrays: the robots of a team, and each sensor
+    return Map(name, file, *_read(file, text, picture, data))
+
+
+@lru_cache(maxsize=4)
+def _read(file: Path, text: bytes, picture: Path, data: bytes) -> tuple[Grid, str]:
+    fields = _fields(file, text)
+    pixels, full = _png(picture, data) if data.startswith(b"\x89PNG") else _pgm(picture, data)
+    share = pixels / full
+    occupied = share if fields["negate"] else 1.0 - share
+    free = occupied < fields["free_thresh"]
+    cells = np.where(free, FREE, np.where(occupied > fields["occupied_thresh"], OCCUPIED, UNKNOWN)).astype(np.int8)
+    if not free.any():
+        what = "unknown everywhere" if (cells == UNKNOWN).all() else "nowhere free"
+        raise ConfigError(
+            f"{file}: free_thresh: {fields['free_thresh']:g}: with it the map is {what}; raise it, or is negate wrong?"
+        )
+    cells = np.ascontiguousarray(cells[::-1])
+    grid = Grid(cells, fields["resolution"], fields["origin"])
+    told = repr((cells.shape, grid.resolution, grid.origin)).encode()
+    return grid, sha256(told + cells.tobytes()).hexdigest()
+
+
+def _bytes_of(file: Path) -> bytes:
+    try:
+        if file.stat().st_size > BYTES_MAX:
+            raise ConfigError(f"{file}: of {file.stat().st_size / 1e6:.0f} MB; a map's file has at most 100 MB")
+        return file.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot read the map: {error.strerror}; put the file there") from None
+
+
+def _fields(file: Path, text: bytes) -> dict[str, Any]:
+    """Return the fields of a .yaml, checked."""
+    try:
+        tree = yaml.safe_load(text)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise ConfigError(f"{file}: not valid YAML: {str(error).splitlines()[0]}; see config/maps for maps") from None
+    if not isinstance(tree, dict):
+        raise ConfigError(f"{file}: no map: it has no lines 'image: FILE' and 'resolution: M'")
+
+    def wrong(field: str, takes: str) -> ConfigError:
+        given = f"{field}: {short.repr(tree[field])}" if field in tree else f"{field}: not there"
+        return ConfigError(f"{file}: {given}; give {takes}")
+
+    image, negate, mode = tree.get("image"), tree.get("negate", 0), tree.get("mode", "trinary")
+    if not isinstance(image, str) or not image:
+        raise wrong("image", "the file of the picture, a .pgm or .png")
+    resolution = tree.get("resolution")
+    if not _is_number(resolution) or not 0.001 <= resolution <= 1.0:
+        raise wrong("resolution", "the side of a pixel in m, 0.001 to 1")
+    origin = tree.get("origin")
+    if (
+        not isinstance(origin, list)
+        or len(origin) != 3
+        or not all(_is_number(each) and abs(each) < 1e6 for each in origin)
+    ):
+        raise wrong("origin", "x and y in m and yaw in rad of the lower left pixel, [0, 0, 0] for none")
+    if negate not in (0, 1, False, True):
+        raise wrong("negate", "0: white is free; 1: black is free")
+    if mode not in ("trinary", "scale"):
+        raise wrong("mode", "trinary or scale; of a raw map nobody knows which values are walls")
+    shares = {}
+    for field, usual in (("free_thresh", FREE_BELOW), ("occupied_thresh", OCCUPIED_ABOVE)):
+        shares[field] = tree.get(field, usual)
+        if not _is_number(shares[field]) or not 0.0 < shares[field] <= 1.0:
+            raise wrong(field, "a share, more than 0 and at most 1")
+    if shares["free_thresh"] > shares["occupied_thresh"]:
+        raise wrong("free_thresh", f"at most occupied_thresh, {shares['occupied_thresh']:g}")
+    return {
+        "image": image,
+        "resolution": float(resolution),
+        "origin": tuple(map(float, origin)),
+        "negate": bool(negate),
+        **shares,
+    }
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def _check_size(file: Path, width: int, height: int) -> None:
+    if width * height > CELLS_MAX:
+        raise ConfigError(
+            f"{file}: {width} x {height} pixels; a map has at most {CELLS_MAX // 1_000_000} million: cut it out, or "
+            "make its resolution coarser"
+        )
+    if min(width, height) < 1:
+        raise ConfigError(f"{file}: {width} x {height} pixels; a map has some: draw it again")
+
+
+_GAP: Final = rb"(?:\s|#[^\n]*\n)+"  # between the numbers of a PGM's head; a comment goes to the end of its line
+_HEADER: Final = re.compile(rb"(P[25])" + 3 * (_GAP + rb"(\d{1,9})") + rb"\s")
+
+
+def _pgm(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
+    """Return the grey pixels of a PGM (netpbm), and the value of white."""
+    header = _HEADER.match(data)
+    if header is None:
+        raise ConfigError(f"{file}: neither a PGM nor a PNG: give a grey picture as map_saver writes it")
+    kind, width, height, white = header.groups()
+    columns, rows, full = int(width), int(height), int(white)
+    _check_size(file, columns, rows)
+    if not 0 < full < 65536:
+        raise ConfigError(f"{file}: white is {full}; a PGM has 1 to 65535: write it again")
+    rest = data[header.end() :]
+    if kind == b"P2":
+        try:
+            pixels = np.array(re.sub(rb"#[^\n]*", b"", rest).split(), dtype=np.int64)
+        except (ValueError, OverflowError):
+            raise ConfigError(f"{file}: a pixel is no number: write the picture again") from None
+    else:
+        wide = np.dtype(">u2" if full > 255 else "u1")
+        pixels = np.frombuffer(rest[: len(rest) // wide.itemsize * wide.itemsize], wide).astype(np.int64)
+    if len(pixels) < rows * columns:
+        raise ConfigError(f"{file}: ends after {len(pixels)} of {rows * columns} pixels: copy the whole file")
+    return np.clip(pixels[: rows * columns].reshape(rows, columns), 0, full).astype(np.uint16), full
+
+
+def _png(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
+    """Return the grey pixels of a PNG, and the value of white."""
+    # its size stands in its head: a picture that is too large is not unpacked
+    _check_size(file, int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big"))
+    try:
+        from PIL import Image
+    except ImportError:
+        raise MissingExtra(f"a map from a PNG, {file} (a .pgm needs nothing),", "camera") from None
+    from io import BytesIO
+
+    try:
+        with Image.open(BytesIO(data), formats=["PNG"]) as picture:
+            grey = np.asarray(picture.convert("L"))
+    except (OSError, ValueError, SyntaxError, EOFError) as error:
+        raise ConfigError(f"{file}: cannot read the picture: {error}; save it again as a grey PNG or a PGM") from None
+    return grey.astype(np.uint16), 255
