@@ -11,7 +11,7 @@ from pathlib import Path
 from setuptools import setup
 from setuptools.command.build_py import build_py
 
-SHIPPED = ("firmware/pico", "config/vehicles", "config/worlds", "config/foxglove")
+SHIPPED = ("firmware/pico", "config/vehicles", "config/worlds", "config/maps", "config/foxglove")
 
 
 class WithFiles(build_py):

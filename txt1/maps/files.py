@@ -7,6 +7,8 @@ p / 255 where negate is 1; above occupied_thresh it is a wall, below free_thresh
 
 import re
 import reprlib as short
+import struct
+import zlib
 from functools import lru_cache
 from hashlib import sha256
 from math import isfinite
@@ -18,7 +20,7 @@ import yaml
 from numpy.typing import NDArray
 
 from txt1.errors import ConfigError, MissingExtra
-from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from txt1.maps.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, Grid
 from txt1.resources import resource
 
 MAPS: Final = "config/maps"
@@ -74,7 +76,7 @@ def read(name: str) -> Map:
 @lru_cache(maxsize=4)
 def _read(file: Path, text: bytes, picture: Path, data: bytes) -> tuple[Grid, str]:
     fields = _fields(file, text)
-    pixels, full = _png(picture, data) if data.startswith(b"\x89PNG") else _pgm(picture, data)
+    pixels, full = _png(picture, data) if data.startswith(_PNG) else _pgm(picture, data)
     share = pixels / full
     occupied = share if fields["negate"] else 1.0 - share
     free = occupied < fields["free_thresh"]
@@ -159,6 +161,8 @@ def _check_size(file: Path, width: int, height: int) -> None:
         raise ConfigError(f"{file}: {width} x {height} pixels; a map has some: draw it again")
 
 
+_PNG: Final = b"\x89PNG\r\n\x1a\n"
+_GREY: Final = bytes((8, 0, 0, 0, 0))  # of a PNG: eight bits, grey, not interlaced
 _GAP: Final = rb"(?:\s|#[^\n]*\n)+"  # between the numbers of a PGM's head; a comment goes to the end of its line
 _HEADER: Final = re.compile(rb"(P[25])" + 3 * (_GAP + rb"(\d{1,9})") + rb"\s")
 
@@ -187,10 +191,50 @@ def _pgm(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
     return np.clip(pixels[: rows * columns].reshape(rows, columns), 0, full).astype(np.uint16), full
 
 
+def write(grid: Grid, file: Path) -> None:
+    """Write a grid as a map: the .yaml, and beside it a .png of the same name; walls 0, unknown 205, free 254.
+
+    The rows of the picture are not filtered, so `read` needs no library for it.
+    """
+    solid = grid.cells >= OCCUPIED_FROM
+    pixels = np.where(solid, 0, np.where(grid.cells < FREE, 205, 254)).astype(np.uint8)[::-1]
+    rows, columns = pixels.shape
+    lines = np.hstack((np.zeros((rows, 1), np.uint8), pixels)).tobytes()
+    chunks = ((b"IHDR", struct.pack(">II", columns, rows) + _GREY), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b""))
+    picture = file.with_suffix(".png")
+    picture.write_bytes(
+        _PNG + b"".join(struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in chunks)
+    )
+    text = f"image: {picture.name}\nresolution: {grid.resolution:g}\norigin: {list(grid.origin)}\n"
+    file.write_text(f"{text}negate: 0\noccupied_thresh: {OCCUPIED_ABOVE}\nfree_thresh: {FREE_BELOW}\n")
+
+
+def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint16] | None:
+    """Return the pixels of a PNG as `write` makes them; None for any other, and where anything is wrong with it."""
+    if data[24:29] != _GREY:
+        return None
+    packed, at = b"", 33
+    while at + 12 <= len(data):
+        size, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        packed += data[at + 8 : at + 8 + size] if kind == b"IDAT" else b""
+        at += 12 + size
+    try:
+        lines = zlib.decompressobj().decompress(packed, rows * (columns + 1))
+    except zlib.error:
+        return None
+    if len(lines) != rows * (columns + 1):
+        return None
+    table = np.frombuffer(lines, np.uint8).reshape(rows, columns + 1)
+    return None if table[:, 0].any() else table[:, 1:].astype(np.uint16)
+
+
 def _png(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
     """Return the grey pixels of a PNG, and the value of white."""
     # its size stands in its head: a picture that is too large is not unpacked
-    _check_size(file, int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big"))
+    columns, rows = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    _check_size(file, columns, rows)
+    if (pixels := _plain_png(data, rows, columns)) is not None:
+        return pixels, 255
     try:
         from PIL import Image
     except ImportError:

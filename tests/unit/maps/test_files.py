@@ -1,5 +1,6 @@
 """The files of maps: what is read, and what is refused in a line that names file, field, value and remedy."""
 
+import sys
 from pathlib import Path
 from textwrap import dedent
 
@@ -7,8 +8,8 @@ import numpy as np
 import pytest
 
 from txt1.errors import ConfigError, MissingExtra
-from txt1.maps.files import read
-from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN
+from txt1.maps.files import read, write
+from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 
 MAP = "image: floor.pgm\nresolution: 0.5\norigin: [-1.0, 2.0, 0.0]\n"
 
@@ -45,7 +46,7 @@ def test_a_png_is_read_with_pillow_and_told_to_need_it(tmp_path: Path, monkeypat
     image.fromarray(np.array([[254, 254, 0], [205, 254, 254]], np.uint8)).save(tmp_path / "floor.png")
     file = tmp_path / "other.yaml"
     file.write_text(MAP.replace("pgm", "png"))
-    monkeypatch.setitem(__import__("sys").modules, "PIL", None)
+    monkeypatch.setitem(sys.modules, "PIL", None)
     with pytest.raises(MissingExtra, match=r"floor\.png \(a \.pgm needs nothing\), needs the extra 'camera': "):
         read(str(file))
     monkeypatch.undo()
@@ -91,3 +92,12 @@ def test_a_map_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> 
     written(tmp_path)
     with pytest.raises(ConfigError, match=r"floor\.pgm is a picture: give the \.yaml beside it"):
         read(str(tmp_path / "floor.pgm"))
+
+
+def test_a_map_that_is_written_is_read_again_without_pillow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    cells = np.random.default_rng(1).choice([FREE, OCCUPIED, UNKNOWN], (7, 5)).astype(np.int8)
+    write(Grid(cells, 0.1, (-1.0, 2.0, 0.5)), tmp_path / "made.yaml")
+    found = read(str(tmp_path / "made.yaml")).grid
+    assert found.cells.tolist() == cells.tolist()
+    assert (found.resolution, found.origin) == (0.1, (-1.0, 2.0, 0.5))
