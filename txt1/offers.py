@@ -95,6 +95,8 @@ class Offers(NamedTuple):
         if can.simulated:
             room, obstacles = size if all(map(isfinite, size)) else None, tuple(map(outline, sim.obstacles))
             surroundings = fields.Surroundings(room, sim.room.light, body, obstacles)
+        walls = sim.room.built().walls if can.simulated else None
+        lines = () if walls is None else walls.outlines
         others = getattr(self.hal, "others", None)
         if others is not None:
             bus.offer(fields.VEHICLES, lambda: others() or None)
@@ -109,7 +111,9 @@ class Offers(NamedTuple):
         )
         bus.offer(fields.BACKLIGHT, lambda: state.backlight)
         bus.offer(fields.SURROUNDINGS, lambda: surroundings)
-        bus.offer(MARKERS, lambda: surroundings)
+        bus.offer(fields.WALLS, lambda: lines or None)
+        standing = surroundings._replace(obstacles=(*surroundings.obstacles, *lines))
+        bus.offer(MARKERS, lambda: standing)
         bus.offer(fields.TASK_REPORTS, self.tasks.newest)
         bus.offer(fields.EVENTS, lambda: tuple(state.events))
         bus.offer(fields.WARNINGS, lambda: state.warned() or None)

@@ -13,6 +13,7 @@ from typing import Final, cast
 from txt1.errors import ConfigError
 from txt1.maps.files import Map, read
 from txt1.maps.grid import REACH
+from txt1.maps.outlines import Outline, outlines
 from txt1.model.vehicle import Geometry
 
 SLOPE: Final = 2.0**0.5
@@ -34,6 +35,11 @@ class Walls:
         self._cos, self._sin = cos(yaw), sin(yaw)
         self.told = f"a wall of the map {self.name}"
         self._per_cell = 1.0 / self.grid.resolution
+
+    @property
+    def outlines(self) -> tuple[Outline, ...]:
+        """The walls as closed lines, for screens."""
+        return outlines(self.grid)
 
     def distance(self, x: float, y: float) -> float:
         """Metres from a place in the room to the nearest wall's face, up to 32 cells; negative within a wall."""

@@ -185,6 +185,7 @@ SERVOS: Final[Topic[tuple[int, int]]] = _told("/servos", tuple, "counts of the t
 TRAFFIC: Final = _told("/traffic", Traffic, "messages to and from the host, and how old the odometry is")
 BACKLIGHT: Final = _told("/backlight", float, "brightness of the board's display, 0 to 1")
 SURROUNDINGS: Final = _told("/surroundings", Surroundings, "the simulated room, light, obstacles, the robot's size")
+WALLS: Final[Topic[tuple[Outline, ...]]] = _told("/walls", tuple[Outline, ...], "the walls of a map, closed lines: m")
 VEHICLES: Final[Topic[tuple[tuple[float, float, float], ...]]] = _told(
     "/vehicles", tuple[tuple[float, float, float], ...], "the other robots' poses: m, rad"
 )

@@ -1,11 +1,11 @@
-"""The MAP screen: room, obstacles, light, path and robots on a canvas of braille dots.
+"""The MAP screen: room or walls, obstacles, light, path and robots on a canvas of braille dots.
 
 A braille character has two by four dots and a terminal's cell is about twice as high as it is wide, so the
 dots are square: one scale, in metres per dot, serves both axes and a circle is round.
 """
 
 from collections.abc import Sequence
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 from math import ceil, cos, degrees, dist, floor, isfinite, log10, sin
 from operator import itemgetter
 from typing import Final
@@ -15,7 +15,7 @@ from rich.text import Text
 
 from txt1.tasks.battery import RANGE
 from txt1.tasks.encoder import POSE
-from txt1.tasks.fields import SURROUNDINGS, VEHICLES, Surroundings
+from txt1.tasks.fields import SURROUNDINGS, VEHICLES, WALLS, Surroundings
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM, Kept
 from txt1.ui.viewer import Viewer, pose_of
@@ -41,10 +41,10 @@ _kept: dict[tuple[int, int], tuple[object, Kept]] = {}  # by size: all that was 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
     """MAP for a body, or a part of one, of width x rows cells; one that is as before is not drawn again."""
     path = viewer.path
-    about, others = snapshot.get(SURROUNDINGS), snapshot.get(VEHICLES)
+    about, walls, others = snapshot.get(SURROUNDINGS), snapshot.get(WALLS), snapshot.get(VEHICLES)
     left = snapshot.get(RANGE)
     place = pose_of(snapshot), snapshot.get(POSE) is None
-    key = (place, about, others, len(path), path[:1], path[-1:], viewer.spacing, left)
+    key = (place, about, walls, others, len(path), path[:1], path[-1:], viewer.spacing, left)
     known, picture = _kept.get((width, rows), (None, None))
     if picture is None or known != key:
         lines = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
@@ -134,7 +134,11 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
     """The map and, as its last row, the legend with the scale."""
     rows = max(1, rows - 1)
     about = snapshot.get(SURROUNDINGS, Surroundings())
-    if about.room is None:
+    walls = snapshot.get(WALLS, ())
+    if walls:
+        xs, ys = zip(*chain.from_iterable(walls), strict=True)
+        canvas = Canvas((min(xs), min(ys), max(xs), max(ys)), columns, rows)
+    elif about.room is None:
         bounds = around(snapshot, viewer)
         canvas = Canvas(bounds, columns, rows, round_up(fitting_scale(bounds, columns, rows)))
     else:
@@ -144,8 +148,8 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
     arm = 4.0 * canvas.scale
     canvas.line((-arm, 0.0), (arm, 0.0), AXES)
     canvas.line((0.0, -arm), (0.0, arm), AXES)
-    for obstacle in about.obstacles:
-        canvas.outline(obstacle, WALL)
+    for outline in (*walls, *about.obstacles):
+        canvas.outline(outline, WALL)
     for other in snapshot.get(VEHICLES, ()):
         _draw_robot(canvas, other, about.body, OTHER)
     canvas.path(viewer.path, PATH)

@@ -20,6 +20,8 @@ from txt1.maps.grid import Grid
 from txt1.model.vehicle import Geometry
 from txt1.sim.room import Room, clearance
 from txt1.sim.walls import PLENTY, Walls
+from txt1.tasks.fields import SURROUNDINGS, WALLS
+from txt1.tasks.markers import MARKERS
 
 BODY = Geometry()
 
@@ -105,3 +107,17 @@ def test_the_laser_sees_the_walls(tmp_path: Path) -> None:
 def test_length_and_width_are_refused_beside_a_map(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"sim\.room: length, width: the walls are those of the map; take out"):
         load(overrides=["sim.room.map=corridor", "sim.room.length=8"])
+
+
+def test_the_walls_are_told_to_screens_pages_and_views(tmp_path: Path) -> None:
+    file = written(tmp_path, hall())
+
+    async def told() -> tuple[Any, Any]:
+        async with txt1.Robot.open("sim", settings=[f"sim.room.map={file}"]) as robot:
+            return robot.runtime.snapshot(), robot.runtime.bus.read(MARKERS)
+
+    snapshot, surroundings = run(told(), speed="max")
+    (line,) = snapshot[WALLS]
+    assert sorted(line) == [(-2.0, -1.5), (-2.0, 1.5), (2.0, -1.5), (2.0, 1.5)]
+    assert snapshot[SURROUNDINGS].room is None
+    assert surroundings.obstacles == (line,)

@@ -10,7 +10,7 @@ from ui_snapshots import blind, full
 from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Post
 from txt1.tasks.encoder import ODOMETRY, POSE
-from txt1.tasks.fields import SURROUNDINGS, VEHICLES, Surroundings
+from txt1.tasks.fields import SURROUNDINGS, VEHICLES, WALLS, Surroundings
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import Canvas, draw_map, fitting_scale, round_up, scale_bar, screen
 from txt1.ui.viewer import Viewer
@@ -171,6 +171,17 @@ def test_obstacles_and_the_other_robots_are_drawn_and_come_through_the_snapshots
     assert any(x < 78 and y < 36 for x, y in changed), "the post, on the upper left"
     assert any(x > 78 and y > 36 for x, y in changed), "the robot, on the lower right"
     assert all((x < 78) == (y < 36) for x, y in changed)
+
+
+def test_the_walls_of_a_map_are_drawn_and_all_of_them_are_in_view() -> None:
+    ring = ((-3.0, -8.0), (9.0, -8.0), (9.0, 4.0), (-3.0, 4.0))
+    table = ((2.0, -2.0), (3.0, -2.0), (3.0, -3.0), (2.0, -3.0))
+    told = full().replaced({SURROUNDINGS: Surroundings(None), WALLS: (ring, table)})
+    told = Snapshot.decode(told.encode())
+    without = told.replaced({WALLS: (ring,)})
+    seen = dots(drawn(told)[:-1])
+    assert max(y for _, y in seen) - min(y for _, y in seen) >= 68, "from the lowest wall to the highest"
+    assert seen - dots(drawn(without)[:-1]), "the table"
 
 
 def test_a_map_that_is_as_before_is_not_drawn_again() -> None:

@@ -1,4 +1,4 @@
-// The map: room, obstacles, light, laser points, path, waypoints, and the robots; x to the right, y up, metres.
+// The map: room or walls, obstacles, light, laser points, path, waypoints, and the robots; x to the right, y up, metres.
 
 const AHEAD = 0.15  // s that the pose is drawn ahead of the last telemetry, at most
 const STEP = 0.02  // m between two points of the path
@@ -106,9 +106,12 @@ export class Map2d {
   }
 
   #frame(width, height) {
-    const { room, light } = this.about?.["/surroundings"] ?? {}
+    const { room, light } = this.about?.["/surroundings"] ?? {}, walls = this.about?.["/walls"] ?? []
     let left = -VIEW_MIN / 2, right = VIEW_MIN / 2, low = -VIEW_MIN / 2, high = VIEW_MIN / 2
-    if (room) [left, right, low, high] = [-room[0] / 2, room[0] / 2, -room[1] / 2, room[1] / 2]
+    if (walls.length) {
+      const xs = walls.flat().map(([x]) => x), ys = walls.flat().map(([, y]) => y)
+      ;[left, right, low, high] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)]
+    } else if (room) [left, right, low, high] = [-room[0] / 2, room[0] / 2, -room[1] / 2, room[1] / 2]
     else for (const point of [...this.path, ...this.waypoints, ...(this.others ?? []), this.pose, light]) {
       if (!point) continue
       left = Math.min(left, point[0] - 0.5)
@@ -145,6 +148,11 @@ export class Map2d {
     c.strokeStyle = colour.wall
     c.lineWidth = 2.5 * pixel
     if (room) c.strokeRect(-room[0] / 2, -room[1] / 2, room[0], room[1])
+    for (const corners of this.about?.["/walls"] ?? []) {
+      trace(c, corners)
+      c.closePath()
+      c.stroke()
+    }
     c.fillStyle = colour.line
     for (const corners of obstacles) {
       trace(c, corners)
