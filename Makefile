@@ -7,6 +7,7 @@ ROS2 := $(CURDIR)/.venv-ros2
 KILTED ?= $(CURDIR)/.venv-ros2-kilted
 CYCLONEDDS := $(CURDIR)/.venv-ros2-cyclonedds
 COLCON := $(CURDIR)/.venv-ros2-colcon
+VIEWERS := .venv-viewers
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag ros-std-msgs python3-genpy libroscpp-dev libtf-dev libnav-msgs-dev python3-gencpp
 FUZZ := .venv-fuzz
 DOCS := .venv-docs
@@ -17,7 +18,7 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test test-long test-web test-ros steady try-bare lint wheel torture bench docs docs-version docs-links clean
+.PHONY: run test test-long test-web test-ros test-viewers steady try-bare lint wheel torture bench docs docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -40,6 +41,10 @@ test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from whee
 	@test -e $(CYCLONEDDS)/cyclonedds || $(BIN)/python $(PIP_INSTALL) --target $(CYCLONEDDS) cyclonedds==11.0.1 || true
 	@test -e $(COLCON)/bin/colcon || { $(PYTHON) -m venv $(COLCON) && $(COLCON)/bin/python $(PIP_INSTALL) colcon-core==0.21.3 colcon-ros==0.5.0 colcon-package-information==0.4.1 colcon-package-selection==0.2.10 'setuptools<80'; } || true
 	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) TXT1_COLCON=$(COLCON)/bin $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros
+
+test-viewers: $(VENV)/.dev  ## a recording in the viewers that PyPI has, in an environment of their own
+	@test -e $(VIEWERS)/bin/rerun || { $(PYTHON) -m venv $(VIEWERS) && $(VIEWERS)/bin/python $(PIP_INSTALL) rerun-sdk==0.41.0; } || true
+	TXT1_VIEWERS=$(CURDIR)/$(VIEWERS)/bin $(BIN)/python -m pytest -m long -rs tests/viewers
 
 steady: $(VENV)/.dev  ## does any test ever fail? Those that wait, 20 times, also beside busy loops, and all 5 times; two hours, and it goes on
 	$(BIN)/python -m tests.steady
@@ -79,7 +84,7 @@ docs-links: docs  ## the links that lead out of the pages, tried one by one; nee
 	$(DOCS)/bin/python docs/links.py build/site
 
 clean:
-	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) $(VIEWERS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -82,11 +82,13 @@ def schema_name(message: str) -> str:
 
 
 def schema_text(message: str) -> str:
-    """The definition of a message and of all that it contains, as it stands in an MCAP schema (encoding ros2msg)."""
+    """The definition of a message and of all that it contains, as rosbag2 writes it (encoding ros2msg of MCAP).
+
+    Every type that is used stands in it, ROS's own `builtin_interfaces` included: some viewers know nothing by heart.
+    """
     kinds = [message]
     for kind in kinds:  # which grows
         found = (field.type for field in fields(kind) if field.type in DEFINITIONS)
         kinds += dict.fromkeys(kind for kind in found if kind not in kinds)
-    inner = (kind for kind in kinds[1:] if kind != "builtin_interfaces/Time")  # which readers have, and may refuse
-    parts = (f"{'=' * 80}\nMSG: {kind}\n{DEFINITIONS[kind]}\n" for kind in inner)
+    parts = (f"{'=' * 80}\nMSG: {kind}\n{DEFINITIONS[kind]}\n" for kind in kinds[1:])
     return f"{DEFINITIONS[message]}\n{''.join(parts)}"

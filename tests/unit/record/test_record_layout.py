@@ -43,6 +43,26 @@ def test_the_standard_messages_are_defined_as_ros_defines_them(ros: Any) -> None
         assert ours == theirs, message
 
 
+PRIMITIVE = {
+    "bool",
+    "byte",
+    "float32",
+    "float64",
+    "string",
+    *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64)),
+}
+
+
+@pytest.mark.parametrize("message", DEFINITIONS)
+def test_a_schema_defines_every_type_that_it_uses_as_rosbag2_does(message: str) -> None:
+    own, *others = schema_text(message).split(f"{'=' * 80}\n")
+    names = [text.partition("\n")[0] for text in others]
+    assert all(name.startswith("MSG: ") for name in names) and len(set(names)) == len(names)
+    lines = [line for text in (own, *(each.partition("\n")[2] for each in others)) for line in text.splitlines()]
+    used = {line.split()[0].partition("[")[0] for line in lines}
+    assert used - PRIMITIVE == {name.removeprefix("MSG: ") for name in names}
+
+
 def test_every_message_can_be_read_by_ros_tools(ros: Any) -> None:
     for topic in TOPICS.values():
         layout = MessageBuffer(topic.message, topic.constants)

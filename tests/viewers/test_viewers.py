@@ -1,0 +1,55 @@
+"""A recording in the viewers that can be had from PyPI, which `make test-viewers` installs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.patience import LIMIT, TXT1
+
+pytestmark = pytest.mark.long
+ROOT = Path(__file__).parents[2]
+SENSORS = ("imu", "laser", "camera", "depth", "gps", "vicon")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive with every simulated sensor, as a file."""
+    path = tmp_path_factory.mktemp("viewers") / "run.mcap"
+    sensors = [word for name in SENSORS for word in ("--set", f"sensors.{name}.driver=sim_{name}")]
+    run = ["run", "--headless", "--speed", "max", "--seed", "1", "--duration", "4", "--drive=0.5,0.5"]
+    subprocess.run(
+        [*TXT1, *run, *sensors, "--log", str(path)], cwd=ROOT, check=True, capture_output=True, timeout=LIMIT
+    )
+    return path
+
+
+def rerun() -> str:
+    """The program `rerun`."""
+    found = shutil.which("rerun", path=os.environ.get("TXT1_VIEWERS") or os.environ["PATH"])
+    if found is None:
+        pytest.skip("did not run: no Rerun here: 'make test-viewers' installs it where it can be had")
+    return found
+
+
+def said(*words: str) -> str:
+    """All that a command says; it must end well."""
+    done = subprocess.run(words, capture_output=True, text=True, timeout=4.0 * LIMIT)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def test_rerun_resolves_every_topic(recording: Path) -> None:
+    told = said(rerun(), "mcap", "convert", str(recording), "-o", str(recording.with_suffix(".rrd")))
+    assert "cannot be resolved" not in told and "raw data" not in told, told
+
+
+def test_rerun_finds_no_fault(recording: Path) -> None:
+    lines = said(rerun(), "mcap", "check", str(recording)).splitlines()
+    channels = [line for line in lines if " /" in line]
+    assert len(channels) > 20
+    assert all(line.startswith("ok") for line in channels), channels
