@@ -12,7 +12,7 @@ from annotated_types import MinLen
 
 from txt1.config.sources import checked
 from txt1.sensors.base import Setup
-from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, Mount, Quaternion, imu_topic
+from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, ImuSigma, Mount, Quaternion, imu_topic
 from txt1.sensors.stream import Framed, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
@@ -84,11 +84,13 @@ def matrix_of(orientation: Quaternion) -> Matrix:
 class ImuDecoder(Framed[ImuReading]):
     """The bytes of the device as readings: resynchronises at the next byte that begins a sound reply."""
 
-    def __init__(self, model: Model = "gx2", magnetic: bool = False, mount: Mount = IMU_MOUNT) -> None:
+    def __init__(
+        self, model: Model = "gx2", magnetic: bool = False, mount: Mount = IMU_MOUNT, sigma: ImuSigma | None = None
+    ) -> None:
         super().__init__(STOP[model] + CONTINUOUS + bytes((MAGNETIC if magnetic else PLAIN,)), STOP[model])
         self.identifier = ""
         """The device's name, once it was asked for and has told it."""
-        self._mount = mount
+        self._mount, self._sigma = mount, sigma
         self._timer, self._ticks = Unwrapped(2.0**32), TICKS[model]
 
     def frame(self, data: bytes, at: int, found: list[Measured[ImuReading]]) -> int | None:
@@ -122,9 +124,14 @@ class ImuDecoder(Framed[ImuReading]):
             orientation_of(tuple(rest)),
             magnetic,
             self._mount,
+            self._sigma,
         )
         found.append(Measured(reading, self._timer(ticks) / self._ticks))
         return True
+
+
+SIGMA: Final = ImuSigma(rates=0.006, acceleration=1.0, attitude=0.005, heading=0.035)
+"""Assumed, as its twin's errors are, on a car at 1 m/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +150,8 @@ class ImuOptions:
     """From measuring to the last byte, s: at 115200 baud 67 bytes take 5.8 ms."""
     mount: Mount = IMU_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
+    sigma: ImuSigma = SIGMA
+    """Standard deviations for its messages of rates, rad/s, accelerations, m/s^2, roll and pitch, and heading, rad."""
 
 
 def create(setup: Setup) -> Streamed[ImuReading]:
@@ -152,7 +161,7 @@ def create(setup: Setup) -> Streamed[ImuReading]:
         imu_topic(setup.name),
         0.01,
         given.port,
-        lambda: ImuDecoder(given.model, given.magnetic, given.mount),
+        lambda: ImuDecoder(given.model, given.magnetic, given.mount, given.sigma),
         given.baud,
         given.latency,
         "txt1 sensor fake imu",

@@ -2,7 +2,7 @@
 
 import struct
 from dataclasses import dataclass
-from math import inf, radians, tau
+from math import inf, tau
 from typing import Annotated, Final
 
 import numpy as np
@@ -107,7 +107,8 @@ class Ld19Decoder(Framed[Scan]):
             return
         ranges[(ranges < RANGE_MIN) | (ranges > RANGE_MAX)] = inf
         step = -tau / BEAMS
-        scan = Scan(0.0, step, abs(step) / radians(speed), ranges, RANGE_MIN, RANGE_MAX, intensities, self._mount)
+        turn = 360.0 / speed
+        scan = Scan(0.0, step, turn / BEAMS, ranges, RANGE_MIN, RANGE_MAX, intensities, self._mount, turn)
         found.append(Measured(scan, time, time - self._began))
 
 

@@ -138,6 +138,7 @@ class ScipDecoder(Codec[Scan]):
             p["DMAX"] / 1000.0,
             None,
             self._mount,
+            turn,
         )
         return Measured(scan, self._clock(decode(stamp)) / 1000.0, scan.time_step * (beams - 1))
 

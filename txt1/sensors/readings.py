@@ -53,6 +53,22 @@ def heading(orientation: Quaternion) -> float:
 # -- IMU ---------------------------------------------------------------------------------------------------------
 
 
+class ImuSigma(NamedTuple):
+    """Standard deviations of what an IMU says."""
+
+    rates: float
+    """Of each rate, rad/s."""
+    acceleration: float
+    """Of each acceleration, m/s^2."""
+    attitude: float
+    """Of roll and pitch in its orientation, rad."""
+    heading: float
+    """Of its heading, rad."""
+
+
+_UNKNOWN: Final = ImuSigma(0.0, 0.0, 0.0, 0.0)
+
+
 class ImuReading(NamedTuple):
     """Accelerations and rates about the vehicle's axes."""
 
@@ -65,6 +81,8 @@ class ImuReading(NamedTuple):
     magnetic: Vector | None = None
     """Magnetic field, T."""
     mount: Mount = IMU_MOUNT
+    sigma: ImuSigma | None = None
+    """How sure it is; None: nobody knows."""
 
     def summary(self) -> dict[str, float]:
         """Its numbers for a line on a screen."""
@@ -82,12 +100,30 @@ _IMU: Final = define(
 
 
 def _imu(value: ImuReading) -> tuple[float, ...]:
-    known = value.orientation is not None  # else ROS wants -1 in the covariance
-    return *(value.orientation or (0.0, 0.0, 0.0, 1.0)), 0.0 if known else -1.0, *value.rates, *value.acceleration
+    sigma = value.sigma or _UNKNOWN
+    rates, force, attitude, heading = (each**2 for each in sigma)
+    known = value.orientation is not None
+    return (
+        *(value.orientation or (0.0, 0.0, 0.0, 1.0)),
+        *((attitude, attitude, heading) if known else (-1.0, 0.0, 0.0)),
+        *value.rates,
+        *(rates,) * 3,
+        *value.acceleration,
+        *(force,) * 3,
+    )
+
+
+def _diagonal(name: str) -> tuple[str, ...]:
+    """Return the paths of the variances in a covariance of 3 x 3."""
+    return tuple(f"{name}_covariance.{place}" for place in (0, 4, 8))
 
 
 def imu_topic(name: str) -> Topic[ImuReading]:
-    """The topic ``/sensors/NAME`` of an IMU."""
+    """Return the topic ``/sensors/NAME`` of an IMU.
+
+    Covariances are as sensor_msgs/Imu has them: all 0 where a reading has no `sigma`, as nobody knows them,
+    and -1 in the first place of the orientation's where a reading has no orientation.
+    """
     return reading_topic(
         name,
         ImuReading,
@@ -96,9 +132,11 @@ def imu_topic(name: str) -> Topic[ImuReading]:
         _IMU,
         (
             *(f"orientation.{each}" for each in "xyzw"),
-            "orientation_covariance.0",
+            *_diagonal("orientation"),
             *(f"angular_velocity.{each}" for each in _XYZ),
+            *_diagonal("angular_velocity"),
             *(f"linear_acceleration.{each}" for each in _XYZ),
+            *_diagonal("linear_acceleration"),
         ),
         _imu,
         {"header": {"frame_id": "base_imu_link"}},
@@ -256,6 +294,7 @@ class Scan:
         range_max: nor longer ones, m.
         intensities: in the device's own unit, read-only; None where it has none.
         mount: where the device sits.
+        scan_time: from one sweep to the next, s; None where the device does not say.
 
     """
 
@@ -267,6 +306,7 @@ class Scan:
     range_max: float
     intensities: NDArray[np.float32] | None = field(default=None, repr=False)
     mount: Mount = LASER_MOUNT
+    scan_time: float | None = None
 
     def __post_init__(self) -> None:
         self.ranges.flags.writeable = False
@@ -307,7 +347,7 @@ def _scan(value: Scan) -> Mapping[str, Any]:
         "angle_max": value.angle_min + value.angle_step * (beams - 1),
         "angle_increment": value.angle_step,
         "time_increment": value.time_step,
-        "scan_time": value.time_step * beams,
+        "scan_time": value.time_step * beams if value.scan_time is None else value.scan_time,
         "range_min": value.range_min,
         "range_max": value.range_max,
         "ranges": value.ranges.tolist(),

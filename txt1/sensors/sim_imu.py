@@ -9,7 +9,7 @@ from numpy.random import Generator
 from txt1.config.sources import checked
 from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Pose, Reading, Setup
-from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, Mount, Quaternion, Vector, imu_topic
+from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, ImuSigma, Mount, Quaternion, Vector, imu_topic
 from txt1.sensors.twin import Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
@@ -39,6 +39,12 @@ class ImuErrors:
     """Time in which that error changes, s."""
     attitude: NotNegative = 0.005
     """Of roll and pitch in its orientation, rad."""
+
+    @property
+    def sigma(self) -> ImuSigma:
+        """Standard deviations of its messages, at 1 m/s."""
+        acceleration = hypot(self.noise, self.bias, self.vibration)
+        return ImuSigma(hypot(self.rate_noise, self.rate_bias), acceleration, self.attitude, self.heading)
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
@@ -77,6 +83,7 @@ class SimulatedImu(Twin[ImuReading]):
     ) -> None:
         super().__init__(imu_topic(name), period, pose)
         self._attitude, self._errors, self._rng, self._mount = attitude, errors, rng, mount
+        self._sigma = errors.sigma
         biases = rng.standard_normal(6).tolist()
         self._rate_bias = [errors.rate_bias * each for each in biases[:3]]
         self._bias = [errors.bias * each for each in biases[3:]]
@@ -130,7 +137,7 @@ class SimulatedImu(Twin[ImuReading]):
         roll, pitch, yaw = angles
         roll, pitch = roll + errors.attitude * draws.pop(), pitch + errors.attitude * draws.pop()
         seen = quaternion(roll, pitch, yaw + self._heading)
-        return ImuReading((fx, fy, fz), (wx, wy, wz), seen, None, self._mount)
+        return ImuReading((fx, fy, fz), (wx, wy, wz), seen, None, self._mount, self._sigma)
 
 
 def _tilted(forward: float, left: float, up: float, roll: float, pitch: float) -> Vector:

@@ -86,7 +86,15 @@ class SimulatedLaser(Twin[Scan]):
         ranges = self._measured(old, pose, before, now, first)
         p = self._parameters
         scan = Scan(
-            float(self._angles[0]), self._step, self._time_step, ranges, p.range_min, p.range_max, None, self._mount
+            float(self._angles[0]),
+            self._step,
+            self._time_step,
+            ranges,
+            p.range_min,
+            p.range_max,
+            None,
+            self._mount,
+            p.turn_time,
         )
         return Reading(first, scan)
 

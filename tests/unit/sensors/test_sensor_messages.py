@@ -1,0 +1,90 @@
+"""Sensors' messages say how sure they are, and how long a sweep takes."""
+
+from __future__ import annotations
+
+import struct
+from math import hypot
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.random import default_rng
+from rosbags.typesys import Stores, get_typestore
+
+from tests.unit.sensors.test_codecs import PARAMETERS, SCAN
+from txt1.config.sources import checked
+from txt1.record.encoder import Encoder
+from txt1.sensors import laser_ld19, laser_scip
+from txt1.sensors.base import Reading
+from txt1.sensors.imu_3dmgx2 import ImuDecoder, ImuOptions, checksum
+from txt1.sensors.laser_double import turn
+from txt1.sensors.readings import ImuReading, Scan, imu_topic, scan_topic
+from txt1.sensors.sim_imu import ImuErrors, SimulatedImu
+from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
+from txt1.sim.rays import walls_of
+from txt1.sim.room import Room
+from txt1.telemetry.messages import schema_name
+from txt1.telemetry.topics import Topic
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+LEVEL = ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def message(topic: Topic[Any], value: object) -> Any:
+    """A value as another library reads it."""
+    ((_, _, data),) = Encoder(0.0).block([(1.0, topic, value)]).messages()
+    return STORE.deserialize_cdr(data, schema_name(topic.message))
+
+
+def test_an_imu_tells_the_variances_of_its_errors() -> None:
+    errors = ImuErrors()
+    imu = SimulatedImu("imu", lambda: (0.0, 0.0, 0.0), errors, default_rng(1))
+    reading = [imu.read(0.01 * k) for k in range(3)][-1]
+    assert reading is not None
+    told = message(imu.topic, reading.value)
+    rates, acceleration = (
+        np.diag(each.reshape(3, 3)) for each in (told.angular_velocity_covariance, told.linear_acceleration_covariance)
+    )
+    assert rates == pytest.approx([errors.rate_noise**2 + errors.rate_bias**2] * 3)
+    assert acceleration == pytest.approx([hypot(errors.noise, errors.bias, errors.vibration) ** 2] * 3)
+    assert np.diag(told.orientation_covariance.reshape(3, 3)) == pytest.approx([0.005**2, 0.005**2, 0.035**2])
+
+
+def test_an_imu_without_an_orientation_tells_that_it_has_none() -> None:
+    told = message(imu_topic("imu"), LEVEL._replace(orientation=None))
+    assert told.orientation_covariance[0] == -1.0
+    assert not told.angular_velocity_covariance.any(), "0: nobody knows it"
+
+
+def test_a_real_imu_tells_the_sigmas_that_its_option_gives() -> None:
+    options = checked(
+        ImuOptions, {"sigma": {"rates": 0.1, "acceleration": 0.2, "attitude": 0.3, "heading": 0.4}}, "imu"
+    )
+    decoder = ImuDecoder(sigma=options.sigma)
+    body = b"\xc8" + struct.pack(">15fI", 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, *np.eye(3).ravel(), 0)
+    ((reading, _, _),) = decoder.feed(body + checksum(body).to_bytes(2, "big"))
+    told = message(imu_topic("imu"), reading)
+    assert told.orientation_covariance[8] == pytest.approx(0.16) and told.angular_velocity_covariance[
+        4
+    ] == pytest.approx(0.01)
+
+
+def test_a_sweep_lasts_from_its_first_beam_to_the_next_sweeps() -> None:
+    scip = laser_scip.ScipDecoder()
+    scip.feed(PARAMETERS)
+    ld19 = laser_ld19.Ld19Decoder()
+    shown = Scan(-np.pi, 2 * np.pi / 450, 0.1 / 450, np.full(450, 2.0, np.float32), 0.02, 12.0)
+    scans = [*scip.feed(b"MD0000000201000\n00P\n\n" + SCAN)]
+    scans += [each for k in range(4) for each in ld19.feed(turn(Reading(1.0 + 0.1 * k, shown)))]
+    assert len(scans) > 2
+    for scan, _, _ in scans:
+        assert message(scan_topic("laser"), scan).scan_time == pytest.approx(0.1, abs=0.002)
+
+
+def test_the_simulated_lasers_sweeps_are_a_turn_apart() -> None:
+    parameters = LaserParameters()
+    laser = SimulatedLaser("laser", lambda: (2.0, 2.0, 0.0), walls_of(Room(4.0, 4.0)), parameters, default_rng(1))
+    laser.read(0.0)
+    reading = laser.read(parameters.turn_time)
+    assert reading is not None
+    assert message(laser.topic, reading.value).scan_time == pytest.approx(parameters.turn_time)
