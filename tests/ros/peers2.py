@@ -488,6 +488,64 @@ def board():
     return told | {"armed": peer.last["/txt1_board/mode"].armed}
 
 
+def viewer():
+    """Look at everything as RViz does by default: reliably."""
+    peer = Peer()
+    frames = {}
+
+    def take(message):
+        frames.update((each.child_frame_id, each.header.frame_id) for each in message.transforms)
+
+    peer.create_subscription(kind("tf2_msgs/TFMessage"), "/car1/tf", take, 100)
+    peer.create_subscription(kind("tf2_msgs/TFMessage"), "/car1/tf_static", take, LATCHED)
+    for name, message in (
+        ("scan", "sensor_msgs/LaserScan"),
+        ("imu/data", "sensor_msgs/Imu"),
+        ("fix", "sensor_msgs/NavSatFix"),
+    ):
+        peer.hear(f"/car1/{name}", message)
+    names = set()
+    peer.create_subscription(
+        kind("diagnostic_msgs/DiagnosticArray"),
+        "/diagnostics",
+        lambda told: names.update(s.name for s in told.status),
+        100,
+    )
+    peer.until(lambda: len(peer.last) == 3 and "car1/odom" in frames and "car1: cmd_vel" in names)
+    scan, imu = peer.last["/car1/scan"], peer.last["/car1/imu/data"]
+    return {
+        "frames": frames,
+        "scan": [scan.header.frame_id, scan.scan_time],
+        "imu": [imu.header.frame_id, imu.angular_velocity_covariance[8], imu.orientation_covariance[0]],
+        "names": sorted(names),
+    }
+
+
+def mapper():
+    """Tell map -> odom ten times a second, as a mapper does, and look who else says where odom is."""
+    peer = Peer("slam_toolbox")
+    message, transform = kind("tf2_msgs/TFMessage"), kind("geometry_msgs/TransformStamped")
+    heard = Counter()
+    publisher = peer.create_publisher(message, "tf", 100)
+    made = transform()
+    made.header.frame_id, made.child_frame_id, made.transform.translation.x = "map", "odom", 0.123
+
+    def take(told):
+        heard.update((each.header.frame_id, each.child_frame_id) for each in told.transforms)
+
+    peer.create_subscription(message, "tf", take, 100)
+    peer.until(lambda: heard["room", "odom"])
+
+    def tell():
+        made.header.stamp = peer.get_clock().now().to_msg()
+        publisher.publish(message(transforms=[made]))
+
+    peer.run(4.0, do=tell)
+    heard.clear()
+    peer.run(2.0, do=tell)
+    return {" ".join(each): count for each, count in heard.items()}
+
+
 if __name__ == "__main__":
     rclpy.init()
     print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))

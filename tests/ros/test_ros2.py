@@ -142,6 +142,26 @@ def test_a_left_circle_has_the_signs_of_rep_103_in_every_frame(ros: RosPython, d
     assert all(0.0 < each < 1.0 for each in told["odom_covariance"])
 
 
+def test_a_viewer_that_asks_for_reliable_topics_sees_sensors_with_the_namespaces_frames(
+    ros: RosPython, domain: dict[str, str]
+) -> None:
+    with robot(domain, *SENSORS, "--ros2-namespace", "car1", "--ros2-prefix"):
+        told = ask(ros, domain, "viewer")
+    assert told["frames"]["car1/odom"] == "car1/map" and told["frames"]["car1/base_footprint"] == "car1/odom"
+    assert all(name.startswith("car1/") for name in told["frames"])
+    assert told["scan"] == ["car1/base_laser_link", pytest.approx(0.1)]
+    frame, rate, roll = told["imu"]
+    assert frame == "car1/base_imu_link" and 0.0 < rate < 1e-3 and 0.0 < roll < 1e-3
+    assert {"car1: cmd_vel", "car1: task controller"} <= set(told["names"])
+
+
+def test_a_mapper_gets_the_frame_above_odom_for_itself(ros: RosPython, domain: dict[str, str]) -> None:
+    with robot(domain):
+        told = ask(ros, domain, "mapper")
+    assert told["map odom"] >= 15 and told["odom base_footprint"] >= 60
+    assert "room odom" not in told, "a frame has one parent"
+
+
 def test_services_and_parameters_are_checked_as_on_the_command_line(ros: RosPython, domain: dict[str, str]) -> None:
     with robot(domain, "--no-arm"):
         told = ask(ros, domain, "services")

@@ -10,11 +10,15 @@ from typing import Any, Final
 from txt1.board.board import Board
 from txt1.commands import say
 from txt1.errors import ConfigError
+from txt1.navigation import fused_pose, true_pose
 from txt1.robot import Robot
 from txt1.ros.install import outdated
 from txt1.ros.node import node_beside
+from txt1.ros.publisher import Told, Transforms
 from txt1.ros.python import RosPython, home, ros1, ros2
 
+ASKED: Final = {"map": fused_pose, "room": true_pose}
+"""What a frame above odom is told by; NotCapable where the robot does not know it."""
 NODE: Final = "txt1.ros.ros2:main"
 RosNode = Callable[[Robot], AbstractAsyncContextManager[Any]]
 """Makes a robot a node of ROS as long as the block is at work."""
@@ -38,11 +42,19 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
     from txt1.ros.robot_end import Ros2RobotEnd
 
     python = ros2_python()
+    namespace = (arguments.ros2_namespace or "").strip("/")
+    tf: Transforms = arguments.ros2_tf or "auto"
+    told = Told(tf, f"{namespace}/" if arguments.ros2_prefix else "", namespace)
 
     def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
-        desk = Ros2RobotEnd(robot)
+        if tf in ASKED:
+            ASKED[tf](robot)
+        desk = Ros2RobotEnd(robot, told)
         options = {
-            "namespace": arguments.ros2_namespace or "",
+            "namespace": namespace,
+            "owner": namespace,
+            "child": f"{told.prefix}odom" if tf == "auto" else "",
+            "best_effort": arguments.ros2_best_effort,
             "offers": desk.offers,
             "stamped": arguments.ros2_stamped,
             "stale": desk.stale,
@@ -57,8 +69,8 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
 def board_node(arguments: argparse.Namespace) -> BoardNode | None:
     """Return what makes a virtual board a node of ROS 2, if it is to be one; raises ConfigError without ROS 2."""
     if not arguments.ros2:
-        if arguments.ros2_namespace:
-            raise ConfigError("--ros2-namespace: there is no node; add --ros2")
+        if arguments.ros2_namespace or arguments.ros2_best_effort:
+            raise ConfigError("--ros2-namespace, --ros2-best-effort: there is no node; add --ros2")
         return None
     from txt1.ros.board import BoardDesk
 
@@ -66,7 +78,12 @@ def board_node(arguments: argparse.Namespace) -> BoardNode | None:
 
     def node(board: Board) -> AbstractAsyncContextManager[Any]:
         desk = BoardDesk(board)
-        options = {"name": "txt1_board", "namespace": arguments.ros2_namespace or "", "offers": desk.offers}
+        options = {
+            "name": "txt1_board",
+            "namespace": arguments.ros2_namespace or "",
+            "offers": desk.offers,
+            "best_effort": arguments.ros2_best_effort,
+        }
         return node_beside(board.runtime, desk, NODE, python, options)
 
     return node

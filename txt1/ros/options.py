@@ -17,18 +17,29 @@ if TYPE_CHECKING:
 ROS2: Final = {
     "--ros2": flag("be a node of ROS 2: an installed one, else that of 'txt1 ros2 install'"),
     "--ros2-namespace": takes("NS", "the node's namespace; none by default"),
+    "--ros2-best-effort": flag("sensors' topics are best effort, for lossy networks; RViz's default hears them not"),
 }
 ROS: Final = ROS2 | {
+    "--ros2-tf": {
+        "choices": ("auto", "map", "room", "odom", "none"),
+        "help": "which moving transforms are told: odom -> base_footprint, and map or room -> odom until another "
+        "program tells one (auto); just this frame above odom (map, room); none above it (odom); none at all",
+    },
+    "--ros2-prefix": flag("frames' names begin with the namespace, such as car1/odom"),
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
     "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
 }
+ONLY_OF_ROS2: Final = ("ros2_namespace", "ros2_best_effort", "ros2_tf", "ros2_prefix", "ros2_stamped")
 
 
 def asked(arguments: Namespace, config: Config) -> Sequence[RosNode] | None:
     """Return what makes the robot a node, of each ROS that was asked for; raises ConfigError where there is none."""
+    given = [f"--{name.replace('_', '-')}" for name in ONLY_OF_ROS2 if getattr(arguments, name)]
+    if given and not arguments.ros2:
+        raise ConfigError(f"{', '.join(given)}: there is no node of ROS 2; add --ros2")
+    if arguments.ros2_prefix and not arguments.ros2_namespace:
+        raise ConfigError("--ros2-prefix: there is no namespace; add --ros2-namespace NS")
     if not (arguments.ros1 or arguments.ros2):
-        if arguments.ros2_namespace or arguments.ros2_stamped:
-            raise ConfigError("--ros2-namespace, --ros2-stamped: there is no node; add --ros2")
         return None
     from txt1.ros.beside import ros1_node, ros2_node
 

@@ -8,7 +8,7 @@ from base64 import b64encode
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import tau
-from typing import Any, Final
+from typing import Any, Final, Literal, NamedTuple
 
 from txt1.errors import RecordingError
 from txt1.estimation.task import FILTERED
@@ -24,6 +24,7 @@ from txt1.ros.topics import (
     Joints,
     Publication,
     fixed,
+    in_namespace,
     of_the_table,
     parent,
     sensor,
@@ -32,7 +33,7 @@ from txt1.ros.topics import (
 from txt1.ros.urdf import links_of, robot_description
 from txt1.runtime import Runtime
 from txt1.tasks.controller import SETPOINT
-from txt1.tasks.encoder import ODOMETRY, POSE, origin
+from txt1.tasks.encoder import ODOMETRY, POSE, TRANSFORM, origin
 from txt1.telemetry.topics import Rule, Topic
 
 EVENTS_MAX: Final = 3000  # messages that wait for the node; the oldest go first
@@ -78,11 +79,33 @@ def description(name: str, geometry: Geometry, kinds: Iterable[type]) -> Iterato
 JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
 
 
+Transforms = Literal["auto", "map", "room", "odom", "none"]
+"""Which moving transforms a node tells.
+
+auto: odom -> base_footprint, and what odom stands in: map by the estimate, else room by the simulation, until another
+program tells it; map, room: just this one, whoever tells another; odom: none above odom; none: none at all.
+"""
+
+
+class Told(NamedTuple):
+    """How a node tells what it tells."""
+
+    transforms: Transforms = "auto"
+    prefix: str = ""
+    """Stands before the names of frames."""
+    owner: str = ""
+    """Whose diagnostics they are, where several robots tell theirs."""
+
+
+PLAIN: Final = Told()
+
+
 class Publisher:
     """Collects what a runtime tells from `begin` to `end`, and hands it out as lines; `say` tells the operator."""
 
-    def __init__(self, runtime: Runtime, say: Callable[[str], None]) -> None:
-        self._runtime, self._say = runtime, say
+    def __init__(self, runtime: Runtime, say: Callable[[str], None], told: Told = PLAIN) -> None:
+        self._runtime, self._say, self._how = runtime, say, told
+        self._yields = False  # another program tells where odom is
         self.virtual: Final = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         """Whether ROS is to have the robot's time instead of the time of day."""
         self._leave: Callable[[], None] = lambda: None
@@ -98,18 +121,33 @@ class Publisher:
         self.end()
         self._lacking.clear()
         self._forget()
-        self._map, self._room = (Publication("tf", "default", parent(frame)) for frame in ("map", "room"))
+        self._map, self._room, self._joints = (
+            self._named(Publication(*each))
+            for each in (
+                ("tf", "default", parent("map")),
+                ("tf", "default", parent("room")),
+                JOINTS,
+            )
+        )
         runtime = self._runtime
         for polled in runtime.sensors.values():
             self._kinds.setdefault(polled.sensor.topic.type, polled.sensor.topic)
         for publication, value in description(runtime.name, runtime.config.geometry, self._kinds):
-            self._tell(publication, value, runtime.now)
+            self._tell(self._named(publication), value, runtime.now)
         self._leave = runtime.bus.subscribe(self._take)
 
     def end(self) -> None:
         """Collect nothing more."""
         self._leave()
         self._events.clear()
+
+    def parent(self, frame: str, nodes: str) -> None:
+        """Give way to another program: it tells the transform from `frame` to odom."""
+        if not self._yields and self._how.transforms == "auto":
+            self._yields = True
+            self._say(
+                f": {nodes or 'another program'} tells {frame} -> odom, so the robot tells no frame above odom now"
+            )
 
     def missing(self, message: str, name: str) -> None:
         """The node has no type for a message."""
@@ -170,15 +208,23 @@ class Publisher:
     def _publications_of(self, topic: Topic[Any]) -> tuple[Publication, ...]:
         found = self._publications.get(topic)
         if found is None:
-            if topic.rule is Rule.SNAPSHOT or topic.name in NOT_TOLD:
+            if topic.rule is Rule.SNAPSHOT or topic.name in NOT_TOLD or self._left_out(topic):
                 every: Sequence[Publication] = ()
             elif topic.name.startswith("/sensors/"):
                 every = sensor(topic, self._kinds.setdefault(topic.type, topic) is topic)
             else:
                 every = (of_the_table(topic),)
-            found = self._publications[topic] = tuple(each for each in every if each.topic.message not in self._lacking)
+            found = self._publications[topic] = tuple(
+                self._named(each) for each in every if each.topic.message not in self._lacking
+            )
             self._publication |= {each.topic: each for each in found}
         return found
+
+    def _left_out(self, topic: Topic[Any]) -> bool:
+        return topic is TRANSFORM and self._how.transforms == "none"
+
+    def _named(self, publication: Publication) -> Publication:
+        return publication._replace(topic=in_namespace(publication.topic, self._how.prefix, self._how.owner))
 
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
         for publication in self._publications_of(topic):
@@ -193,12 +239,12 @@ class Publisher:
 
     def _tell_frames(self, odometry: Odometry, now: float) -> None:
         """Tell where odometry began on the map or in the room, and how the wheels stand."""
-        bus = self._runtime.bus
+        bus, frame = self._runtime.bus, "" if self._yields else self._how.transforms
         estimate, pose, control = bus.read(FILTERED), bus.read(POSE), bus.read(SETPOINT)
-        if estimate is not None:
+        if estimate is not None and frame in ("auto", "map"):
             self._tell(self._map, origin(estimate[:3], odometry), now)
-        elif pose is not None:
+        elif pose is not None and frame in ("auto", "room"):
             self._tell(self._room, origin(pose, odometry), now)
         if control is not None:
             outputs = control.outputs
-            self._tell(JOINTS, self._wheels.joints(odometry.v, outputs.front, outputs.rear, now), now)
+            self._tell(self._joints, self._wheels.joints(odometry.v, outputs.front, outputs.rear, now), now)

@@ -17,7 +17,7 @@ from txt1.navigation import PoseSource, fused_pose, go_to, true_pose, wheel_pose
 from txt1.protocol.messages import Switch
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
-from txt1.ros.publisher import Publisher
+from txt1.ros.publisher import PLAIN, Publisher, Told
 
 FEEDBACK: Final = 0.2  # s between two reports on the way to a goal
 SPEED: Final = 0.4  # m/s to a goal that says none
@@ -41,9 +41,9 @@ class Ros2RobotEnd(RobotEnd):
     )
     """What the node takes and serves."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, told: Told = PLAIN) -> None:
         self._config = config = robot.config
-        self._feed = Publisher(robot.runtime, self.say)
+        self._feed, self._prefix = Publisher(robot.runtime, self.say, told), told.prefix
         self._calls = Calls(
             {
                 "arm": robot.arm,
@@ -63,6 +63,7 @@ class Ros2RobotEnd(RobotEnd):
             {
                 "begin": self._feed.begin,
                 "missing": self._feed.missing,
+                "parent": self._feed.parent,
                 "call": self._calls.call,
                 "cancel": self._calls.cancel,
                 "drive": self._drive,
@@ -97,7 +98,7 @@ class Ros2RobotEnd(RobotEnd):
 
     async def _drive_to(self, frame: str, x: float, y: float, theta: float, speed: float) -> str:
         """Drive to a pose (m, rad) in odom, room or map; how it ended, as JSON. One goal at a time: the newest."""
-        robot, config = self.robot, self._config
+        robot, config, frame = self.robot, self._config, frame.removeprefix(self._prefix)
         sources = {"odom": wheel_pose, "room": true_pose, "map": fused_pose}
         if frame not in sources:
             raise ConfigError(f"frame_id '{frame}': give odom, room (where the true pose is known) or map (estimation)")

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from base64 import b64decode
+from collections import deque
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from importlib import import_module
@@ -24,6 +25,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, Si
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 
 from txt1.ros.calls import Caller
 from txt1.ros.stamps import Publishers, Stamps
@@ -36,6 +38,8 @@ SIOCGIFFLAGS: Final = 0x8913  # Linux's request for an interface's flags
 SIOCGIFADDR: Final = 0x8915  # ... and for its address
 IFF_RUNNING: Final = 0x40  # the flag that it is at work
 TURN: Final = 5e-4  # s that a thread has before others have theirs: a command does not wait for a camera's picture
+OWN: Final = 256  # transforms of its own that a node knows again
+HEAD: Final = 4  # bytes before a message, which the middleware may change
 HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
 
 _BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
@@ -48,7 +52,10 @@ QUALITIES: Final = {
 
 
 class Bridge:
-    """The node with everything that it `offers`; `stale` is the age in s at which a command is."""
+    """The node with everything that it `offers`; `stale` is the age in s at which a command is.
+
+    Its diagnostics are those of `owner`. Where another program tells in what the frame `child` is, the robot is told.
+    """
 
     def __init__(
         self,
@@ -59,8 +66,14 @@ class Bridge:
         stamped: bool,
         stale: float,
         virtual: bool,
+        owner: str = "",
+        child: str = "",
+        best_effort: bool = False,
     ) -> None:
         self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
+        self._owner, self._child, self._best_effort = owner, child, best_effort
+        self._others: Any = None  # listens to transforms, while other programs tell some
+        self._own: deque[bytes] = deque(maxlen=OWN)  # the newest transforms of this node, without the head
         self.over = False
         """Whether the node is to end and begin anew: ROS looks at the network when it begins, and never again."""
         self.wake: Callable[[], None] = lambda: None
@@ -114,7 +127,10 @@ class Bridge:
             for number, _, data in telemetry.get("messages", ()):
                 publisher = self._publishers.get(number)
                 if publisher is not None:
-                    publisher[0].publish(b64decode(data))
+                    told = b64decode(data)
+                    if publisher[1] == "tf":
+                        self._own.append(told[HEAD:])
+                    publisher[0].publish(told)
             self._caller.answered(telemetry.get("answers", ()))
             if "feedback" in telemetry:
                 self._feedback = self._now, telemetry["feedback"]
@@ -125,6 +141,8 @@ class Bridge:
         if publisher is None:
             try:
                 found = getattr(import_module(f"{package}.msg"), kind)
+                if quality == "sensor" and not self._best_effort:
+                    quality = "default"
                 publisher = self._node.create_publisher(found, name, QUALITIES[quality])
             except (ImportError, AttributeError):
                 self._publishers.pop(number, None)
@@ -312,8 +330,37 @@ class Bridge:
             self.over = True
             self._robot.request("tell", text="the network has changed, and the node begins anew")
         self._network = network
+        self._look_for_others()
         if self._diagnostics is not None:
             self._report_commands()
+
+    def _look_for_others(self) -> None:
+        """Listen to transforms as long as other programs tell some: their names are not in the messages."""
+        name = self._node.get_name()
+        found = self._node.get_publishers_info_by_topic("tf")
+        nodes = sorted(each.node_name for each in found if self._child and each.node_name != name)
+        if bool(nodes) is (self._others is not None):
+            return
+        if nodes:
+            from tf2_msgs.msg import TFMessage
+
+            def heard(data: bytes) -> None:
+                if data[HEAD:] not in self._own:
+                    self._hear(deserialize_message(data, TFMessage), ", ".join(nodes))
+
+            self._others = self._node.create_subscription(
+                TFMessage, "tf", heard, 100, callback_group=self.driving, raw=True
+            )
+        else:
+            self._node.destroy_subscription(self._others)
+            self._others = None
+
+    def _hear(self, message: Any, nodes: str) -> None:
+        """Tell the robot when one of these nodes says in what its frame is."""
+        for each in message.transforms:
+            if self._child and each.child_frame_id.lstrip("/") == self._child:
+                self._child = ""
+                self._robot.request("parent", frame=each.header.frame_id, nodes=nodes)
 
     def _report_commands(self) -> None:
         from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -339,7 +386,8 @@ class Bridge:
         message.status = [
             DiagnosticStatus(
                 level=DiagnosticStatus.WARN if len(names) > 1 or refused else DiagnosticStatus.OK,
-                name="cmd_vel",
+                name=f"{self._owner}: cmd_vel" if self._owner else "cmd_vel",
+                hardware_id=self._owner or "txt1",
                 message="several programs publish it: " + ", ".join(names) if len(names) > 1 else "",
                 values=[KeyValue(key=key, value=str(value)) for key, value in counts.items()],
             )
@@ -385,6 +433,7 @@ def main(
     stale: float = 0.25,
     virtual: bool = False,
     parameters: dict[str, Any] | None = None,
+    **more: Any,
 ) -> None:
     """Serve until the robot's process ends."""
     sys.setswitchinterval(TURN)
@@ -392,7 +441,7 @@ def main(
     while not ends.is_set():
         rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
         node = Node(name, namespace=namespace)
-        bridge = Bridge(robot, node, offers, parameters or {}, stamped, stale, virtual)
+        bridge = Bridge(robot, node, offers, parameters or {}, stamped, stale, virtual, **more)
         serving, driving = Serving(bridge), Driving(bridge, node)
         serving.add_node(node)
         bridge.wake = driving.wake

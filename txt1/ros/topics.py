@@ -6,7 +6,7 @@ below the node's own name, ``~/``.
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from math import nan
 from typing import Any, Final, Literal, NamedTuple
@@ -114,6 +114,36 @@ def fixed(links: dict[str, tuple[str, float, float, float]]) -> Topic[object]:
         "where everything sits on the robot",
         make=lambda _: {"transforms": transforms},
     )
+
+
+_FRAMED: Final = ("geometry_msgs/", "nav_msgs/", "sensor_msgs/", "tf2_msgs/", "txt1_msgs/")
+_FRAMES: Final = ("frame_id", "child_frame_id")
+
+
+def in_namespace(topic: Topic[Any], prefix: str, owner: str) -> Topic[Any]:
+    """Return a topic whose frames' names begin with `prefix`, and whose diagnostics are of `owner`; "" changes none."""
+
+    def prefixed(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {name: f"{prefix}{each}" if name in _FRAMES else prefixed(each) for name, each in value.items()}
+        if isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+            return [prefixed(each) for each in value]
+        return value
+
+    def owned(value: Any) -> Any:
+        told: Any = topic.make(value)
+        statuses = [each | {"name": f"{owner}: {each['name']}", "hardware_id": owner} for each in told["status"]]
+        return {**told, "status": statuses}
+
+    def made(value: Any) -> Any:
+        told = topic.make(value)
+        return prefixed(told) if isinstance(told, Mapping) else told
+
+    if owner and topic.message == "diagnostic_msgs/DiagnosticArray":
+        return replace(topic, make=owned)
+    if not prefix or not topic.message.startswith(_FRAMED):
+        return topic
+    return replace(topic, constants=prefixed(topic.constants), make=topic.make if topic.paths else made)
 
 
 # -- joints ------------------------------------------------------------------------------------------------------

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
+from base64 import b64decode
 from math import tau
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +26,7 @@ from txt1.record.rosbag1 import Converter
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1.ros.definitions import ACTIONS, SERVICES, own, write_package
-from txt1.ros.publisher import Publisher
+from txt1.ros.publisher import PLAIN, Publisher, Told, Transforms
 from txt1.ros.python import INSTALLED, ros2
 from txt1.ros.stamps import Publishers, Stamps
 from txt1.ros.topics import JOINTS, TO_OPTICAL, recorded, turned
@@ -229,3 +231,82 @@ def test_whatever_a_node_calls_for_is_answered_and_does_not_end_the_run(fields: 
     first, second = asyncio.run(main())
     assert first[:2] == (1, False) and "Error" in first[2]
     assert second == (2, True, "2.0")
+
+
+ESTIMATE = ("sensors.imu.driver=sim_imu", "estimation.preset=gyro")
+
+
+def frames(told: Told, *settings: str, other: bool = False) -> tuple[dict[str, str], list[str], list[str]]:
+    """What a node tells in a second: frames by their child, names of diagnostics, and what the operator hears."""
+    said: list[str] = []
+    store = get_typestore(Stores.ROS2_JAZZY)
+    found: dict[str, str] = {}
+    names: list[str] = []
+
+    def take(name: str, data: bytes) -> None:
+        if name in ("tf", "tf_static"):
+            message: Any = store.deserialize_cdr(data, "tf2_msgs/msg/TFMessage")
+            found.update((each.child_frame_id, each.header.frame_id) for each in message.transforms)
+        elif name in ("odom", "imu/data", "joint_states"):
+            kind = {"odom": "nav_msgs/msg/Odometry", "imu/data": "sensor_msgs/msg/Imu"}.get(name)
+            message = store.deserialize_cdr(data, kind or "sensor_msgs/msg/JointState")
+            found[f"in {name}"] = message.header.frame_id
+        elif name == "/diagnostics":
+            message = store.deserialize_cdr(data, "diagnostic_msgs/msg/DiagnosticArray")
+            names.extend(each.name for each in message.status)
+
+    async def listen() -> None:
+        async with Robot.open("sim", seed=1, settings=settings) as robot:
+            feed = Publisher(robot.runtime, said.append, told)
+            feed.begin()
+            if other:
+                for _ in range(2):
+                    feed.parent("map", "slam_toolbox")
+            channels: dict[int, str] = {}
+            for _ in range(20):
+                await asyncio.sleep(0.1)
+                line = json.loads(feed.line({}) or b"")
+                channels |= {number: name for number, name, _, _ in line.get("new", ())}
+                for number, _, data in line["messages"]:
+                    take(channels[number], b64decode(data))
+
+    run(listen(), speed="max")
+    return found, names, said
+
+
+@pytest.mark.parametrize(
+    ("transforms", "settings", "above"),
+    [
+        ("auto", (), "room"),
+        ("auto", ESTIMATE, "map"),
+        ("map", ESTIMATE, "map"),
+        ("room", ESTIMATE, "room"),
+        ("odom", ESTIMATE, None),
+        ("none", (), None),
+    ],
+)
+def test_what_odom_stands_in_is_told_as_asked(
+    transforms: Transforms, settings: tuple[str, ...], above: str | None
+) -> None:
+    found, _, _ = frames(Told(transforms), *settings)
+    assert found.get("odom") == above
+    assert found.get("base_footprint") == (None if transforms == "none" else "odom")
+
+
+def test_the_robot_gives_way_to_another_program_that_tells_where_odom_is_and_says_so_once() -> None:
+    found, _, said = frames(PLAIN, other=True)
+    assert "odom" not in found and found["base_footprint"] == "odom"
+    assert said == [": slam_toolbox tells map -> odom, so the robot tells no frame above odom now"]
+    found, _, said = frames(Told("room"), other=True)
+    assert found["odom"] == "room" and said == [], "it was asked for"
+
+
+def test_frames_and_diagnostics_can_have_the_namespaces_name() -> None:
+    found, names, _ = frames(Told(prefix="car1/", owner="car1"), "sensors.imu.driver=sim_imu")
+    assert found["car1/base_footprint"] == "car1/odom" and found["car1/odom"] == "car1/room"
+    assert found["car1/base_imu_link"] == "car1/base_link"
+    assert found["in odom"] == "car1/odom" and found["in imu/data"] == "car1/base_imu_link"
+    assert all(name.startswith("car1/") for name in found if not name.startswith("in "))
+    assert names and all(name.startswith("car1: ") for name in names)
+    plain, names, _ = frames(PLAIN)
+    assert not any("/" in name for name in plain) and "task controller" in names
