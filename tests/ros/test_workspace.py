@@ -38,4 +38,5 @@ def test_colcon_finds_both_packages_and_builds_the_example(tmp_path: Path) -> No
     share = tmp_path / "install" / "txt1_bringup" / "share"
     assert (share / "ament_index" / "resource_index" / "packages" / "txt1_bringup").is_file()
     installed = {str(path.relative_to(share / "txt1_bringup")) for path in (share / "txt1_bringup").rglob("*.*")}
-    assert {"launch/txt1.launch.py", "config/nav2.yaml", "package.xml"} <= installed
+    names = ("txt1", "slam", "nav2", "localization", "teleop")
+    assert {"config/nav2.yaml", "package.xml", *(f"launch/{name}.launch.py" for name in names)} <= installed

@@ -33,6 +33,11 @@ _SIZES: Final = {
 }  # fmt: skip
 TYRE: Final = 0.085  # width of a tyre, m
 HEIGHT: Final = 0.14  # of the body, m
+BODY_DENSITY: Final = (
+    300.0  # kg/m^3, of the body's box; assumed: an F1TENTH, whose mass of 3.74 kg is published, gets 4.1
+)
+TYRE_DENSITY: Final = 150.0  # kg/m^3, of a tyre's cylinder; assumed
+HUB: Final = 0.05  # kg; assumed: a simulator leaves out a link without a mass, and the wheel with it
 _ROBOT: Final = """\
 <?xml version="1.0"?>
 <robot name="{}">
@@ -44,10 +49,13 @@ _ROBOT: Final = """\
 </robot>
 """
 _BODY: Final = """\
-  <link name="{0}">
+  <link name="{0}">{4}
     <visual>{1}<geometry>{2}</geometry><material name="{3}"/></visual>
     <collision>{1}<geometry>{2}</geometry></collision>
   </link>"""
+_INERTIAL: Final = """
+    <inertial>{}<mass value="{:.4g}"/>
+      <inertia ixx="{:.4g}" iyy="{:.4g}" izz="{:.4g}" ixy="0" ixz="0" iyz="0"/></inertial>"""
 _JOINT: Final = """\
   <joint name="{}" type="{}">
     <parent link="{}"/><child link="{}"/>{}{}
@@ -76,11 +84,18 @@ def robot_description(name: str, geometry: Geometry, links: Links) -> str:
             if link == "base_link":
                 size, colour, ahead = (geometry.length, geometry.width - 2.0 * TYRE, HEIGHT), "blue", geometry.centre
             box = f'<box size="{" ".join(f"{each:g}" for each in size)}"/>'
-            parts.append(_BODY.format(link, _origin((ahead, 0.0, 0.0)), box, colour))
+            place = _origin((ahead, 0.0, 0.0))
+            mass = _box(place, size) if link == "base_link" else ""
+            parts.append(_BODY.format(link, place, box, colour, mass))
         parts.append(_JOINT.format(f"{link}_joint", "fixed", above, link, _origin((x, y, z), turned), ""))
     radius, lock = geometry.circumference / tau, geometry.steering_max
     rear = 0.0 if geometry.steering == "front" else -0.5 * geometry.wheelbase  # the pose is on that car's rear axle
     tyre = f'<cylinder radius="{radius:.6f}" length="{TYRE:g}"/>'
+    lying = _origin((0.0, 0.0, 0.0), f"{tau / 4:.6f} 0 0")  # a cylinder stands along z, a wheel turns about y
+    weight = TYRE_DENSITY * tau / 2 * radius**2 * TYRE
+    across = weight * (3.0 * radius**2 + TYRE**2) / 12.0
+    wheel_mass = _INERTIAL.format(lying, weight, across, across, 0.5 * weight * radius**2)
+    hub_mass = _INERTIAL.format("", HUB, *(HUB * TYRE**2 / 6.0,) * 3)  # of a cube as wide as the tyre
     limits = f'<axis xyz="0 0 1"/><limit lower="-{lock:.6f}" upper="{lock:.6f}" effort="2" velocity="7"/>'
     for wheel in WHEELS:
         is_front = wheel.startswith("front")
@@ -90,13 +105,21 @@ def robot_description(name: str, geometry: Geometry, links: Links) -> str:
         axle = _origin((0.0, 0.0, 0.0))
         parts += [
             _JOINT.format(f"{wheel}_steering_joint", kind, "base_link", f"{wheel}_hub", place, more),
-            f'  <link name="{wheel}_hub"/>',
+            f'  <link name="{wheel}_hub">{hub_mass}\n  </link>',
             _JOINT.format(
                 f"{wheel}_wheel_joint", "continuous", f"{wheel}_hub", f"{wheel}_wheel", axle, '<axis xyz="0 1 0"/>'
             ),
-            _BODY.format(f"{wheel}_wheel", _origin((0.0, 0.0, 0.0), f"{tau / 4:.6f} 0 0"), tyre, "black"),
+            _BODY.format(f"{wheel}_wheel", lying, tyre, "black", wheel_mass),
         ]
     return _ROBOT.format(name or "txt1", "\n".join(parts))
+
+
+def _box(place: str, size: tuple[float, float, float]) -> str:
+    """Return the mass and the inertia of the body's box about its centre."""
+    x, y, z = size
+    mass = BODY_DENSITY * x * y * z
+    each = (mass / 12.0 * (one**2 + other**2) for one, other in ((y, z), (x, z), (x, y)))
+    return _INERTIAL.format(place, mass, *each)
 
 
 def _origin(at: tuple[float, float, float], turned: str = "0 0 0") -> str:

@@ -149,6 +149,23 @@ def test_a_left_turn_turns_the_front_wheels_left() -> None:
     assert turned(-STEERING_MAX, STEERING_MAX, Geometry(steering="front"))[1] == 0.0
 
 
+def test_what_moves_in_the_description_has_a_mass_of_a_cars_size() -> None:
+    f1tenth = Geometry(steering="front", wheelbase=0.33, circumference=0.33, length=0.58, width=0.31, centre=0.165)
+    for geometry, published in ((Geometry(), None), (f1tenth, 3.74)):
+        robot = URDF.from_xml_string(robot_description("", geometry, links_of([Scan])).partition("\n")[2])
+        assert robot.link_map["base_footprint"].inertial is None, "KDL refuses a root with a mass"
+        inertial = [robot.link_map[joint.child].inertial for joint in robot.joints if joint.type != "fixed"]
+        inertial.append(robot.link_map["base_link"].inertial)
+        for each in inertial:
+            i = each.inertia
+            assert each.mass > 0.0 and i.ixx > 0.0
+            assert max(i.ixx, i.iyy, i.izz) < i.ixx + i.iyy + i.izz - max(i.ixx, i.iyy, i.izz) + 1e-9, "a body's"
+        mass = sum(link.inertial.mass for link in robot.links if link.inertial is not None)
+        assert 2.0 < mass < 8.0
+        if published is not None:
+            assert mass == pytest.approx(published, rel=0.15)
+
+
 def test_the_package_of_our_messages_names_every_file(tmp_path: Path) -> None:
     package = write_package(tmp_path, "txt1_msgs", own(), "messages")
     listed = (package / "CMakeLists.txt").read_text()

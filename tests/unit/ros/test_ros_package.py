@@ -18,24 +18,37 @@ from txt1.cli import run
 from txt1.config import Config
 from txt1.ros.urdf import links_of
 from txt1.sensors.readings import Scan
+from txt1.sensors.sim_laser import LaserParameters
 
 PACKAGE = Path(__file__).parents[3] / "examples" / "ros" / "txt1_bringup"
 
 
-def launched(monkeypatch: pytest.MonkeyPatch, **given: str) -> list[SimpleNamespace]:
-    """The actions of the launch file with these arguments; in the place of ``launch`` stands as little as it needs."""
+ARGUMENTS = {
+    "txt1": {"port": "", "namespace": "", "tf": "auto", "options": ""},
+    **{name: {"port": ""} for name in ("slam", "nav2", "localization", "teleop")},
+}
 
-    def action(*_: object, **fields: Any) -> SimpleNamespace:
-        return SimpleNamespace(**fields)
 
-    asked = SimpleNamespace(**{"port": "", "namespace": ""} | given)
+def launched(
+    monkeypatch: pytest.MonkeyPatch, name: str, share: Path = Path("/nowhere"), **given: str
+) -> list[SimpleNamespace]:
+    """The actions of a launch file with these arguments; in the place of ``launch`` stands as little as it needs."""
+
+    def action(*place: object, **fields: Any) -> SimpleNamespace:
+        return SimpleNamespace(place=place, **fields)
+
+    asked = SimpleNamespace(**ARGUMENTS[name] | given)
     names = {
+        "ament_index_python": {},
+        "ament_index_python.packages": {"get_package_share_directory": lambda package: str(share / package)},
         "launch": {"LaunchDescription": list},
         "launch.actions": {
             "DeclareLaunchArgument": lambda name, default_value: SimpleNamespace(name=name, value=default_value),
             "ExecuteProcess": action,
+            "IncludeLaunchDescription": action,
             "OpaqueFunction": action,
         },
+        "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Path},
         "launch.substitutions": {
             "LaunchConfiguration": lambda name: SimpleNamespace(perform=lambda context: getattr(context, name)),
         },
@@ -43,14 +56,92 @@ def launched(monkeypatch: pytest.MonkeyPatch, **given: str) -> list[SimpleNamesp
         "launch_ros.actions": {"Node": action},
         "launch_ros.parameter_descriptions": {"ParameterValue": lambda value, value_type: value_type(value)},
     }
-    for name, functions in names.items():
-        module = ModuleType(name)
+    for module_name, functions in names.items():
+        module = ModuleType(module_name)
         vars(module).update(functions)
-        monkeypatch.setitem(sys.modules, name, module)
+        monkeypatch.setitem(sys.modules, module_name, module)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    *arguments, start = runpy.run_path(str(PACKAGE / "launch" / "txt1.launch.py"))["generate_launch_description"]()
-    assert {each.name: each.value for each in arguments} == {"port": "", "namespace": ""}
+    *arguments, start = runpy.run_path(str(PACKAGE / "launch" / f"{name}.launch.py"))["generate_launch_description"]()
+    assert {each.name: each.value for each in arguments} == ARGUMENTS[name]
     return list(start.function(asked))
+
+
+def asked_of(include: SimpleNamespace) -> tuple[str, dict[str, str]]:
+    """The name of a launch file that is included, and its arguments."""
+    return include.place[0].name, dict(include.launch_arguments)
+
+
+def words_of(include: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> argparse.Namespace:
+    """What the robot is started with, when this is included."""
+    name, given = asked_of(include)
+    assert name == "txt1.launch.py"
+    robot, _ = launched(monkeypatch, "txt1", **given)
+    parser = argparse.ArgumentParser()
+    run.add_arguments(parser)
+    return parser.parse_args(robot.cmd[2:])
+
+
+def parameters(name: str, node: str) -> dict[str, Any]:
+    """The parameters of a node in a file of the package."""
+    found: dict[str, Any] = yaml.safe_load((PACKAGE / "config" / f"{name}.yaml").read_text())[node]["ros__parameters"]
+    return found
+
+
+@pytest.mark.parametrize("port", ["", "/dev/ttyUSB0"])
+def test_slam_toolbox_alone_says_where_odom_is(port: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, slam = launched(monkeypatch, "slam", port=port)
+    told = words_of(robot, monkeypatch)
+    assert (told.ros2_tf, told.port) == ("odom", port or None)
+    assert told.set == ([] if port else ["sensors.laser.driver=sim_laser"])
+    name, given = asked_of(slam)
+    assert name == "online_async_launch.py" and given["use_sim_time"] == "false"
+    assert Path(given["slam_params_file"]).is_file()
+    slam_toolbox = parameters("slam_toolbox", "slam_toolbox")
+    assert (slam_toolbox["odom_frame"], slam_toolbox["base_frame"]) == ("odom", "base_footprint")
+    assert slam_toolbox["max_laser_range"] == LaserParameters().range_max
+
+
+def test_the_filter_of_robot_localization_alone_tells_odom_s_child(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, ekf = launched(monkeypatch, "localization")
+    told = words_of(robot, monkeypatch)
+    assert told.ros2_tf == "none" and told.set == ["sensors.imu.driver=sim_imu"]
+    assert (ekf.package, ekf.executable, ekf.name) == ("robot_localization", "ekf_node", "ekf_filter_node")
+    assert Path(ekf.parameters[0]).is_file()
+    fused = parameters("robot_localization", "ekf_filter_node")
+    assert (fused["world_frame"], fused["base_link_frame"]) == ("odom", "base_footprint")
+    assert fused["publish_tf"] and fused["two_d_mode"]
+    which = {name: [k for k, used in enumerate(fused[f"{name}_config"]) if used] for name in ("odom0", "imu0")}
+    assert which == {"odom0": [6, 7, 11], "imu0": [11]}, "vx and vy, which is 0, and the yaw rate"
+
+
+def test_a_joystick_asks_for_no_more_than_the_car_can(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, joy, teleop = launched(monkeypatch, "teleop")
+    assert words_of(robot, monkeypatch).ros2_tf == "auto"
+    assert (joy.package, teleop.package, teleop.executable) == ("joy", "teleop_twist_joy", "teleop_node")
+    told, config = parameters("teleop_twist_joy", teleop.name), Config()
+    v, omega = told["scale_linear"]["x"], told["scale_angular"]["yaw"]
+    assert v <= config.safety.v_max and omega == pytest.approx(v / config.geometry.radius_min, abs=0.01)
+    assert told["require_enable_button"]
+    assert 1.0 / parameters("teleop_twist_joy", joy.name)["autorepeat_rate"] < 0.5 * config.safety.command_timeout
+
+
+def test_nav2_gets_its_own_parameters_with_those_of_this_car_in_their_place(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    theirs = tmp_path / "nav2_bringup" / "params" / "nav2_params.yaml"
+    theirs.parent.mkdir(parents=True)
+    server = {"controller_frequency": 99.0, "FollowPath": {"plugin": "dwb", "critics": []}, "min_x": 0.1}
+    theirs.write_text(yaml.safe_dump({"controller_server": {"ros__parameters": server}, "docking_server": {"a": 1}}))
+    slam, nav2 = launched(monkeypatch, "nav2", tmp_path)
+    assert asked_of(slam)[0] == "slam.launch.py"
+    name, given = asked_of(nav2)
+    assert name == "navigation_launch.py"
+    path = Path(given["params_file"])
+    told = yaml.safe_load(path.read_text())
+    path.unlink()
+    control = told["controller_server"]["ros__parameters"]
+    assert told["docking_server"] == {"a": 1} and control["min_x"] == 0.1
+    assert control["controller_frequency"] == 20.0 and "critics" not in control["FollowPath"]
 
 
 @pytest.mark.parametrize(
@@ -60,7 +151,7 @@ def launched(monkeypatch: pytest.MonkeyPatch, **given: str) -> list[SimpleNamesp
 def test_the_launch_file_starts_a_robot_with_a_node_and_the_description(
     given: dict[str, str], hal: str | None, port: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    robot, state = launched(monkeypatch, **given)
+    robot, state = launched(monkeypatch, "txt1", **given)
     program, command, *words = robot.cmd
     assert (program, command) == ("txt1", "run")
     parser = argparse.ArgumentParser()
