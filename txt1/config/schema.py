@@ -169,6 +169,8 @@ class SimConfig(Section):
     room: RoomConfig = RoomConfig()
     obstacles: tuple[Annotated[Box | Post, Field(discriminator="kind")], ...] = ()
     """Boxes and posts in the room."""
+    physics: Annotated[str, Field(min_length=1)] = "plain"
+    """What moves the vehicle: plain is ours; single-track-drift, multi-body or mujoco (extra physics)."""
     vehicle: VehicleParameters = VehicleParameters()
     battery: Batteries = Batteries()
     noise: Noise = Noise()

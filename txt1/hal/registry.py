@@ -18,7 +18,7 @@ name; one at an I2C bus has its double where `hal_options.bus` is DESK.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError
@@ -50,18 +50,22 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
     sim, alone = config.sim, world is None
     if world is None:
         world = World(sim.room.built(), sim.room.light, sim.obstacles)
-    parameters = sim.vehicle, config.geometry, sim.battery, sim.noise
     try:
-        vehicle = Vehicle(world, *parameters, sim.start, config.own_seed, config.name)
+        vehicle = Vehicle(
+            world, sim.vehicle, config.geometry, sim.battery, sim.noise, sim.start, config.own_seed, config.name
+        )
     except ValueError as error:
         remedy = "choose another start, a larger sim.room, or other sim.obstacles or walls"
         raise ConfigError(f"sim.start: {error}; {remedy}") from None
-    vehicle.faults = sim.faults
-    ground = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else None
-    return SimHal(vehicle, ground, sim.channels, alone)
+    vehicle.faults, vehicle.physics = sim.faults, PHYSICS.make("sim.physics", sim.physics, config)
+    # in physics of other people the body leans by itself
+    leans: Any = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else vehicle.physics
+    return SimHal(vehicle, leans, sim.channels, alone)
 
 
 HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": "txt1.hal.serial:create"}, HalError)
+# what moves a simulated vehicle; ours is in `txt1.sim.vehicle`
+PHYSICS: Final = Registry("physics", "txt1.sim.physics", {"plain": lambda config: None})
 # simulated ports by name; anything else is a device
 PORTS: Final = Registry("serial port", "txt1.ports", {})
 # simulated I2C buses, by the HAL whose `hal_options.bus` is DESK

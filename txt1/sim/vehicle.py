@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import cos, floor, isfinite, nan, sin, tan
 from typing import TYPE_CHECKING, Final
 
@@ -52,6 +52,8 @@ class Vehicle:
     ) -> None:
         self.world = world
         self.dynamics = dynamics(parameters, body)
+        # its motion after a while, by (motion, motor, front, rear, s, drag); None is that of this package
+        self.physics: Callable[[Motion, float, float, float, float, float], Motion] | None = None
         self._dead_band = parameters.dead_band
         self.parameters = parameters
         self.skids = body.steering == "skid"
@@ -60,8 +62,7 @@ class Vehicle:
         self.noise = noise
         self.name = name
         self.faults = Faults()
-        self.atx_on = True
-        self.esc_on = True
+        self.atx_on = self.esc_on = True
         self.time = 0.0
         """Of this vehicle, s since its robot's run began."""
         self.began = 0.0
@@ -80,8 +81,7 @@ class Vehicle:
         self._drag_rng = np.random.default_rng(drag_seed)
         self.supply = Supply(batteries, noise.battery, battery_seed)
         # The wheels stop anywhere between two edges of the encoder disc.
-        phases: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
-        self._right_counts, self._left_counts = phases[0], phases[1]
+        self._right_counts, self._left_counts = np.random.default_rng(phase_seed).random(2).tolist()
         self._counts_per_m = 1.0 / body.count_length
         self._drags: list[float] = []
         self.drag = 0.0
@@ -183,7 +183,9 @@ class Vehicle:
         stands = before[3] == 0.0
         if stands and (motor, front, rear, before[4], before[5]) == self._rest:  # 5 % of an idle simulation is saved
             return before
-        if self.skids:
+        if self.physics is not None:
+            after = self.physics(before, motor, front, rear, dt, self.drag)
+        elif self.skids:
             after = skid.move(before, motor, rear, dt, self.drag, self.parameters, self.body)
         else:
             after = move(before, motor, front, rear, dt, self.drag, self.dynamics)

@@ -1,0 +1,1 @@
+"""Physics of other people under the simulated vehicles: commonroad-vehicle-models and MuJoCo (extra ``physics``)."""
