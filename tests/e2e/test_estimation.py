@@ -20,7 +20,7 @@ from txt1.kernel.loop import run
 from txt1.navigation import follow, fused_pose
 from txt1.navigation.source import located, places_on_earth
 from txt1.robot import Robot
-from txt1.sensors.geodesy import Grid
+from txt1.sensors.geodesy import UtmGrid
 from txt1.tasks.fields import Source
 from txt1.telemetry.snapshot import Snapshot
 
@@ -128,7 +128,7 @@ async def test_places_in_degrees_are_driven_to_on_the_fused_pose() -> None:
     async with Robot.open("sim", seed=1, settings=settings) as robot:
         await robot.load_gains()
         await asyncio.sleep(0.5)
-        goal = Grid(35.0844, -106.6504).earth(6.0, 4.0)  # the simulated room's origin is there
+        goal = UtmGrid(35.0844, -106.6504).earth(6.0, 4.0)  # the simulated room's origin is there
         (place,) = await places_on_earth(robot, "gps", [goal])
         assert place == pytest.approx((6.0, 4.0), abs=0.01)
         source = fused_pose(robot)

@@ -12,7 +12,7 @@ from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.model.vehicle import Geometry
 from txt1.robot import Robot
-from txt1.sensors.geodesy import Grid
+from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.readings import FixReading
 
 
@@ -77,7 +77,7 @@ async def places_on_earth(
     fix = reading.value
     if not isinstance(fix, FixReading):
         raise CommandRefused(f"'{sensor}' is no GPS: give metres, or the name of one")
-    grid = Grid(fix.latitude, fix.longitude)
+    grid = UtmGrid(fix.latitude, fix.longitude)
     return tuple((fix.x + x, fix.y + y) for x, y in (grid.place(*place) for place in places))
 
 

@@ -370,7 +370,7 @@ class CommonRoad(Foreign):
         return True
 
 
-class Drift(CommonRoad):
+class SingleTrackDrift(CommonRoad):
     """The single-track drift model: two wheels on the middle line, with tyres that slide."""
 
     def beginning(self, state: list[float]) -> list[float]:
@@ -423,10 +423,10 @@ class MultiBody(CommonRoad):
         return max(loads[0], loads[2]) > 0.0 and max(loads[1], loads[3]) > 0.0
 
 
-def single_track_drift(config: Config) -> Drift:
+def single_track_drift(config: Config) -> SingleTrackDrift:
     """The physics ``single-track-drift``."""
     _import("single-track-drift")
-    return Drift("single-track-drift", config)
+    return SingleTrackDrift("single-track-drift", config)
 
 
 def multi_body(config: Config) -> MultiBody:

@@ -5,7 +5,7 @@ from math import atan, pi, radians, sin, tan
 from txt1.errors import ConfigError, MissingExtra
 
 
-class Grid:
+class UtmGrid:
     """The UTM grid around a datum (degrees), in the datum's zone however far one goes.
 
     Raises MissingExtra without the library, ConfigError for a datum that lies in no zone.

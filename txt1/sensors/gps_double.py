@@ -7,7 +7,7 @@ from typing import Any
 from txt1.link.base import Link
 from txt1.sensors.base import Reading
 from txt1.sensors.double import Double, Talker
-from txt1.sensors.geodesy import Grid
+from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.gps_gpsd import CONFIDENCE
 from txt1.sensors.readings import FixReading
 
@@ -64,7 +64,7 @@ def true_track(fix: FixReading) -> float | None:
     """Direction of motion, degrees clockwise from true north in [0, 360)."""
     if fix.theta is None:
         return None
-    return Grid(fix.latitude, fix.longitude).track(fix.theta, fix.latitude, fix.longitude)
+    return UtmGrid(fix.latitude, fix.longitude).track(fix.theta, fix.latitude, fix.longitude)
 
 
 def report(reading: Reading[FixReading]) -> dict[str, Any]:

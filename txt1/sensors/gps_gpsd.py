@@ -11,7 +11,7 @@ from annotated_types import MinLen
 from txt1.config.sources import checked
 from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Setup
-from txt1.sensors.geodesy import Grid
+from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
 from txt1.sensors.stream import Codec, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative
@@ -40,7 +40,7 @@ class GpsdDecoder(Codec[FixReading]):
         super().__init__(WATCH, UNWATCH)
         self.satellites: int | None = None
         """Used for the fix, as far as it was told."""
-        self.grid = None if datum is None else Grid(*datum)
+        self.grid = None if datum is None else UtmGrid(*datum)
         self._mount = mount
         self._day = Unwrapped(DAY)
 
@@ -76,7 +76,7 @@ class GpsdDecoder(Codec[FixReading]):
         if latitude is None or longitude is None or not (-80.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
             return None
         if self.grid is None:
-            self.grid = Grid(latitude, longitude)
+            self.grid = UtmGrid(latitude, longitude)
         try:
             x, y = self.grid.place(latitude, longitude)
         except ValueError:  # too far from the datum's zone
@@ -137,7 +137,7 @@ class GpsOptions:
 def create(setup: Setup) -> Streamed[FixReading]:
     """The driver ``gps_gpsd``; options: those of `GpsOptions`. Raises MissingExtra without the extra gps."""
     given = checked(GpsOptions, setup.options, f"sensors.{setup.name}.options")
-    Grid(*(given.datum or (0.0, 0.0)))  # tells now that the extra is missing or the datum is none
+    UtmGrid(*(given.datum or (0.0, 0.0)))  # tells now that the extra is missing or the datum is none
     last = GpsdDecoder(given.datum)
 
     def codec() -> GpsdDecoder:  # a datum outlives the connection that brought it

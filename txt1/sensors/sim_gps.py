@@ -9,7 +9,7 @@ from numpy.random import Generator
 from txt1.config.sources import checked
 from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Pose, Reading, Setup
-from txt1.sensors.geodesy import Grid
+from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
 from txt1.sensors.twin import Absences, Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
@@ -52,7 +52,7 @@ class SimulatedGps(Twin[FixReading]):
     ) -> None:
         super().__init__(fix_topic(name), 0.2, pose)
         self._errors, self._rng, self._mount = errors, rng, mount
-        self._grid = Grid(*errors.datum)
+        self._grid = UtmGrid(*errors.datum)
         self._slow = [errors.slow * each for each in rng.standard_normal(2).tolist()]
         self._outages = Absences(errors.outages, errors.outage_every, errors.outage_length, rng)
         self._place = 0.0, 0.0  # where it was, m

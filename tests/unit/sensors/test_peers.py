@@ -52,9 +52,9 @@ def listens(port: int) -> bool:
 @pytest.mark.skipif(not (GPSFAKE and GPSD), reason="needs Debian's gpsd and gpsfake: apt-get install gpsd gpsd-clients")
 async def test_gpsd_reads_our_receiver_and_we_read_gpsd(tmp_path: Path) -> None:
     pytest.importorskip("utm")
-    from txt1.sensors.geodesy import Grid
+    from txt1.sensors.geodesy import UtmGrid
 
-    grid = Grid(*DATUM)
+    grid = UtmGrid(*DATUM)
     log = tmp_path / "drive.nmea"
     with log.open("wb") as file:
         for k in range(400):  # 1 m/s eastwards on the grid, 5 times a second
