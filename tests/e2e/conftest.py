@@ -69,6 +69,7 @@ def blocking_calls_fail() -> Iterator[BlockBuster]:
     with blockbuster_ctx("txt1") as blockbuster:
         may_block(blockbuster, "txt1/additions.py", "ours", "strangers", "load")
         may_block(blockbuster, "txt1/hal/registry.py", "create", "names")
+        may_block(blockbuster, "txt1/maps/files.py", "read")
         may_block(blockbuster, "txt1/sensors/registry.py", "create")
         may_block(blockbuster, "txt1/kernel/loop.py", "shutdown_default_executor")  # waits for the recorder's thread
         may_block(blockbuster, "txt1/record/recorder.py", "_hand_over")  # at full speed nothing is late by it

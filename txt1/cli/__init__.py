@@ -37,6 +37,7 @@ COMMANDS: Final = {
     "demo": "one minute: it drives, learns to find a light, and shows it",
     "run": "run the robot, on the desk or on the floor",
     "config": "show or check a configuration",
+    "world": "list maps and worlds, or draw one before anything drives in it",
     "hal": "list or check hardware layers",
     "sensor": "list or check sensors",
     "doctor": "look for what is wrong with the line to the board",

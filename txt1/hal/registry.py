@@ -56,6 +56,8 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
         )
     except ValueError as error:
         remedy = "choose another start, a larger sim.room, or other sim.obstacles or walls"
+        if (walls := world.room.walls) is not None:
+            remedy += f"; there is room at [{walls.freest()[0]:g}, {walls.freest()[1]:g}, 0]"
         raise ConfigError(f"sim.start: {error}; {remedy}") from None
     vehicle.faults, vehicle.physics = sim.faults, PHYSICS.make("sim.physics", sim.physics, config)
     # in physics of other people the body leans by itself

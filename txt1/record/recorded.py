@@ -69,6 +69,19 @@ def read(path: Path, robot: str) -> Recorded:
         return run.found()
 
 
+def check_map(path: Path, name: str, digest: str) -> None:
+    """Raise RecordingError where the map of a recording is not there any more, or is another one."""
+    from txt1.maps.files import read as read_map
+
+    known = f"the map {name} of SHA-256 {digest[:12]}"
+    try:
+        now = read_map(name).digest
+    except ConfigError as error:
+        raise RecordingError(f"{path}: recorded in {known}, which cannot be read here: {error}") from None
+    if now != digest:
+        raise RecordingError(f"{path}: recorded in {known}, now it is {now[:12]}: put the files of then in its place")
+
+
 class _RunRead:
     """A run as it is read, message by message."""
 
@@ -144,5 +157,7 @@ class _RunRead:
             found.config = recorded(json.loads(about["config"]), own)
         except (ValueError, ConfigError) as error:
             raise RecordingError(f"{path}: its configuration is not one of this version's: {error}") from None
+        if digest := about.get("map"):
+            check_map(path, str(found.config.sim.room.map), digest)
         found.alike = all(about.get(name, told) == told for name, told in machine().items())
         return found

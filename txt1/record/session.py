@@ -7,7 +7,7 @@ import json
 import platform
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from txt1.commands import need
 from txt1.config import Config, flatten
-from txt1.errors import RecordingError
+from txt1.errors import ConfigError, MissingExtra, RecordingError
 from txt1.kernel.clock import NS_PER_S, wall_ns
 from txt1.kernel.loop import Speed
 from txt1.record.settings import RecordConfig
@@ -62,7 +62,17 @@ def metadata(config: Config, speed: Speed, plan: Mapping[str, object]) -> dict[s
         "wall_start": datetime.fromtimestamp(wall_ns() / NS_PER_S, UTC).isoformat(),
         "plan": json.dumps(dict(plan)),
         "config": json.dumps(config.model_dump(mode="json")),
+        **({} if config.sim.room.map is None else {"map": _digest(config.sim.room.map)}),
     }
+
+
+def _digest(name: str) -> str:
+    """The SHA-256 of a map, by which a replay knows it again; empty where it cannot be read: nothing drives in it."""
+    from txt1.maps.files import read
+
+    with suppress(ConfigError, MissingExtra):
+        return read(name).digest
+    return ""
 
 
 def dated(folder: Path, name: str) -> Path:

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from math import cos, floor, hypot, sin
 from typing import Final, cast
 
+import numpy as np
+
 from txt1.errors import ConfigError
 from txt1.maps.files import Map, read
 from txt1.maps.grid import REACH
@@ -25,7 +27,7 @@ class Walls:
     """The walls of a map."""
 
     def __init__(self, map_: Map) -> None:
-        self.name, self.grid, self.digest = map_.name, map_.grid, map_.digest
+        self.name, self.grid = map_.name, map_.grid
         depth = self.grid.depth
         self._rows: int = depth.shape[0]
         self._columns: int = depth.shape[1]
@@ -40,6 +42,12 @@ class Walls:
     def outlines(self) -> tuple[Outline, ...]:
         """The walls as closed lines, for screens."""
         return outlines(self.grid)
+
+    def freest(self) -> tuple[float, float]:
+        """The middle of the widest place, m: where there is most room to start."""
+        row, column = np.unravel_index(int(self.grid.clear.argmax()), self.grid.clear.shape)
+        x, y = self.grid.to_room(column + 0.5, row + 0.5)
+        return round(float(x), 2), round(float(y), 2)
 
     def distance(self, x: float, y: float) -> float:
         """Metres from a place in the room to the nearest wall's face, up to 32 cells; negative within a wall."""
