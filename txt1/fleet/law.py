@@ -5,6 +5,7 @@ go of the wheel, says so, and stands; when it is heard again, it goes on.
 """
 
 from collections.abc import Callable, Mapping
+from math import isfinite
 from typing import Any, Final, Protocol
 
 from txt1.errors import ConfigError
@@ -55,6 +56,8 @@ def make_law(name: str, team: list[str], room: Rooms, settings: Mapping[str, Any
     law = given.pop("law", None)
     if law not in LAWS:
         raise ConfigError(f"cooperate.law: there is no law {law!r}; choose one of: {', '.join(LAWS)}")
+    if law in ("coverage", "search") and not all(map(isfinite, room)):
+        raise ConfigError(f"cooperate.law: {law} sweeps a rectangle: give sim.room.length and width, and no map")
     try:
         return LAWS[law](name, team, room, body, **given)
     except TypeError as error:

@@ -24,7 +24,7 @@ from txt1.config import Config, load
 from txt1.control.car import loops_for
 from txt1.control.limits import clip
 from txt1.control.pid import at_rest
-from txt1.errors import MissingExtra, NoDirection
+from txt1.errors import ConfigError, MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
@@ -168,6 +168,8 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
 
     def __init__(self, num_envs: int = 1, config: Config | None = None) -> None:
         one = load().config if config is None else config
+        if one.sim.room.map is not None:
+            raise ConfigError(f"sim.room.map: {one.sim.room.map}: many robots at once know no walls; take the map out")
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = SPACE, Discrete(len(COMMANDS))
         self.observation_space = batch_space(SPACE, num_envs)

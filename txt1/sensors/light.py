@@ -57,7 +57,12 @@ def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None 
     exponent = float(light.exponent)
     noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
     source = PointLight(x, y, light.intensity, exponent)
-    sensors = LightSensors(source, noise, rng, mount=light.mount, gains=light.gains)
+    lit = None
+    if (walls := config.sim.room.built().walls) is not None:
+        from txt1.sim.shadow import lit_by
+
+        lit = lit_by((x, y), walls.grid, light.mount)
+    sensors = LightSensors(source, noise, rng, mount=light.mount, gains=light.gains, lit=lit)
     sensors.faults = light.faults if faults is None else faults
     return lambda pose: sensors.read(*pose)
 

@@ -1,6 +1,6 @@
 """A point light and the four sensors that see it (thesis 3.7, 5.3, 5.4). No clock: one call, one sample."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from math import cos, erf, exp, pi, sin, sqrt, tan
 from typing import Final, NamedTuple
@@ -24,6 +24,10 @@ from txt1.model.light_sensors import (
 )
 
 NEAREST: Final = 0.03**2  # square of the lamp's radius, m^2: nearer than this it gets no brighter
+
+
+Lit = Callable[[float, float, float], Sequence[bool]]
+"""For a pose, m and rad: whether FL, FR, RL and RR see the light."""
 
 
 class PointLight(NamedTuple):
@@ -155,6 +159,7 @@ class LightSensors:
         limits: of a reading.
         mount: where they sit on the vehicle.
         gains: factors on what they read: a dirty one reads less.
+        lit: whether each sees the light from a pose, where walls may stand between; None: nothing does.
 
     """
 
@@ -166,10 +171,12 @@ class LightSensors:
         limits: Range = SENSOR_LIMITS,
         mount: Mount = MOUNT,
         gains: Gains = EVEN,
+        lit: Lit | None = None,
     ) -> None:
         self.light = light
         self.mount = mount
         self.gains = gains
+        self.lit = lit
         self.noise = noise
         self.limits = limits
         self._rng = rng
@@ -194,6 +201,8 @@ class LightSensors:
         """The next sample, lux, of the vehicle at (x, y, theta) in the room; m and rad."""
         low, high = self.limits
         fl, fr, rl, rr = lux_at(x, y, theta, self.light, self.mount)
+        if self.lit is not None:
+            fl, fr, rl, rr = (lux * seen for lux, seen in zip((fl, fr, rl, rr), self.lit(x, y, theta), strict=True))
         if self.gains != EVEN:
             fl, fr, rl, rr = (gain * lux for gain, lux in zip(self.gains, (fl, fr, rl, rr), strict=True))
         noise = self.noise

@@ -1,7 +1,7 @@
 """The walls of a map stop a vehicle where they stand, and end a laser's beams."""
 
 import asyncio
-from math import cos, pi, sin
+from math import cos, inf, pi, sin
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,17 @@ import txt1
 from tests.unit.maps.test_rays import CELL, hall
 from txt1.config import load
 from txt1.errors import ConfigError
+from txt1.fleet.law import make_law
 from txt1.kernel.loop import run
+from txt1.learning.env import LightSeekingVectorEnv
 from txt1.maps.files import Map
 from txt1.maps.grid import Grid
+from txt1.model.light_sensors import LUX_MIN
 from txt1.model.vehicle import Geometry
+from txt1.sensors.light import eyes
+from txt1.sim.rays import shapes_of, walls_of
 from txt1.sim.room import Room, clearance
+from txt1.sim.view import Camera, Scene, distances, draw
 from txt1.sim.walls import PLENTY, Walls
 from txt1.tasks.fields import SURROUNDINGS, WALLS
 from txt1.tasks.markers import MARKERS
@@ -121,3 +127,36 @@ def test_the_walls_are_told_to_screens_pages_and_views(tmp_path: Path) -> None:
     assert sorted(line) == [(-2.0, -1.5), (-2.0, 1.5), (2.0, -1.5), (2.0, 1.5)]
     assert snapshot[SURROUNDINGS].room is None
     assert surroundings.obstacles == (line,)
+
+
+def test_a_wall_throws_a_shadow() -> None:
+    lux = eyes(load(overrides=["sim.room.map=flat", "sim.light.noise=0"]).config, np.random.default_rng(1))
+    bare = eyes(load(overrides=["sim.light.noise=0"]).config, np.random.default_rng(1))
+    through_the_door, behind_the_wall, beside_it = (5.0, 0.0, 0.0), (6.0, -2.0, 0.0), (5.0, -0.85, 0.0)
+    assert lux(through_the_door) == bare(through_the_door)
+    assert lux(behind_the_wall) == (LUX_MIN,) * 4
+    half = lux(beside_it)
+    assert {each == LUX_MIN for each in half} == {False, True}, "some of the four see the lamp"
+
+
+def test_a_lamp_that_hangs_on_a_wall_shines_into_the_room() -> None:
+    settings = ["sim.room.map=flat", "sim.light.noise=0", "sim.room.light=[-2.02, 0]"]
+    assert min(eyes(load(overrides=settings).config, np.random.default_rng(1))((0.0, 0.0, 0.0))) > LUX_MIN
+
+
+def test_what_knows_no_walls_refuses_a_map() -> None:
+    with pytest.raises(ConfigError, match=r"sim\.room\.map: flat: many robots at once know no walls; take the map out"):
+        LightSeekingVectorEnv(2, load(overrides=["sim.room.map=flat"]).config)
+    with pytest.raises(ConfigError, match=r"cooperate\.law: coverage sweeps a rectangle: give sim\.room\.length and"):
+        make_law("a", ["a", "b"], (inf, inf), {"law": "coverage"})
+
+
+def test_pictures_and_depth_show_the_walls_of_a_map_as_those_of_a_room() -> None:
+    camera, nothing = Camera(64, 48), shapes_of(())
+    seen = [
+        Scene(walls_of(room), nothing, nothing, (0.0, 0.0))
+        for room in (Room(4.0, 3.0), Room(walls=walls_around(hall())))
+    ]
+    depths = [distances(camera, scene, 0.3, -0.2, 0.2, 0.4) for scene in seen]
+    assert depths[1] == pytest.approx(depths[0], abs=1e-6)
+    assert np.array_equal(*(draw(camera, scene, 0.3, -0.2, 0.2, 0.4) for scene in seen))
