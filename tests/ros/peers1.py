@@ -5,6 +5,8 @@ import os
 import sys
 import time
 
+import genmsg
+import genpy.dynamic
 import rospy
 import tf
 from geometry_msgs.msg import Twist
@@ -55,7 +57,8 @@ def surface():
         time.sleep(0.1)
     moving = odoms[-1][1]
     told["rate"] = (len(odoms) - 1) / (odoms[-1][0] - odoms[0][0])
-    told["frames"] = [moving.header.frame_id, moving.child_frame_id]
+    told["frames"] = [moving.header.frame_id, moving.child_frame_id, batteries[-1][1].header.frame_id]
+    told["unsure"] = [moving.pose.covariance[place] for place in range(0, 36, 7)]
     told["v"], told["omega"] = moving.twist.twist.linear.x, moving.twist.twist.angular.z
     place, turn = frames.lookupTransform("/odom", "/base_footprint", rospy.Time(0))
     told["tf"] = [place[0], place[1], tf.transformations.euler_from_quaternion(turn)[2]]
@@ -79,6 +82,38 @@ def alive():
     until(lambda: drive.publish(command) or time.sleep(0.05) or odoms[-1].twist.twist.linear.x < -0.2)
     rospy.wait_for_service("/pid_load", 20.0)
     return rospy.ServiceProxy("/pid_load", PidLoad)().result
+
+
+def std_service(name, kind, request):
+    """A service of std_srvs, whose package need not be here: `request` are its fields."""
+    context = genmsg.MsgContext.create_default()
+    answer = "bool success\nstring message\n"
+    spec = genmsg.msg_loader.load_srv_from_string(context, f"{request}---\n{answer}", f"std_srvs/{kind}")
+    made = {
+        part: genpy.dynamic.generate_dynamic(f"std_srvs/{kind}{part}", text)[f"std_srvs/{kind}{part}"]
+        for part, text in (("Request", request), ("Response", answer))
+    }
+    known = {"Trigger": "937c9679a518e3a18d831e57125ea522", "SetBool": "09fb03525b03e7ea1fd3992bafd87e16"}
+    assert genmsg.compute_md5(context, spec) == known[kind]
+    fields = {"_type": f"std_srvs/{kind}", "_md5sum": known[kind]}
+    fields |= {f"_{part.lower()}_class": kind_of for part, kind_of in made.items()}
+    rospy.wait_for_service(name, LIMIT)
+    return rospy.ServiceProxy(name, type(kind, (), fields))
+
+
+def gate():
+    """Disarm and arm, go to manual mode and back; whether each was done, and what then was not."""
+    disarm, arm = (std_service(name, "Trigger", "") for name in ("/disarm", "/arm"))
+    manual, pwm = std_service("/manual", "SetBool", "bool data\n"), rospy.ServiceProxy("/pwm_change", PwmTest)
+    done = {"disarm": disarm().success, "arm": arm().success, "manual": manual(True).success}
+    done["pwm"] = pwm(0, 0, 0, 0, 0).result
+    done["controller"] = manual(False).success
+    return done, {"pwm": pwm(0, 0, 0, 0, 0).result}
+
+
+def stop():
+    """Stop it, and arm it again; whether each was done."""
+    return [std_service("/stop", "Trigger", "")().success, std_service("/arm", "Trigger", "")().success]
 
 
 if __name__ == "__main__":

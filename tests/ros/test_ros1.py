@@ -11,8 +11,9 @@ import socket
 import subprocess
 import sys
 import time
+import xmlrpc.client
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from typing import Any
 import pytest
 
 from benchmarks.ros import child
-from tests.patience import LIMIT, TXT1, S
+from tests.patience import LIMIT, TXT1, S, wait_until
 from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.errors import ConfigError
 from txt1.ros.python import SYSTEM, clean, ros1
@@ -99,6 +100,25 @@ class Ros:
         assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-3000:]
         return done.stdout
 
+    def asks_master(self, call: str, *words: Any) -> Any:
+        """What the master answers; raises AssertionError where it has no answer."""
+        with xmlrpc.client.ServerProxy(self.uri["ROS_MASTER_URI"]) as master:
+            code, text, value = getattr(master, call)("/test", *words)  # type: ignore[misc]
+        assert code == 1, text
+        return value
+
+    def is_up(self) -> bool:
+        """Whether the master answers."""
+        with suppress(OSError):
+            return bool(self.asks_master("getUri"))
+        return False
+
+    def names(self, kind: int) -> set[str]:
+        """The names of topics published (0) or subscribed to (1), or of services (2); none while there is no master."""
+        with suppress(OSError):
+            return {name for name, _ in self.asks_master("getSystemState")[kind]}
+        return set()
+
     def peer(self, scenario: str) -> Any:
         return json.loads(self.ask(SYSTEM, str(HERE / "peers1.py"), scenario).splitlines()[-1])
 
@@ -146,13 +166,98 @@ def test_the_original_s_surface_is_there_with_its_types_rates_and_frames(ros: Ro
     assert told["manual only"] is False and told["shutdown, armed"] is False
     assert told["rate"] == pytest.approx(20.0, rel=0.15)
     assert told["batteries"] == pytest.approx(1.0, abs=0.4)
-    assert told["frames"] == ["/odom", "/base_footprint"]
+    assert told["frames"] == ["/odom", "/base_footprint", "battery"]
+    assert told["unsure"] == [1.0, 1.0, 99999.0, 99999.0, 99999.0, 2.0], "robot_pose_ekf divides by it"
     assert told["v"] == pytest.approx(0.5, abs=0.1) and told["omega"] > 0.1
     x, y, theta = told["tf"]
     assert x > 0.5 and y > 0.0 and theta > 0.0
     assert told["after"] == 0.0
-    assert 9.0 < told["battery"][0] < 13.0 and told["battery"][2] > 60.0
+    one, two, seconds = told["battery"]
+    used = (12.165769 - max(one, two)) / 0.033691
+    assert 9.0 < one < 13.0 and seconds == pytest.approx(60.0 * min(50.0 - used, 50.0), abs=0.1), "the original's"
     assert told["parameters"] == ["angular_pid", "batt1", "batt2", "linear_pid", "port", "pwr_auto"]
+
+
+def call(ros: Ros, name: str, *words: str) -> str:
+    """The answer of a service of txt_driver, once it is there."""
+    wait_until(lambda: name in ros.names(2))
+    return " ".join(ros.ask("rosservice", "call", name, *words).split())
+
+
+def test_it_is_disarmed_armed_stopped_and_switched_to_manual_mode_over_ros(ros: Ros) -> None:
+    with robot(ros):
+        assert ros.peer("alive") is True
+        told = ros.peer("gate")
+        assert ros.peer("alive") is True, "it was armed again"
+        stopped = ros.peer("stop")
+    done, refused = told
+    assert done == {"disarm": True, "arm": True, "manual": True, "pwm": True, "controller": True}
+    assert refused == {"pwm": False}
+    assert stopped == [True, True], "the way back is to arm it"
+
+
+def test_gains_that_are_no_numbers_are_refused_and_the_node_lives(ros: Ros) -> None:
+    with robot(ros):
+        assert "result: True" in call(ros, "/pid_load")
+        for wrong in (["a", "b", "c"], 7, [1.0, True, 2.0]):
+            ros.asks_master("setParam", "/txt1_node/linear_pid", wrong)
+            assert "result: False" in call(ros, "/pid_load")
+        ros.asks_master("setParam", "/txt1_node/linear_pid", [4, 130, 0.005])
+        assert "result: True" in call(ros, "/pid_load")
+
+
+def test_two_robots_share_a_master_in_namespaces_and_leave_it_as_they_found_it(ros: Ros) -> None:
+    with robot(ros, "--ros1-namespace", "car1"), robot(ros, "--ros1-namespace", "car2"):
+        for name in ("car1", "car2"):
+            assert "result: True" in call(ros, f"/{name}/pid_load")
+            assert ros.asks_master("lookupNode", f"/{name}/txt1_node")
+        told = ros.ask("rostopic", "echo", "-n", "1", "/car2/odom")
+        assert 'frame_id: "/car2/odom"' in told and 'child_frame_id: "/car2/base_footprint"' in told
+        assert "/odom" not in ros.names(0) and "/cmd_vel" not in ros.names(1)
+    wait_until(lambda: not any("car" in name for kind in (0, 1, 2) for name in ros.names(kind)))
+
+
+def test_a_second_robot_of_the_same_name_waits_and_says_so(ros: Ros, tmp_path: Path) -> None:
+    file = tmp_path / "second.mcap"
+    with robot(ros):
+        assert ros.peer("alive") is True
+        where = ros.asks_master("lookupNode", "/txt1_node")
+        with robot(ros, "--log", str(file)):
+            time.sleep(6.0 * S)
+            assert ros.asks_master("lookupNode", "/txt1_node") == where
+        assert ros.peer("alive") is True
+    words = [sys.executable, "-m", "txt1", "log", "cat", str(file), "--topic", "/rosout"]
+    told = subprocess.run(words, capture_output=True, text=True, cwd=ROOT).stdout
+    assert told.count("txt1_node is on this master already") == 1 and "--ros1-namespace" in told
+
+
+LAUNCH = """<launch>
+  <node pkg="txt_driver" type="txt_node" name="txt1_node" args="--seed 1" output="screen">
+    <rosparam file="$(find txt_driver)/cfg/pid.yaml" command="load"/>
+    <param name="port" value="sim"/>
+  </node>
+</launch>"""
+
+
+def test_a_launch_file_as_the_original_s_starts_the_robot_with_the_package_s_node_and_gains(
+    ros: Ros, package: Path, tmp_path: Path
+) -> None:
+    if shutil.which("roslaunch") is None:
+        pytest.skip("did not run: no roslaunch here: 'apt install python3-roslaunch'")
+    file = tmp_path / "txt.launch"
+    file.write_text(LAUNCH)
+    path = f"{Path(sys.executable).parent}:{ros.environment['PATH']}"
+    environment = ros.environment | {"PATH": path, "ROS_LOG_DIR": str(tmp_path)}
+    wait_until(ros.is_up)
+    launch = subprocess.Popen(["roslaunch", str(file)], env=environment)
+    try:
+        assert "result: True" in call(ros, "/pid_load"), "its own gains, from its own file"
+        assert ros.peer("alive") is True
+        assert len(ros.asks_master("getParam", "/txt1_node/angular_pid")) == 56
+    finally:
+        launch.send_signal(signal.SIGINT)
+        launch.wait(LIMIT)
+    wait_until(lambda: "/pid_load" not in ros.names(2))
 
 
 def test_two_programs_that_drive_are_told_and_what_is_no_number_is_refused(ros: Ros, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from benchmarks.ros import child
-from tests.patience import LIMIT, TXT1, S
+from tests.patience import LIMIT, TXT1, S, wait_until
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
@@ -377,6 +377,12 @@ def test_a_virtual_board_tells_everything_and_obeys_who_stands_beside_it_but_tak
         port = probe.getsockname()[1]
     words = ["board", "--tcp", str(port), "--ros2"]
     board = subprocess.Popen([*TXT1, *words], cwd=ROOT, env={**os.environ, **domain})
+
+    def listens() -> bool:
+        with socket.socket() as line:
+            return line.connect_ex(("127.0.0.1", port)) == 0
+
+    wait_until(listens)
     host = subprocess.Popen(
         [
             *TXT1,

@@ -23,7 +23,7 @@ def pack_voltage(used_min: float) -> float:
     return max(SAFE_END_V - fall * (used_min - SAFE_END_MIN), CUT_OFF_V)
 
 
-def remaining_time(voltage: float) -> float:
-    """Seconds left under full load at a pack voltage in V: clamp(end - t(V), 0, end), end = 46 min."""
+def remaining_time(voltage: float, end_min: float = SAFE_END_MIN) -> float:
+    """Seconds left under full load at a pack voltage in V: clamp(end - t(V), 0, end)."""
     used_min = (INTERCEPT_V - voltage) / SLOPE_V_PER_MIN
-    return 60.0 * min(max(SAFE_END_MIN - used_min, 0.0), SAFE_END_MIN)
+    return 60.0 * min(max(end_min - used_min, 0.0), end_min)

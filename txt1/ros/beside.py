@@ -104,11 +104,15 @@ def ros1_node(arguments: argparse.Namespace) -> RosNode | None:
         return None
     from txt1.ros.original import Ros1Desk
 
-    python = ros1()
+    python, namespace = ros1(), (arguments.ros1_namespace or "").strip("/")
+    if namespace:
+        python = python._replace(environment={**python.environment, "ROS_NAMESPACE": f"/{namespace}"})
 
     def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
         desk = Ros1Desk(robot)
-        options = {"virtual": arguments.speed is not None, "parameters": desk.parameters()}
+        options = {"virtual": arguments.speed is not None, "parameters": desk.parameters(), "namespace": namespace}
+        if arguments.ros1_name:
+            options["name"] = arguments.ros1_name
         return node_beside(robot.runtime, desk, "txt1.ros.ros1:main", python, options)
 
     return node

@@ -28,6 +28,8 @@ ROS: Final = ROS2 | {
     "--ros2-prefix": flag("frames' names begin with the namespace, such as car1/odom"),
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
     "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
+    "--ros1-namespace": takes("NS", "of its topics, services and frames, for several robots on one master"),
+    "--ros1-name": takes("NAME", "the node's name in place of txt1_node"),
 }
 ONLY_OF_ROS2: Final = ("ros2_namespace", "ros2_best_effort", "ros2_tf", "ros2_prefix", "ros2_stamped")
 
@@ -39,6 +41,8 @@ def asked(arguments: Namespace, config: Config) -> Sequence[RosNode] | None:
         raise ConfigError(f"{', '.join(given)}: there is no node of ROS 2; add --ros2")
     if arguments.ros2_prefix and not arguments.ros2_namespace:
         raise ConfigError("--ros2-prefix: there is no namespace; add --ros2-namespace NS")
+    if (arguments.ros1_namespace or arguments.ros1_name) and not arguments.ros1:
+        raise ConfigError("--ros1-namespace, --ros1-name: there is no node of ROS 1; add --ros1")
     if not (arguments.ros1 or arguments.ros2):
         return None
     from txt1.ros.beside import ros1_node, ros2_node

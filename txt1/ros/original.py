@@ -33,6 +33,10 @@ class Ros1Desk(RobotEnd):
                 "pwm_change": self._pwm_change,
                 "switched_pwr": self._switched_pwr,
                 "shutdown_computer": robot.shutdown_host,
+                "arm": robot.arm,
+                "disarm": lambda: robot.disarm("disarmed by ROS"),
+                "stop": robot.stop,
+                "manual": robot.set_manual,
             }
         )
         super().__init__(
@@ -71,7 +75,7 @@ class Ros1Desk(RobotEnd):
         battery = robot.battery
         if now >= self._battery_due and battery.battery1 is not None:
             self._battery_due = max(self._battery_due + BATTERY, now)
-            told["battery"] = battery.battery1, battery.battery2 or 0.0, battery.remaining or 0.0
+            told["battery"] = battery.battery1, battery.battery2 or 0.0
         if self._calls.answers:
             told["answers"] = self._calls.take()
         if not told:

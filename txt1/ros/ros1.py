@@ -20,6 +20,7 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
 
+from txt1.model.battery import remaining_time
 from txt1.ros.calls import Caller
 from txt1.ros.txt_driver import MESSAGES, SERVICES
 from txt1.sidecar import Connection
@@ -31,25 +32,36 @@ LOOK: Final = 0.5  # s between two looks at the master
 _HEADER: Final = "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 
 
-def message(name: str, text: str) -> type:
-    """The type of a message of txt_driver."""
+STD_SRVS: Final = {
+    "Trigger": ("", "bool success\nstring message\n"),
+    "SetBool": ("bool data\n", "bool success\nstring message\n"),
+}
+"""Request and response of services of std_srvs, which not every machine has."""
+UNSURE: Final = {0: 1.0, 7: 1.0, 14: 99999.0, 21: 99999.0, 28: 99999.0, 35: 2.0}
+"""The covariance of its poses, as the original told it."""
+END_MIN: Final = 50.0
+"""Minutes under full load after which a pack is empty, as the original counts them; the robot itself counts fewer."""
+
+
+def message(name: str, text: str, package: str = "txt_driver") -> type:
+    """The type of a message."""
     whole = text + (_HEADER if "Header" in text else "")
-    return genpy.dynamic.generate_dynamic(f"txt_driver/{name}", whole)[f"txt_driver/{name}"]  # type: ignore[no-any-return]
+    return genpy.dynamic.generate_dynamic(f"{package}/{name}", whole)[f"{package}/{name}"]  # type: ignore[no-any-return]
 
 
-def service(name: str) -> type:
-    """The type of a service of txt_driver."""
-    request, response = SERVICES[name]
+def service(name: str, package: str = "txt_driver") -> type:
+    """The type of a service of txt_driver or std_srvs."""
+    request, response = (SERVICES if package == "txt_driver" else STD_SRVS)[name]
     context = genmsg.MsgContext.create_default()
-    spec = genmsg.msg_loader.load_srv_from_string(context, f"{request}---\n{response}", f"txt_driver/{name}")
+    spec = genmsg.msg_loader.load_srv_from_string(context, f"{request}---\n{response}", f"{package}/{name}")
     return type(
         name,
         (),
         {
-            "_type": f"txt_driver/{name}",
+            "_type": f"{package}/{name}",
             "_md5sum": genmsg.compute_md5(context, spec),
-            "_request_class": message(f"{name}Request", request),
-            "_response_class": message(f"{name}Response", response),
+            "_request_class": message(f"{name}Request", request, package),
+            "_response_class": message(f"{name}Response", response, package),
         },
     )
 
@@ -59,30 +71,34 @@ PWM: Final = message("Pwm", MESSAGES["Pwm"])
 
 
 class OriginalNode:
-    """Everything that the node serves."""
+    """Everything that the node serves; names begin with `place`, which is / or that of the robot's namespace."""
 
-    def __init__(self, robot: Connection, virtual: bool, parameters: dict[str, Any]) -> None:
+    def __init__(self, robot: Connection, virtual: bool, parameters: dict[str, Any], place: str = "/") -> None:
+        self._place = place
         self._robot, self._virtual, self._parameters = robot, virtual, parameters
         self._caller = Caller(robot)
         self._combined_at = 0.0
         self._drivers: dict[str, float] = {}  # by name when each program sent its last command
         self._together: list[str] = []  # those that drove at the same time
         self._services: list[Any] = []
-        self._odom = rospy.Publisher("/odom", Odometry, queue_size=5)
+        self._odom = rospy.Publisher(f"{place}odom", Odometry, queue_size=5)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=20)
-        self._battery = rospy.Publisher("/battery", BATTERY, queue_size=2)
+        self._battery = rospy.Publisher(f"{place}battery", BATTERY, queue_size=2)
         self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if virtual else None
         self._set_parameters()
-        rospy.Subscriber("/cmd_vel", Twist, self._drive, queue_size=1, tcp_nodelay=True)
-        rospy.Subscriber("/odom_comb", Odometry, self._combined, queue_size=1)
-        rospy.Subscriber("/pwm", PWM, self._pwm, queue_size=1)
+        rospy.Subscriber(f"{place}cmd_vel", Twist, self._drive, queue_size=1, tcp_nodelay=True)
+        rospy.Subscriber(f"{place}odom_comb", Odometry, self._combined, queue_size=1)
+        rospy.Subscriber(f"{place}pwm", PWM, self._pwm, queue_size=1)
         for name, kind, call in (
-            ("/pid_load", "PidLoad", self._pid_load),
-            ("/pwm_change", "PwmTest", self._pwm_change),
-            ("/switched_pwr", "SwitchedPwr", self._switched_pwr),
-            ("/shutdown_computer", "Shutdown", self._shutdown),
+            ("pid_load", "PidLoad", self._pid_load),
+            ("pwm_change", "PwmTest", self._pwm_change),
+            ("switched_pwr", "SwitchedPwr", self._switched_pwr),
+            ("shutdown_computer", "Shutdown", self._shutdown),
         ):
-            self._services.append(rospy.Service(name, service(kind), call))
+            self._services.append(rospy.Service(f"{place}{name}", service(kind), call))
+        for name in ("arm", "disarm", "stop"):
+            self._services.append(rospy.Service(f"{place}{name}", service("Trigger", "std_srvs"), self._trigger(name)))
+        self._services.append(rospy.Service(f"{place}manual", service("SetBool", "std_srvs"), self._manual))
 
     def publish(self) -> None:
         """Publish what the robot sends until its process ends."""
@@ -101,19 +117,21 @@ class OriginalNode:
     def _tell_odometry(self, stamp: Any, x: float, y: float, theta: float, v: float, omega: float) -> None:
         told, moved = Odometry(), TransformStamped(transform=Transform())
         for each in (told, moved):
-            each.header.stamp, each.header.frame_id, each.child_frame_id = stamp, "/odom", "/base_footprint"
+            each.header.stamp = stamp
+            each.header.frame_id, each.child_frame_id = f"{self._place}odom", f"{self._place}base_footprint"
         told.pose.pose.position.x, told.pose.pose.position.y = x, y
         told.pose.pose.orientation.z, told.pose.pose.orientation.w = sin(0.5 * theta), cos(0.5 * theta)
+        told.pose.covariance = [UNSURE.get(place, 0.0) for place in range(36)]
         told.twist.twist.linear.x, told.twist.twist.angular.z = v, omega
         moved.transform.translation.x, moved.transform.translation.y = x, y
         moved.transform.rotation = told.pose.pose.orientation
         self._odom.publish(told)
         self._tf.publish(TFMessage([moved]))
 
-    def _tell_battery(self, stamp: Any, first: float, second: float, remaining: float) -> None:
+    def _tell_battery(self, stamp: Any, first: float, second: float) -> None:
         told: Any = BATTERY()
-        told.header.stamp, told.batt1, told.batt2 = stamp, first, second
-        told.expected_time = rospy.Duration.from_sec(remaining)
+        told.header.stamp, told.header.frame_id, told.batt1, told.batt2 = stamp, "battery", first, second
+        told.expected_time = rospy.Duration.from_sec(remaining_time(max(first, second), END_MIN))
         self._battery.publish(told)
 
     # -- what it is asked for ----------------------------------------------------------------------------------
@@ -143,12 +161,14 @@ class OriginalNode:
         return (done,)
 
     def _pid_load(self, _: Any) -> tuple[bool]:
-        linear, angular = (
-            rospy.get_param(f"~{name}", self._parameters[name]) for name in ("linear_pid", "angular_pid")
-        )
-        return self._call(
-            "pid_load", linear=[float(each) for each in linear], angular=[float(each) for each in angular]
-        )
+        given = {
+            name: rospy.get_param(f"~{name}_pid", self._parameters[f"{name}_pid"]) for name in ("linear", "angular")
+        }
+        for name, values in given.items():
+            if not isinstance(values, list) or not all(type(each) in (int, float) for each in values):
+                rospy.logwarn("pid_load: ~%s_pid is %r: give a list of numbers", name, values)
+                return (False,)
+        return self._call("pid_load", **given)
 
     def _pwm_change(self, asked: Any) -> tuple[bool]:
         names = ("esc", "front", "rear", "pwm4", "pwm5")
@@ -156,6 +176,13 @@ class OriginalNode:
 
     def _switched_pwr(self, asked: Any) -> tuple[bool]:
         return self._call("switched_pwr", source=asked.source, on=asked.on)
+
+    def _trigger(self, name: str) -> Any:
+        """Return what serves a Trigger, by the robot's function of that name."""
+        return lambda _: self._caller.call(name)
+
+    def _manual(self, asked: Any) -> tuple[bool, str]:
+        return self._caller.call("manual", manual=asked.data)
 
     def _shutdown(self, asked: Any) -> tuple[bool]:
         return self._call("shutdown_computer") if asked.request else (False,)
@@ -173,6 +200,8 @@ class OriginalNode:
         """Look after the master: one that was restarted knows nothing of this node."""
         while not rospy.is_shutdown():
             time.sleep(LOOK)
+            if rospy.is_shutdown():
+                return  # the master has just forgotten this node, and is not to be told again
             master = rosgraph.Master(rospy.get_name())
             try:
                 if master.lookupNode(rospy.get_name()) == rospy.get_node_uri():
@@ -200,12 +229,30 @@ class OriginalNode:
         self._robot.request("tell", text="the ROS master was restarted and knows the node again")
 
 
-def main(robot: Connection, *, virtual: bool, parameters: dict[str, Any]) -> None:
-    """Serve until the robot's process ends."""
-    while not rosgraph.is_master_online():
+def taken(robot: Connection, name: str) -> str:
+    """Return where another node of this full name answers; "" where none does."""
+    try:
+        uri = rosgraph.Master(name).lookupNode(name)
+        xmlrpc.client.ServerProxy(uri).getPid(name)
+    except (OSError, rosgraph.MasterError, xmlrpc.client.Error):
+        return ""
+    return str(uri)
+
+
+def main(
+    robot: Connection, *, virtual: bool, parameters: dict[str, Any], namespace: str = "", name: str = NODE_NAME
+) -> None:
+    """Serve until the robot's process ends; beside another node of the same name wait until that one has gone."""
+    told = ""
+    while not rosgraph.is_master_online() or (where := taken(robot, f"/{namespace}/{name}".replace("//", "/"))):
+        if rosgraph.is_master_online() and where != told:
+            told = where
+            robot.request(
+                "tell", text=f"{name} is on this master already, at {where}; end it, or give --ros1-namespace NS"
+            )
         robot.receive(LOOK)  # a sign of life
-    rospy.init_node(NODE_NAME, disable_signals=True, disable_rosout=False)
-    node = OriginalNode(robot, virtual, parameters)
+    rospy.init_node(name, disable_signals=True, disable_rosout=False)
+    node = OriginalNode(robot, virtual, parameters, f"/{namespace}/" if namespace else "/")
 
     def watch() -> None:
         try:

@@ -1,19 +1,28 @@
 """The original's package txt_driver: its messages and services, by our own definitions with the original's md5 sums."""
 
-from pathlib import Path
-from typing import Final
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 MESSAGES: Final = {
     "Battery": "Header header\nfloat64 batt1\nfloat64 batt2\nduration expected_time\n",
     "Pwm": "int32 pwm4\nint32 pwm5\n",
+    "PidTerms": "Header header\nfloat64 pterm\nfloat64 iterm\nfloat64 dterm\nfloat64 signal\n",
 }
 SERVICES: Final = {
+    "Pid": (
+        "float32 kp_lv\nfloat32 ki_lv\nfloat32 kd_lv\nfloat32 kp_av\nfloat32 ki_av\nfloat32 kd_av\n",
+        "bool result\n",
+    ),
     "PidLoad": ("", "bool result\n"),
     "PwmTest": ("int32 esc\nint32 front\nint32 rear\nint32 pwm4\nint32 pwm5\n", "bool result\n"),
     "SwitchedPwr": ("uint8 SOURCE_ATX=0\nuint8 SOURCE_ESC=1\nuint8 source\nbool on\n", "bool result\n"),
     "Shutdown": ("bool request\n", "bool result\n"),
 }
-"""Request and response of each."""
+"""Request and response of each; the node serves all but Pid, which programs in C++ include."""
 
 _MANIFEST: Final = """\
 <?xml version="1.0"?>
@@ -37,7 +46,46 @@ add_message_files(FILES {messages})
 add_service_files(FILES {services})
 generate_messages(DEPENDENCIES std_msgs)
 catkin_package(CATKIN_DEPENDS std_msgs message_runtime)
+catkin_install_python(PROGRAMS bin/txt_node DESTINATION ${{CATKIN_PACKAGE_BIN_DESTINATION}})
+install(DIRECTORY cfg DESTINATION ${{CATKIN_PACKAGE_SHARE_DESTINATION}})
 """
+
+
+_NODE: Final = """\
+#!/usr/bin/env python3
+\"\"\"The node txt_node, which launch files start: `txt1 run --ros1` in their namespace, at the port that they give.
+
+A launch file's args are more options of `txt1 run`. The port sim, or none, is a simulated robot.
+\"\"\"
+
+import os
+import sys
+import xmlrpc.client
+
+given = dict(word.split(":=", 1) for word in sys.argv[1:] if ":=" in word)
+name = given.get("__name", "txt1_node")
+namespace = given.get("__ns", os.environ.get("ROS_NAMESPACE", "")).strip("/")
+place = "/".join(["", *([namespace] if namespace else []), name, "port"])
+uri = given.get("__master", os.environ.get("ROS_MASTER_URI", "http://localhost:11311"))
+with xmlrpc.client.ServerProxy(uri) as master:
+    code, _, port = master.getParam("/" + name, place)
+words = ["--hal", "sim"] if code != 1 or port in ("", "sim") else ["--port", str(port)]
+words += ["--ros1-name", name] + (["--ros1-namespace", namespace] if namespace else [])
+words += [word for word in sys.argv[1:] if ":=" not in word]
+os.execvp("txt1", ["txt1", "run", "--headless", "--ros1", *words])
+"""
+
+
+def gains() -> str:
+    """Return the file of gains that launch files load as parameters of the node: the robot's own."""
+    from txt1.config import Config  # not where ROS 1's Python imports this module
+
+    config = Config()
+    linear = ", ".join(f"{each:g}" for each in config.control.linear.gains())
+    rows = [", ".join(f"{each:g}" for each in (s.v_max, s.kp, s.ki, s.kd)) for s in config.control.angular]
+    told = ",\n              ".join(rows)
+    about = "of each set up to v_max, m/s: v_max, kp, ki, kd"
+    return f"# kp, ki, kd\nlinear_pid: [{linear}]\n# {about}\nangular_pid: [{told}]\n"
 
 
 def write_package(folder: Path) -> Path:
@@ -52,9 +100,12 @@ def write_package(folder: Path) -> Path:
     for path, text in {
         "package.xml": _MANIFEST,
         "CMakeLists.txt": _CMAKE.format(**names),
+        "cfg/pid.yaml": gains(),
+        "bin/txt_node": _NODE,
         **messages,
         **services,
     }.items():
         (package / path).parent.mkdir(parents=True, exist_ok=True)
         (package / path).write_text(text)
+    (package / "bin" / "txt_node").chmod(0o755)
     return package
