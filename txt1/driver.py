@@ -141,4 +141,4 @@ def finite(message: str, **values: float) -> list[float]:
         except OverflowError:
             told = f"an integer of {value.bit_length()} bits"  # type: ignore[attr-defined]
         raise CommandRefused(f"{message}: {name} must be a finite number, not {told}")
-    return [float(value) for value in values.values()]
+    return list(map(float, values.values()))

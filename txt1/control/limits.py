@@ -22,6 +22,7 @@ from typing import Final, NamedTuple
 from txt1.control.parameters import Limits
 from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.units import new
 
 PERSISTS: Final = 0.1  # time for which readings that the geometry forbids must last to be believed, s
 NOISE_COUNTS: Final = 3  # counts per period that a wheel at rest may show
@@ -318,7 +319,7 @@ class Gate:
         self._motor = int(motor)
         self._hold(servos)
         pwm4, pwm5 = self._servos
-        return Outputs(self._motor, int(front), int(rear), pwm4, pwm5, v, omega)
+        return new(Outputs, (self._motor, int(front), int(rear), pwm4, pwm5, v, omega))
 
     def watch(self, right: int, left: int, v: float, v_combined: float | None, dt: float) -> None:
         """Disarm on a runaway, given what the last dt seconds brought (see `RunawayWatch.check`)."""

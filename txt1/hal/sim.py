@@ -11,7 +11,9 @@ from txt1.model.channels import STRAIGHT, Channels
 from txt1.protocol.messages import Switch
 from txt1.sim.ground import Ground
 from txt1.sim.vehicle import Vehicle
+from txt1.units import new
 
+NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
 NEUTRAL: Final = Outputs()
 TOUCH: Final = 0.02  # room of less than this is none, m
 BACKLIGHT: Final = 0.5  # nobody turns the simulated potentiometer
@@ -79,7 +81,8 @@ class SimHal(PlainHal):
             self._sensed = sensed
             counted, batteries, cut_off, pose = sensed
             counts = counted if self._as_counted else self._sent(counted)
-            self._inputs = Inputs(counts, None, 0.0, batteries, cut_off, Button.NONE, BACKLIGHT, pose, None, None)
+            content = (counts, None, 0.0, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
+            self._inputs = new(Inputs, content)
         return self._inputs
 
     def _sent(self, counts: tuple[int, int]) -> tuple[int, int] | None:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from txt1.model.kinematics import move_along_arc
 from txt1.model.vehicle import Geometry
+from txt1.units import new
 
 
 class Odometry(NamedTuple):
@@ -61,7 +62,7 @@ def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)
     else:  # wheels that turn against each other, which only slip can make them do
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta + omega * dt, 0.0, 0.0, 0.0)
-    return Odometry(x, y, theta, v, omega)
+    return new(Odometry, (x, y, theta, v, omega))
 
 
 def rolled(odometry: Odometry, distance: float, curvature: float, v: float) -> Odometry:

@@ -16,6 +16,7 @@ from txt1.tasks.fields import Command, Control, ManualPwm, Source
 from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
+from txt1.units import new
 
 CONTROL_PERIOD: Final = 0.02
 
@@ -175,7 +176,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         hal.write(outputs, now)
         control = state.control
         if outputs is not control.outputs or source is not control.source or v != control.v or omega != control.omega:
-            state.control = Control(outputs, v, omega, source, gains)
+            state.control = new(Control, (outputs, v, omega, source, gains))
 
 
 def measured(state: State, now: float) -> tuple[Source, float, float]:

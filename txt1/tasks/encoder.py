@@ -14,6 +14,7 @@ from txt1.tasks.fields import Encoders
 from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
+from txt1.units import new
 
 BRAKES: Final = 10.0  # m/s^2 at most: a speed that falls faster is one that is not measured any more, or a wall's work
 MESSAGES: Final = 0.05  # s between two messages of odometry: a line may hold some up, and then they come in a bunch
@@ -152,7 +153,7 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
         counts = wheels.step(inputs.ticks, now)
         if counts is not None:
             still = counts == (0, 0)
-            state.encoders = STILL if still else Encoders(*counts)
+            state.encoders = STILL if still else new(Encoders, counts)
             _put(state, wheels.odometry, now, still)
 
 
