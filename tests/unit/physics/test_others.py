@@ -106,6 +106,27 @@ def test_the_car_in_mujoco_goes_where_ours_goes() -> None:
     assert 0.7 * plain.state.theta < other.state.theta < plain.state.theta < pi
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["single-track-drift", "multi-body"])
+def test_an_f1tenth_gets_away_without_spinning_its_wheels(name: str) -> None:
+    async def main() -> tuple[float, float]:
+        async with Robot.open(config=config(name), arm=True) as robot:
+            await robot.load_gains()
+            vehicle = robot.hal.vehicle  # type: ignore[attr-defined]
+            driving = asyncio.create_task(robot.drive(2.0, 0.0, duration=2.5))
+            spins = 0.0
+            while not driving.done():
+                before = vehicle.motion
+                await asyncio.sleep(0.1)
+                spins = max(spins, 0.5 * (vehicle.motion[6] - before[6] + vehicle.motion[7] - before[7]) - 0.1 * 2.0)
+            await driving
+            return vehicle.motion[3], spins / 0.1
+
+    v, spins = run(main(), speed="max")
+    assert v == pytest.approx(2.0, abs=0.1)
+    assert spins < 0.2, "m/s over the set-point"
+
+
 def test_a_wall_stops_it() -> None:
     vehicle = create_sim(load(None, ["sim.physics=mujoco"], {}, {}).config).vehicle
     vehicle.command(2500.0, 0.0, 0.0)
