@@ -35,7 +35,7 @@ class Result(NamedTuple):
     moving: int
 
 
-def once(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURATION) -> Result:
+def once(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURATION, physics: str = "plain") -> Result:
     """One run with these faults."""
     told: list[Desk] = []
 
@@ -48,7 +48,7 @@ def once(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURA
 
     broken = ""
     try:
-        loop.run(on_the_desk(kind, seed, duration, act), speed="max")
+        loop.run(on_the_desk(kind, seed, duration, act, physics), speed="max")
     except Exception as error:
         cause = error.__cause__ or error
         broken = f"{type(cause).__name__}: {cause}"
@@ -56,26 +56,28 @@ def once(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURA
     return Result(broken, cycles, moving)
 
 
-def struck(told: tuple[str, int, float]) -> dict[str, Any]:
-    """One run of a campaign by its kind, seed and duration, and what came of it with the fewest faults; JSON both."""
-    kind, seed, duration = told
+def struck(told: tuple[str, int, float, str]) -> dict[str, Any]:
+    """One run of a campaign by kind, seed, duration, physics, and what came of it with the fewest faults; JSON both."""
+    kind, seed, duration, physics = told
     strikes = plan(kind, seed, duration)
-    result = once(kind, seed, strikes, duration)
+    result = once(kind, seed, strikes, duration, physics)
     row = {"kind": kind, "seed": seed, "strikes": [each.name for each in strikes], **result._asdict()}
     if result.broken:
-        row["only"] = shortest(kind, seed, strikes, duration)
+        row["only"] = shortest(kind, seed, strikes, duration, physics)
     return row
 
 
-def shortest(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURATION) -> list[int]:
+def shortest(
+    kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURATION, physics: str = "plain"
+) -> list[int]:
     """The numbers of the fewest faults of a plan that still break the same, found by leaving out more and more."""
-    wanted = _kind_of(once(kind, seed, strikes, duration).broken)
+    wanted = _kind_of(once(kind, seed, strikes, duration, physics).broken)
     left = list(range(len(strikes)))
     size = max(1, len(left) // 2)
     while left:
         for start in range(0, len(left), size):
             without = left[:start] + left[start + size :]
-            if _kind_of(once(kind, seed, [strikes[k] for k in without], duration).broken) == wanted:
+            if _kind_of(once(kind, seed, [strikes[k] for k in without], duration, physics).broken) == wanted:
                 left = without
                 break
         else:
@@ -98,19 +100,25 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, help="end after so many; the same command goes on")
     parser.add_argument("--kind", choices=KINDS, help="with --seed: run this one again")
     parser.add_argument("--seed", type=int)
+    parser.add_argument(
+        "--physics", default="plain", help="sim.physics, with the simulation alone; keep it in a file of its own"
+    )
     parser.add_argument("--page", action="store_true", help="write the table into docs/results/reliability.md")
     parser.add_argument("--only", help="the numbers of its faults, such as 0,3; default all")
     add(parser, OPTIONS)
     options = parser.parse_args(words)
     if options.seed is not None:
-        return _again(options.kind or KINDS[0], options.seed, options.only, options.duration)
+        return _again(options.kind or KINDS[0], options.seed, options.only, options.duration, options.physics)
     code = code_hash(*OWN)
     rows = Rows(options.kept)
     done = {(row["kind"], row["seed"]): row for row in rows.read() if row["code"] == code}
     began = stopwatch_ns()
     broken = sum(bool(row["broken"]) for row in done.values())
-    everything = ((PATTERN[seed % len(PATTERN)], seed) for seed in range(options.runs))
-    missing = {seed: [kind, seed, options.duration] for kind, seed in everything if (kind, seed) not in done}
+    pattern = PATTERN if options.physics == "plain" else KINDS[:1]
+    everything = ((pattern[seed % len(pattern)], seed) for seed in range(options.runs))
+    missing = {
+        seed: [kind, seed, options.duration, options.physics] for kind, seed in everything if (kind, seed) not in done
+    }
 
     def late() -> bool:
         return options.minutes is not None and (stopwatch_ns() - began) / NS_PER_S > 60.0 * options.minutes
@@ -120,7 +128,10 @@ def main(words: Sequence[str] | None = None) -> int:
         if row["broken"]:
             broken += 1
             strikes = plan(row["kind"], seed, options.duration)
-            print(f"{row['broken']}\n  {command(row['kind'], seed, row['only'], options.duration)}", flush=True)
+            print(
+                f"{row['broken']}\n  {command(row['kind'], seed, row['only'], options.duration, options.physics)}",
+                flush=True,
+            )
             for k in row["only"]:
                 print(f"  {k}: {strikes[k]}", flush=True)
         done[row["kind"], seed] = {"code": code, **row}
@@ -138,20 +149,21 @@ def main(words: Sequence[str] | None = None) -> int:
     return 1 if broken else 0
 
 
-def command(kind: str, seed: int, only: Sequence[int], duration: float) -> str:
+def command(kind: str, seed: int, only: Sequence[int], duration: float, physics: str = "plain") -> str:
     """The command that repeats a run."""
     chosen = ",".join(map(str, only))
     length = "" if duration == DURATION else f" --duration {duration:g}"
+    length += "" if physics == "plain" else f" --physics {physics}"
     return f"python -m torture campaign --kind {kind} --seed {seed} --only {chosen or 'none'}{length}"
 
 
-def _again(kind: str, seed: int, only: str | None, duration: float) -> int:
+def _again(kind: str, seed: int, only: str | None, duration: float, physics: str) -> int:
     strikes = plan(kind, seed, duration)
     if only is not None:
         strikes = [strikes[int(k)] for k in only.split(",") if k != "none"]
     for each in strikes:
         print(each)
-    result = once(kind, seed, strikes, duration)
+    result = once(kind, seed, strikes, duration, physics)
     print(result.broken or f"held: {result.moving} of {result.cycles} cycles in motion")
     return 1 if result.broken else 0
 

@@ -393,19 +393,25 @@ class Desk:
         return None
 
 
-def configuration(kind: str, seed: int) -> Config:
-    """The configuration of a robot of this kind on the desk."""
+def configuration(kind: str, seed: int, physics: str = "plain") -> Config:
+    """The configuration of a robot of this kind on the desk, in a physics a vehicle that it models."""
+    vehicle = "txt1" if physics in ("plain", "mujoco") else "f1tenth"
     if kind == "sim":
-        return load(None, ENDLESS, {}, {"hal": "sim", "seed": seed}).config
+        chosen = () if physics == "plain" else (f"vehicle={vehicle}", f"sim.physics={physics}")
+        return load(None, [*ENDLESS, *chosen], {}, {"hal": "sim", "seed": seed}).config
     settings = [*ENDLESS, "serial.port=virtual", f"board.habits={kind}"]
     return load(None, settings, {}, {"hal": "serial", "seed": seed}).config
 
 
 async def on_the_desk(
-    kind: str, seed: int, duration: float, strikes: Callable[[Desk], Coroutine[Any, Any, None]]
+    kind: str,
+    seed: int,
+    duration: float,
+    strikes: Callable[[Desk], Coroutine[Any, Any, None]],
+    physics: str = "plain",
 ) -> Desk:
     """Drive a robot for so many s while `strikes` does things to it; raises what broke."""
-    config = configuration(kind, seed)
+    config = configuration(kind, seed, physics)
     rng = np.random.default_rng([seed, 7])
     ways = Way(rng), Way(rng)
     port, hal = None, None

@@ -417,6 +417,12 @@ class MultiBody(CommonRoad):
             loads += [float(2.0 * p.K_zt * (middle - side * tilt) / axle) for side in (-1.0, 1.0)]
         return tuple(loads)
 
+    def rising(self, hidden: Array) -> tuple[float, ...]:
+        """What a tyre's spring would have to pull for its load, which is no load any more."""
+        p = self.car
+        static = 0.25 * p.m * GRAVITY
+        return tuple(self.scale * max(0.0, -load * static / p.K_zt) for load in self.pressing(hidden))
+
     def holds(self, state: Array) -> bool:
         """Whether a wheel of each side stands on the floor."""
         loads = self.pressing(state)

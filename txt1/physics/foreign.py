@@ -115,6 +115,10 @@ class Foreign:
         """
         return () if self._last is None else self.pressing(self._last)
 
+    def heights(self) -> tuple[float, ...]:
+        """How high the wheels are over the floor now, m, 0 where they touch it; none where unknown. As `loads`."""
+        return () if self._last is None else self.rising(self._last)
+
     # -- the model's own ---------------------------------------------------------------------------------------
 
     def settled(self, motion: Motion) -> Any:
@@ -133,6 +137,10 @@ class Foreign:
 
     def pressing(self, hidden: Any) -> tuple[float, ...]:
         """The wheels' loads in a hidden state."""
+        return ()
+
+    def rising(self, hidden: Any) -> tuple[float, ...]:
+        """The wheels' heights over the floor in a hidden state, m."""
         return ()
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from functools import partial
 from importlib import import_module
-from math import asin, atan2, ceil, cos, hypot, isfinite, sin, tan
+from math import asin, atan2, ceil, cos, hypot, isfinite, sin, sqrt, tan
 from typing import Any, Final
 
 import numpy as np
@@ -180,6 +180,15 @@ class FourWheels(Foreign):
                 self._mujoco.mj_contactForce(self.model, self.data, number, force)
                 loads[wheel] += float(force[0]) / self._weight
         return tuple(loads)
+
+    def rising(self, hidden: Array) -> tuple[float, ...]:
+        """The lowest points of the wheels' cylinders now."""
+        heights = []
+        for name in WHEELS:
+            geom, (radius, half, _) = self.data.geom(name), self.model.geom(name).size
+            tilt = abs(float(geom.xmat[8]))
+            heights.append(max(0.0, float(geom.xpos[2]) - radius * sqrt(max(0.0, 1.0 - tilt * tilt)) - half * tilt))
+        return tuple(heights)
 
 
 def create(config: Config) -> FourWheels:
