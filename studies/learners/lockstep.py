@@ -21,7 +21,7 @@ from txt1.config.sources import with_values
 from txt1.control.car import CarParameters, car_of
 from txt1.control.pid import Gains
 from txt1.learning.agent import Agent
-from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode
+from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode, only_ours
 from txt1.learning.best_time import DECISION_MS
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
@@ -144,6 +144,7 @@ class Lockstep:
     """Vehicles of one world, each on a start of its own; see the module."""
 
     def __init__(self, config: Config, poses: Array, rng: np.random.Generator) -> None:
+        only_ours(config)
         self.robots: Array = np.zeros((ROWS, len(poses)))
         self.robots[:3] = poses.T
         self.robots[PHASE : PHASE + 2] = rng.random((2, len(poses)))

@@ -12,10 +12,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.config import Config
 from txt1.control.car import CarParameters, car_of, informed_step, true_velocity
 from txt1.control.parameters import KnownCar, Safety
 from txt1.control.pid import Gains, at_rest, errors, pid
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
+from txt1.errors import ConfigError
 from txt1.kernel.processors import processors
 from txt1.learning.light_direction import FILTER_WEIGHT
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
@@ -46,6 +48,15 @@ _informed_step = compiled(
     informed_step, calls={"pid": _pid, "errors": _errors, "true_velocity": compiled(true_velocity)}
 )
 _lux_at = compiled(lux_at)
+
+
+def only_ours(config: Config) -> None:
+    """Refuse a configuration whose vehicle is moved by another physics, which many robots at once do not have."""
+    if config.sim.physics != "plain":
+        raise ConfigError(
+            f"sim.physics: many robots at once move as our own vehicle does, and it is {config.sim.physics}; set "
+            "sim.physics=plain, or take one robot at a time (txt1 learn)"
+        )
 
 
 @compiled

@@ -21,6 +21,7 @@ BEARINGS: Final = 120  # that are driven, 3 degrees apart
 DECISION_MS: Final = 100  # between two looks for the goal
 DEPENDS: Final = (
     "geometry.",
+    "sim.physics",
     "sim.vehicle.",
     "car.",
     "control.",

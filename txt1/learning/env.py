@@ -28,7 +28,7 @@ from txt1.errors import ConfigError, MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
-from txt1.learning.batch import TICK_MS, Batch
+from txt1.learning.batch import TICK_MS, Batch, only_ours
 from txt1.learning.light_direction import LightFilter, direction, reward, sector
 from txt1.learning.trial import COMMANDS, Start, ready_to_learn, task_of
 from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y
@@ -170,6 +170,7 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         one = load().config if config is None else config
         if one.sim.room.map is not None:
             raise ConfigError(f"sim.room.map: {one.sim.room.map}: many robots at once know no walls; take the map out")
+        only_ours(one)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = SPACE, Discrete(len(COMMANDS))
         self.observation_space = batch_space(SPACE, num_envs)

@@ -13,10 +13,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import txt1
+from studies.learners.floor import floor_of
 from tests.patience import LIMIT
 from txt1.config import load
+from txt1.errors import ConfigError
 from txt1.hal.registry import create_sim
 from txt1.learning import env
+from txt1.learning.best_time import known_floor
 from txt1.learning.light_direction import direction, sector
 from txt1.learning.trial import COMMANDS
 from txt1.model.light_sensors import Readings
@@ -29,6 +32,16 @@ def test_the_environment_passes_gymnasiums_own_check() -> None:
         warnings.simplefilter("error")
         made = gymnasium.make("txt1/LightSeeking-v0")
         check_env(made.unwrapped, skip_render_check=True)
+
+
+def test_many_robots_at_once_refuse_physics_that_they_do_not_have() -> None:
+    """Their floors, too: a floor of our physics is none of another's."""
+    other = load(None, ["sim.physics=mujoco"], {}, {}).config
+    for begin in (lambda: env.LightSeekingVectorEnv(2, other), lambda: floor_of(other)):
+        with pytest.raises(ConfigError, match=r"it is mujoco; set sim\.physics=plain, or take one robot"):
+            begin()
+    assert known_floor(load(None, (), {}, {}).config) is not None
+    assert known_floor(other) is None
 
 
 @pytest.mark.parametrize("imports", ["gymnasium, txt1", "txt1, gymnasium", "gymnasium"])
