@@ -25,6 +25,8 @@ from txt1.sim.parameters import VehicleParameters
 
 USUAL: Final = VehicleParameters()
 LEVEL: Final = (0.0, 0.0)
+INSTANT: Final = 1e-9  # s: shorter times are what is left of rounding
+KEPT: Final = 8  # motions whose hidden state is remembered; the world weighs fewer before it decides
 
 
 class Drive(NamedTuple):
@@ -72,6 +74,8 @@ class Foreign:
         if self._failed:
             # so that whoever stops the robot gets neutral outputs through
             return (*motion[:3], 0.0, *motion[4:])
+        if dt < INSTANT:
+            return motion
         hidden = self._hidden.get(before)
         if hidden is None:
             hidden = self.settled(before)
@@ -81,6 +85,9 @@ class Foreign:
         if not all(map(isfinite, after)):
             raise self.lost(before, "its numbers grow beyond all bounds")
         self._hidden[after] = self._last = hidden
+        if len(self._hidden) > KEPT:
+            # one that is held at a wall looks ahead again and again from where it stands
+            del self._hidden[next(each for each in self._hidden if each != before)]
         return after
 
     def drive(self, motor: float, drag: float) -> Drive:

@@ -13,6 +13,7 @@ from txt1.hal.registry import PHYSICS, create_sim
 from txt1.physics.foreign import Drive, Foreign
 from txt1.robot import Robot
 from txt1.sim.dynamics import Motion
+from txt1.sim.world import World
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'txt1[physics]'")
 pytest.importorskip("vehiclemodels", reason="commonroad's models are not installed: pip install 'txt1[physics]'")
@@ -134,6 +135,25 @@ def test_a_wall_stops_it() -> None:
     assert 2.0 < vehicle.pose[0] < 2.5 - 0.5 * vehicle.body.length + 0.01
     vehicle.place(0.0, 0.0, 1.0)
     assert vehicle.pose == (0.0, 0.0, 1.0) and vehicle.state.v == 0.0
+
+
+def test_one_that_is_held_at_a_wall_remembers_no_more_and_more() -> None:
+    vehicle = create_sim(load(None, ["sim.physics=mujoco", "sim.start=[2.2,0,0]"], {}, {}).config).vehicle
+    vehicle.command(2500.0, 0.0, 0.0)
+    vehicle.advance_to(4.0)
+    assert vehicle.state.v == 0.0
+    assert len(vehicle.physics._hidden) <= 8  # type: ignore[union-attr]  # noqa: SLF001
+
+
+def test_two_in_one_world_stop_one_another() -> None:
+    world = World()
+    cars = [create_sim(config("mujoco", f"sim.start=[{x},0,{theta}]"), world).vehicle for x, theta in ((0, 0), (2, pi))]
+    for time in range(1, 300):
+        for car in cars:
+            car.command(1500.0, 0.0, 0.0)
+            car.move_to(0.02 * time)
+    gap_left = cars[1].pose[0] - cars[0].pose[0] - cars[0].body.length
+    assert -0.01 < gap_left < 0.05 and cars[0].pose[0] == pytest.approx(2.0 - cars[1].pose[0], abs=0.05)
 
 
 def test_a_physics_that_diverges_ends_the_run_in_a_line_with_neutral_outputs(monkeypatch: pytest.MonkeyPatch) -> None:
