@@ -1,0 +1,72 @@
+"""Networks: their gradients, and what training makes of lessons."""
+
+import numpy as np
+import pytest
+
+from txt1.teaching.network import Convolution, Network, Shape
+from txt1.teaching.seeing import Layer, Seen, Sight
+from txt1.teaching.training import Lessons, Recipe, blocks, judged, train
+
+SHAPE = Shape(
+    ((12, 20, 3), (1, 1, 4), (1, 40, 1)),
+    ((Convolution(4, (5, 5), (2, 2)), Convolution(5, (3, 3), (1, 2))), (), (Convolution(3, (1, 5), (1, 2)),)),
+    (16, 8),
+    2,
+)
+
+
+@pytest.mark.parametrize("part", range(3))
+def test_gradients_are_those_of_small_differences(part):
+    rng = np.random.default_rng(0)
+    network = Network(SHAPE, rng)
+    network.weights = [each.astype(float) for each in network.weights]
+    network.biases = [each + 0.1 * rng.standard_normal(each.shape) for each in network.biases]
+    seen = [rng.standard_normal((3, *size)) for size in SHAPE.inputs]
+
+    def loss():
+        return float((network(seen) ** 2).sum() / 2.0)
+
+    kept = []
+    outputs = network(seen, kept)
+    gradients = network.gradients(seen, outputs, kept)
+    for array, gradient in zip((network.weights, network.biases, seen)[part], gradients[part], strict=True):
+        index = np.unravel_index(int(np.abs(gradient).argmax()), array.shape)
+        before = array[index]
+        array[index] = before + 1e-5
+        more = loss()
+        array[index] = before - 1e-5
+        less = loss()
+        array[index] = before
+        assert (more - less) / 2e-5 == pytest.approx(gradient[index], rel=1e-3)
+
+
+def bright_side(count, rng):
+    """Lessons of a human who steers to the brighter side."""
+    pictures = rng.random((count, 8, 12, 1), np.float32)
+    side = rng.uniform(-1.0, 1.0, count).astype(np.float32)
+    pictures[:, :, :6] += np.maximum(side, 0.0)[:, None, None, None]
+    pictures[:, :, 6:] += np.maximum(-side, 0.0)[:, None, None, None]
+    commands = np.column_stack((side, np.full(count, 0.5, np.float32)))
+    sight = Sight("camera", "camera", (8, 12, 1), (Layer(4, (3, 3), (2, 2)),))
+    return [sight], Lessons(Seen((pictures,)), commands, np.ones(count, np.float32), 0.1 * np.arange(count))
+
+
+def test_what_a_human_does_is_learned_and_held_out_blocks_show_it():
+    sights, lessons = bright_side(400, np.random.default_rng(1))
+    recipe = Recipe(members=2, dense=(8,), epochs=30, decay=1e-3, drop=0.0)
+    results = judged(sights, lessons, recipe, 4, 1.0).results()
+    assert results["steering_correlation"] > 0.9
+    assert results["steering_rms"] < 0.5 * results["steering_deviation"]
+
+
+def test_the_same_seed_makes_the_same_networks():
+    sights, lessons = bright_side(100, np.random.default_rng(2))
+    one, other = (train(sights, lessons, Recipe(members=1, epochs=2, dense=(4,))) for _ in range(2))
+    assert all((a == b).all() for a, b in zip(one.networks[0].weights, other.networks[0].weights, strict=True))
+
+
+def test_no_lesson_near_a_held_out_block_is_taught():
+    times = 0.1 * np.arange(100)
+    for taught, held in blocks(times, 5, 1.0):
+        assert np.abs(times[taught][:, None] - times[held][None]).min() >= 1.0 - 1e-9
+    assert sum(len(held) for _, held in blocks(times, 5, 1.0)) == 100
