@@ -35,7 +35,6 @@ def run(arguments: argparse.Namespace) -> int:
     config = options.loaded(arguments).config
     if arguments.name is not None:
         config = with_values(config, {"name": arguments.name})
-    steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     if arguments.drive is not None:
         _tell_limits(arguments.drive, config)
     if arguments.realtime and arguments.speed is not None:
@@ -46,6 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
             settings = told.asked(arguments, config)
         if settings is not None:
             asked[name] = settings
+    # an addition takes a source that is its own, as teaching takes a policy's file
+    steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, steer, asked))
     return conclude(app, arguments.json)

@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_mutually_exclusive_group(),
         {
             "--drive": takes("V,OMEGA", "command this velocity throughout: m/s, rad/s", velocity),
-            "--source": takes("NAME", "let this source of commands drive (entry points txt1.sources)"),
+            "--source": takes(
+                "NAME", "let this source of commands drive (entry points txt1.sources), or a taught policy, FILE.onnx"
+            ),
         },
     )
     add(

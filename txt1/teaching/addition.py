@@ -1,0 +1,13 @@
+"""Teaching as an addition: a policy that drives, and the command that makes one of recordings."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="teaching",
+    order=210,
+    wanted=lambda config: False,
+    beside="txt1.teaching.driving:beside",
+    options="txt1.teaching.options:OPTIONS",
+    sources={"policy": 5},
+    commands={"teach": ("txt1.teaching.command", "make a policy of recordings in which you drove")},
+)

@@ -1,0 +1,133 @@
+"""`txt1 teach`: make a policy of recordings in which a human drove."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from txt1.commands import OK, add, count, existing, flag, names, need, path, say, takes
+from txt1.errors import ConfigError
+
+
+def _sensors(text: str) -> list[Any]:
+    """Return the sensors that a word names; raises ArgumentTypeError."""
+    from txt1.teaching.lessons import Ask
+    from txt1.teaching.seeing import KINDS
+
+    found = []
+    for each in names(text):
+        kind, _, sensor = each.partition(":")
+        if kind not in KINDS:
+            raise argparse.ArgumentTypeError(f"'{each}' is none of {', '.join(KINDS)}, or KIND:NAME of a sensor")
+        found.append(Ask(kind, sensor))
+    if not found or found[0].kind == "odometry" or len({ask.kind for ask in found}) < len(found):
+        raise argparse.ArgumentTypeError(f"'{text}': name a laser, a camera or a light first, and no kind twice")
+    return found
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `teach` takes."""
+    parser.epilog = (
+        "'txt1 run --source FILE.onnx' drives by it. Take over by driving, let go, and record that with --log; "
+        f"--more with --from then teaches it where it went wrong. {parser.epilog or ''}"
+    )
+    add(
+        parser,
+        {
+            "files": takes("FILE", "recordings in which you drove", existing, nargs="*"),
+            "-o --output": takes("FILE.onnx", "the policy; a report is written beside it, FILE-report", path),
+            "--see": takes(
+                "SENSORS",
+                "what it is to drive by: laser, camera, light, with commas for several, the first with the readings "
+                "that it drives at; odometry besides; laser:NAME where there are several",
+                _sensors,
+            ),
+            "--more": takes("FILE", "with --from: recordings of take-overs", existing, nargs="+", default=[]),
+            "--from": takes("FILE.onnx", "the policy that is to be taught more", existing, dest="before"),
+            "--robot": takes("NAME", "the robot of a recording of several"),
+            "--by": takes("SOURCES", "take these sources of commands for a human, too", names, default=[]),
+            "--networks": takes(
+                "N", "how many are taught; their disagreement is the doubt; 5 by default", count, default=5
+            ),
+            "--no-mirror": flag("teach nothing mirrored: where a rule says which side to keep to"),
+            "--seed": takes("N", "repeats the training", int, default=0),
+            "--no-report": flag("write no report"),
+        },
+    )
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Read, teach, write."""
+    need("teaching", "record", "mcap", "mcap_ros2")
+    if arguments.before is None and (arguments.more or not arguments.files):
+        raise ConfigError("teach: name recordings, or --more recordings --from policy.onnx")
+    if arguments.before is not None and not (arguments.more or arguments.files):
+        raise ConfigError("--from: add --more, the recordings that are to be learned from besides")
+    if arguments.before is None and arguments.see is None:
+        raise ConfigError("--see: say what it is to drive by: laser, camera or light")
+    if arguments.networks > 16:
+        raise ConfigError("--networks: 16 at most")
+    output = arguments.output or arguments.before
+    if output is None or output.suffix != ".onnx":
+        raise ConfigError("-o: name the policy to be written, FILE.onnx")
+    from txt1.teaching import teach as teaching
+    from txt1.teaching.lessons import Ask, drive_in
+    from txt1.teaching.policy import load
+    from txt1.teaching.training import Progress, Recipe
+    from txt1.trials.run import progress
+
+    drives, asks = [], arguments.see
+    if arguments.before is not None:
+        before = load(arguments.before)
+        asks = [Ask(sight.kind, sight.sensor) for sight in before.card.sees]
+        if arguments.see is not None and [ask.kind for ask in arguments.see] != [ask.kind for ask in asks]:
+            raise ConfigError("--see: a policy goes on seeing what it saw; leave it out, or teach anew without --from")
+        drives += teaching.earlier(before, arguments.by)
+    for file in (*arguments.files, *arguments.more):
+        drives.append(drive_in(file, asks, arguments.by, arguments.robot))
+    for drive in drives:
+        print(*teaching.summary(drive), sep="\n", flush=True)
+    recipe = Recipe(members=arguments.networks, mirror=not arguments.no_mirror, seed=arguments.seed)
+    with progress("teaching", 2.0) as bar:
+
+        def told(what: str, done: Progress) -> None:
+            whole = done.done + (what == "all lessons")
+            bar.update(bar.task_ids[0], completed=whole, description=f"{what}, loss {done.loss:.4f}")
+
+        lesson = teaching.teach(drives, recipe, _today(), told)
+    results = lesson.policy.card.results
+    print(
+        f"held-out blocks: steering rms {results['steering_rms']:.4f} of full lock, correlation "
+        f"{results['steering_correlation']:.3f}; always the mean would be {results['steering_deviation']:.4f}"
+    )
+    print(f"loss of each network, first and last epoch: {_ends(lesson.ensemble.curves)}")
+    lesson.policy.save(output)
+    card = lesson.policy.card
+    print(f"{output}: {card.members} networks, {results['parameters']:.0f} numbers, weights {card.weights[:12]}")
+    if not arguments.no_report:
+        _report(lesson, output)
+    return OK
+
+
+def _ends(curves: list[list[float]]) -> str:
+    return ", ".join(f"{curve[0]:.4f} to {curve[-1]:.4f}" for curve in curves)
+
+
+def _report(lesson: Any, output: Path) -> None:
+    from txt1.errors import MissingExtra
+    from txt1.teaching.report import write
+
+    folder = output.with_name(f"{output.stem}-report")
+    try:
+        print(f"the report: {write(lesson, folder)}")
+    except MissingExtra as error:
+        say(str(error))
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot write it: {error.strerror}") from None
+
+
+def _today() -> str:
+    from datetime import UTC, datetime
+
+    return datetime.now(UTC).date().isoformat()

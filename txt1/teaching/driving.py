@@ -1,0 +1,272 @@
+"""A policy drives: it looks at every reading, judges in a thread, and commands behind the safety gate like any source.
+
+Its rank is below every human's and every program's (`txt1.teaching.addition`). Whoever drives takes the wheel from it
+at once. When they let go and nobody has the wheel, it asks anew.
+
+It stands, and says why in one line, when
+
+- its sensor is late or frozen: the same bytes again and again while the car moves;
+- a reading is of another device, or sits elsewhere, than in the lessons: for good;
+- its outputs are no numbers: for good;
+- it doubts too much. It drives slower from `doubt_slow` on, stands beyond `doubt_stop`, and goes on by itself only
+  where it is sure again. A human drives it on until then.
+
+The judgement is taken at the tick after it was made, so a run in virtual time repeats to the last bit.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from functools import partial
+from math import inf
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from txt1.errors import ConfigError
+from txt1.kernel.ticks import Ticks
+from txt1.robot import Robot
+from txt1.sensors.base import Reading
+from txt1.sensors.readings import Image, Scan
+from txt1.teaching.policy import Judgement, Policy
+from txt1.teaching.seeing import Unfit, check, seen
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
+
+POLICY: Final = "policy"
+"""The name of the source of commands, in recordings too."""
+TICK: Final = 0.02
+"""s between two commands."""
+LATE: Final = 0.3
+"""s without a reading, or three periods of the sensor if they are longer, after which it stands."""
+FROZEN: Final = 0.5
+"""s of the same reading, to the last bit, after which it stands if the car moves."""
+MOVES: Final = 0.1
+"""m/s; a car that is slower does not move."""
+SMOOTH: Final = 5
+"""Looks that the doubt is the mean of."""
+
+
+class Look(NamedTuple):
+    """What a policy makes of a reading."""
+
+    steering: float
+    """Share of full lock, left positive."""
+    speed: float
+    """Share of the fastest in the lessons."""
+    doubt: float
+    """How much its networks disagree."""
+    pace: float
+    """Share of the speed that the doubt leaves it, 0 to 1."""
+    v: float
+    """What it would command, m/s."""
+    omega: float
+    """rad/s."""
+    state: str
+    """"drives", "waits" for the wheel, or why it stands."""
+
+
+LOOK: Final = declare(
+    Topic(
+        "/teaching",
+        Look,
+        "m/s, rad/s",
+        define(
+            "txt1_msgs/Look",
+            "std_msgs/Header header\nfloat64 steering\nfloat64 speed\nfloat64 doubt\nfloat64 pace\nfloat64 v\n"
+            "float64 omega\nstring state",
+        ),
+        Rule.EVENT,
+        "what a taught policy makes of each reading, and how much it doubts",
+        make=Look._asdict,
+    )
+)
+
+
+class Pilot:
+    """A policy on a robot; `start` lets it drive.
+
+    Raises ConfigError: the robot lacks a sensor of the policy's, or is another car.
+    """
+
+    def __init__(self, robot: Robot, policy: Policy) -> None:
+        card = policy.card
+        for sight in card.sees:
+            if sight.kind != "odometry" and sight.sensor not in robot.sensors:
+                there = ", ".join(robot.sensors) or "none"
+                raise ConfigError(
+                    f"the policy sees by '{sight.sensor}' ({sight.kind}), which this robot has not; it has: {there}"
+                )
+        radius = robot.config.geometry.radius_min
+        if abs(radius - card.radius_min) > 0.01 * card.radius_min:
+            raise ConfigError(
+                f"the policy was taught on a car that turns with a radius of {card.radius_min:g} m; this one has {radius:g} m"
+            )
+        self.policy = policy
+        self.state = "waits"
+        self._robot = robot
+        self._source = robot.source(POLICY)
+        self._first = robot.sensors[card.sees[0].sensor]
+        self._late = max(LATE, 3.0 * self._first.period)
+        self._thread = ThreadPoolExecutor(1, "txt1 policy")
+        self._newest: Reading[Any] | None = None
+        self._judging: tuple[float, asyncio.Future[Judgement]] | None = None
+        self._judged = -inf
+        self._look = Judgement(0.0, 0.0, 0.0)
+        self._doubts: deque[float] = deque(maxlen=SMOOTH)
+        self._doubting = False
+        self._same: tuple[Any, float] = (None, 0.0)
+        """The bytes that were read, and since when they are the same."""
+        self._failed = ""
+        """Why it never drives again."""
+        self._told = ""
+
+    def start(self) -> None:
+        """Judge every reading from now on, and drive as long as nobody else does."""
+        self._first.listeners.append(self._heard)
+        self._robot.add_task(POLICY, TICK, self._drive)
+
+    def close(self) -> None:
+        """Judge no more."""
+        if self._heard in self._first.listeners:
+            self._first.listeners.remove(self._heard)
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def _heard(self, reading: Reading[Any]) -> None:
+        """Begin to judge a reading, unless the one before is still being judged."""
+        self._newest = reading
+        robot, now = self._robot, self._robot.now
+        data = _bytes(reading.value)
+        if data != self._same[0]:
+            self._same = data, now
+        if self._judging is not None or self._failed:
+            return
+        values = []
+        for sight in self.policy.card.sees:
+            if sight.kind == "odometry":
+                odometry = robot.odometry
+                values.append((odometry.v, odometry.omega))
+            elif (last := robot.sensors[sight.sensor].last) is not None and now - last.time <= 2.0 * self._late:
+                values.append(last.value)
+            else:
+                return
+        judge = asyncio.get_running_loop().run_in_executor(self._thread, partial(judge_all, self.policy, values))
+        self._judging = now, judge
+
+    async def _drive(self, ticks: Ticks) -> None:
+        async for now in ticks:
+            self._take(now)
+            v, omega, state = self._wanted(now)
+            source = self._source
+            if not self._robot.armed or self._robot.driver.name not in ("", POLICY):
+                state = "waits"
+            elif v > 0.0:
+                if source.overruled:
+                    source.request()
+                source.command(v, omega)
+            elif source.drives:
+                source.release()
+            self._tell(state, now)
+
+    def _take(self, now: float) -> None:
+        """Take what was judged."""
+        if self._judging is None or not self._judging[1].done():
+            return
+        (began, future), self._judging = self._judging, None
+        try:
+            look = future.result()
+        except Unfit as error:
+            self._failed = str(error)
+            return
+        if not look.finite:
+            self._failed = "the policy's outputs are no numbers"
+            return
+        self._look, self._judged = look, began
+        self._doubts.append(look.doubt)
+        pace = self._pace()
+        v, omega = self._command(pace)
+        self._robot.runtime.bus.publish(LOOK, Look(*look, pace, v, omega, self.state), now)
+
+    def _pace(self) -> float:
+        """Return the share of the speed that the doubt leaves: 1 to `doubt_slow`, 0 from `doubt_stop` on."""
+        card = self.policy.card
+        doubt = sum(self._doubts) / max(len(self._doubts), 1)
+        if doubt >= card.doubt_stop:
+            self._doubting = True
+        elif doubt <= card.doubt_slow:
+            self._doubting = False
+        if self._doubting:
+            return 0.0
+        return min(1.0, (card.doubt_stop - doubt) / max(card.doubt_stop - card.doubt_slow, 1e-9))
+
+    def _command(self, pace: float) -> tuple[float, float]:
+        card, look = self.policy.card, self._look
+        v = pace * look.speed * min(card.v_max, self._robot.config.safety.v_max)
+        return v, look.steering * v / card.radius_min
+
+    def _wanted(self, now: float) -> tuple[float, float, str]:
+        """Return v, omega and the state."""
+        robot = self._robot
+        if self._failed:
+            return 0.0, 0.0, self._failed
+        if now - self._judged > self._late:
+            waited = self._newest is None or self._judged == -inf
+            return (
+                0.0,
+                0.0,
+                "no reading yet" if waited else f"'{self._first.name}' is late: no reading for {self._late:g} s",
+            )
+        if now - self._same[1] > max(FROZEN, 2.5 * self._first.period) and abs(robot.odometry.v) > MOVES:
+            return 0.0, 0.0, f"'{self._first.name}' is frozen: the same reading again and again while the car moves"
+        pace = self._pace()
+        if pace <= 0.0:
+            return 0.0, 0.0, "it doubts too much: nothing it was taught is like this; drive it on"
+        v, omega = self._command(pace)
+        return (v, omega, "drives") if v > 0.02 else (0.0, 0.0, "stands, as it was taught here")
+
+    def _tell(self, state: str, now: float) -> None:
+        if state != self.state:
+            self.state = state
+            if state not in ("drives", "waits", "no reading yet") and state != self._told:
+                self._robot.tell(f"the policy stands: {state}")
+            self._told = state
+
+
+def judge_all(policy: Policy, values: list[Any]) -> Judgement:
+    """Return what a policy makes of its sensors' values; raises Unfit: one is of another device than in the lessons."""
+    sights = policy.card.sees
+    for sight, value in zip(sights, values, strict=True):
+        check(sight, value)
+    return policy.judge([seen(sight, value) for sight, value in zip(sights, values, strict=True)])
+
+
+def _bytes(value: Any) -> Any:
+    """Return what is the same only where a reading is the same to the last bit."""
+    match value:
+        case Image():
+            return value.data
+        case Scan():
+            return value.ranges.tobytes()
+        case np.ndarray():
+            return value.tobytes()
+    return value
+
+
+@asynccontextmanager
+async def beside(robot: Robot, policy: Policy) -> AsyncIterator[None]:
+    """Let the policy drive as soon as the robot is ready; raises ConfigError, MissingExtra."""
+    pilot = Pilot(robot, policy)
+    await asyncio.to_thread(getattr, policy, "session")
+
+    async def begin() -> None:
+        pilot.start()
+
+    robot.on_ready.append(begin)
+    try:
+        yield
+    finally:
+        pilot.close()

@@ -1,0 +1,31 @@
+"""The option by which the robot of `txt1 run` drives by a policy: ``--source FILE.onnx``."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from txt1.additions import Options
+
+if TYPE_CHECKING:
+    from txt1.config import Config
+    from txt1.teaching.policy import Policy
+
+SUFFIX: Final = ".onnx"
+
+
+def asked(arguments: Namespace, config: Config) -> Policy | None:
+    """Return the policy that --source names, None where it names none; raises PolicyError, MissingExtra."""
+    source = getattr(arguments, "source", None)
+    if source is None or not source.endswith(SUFFIX):
+        return None
+    from txt1.commands import need
+    from txt1.teaching.policy import load
+
+    need("driving by a policy", "teach", "onnxruntime")
+    arguments.source = None
+    return load(Path(source))
+
+
+OPTIONS: Final = Options("taught policies", {}, asked)

@@ -1,0 +1,115 @@
+"""From recordings to a policy: what `txt1 teach` does, as functions for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.errors import RecordingError
+from txt1.teaching.lessons import Ask, Drive, drive_in, sha256_of, together
+from txt1.teaching.policy import FORMAT, Card, Policy, digest
+from txt1.teaching.training import Ensemble, Judged, Lessons, Progress, Recipe, judged, train
+from txt1.version import __version__
+
+FOLDS: Final = 4
+"""Blocks of time that are held out in turn."""
+HELD_GAP: Final = 1.0
+"""s beside a held-out block in which nothing is taught."""
+SURE: Final = 0.98
+"""Share of the held-out moments at which a policy is to drive at full speed."""
+STOP: Final = 3.0
+"""The doubt at which it stands, as a multiple of the one from which it drives slower."""
+
+Told = Callable[[str, Progress], None]
+
+
+class Lesson(NamedTuple):
+    """A policy, how it came about, and how it did."""
+
+    policy: Policy
+    ensemble: Ensemble
+    judged: Judged
+    origin: NDArray[np.int64]
+    """Of which recording each lesson is."""
+
+
+def teach(drives: Sequence[Drive], recipe: Recipe, made: str, told: Told = lambda what, progress: None) -> Lesson:
+    """Return a policy taught by recordings; `made` is the day, for its card.
+
+    Raises RecordingError: the recordings do not go together, or are too short.
+    """
+    sights, lessons, origin = together(drives)
+    held = judged(sights, lessons, recipe, FOLDS, HELD_GAP, lambda progress: told("held-out blocks", progress))
+    ensemble = train(sights, lessons, recipe, lambda progress: told("all lessons", progress))
+    policy = _policy(drives, lessons, recipe, made, held, ensemble)
+    return Lesson(policy, ensemble, held, origin)
+
+
+def _policy(
+    drives: Sequence[Drive], lessons: Lessons, recipe: Recipe, made: str, held: Judged, ensemble: Ensemble
+) -> Policy:
+    # a deviation of few networks comes out too small, and fewer were judged than drive
+    few, many = len(held.outputs), len(ensemble.networks)
+    larger = float(np.sqrt((1.0 - 1.0 / many) / (1.0 - 1.0 / few))) if min(few, many) > 1 else 1.0
+    slow = max(larger * float(np.quantile(held.doubts, SURE)), 1e-3)
+    sights = tuple(
+        replace(sight, mean=tuple(map(float, norm.mean)), deviation=tuple(map(float, norm.deviation)))
+        for sight, norm in zip(drives[0].sights, ensemble.norms, strict=True)
+    )
+    card = Card(
+        FORMAT,
+        __version__,
+        made,
+        sights,
+        many,
+        recipe.dense,
+        drives[0].v_max,
+        drives[0].radius_min,
+        slow,
+        STOP * slow,
+        drives[0].vehicle,
+        tuple(each.taught for each in drives),
+        held.results() | {"parameters": float(many * card_parameters(ensemble))},
+        digest(ensemble.networks),
+    )
+    return Policy(card, ensemble.networks)
+
+
+def card_parameters(ensemble: Ensemble) -> int:
+    """Return how many numbers each network has."""
+    return ensemble.networks[0].shape.parameters
+
+
+def earlier(policy: Policy, also: Collection[str] = ()) -> list[Drive]:
+    """Return the recordings that a policy was taught by; raises RecordingError: one is not there, or is another."""
+    asks = [Ask(sight.kind, sight.sensor) for sight in policy.card.sees]
+    found = []
+    for taught in policy.card.taught_by:
+        path = Path(taught.file)
+        if not path.exists():
+            raise RecordingError(
+                f"{path}: the policy was taught by it, and it is not there any more; put it back, "
+                "or teach anew without --from"
+            )
+        if sha256_of(path) != taught.sha256:
+            raise RecordingError(f"{path}: it is not the recording any more that the policy was taught by")
+        found.append(drive_in(path, asks, {*also, *taught.by}))
+    return found
+
+
+def summary(drive: Drive) -> list[str]:
+    """Return lines that say what a recording teaches, and what is left out and why."""
+    taught = drive.taught
+    by = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in sorted(taught.by.items()))
+    lines = [f"{taught.file}: {len(drive.lessons)} lessons, driven by {by}"]
+    if taught.takeover:
+        lines.append(f"  {taught.takeover:.1f} s of it after taking over from a policy, which count more")
+    left = sorted(taught.left_out.items(), key=lambda one: -one[1])
+    if left:
+        lines.append("  left out: " + ", ".join(f"{reason} {seconds:.1f} s" for reason, seconds in left))
+    return lines
