@@ -2,9 +2,9 @@
 
 from argparse import ArgumentParser
 
-from benchmarks.teaching import pictures
+from benchmarks.teaching import laps, pictures
 
-NAMES = {"pictures": pictures}
+NAMES = {"pictures": pictures, "laps": laps}
 
 
 def main() -> None:

@@ -104,7 +104,7 @@ class Pilot:
         radius = robot.config.geometry.radius_min
         if abs(radius - card.radius_min) > 0.01 * card.radius_min:
             raise ConfigError(
-                f"the policy was taught on a car with a turning radius of {card.radius_min:g} m; this one's is {radius:g} m"
+                f"the policy was taught on a car that turns within {card.radius_min:g} m; this one needs {radius:g} m"
             )
         self.policy = policy
         self.state = "waits"

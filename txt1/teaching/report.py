@@ -123,7 +123,11 @@ def _show(axes: Axes, sight: Sight, look: NDArray[Any], looked_at: NDArray[Any] 
             ranges = np.minimum(near / np.maximum(1.0 - near, 1e-3), 10.0)
             polar: Any = axes
             polar.set_theta_zero_location("N")
-            polar.scatter(angles, ranges, s=5, c="0.3" if looked_at is None else looked_at[0], cmap="inferno_r")
+            if looked_at is None:
+                polar.scatter(angles, ranges, s=5, c="0.3")
+            else:
+                polar.scatter(angles, ranges, s=3.0 + 30.0 * looked_at[0], c=looked_at[0], cmap="inferno_r")
+            # the corners of a sweep of 270 degrees are behind; up is ahead
             polar.set_rlim(0.0, 10.0)
             polar.set_rticks([5.0, 10.0])
             polar.tick_params(labelsize=6)
