@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--networks": takes(
                 "N", "how many are taught; their disagreement is the doubt; 5 by default", count, default=5
             ),
+            "--epochs": takes("N", "how often each lesson is seen at most; 60 by default", count, default=60),
             "--no-mirror": flag("teach nothing mirrored: where a rule says which side to keep to"),
             "--seed": takes("N", "repeats the training", int, default=0),
             "--no-report": flag("write no report"),
@@ -88,7 +89,9 @@ def main(arguments: argparse.Namespace) -> int:
         drives.append(drive_in(file, asks, arguments.by, arguments.robot))
     for drive in drives:
         print(*teaching.summary(drive), sep="\n", flush=True)
-    recipe = Recipe(members=arguments.networks, mirror=not arguments.no_mirror, seed=arguments.seed)
+    recipe = Recipe(
+        members=arguments.networks, epochs=arguments.epochs, mirror=not arguments.no_mirror, seed=arguments.seed
+    )
     with progress("teaching", 2.0) as bar:
 
         def told(what: str, done: Progress) -> None:

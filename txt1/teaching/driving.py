@@ -121,6 +121,7 @@ class Pilot:
         self._doubting = False
         self._same: tuple[Any, float] = (None, 0.0)
         """The bytes that were read, and since when they are the same."""
+        self._frozen = False
         self._failed = ""
         """Why it never drives again."""
         self._told = ""
@@ -130,11 +131,15 @@ class Pilot:
         self._first.listeners.append(self._heard)
         self._robot.add_task(POLICY, TICK, self._drive)
 
-    def close(self) -> None:
+    async def open(self) -> None:
+        """Have the thread and the networks ready, so no look waits for them; raises MissingExtra."""
+        await asyncio.get_running_loop().run_in_executor(self._thread, getattr, self.policy, "session")
+
+    async def close(self) -> None:
         """Judge no more."""
         if self._heard in self._first.listeners:
             self._first.listeners.remove(self._heard)
-        self._thread.shutdown(wait=True, cancel_futures=True)
+        await asyncio.to_thread(self._thread.shutdown)
 
     def _heard(self, reading: Reading[Any]) -> None:
         """Begin to judge a reading, unless the one before is still being judged."""
@@ -220,7 +225,9 @@ class Pilot:
                 0.0,
                 "no reading yet" if waited else f"'{self._first.name}' is late: no reading for {self._late:g} s",
             )
-        if now - self._same[1] > max(FROZEN, 2.5 * self._first.period) and abs(robot.odometry.v) > MOVES:
+        stays = now - self._same[1] > max(FROZEN, 2.5 * self._first.period)
+        self._frozen = stays and (self._frozen or abs(robot.odometry.v) > MOVES)
+        if self._frozen:
             return 0.0, 0.0, f"'{self._first.name}' is frozen: the same reading again and again while the car moves"
         pace = self._pace()
         if pace <= 0.0:
@@ -260,13 +267,13 @@ def _bytes(value: Any) -> Any:
 async def beside(robot: Robot, policy: Policy) -> AsyncIterator[None]:
     """Let the policy drive as soon as the robot is ready; raises ConfigError, MissingExtra."""
     pilot = Pilot(robot, policy)
-    await asyncio.to_thread(getattr, policy, "session")
 
     async def begin() -> None:
         pilot.start()
 
     robot.on_ready.append(begin)
     try:
+        await pilot.open()
         yield
     finally:
-        pilot.close()
+        await pilot.close()

@@ -56,7 +56,9 @@ def _policy(
     # a deviation of few networks comes out too small, and fewer were judged than drive
     few, many = len(held.outputs), len(ensemble.networks)
     larger = float(np.sqrt((1.0 - 1.0 / many) / (1.0 - 1.0 / few))) if min(few, many) > 1 else 1.0
-    slow = max(larger * float(np.quantile(held.doubts, SURE)), 1e-3)
+    # a disagreement that is smaller than the error where nothing is new is no reason to doubt
+    error = float(np.sqrt(np.mean(held.errors[:, 0] ** 2)))
+    slow = max(larger * float(np.quantile(held.doubts, SURE)), error, 1e-3)
     sights = tuple(
         replace(sight, mean=tuple(map(float, norm.mean)), deviation=tuple(map(float, norm.deviation)))
         for sight, norm in zip(drives[0].sights, ensemble.norms, strict=True)

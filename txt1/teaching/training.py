@@ -25,6 +25,8 @@ from txt1.teaching.policy import doubts, normalised
 from txt1.teaching.seeing import Seen, Sight, mirrored, shape_of
 
 Array = NDArray[np.float32]
+SCALE: Final = 0.25
+"""Deviation of the logarithm of a world's size, where lessons are scaled."""
 SPEED_WEIGHT: Final = 0.3
 """What an error of the speed counts, against one of the steering."""
 
@@ -51,6 +53,8 @@ class Recipe:
     """Share of what the convolutions found that is left out in each step."""
     mirror: bool = True
     """Whether half of the lessons are seen in a mirror: not where a rule says which side to keep to."""
+    scale: bool = True
+    """Whether lessons by a laser alone are seen in larger and smaller worlds, too."""
     seed: int = 0
     """Repeats the training to the last bit, on the same kind of processor."""
 
@@ -153,6 +157,7 @@ def _member(
     epochs = max(1, min(recipe.epochs, recipe.steps // batches))
     features = shape.layers()[-len(recipe.dense) - 1][0]
     counts = np.array([1.0, SPEED_WEIGHT], np.float32)
+    scalable = recipe.scale and {sight.kind for sight in sights} == {"laser"}
     chances = lessons.weights.astype(float) / lessons.weights.sum()
     curve, step = [], 0
     for _ in range(epochs):
@@ -164,6 +169,8 @@ def _member(
             parts = [_disturbed(*each, flip, rng) for each in zip(sights, seen.parts, norms, strict=True)]
             commands = commands.copy()
             commands[flip, 0] *= -1.0
+            if scalable:
+                parts, commands = _scaled(sights, parts, norms, commands, rng)
             keep = [(rng.random((len(index), features)) >= recipe.drop).astype(np.float32) / (1.0 - recipe.drop)]
             kept: list[Any] = []
             error = network(parts, kept, keep) - commands
@@ -199,6 +206,25 @@ def _disturbed(sight: Sight, normal: Array, norm: Norm, flip: NDArray[np.bool_],
         case "light" | "odometry":
             normal = normal + 0.05 * rng.standard_normal(normal.shape, np.float32)
     return normal
+
+
+def _scaled(
+    sights: Sequence[Sight], parts: Sequence[Array], norms: Sequence[Norm], commands: Array, rng: Generator
+) -> tuple[list[Array], Array]:
+    """Return the lessons in worlds that are larger by a factor s, and smaller, each by one of its own.
+
+    A path there has the curvature over s, and at the same acceleration to the side the speed times the root of s. A
+    range r is seen as f = r / (r + 1), so r = f / (1 - f).
+    """
+    size = np.exp(SCALE * rng.standard_normal(len(commands))).clip(0.5, 2.0).astype(np.float32)
+    found = []
+    for _, part, norm in zip(sights, parts, norms, strict=True):
+        share = (part * norm.deviation + norm.mean).clip(0.0, 1.0)
+        ranges = size[:, None, None, None] * share / np.maximum(1.0 - share, 1e-6)
+        found.append((((ranges / (ranges + 1.0)) - norm.mean) / norm.deviation).astype(np.float32))
+    steering = (commands[:, 0] / size).clip(-1.0, 1.0)
+    speed = (commands[:, 1] * np.sqrt(size)).clip(0.0, 1.0)
+    return found, np.column_stack((steering, speed)).astype(np.float32)
 
 
 # -- how well ----------------------------------------------------------------------------------------------------

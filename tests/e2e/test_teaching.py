@@ -1,0 +1,338 @@
+"""Taught by driving: from a recording to a policy that drives, gives way to hands, and stands when it should."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from dataclasses import replace
+from math import atan2, cos, nan, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from txt1.cli import execute
+from txt1.errors import ConfigError, RecordingError
+from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
+from txt1.record.options import RecordingAsked
+from txt1.robot import Robot
+from txt1.teaching.driving import LOOK, Look
+from txt1.teaching.lessons import Ask, drive_in, together
+from txt1.teaching.policy import Judgement, Policy, load
+from txt1.teaching.teach import teach
+from txt1.teaching.training import Recipe
+
+Capture = pytest.CaptureFixture[str]
+BEAMS = 121
+ROOM = (
+    "sim.room.length=6.0",
+    "sim.room.width=6.0",
+    "sim.start=[1.6, 0.0, 1.57]",
+    "sim.battery.used_1=null",
+    "sensors.laser.driver=sim_laser",
+    f"sensors.laser.options={{steps: 180, beams: {BEAMS}, range_max: 10.0}}",
+)
+QUICK = Recipe(members=2, dense=(16,), epochs=12, steps=300)
+
+
+def round_the_room(pose: tuple[float, float, float], aim: float) -> tuple[float, float]:
+    """What a human commands who drives round and round, at this radius."""
+    x, y, theta = pose
+    ahead = atan2(y, x) + 0.45
+    gx, gy = aim * cos(ahead) - x, aim * sin(ahead) - y
+    left = -sin(theta) * gx + cos(theta) * gy
+    return 0.7, 0.7 * min(max(2.0 * left / (gx * gx + gy * gy), -1.7), 1.7)
+
+
+async def drive(robot: Robot, seconds: float, source: str = "gamepad", seed: int = 1) -> None:
+    """Have a hand drive for a while, not always the same way."""
+    hand, rng, aim = robot.source(source), np.random.default_rng(seed), 1.7
+
+    async def steer(ticks: Ticks) -> None:
+        nonlocal aim
+        async for now in ticks:
+            if now > seconds:
+                if hand.drives:
+                    hand.release()
+                continue
+            aim += 0.1 * (1.7 - aim) + 0.05 * rng.standard_normal()
+            assert robot.pose is not None
+            hand.command(*round_the_room(robot.pose, aim))
+
+    robot.add_task("hand", 0.05, steer)
+
+
+def recorded(file: Path, seconds: float, *settings: str, source: str = "gamepad", after: float = 3.0) -> Path:
+    """A recording in which somebody drives for a while."""
+
+    async def work() -> None:
+        asked = {"record": RecordingAsked(file, None, {}, "max")}
+        async with Robot.open("sim", settings=(*ROOM, *settings), seed=1, additions=asked) as robot:
+            await robot.load_gains()
+            await drive(robot, seconds, source)
+            robot.runtime.scheduler.end_at(seconds + after)
+            await robot.runtime.scheduler.ended
+
+    run(work(), speed="max")
+    return file
+
+
+@pytest.fixture(scope="module")
+def lesson(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of 70 s."""
+    return recorded(tmp_path_factory.mktemp("teaching") / "lesson.mcap", 70.0)
+
+
+@pytest.fixture(scope="module")
+def policy(lesson: Path) -> Policy:
+    """A policy that was taught by it."""
+    return teach([drive_in(lesson, [Ask("laser")])], QUICK, "today").policy
+
+
+@pytest.fixture(scope="module")
+def file(policy: Policy, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("policy") / "room.onnx"
+    policy.save(path)
+    return path
+
+
+# -- lessons -----------------------------------------------------------------------------------------------------
+
+
+def test_what_a_human_drove_is_taken_and_the_rest_left_out_with_its_reason(lesson: Path) -> None:
+    found = drive_in(lesson, [Ask("laser")])
+    assert 66.0 < found.taught.by["gamepad"] < 71.0
+    assert found.taught.left_out["nobody drove"] > 1.0
+    assert len(found.lessons) == pytest.approx(690, abs=20)
+    assert np.abs(found.lessons.commands).max() <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("seconds", "source", "words"),
+    [(20.0, "gamepad", "20 s|19 s|at least 60"), (10.0, "script", "no human drove.*'script' drove")],
+)
+def test_too_little_or_nobody_is_refused_in_a_line(seconds: float, source: str, words: str, tmp_path: Path) -> None:
+    file = recorded(tmp_path / "short.mcap", seconds, source=source, after=0.5)
+    with pytest.raises(RecordingError, match=words) as refused:
+        together([drive_in(file, [Ask("laser")])])
+    assert "\n" not in str(refused.value)
+
+
+def test_recordings_of_two_cars_or_two_lasers_do_not_go_together(lesson: Path) -> None:
+    one = drive_in(lesson, [Ask("laser")])
+    other = replace(one, radius_min=0.7)
+    with pytest.raises(RecordingError, match="another car"):
+        together([one, other])
+    sight = replace(one.sights[0], mount=(0.5, 0.0, 0.2, 0.0))
+    with pytest.raises(RecordingError, match="sits elsewhere"):
+        together([one, replace(one, sights=(sight,))])
+    assert len(together([one, one])[1]) == 2 * len(one.lessons)
+
+
+def test_a_sensor_that_is_not_in_a_recording_is_told_with_those_that_are(lesson: Path) -> None:
+    with pytest.raises(RecordingError, match=r"no exact readings of --see camera.*laser"):
+        drive_in(lesson, [Ask("camera")])
+
+
+def test_teach_writes_a_policy_and_a_report(lesson: Path, tmp_path: Path, capsys: Capture) -> None:
+    output = tmp_path / "track.onnx"
+    assert execute(["teach", str(lesson), "-o", str(output), "--see", "laser", "--networks", "1", "--epochs", "3"]) == 0
+    told = capsys.readouterr().out
+    assert "nobody drove" in told
+    assert "held-out blocks: steering rms" in told
+    card = load(output).card
+    assert card.taught_by[0].file == str(lesson)
+    report = tmp_path / "track-report"
+    assert {each.name for each in report.iterdir()} == {"README.md", "error.png", "curve.png", "worst.png"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--see", "laser", "-o", "a.onnx"),
+        ("{file}", "-o", "a.onnx"),
+        ("{file}", "--see", "laser"),
+        ("{file}", "--see", "nose", "-o", "a.onnx"),
+        ("{file}", "--see", "laser,laser", "-o", "a.onnx"),
+        ("--from", "{file}", "--more", "{file}", "-o", "a.onnx"),
+    ],
+)
+def test_words_that_make_no_sense_are_refused(words: tuple[str, ...], lesson: Path, capsys: Capture) -> None:
+    try:
+        code = execute(["teach", *(word.format(file=lesson) for word in words)])
+    except SystemExit as ended:
+        code = int(str(ended.code))
+    assert code in (1, 2)
+    assert len(capsys.readouterr().err.strip().splitlines()) <= 30
+
+
+# -- driving -----------------------------------------------------------------------------------------------------
+
+
+def test_run_drives_by_a_policy_and_the_log_says_who(file: Path, tmp_path: Path, capsys: Capture) -> None:
+    log = tmp_path / "driven.mcap"
+    settings = [word for each in ROOM for word in ("--set", each)]
+    run_it = ["run", "--headless", "--speed", "max", "--json", "--duration", "20", "--log", str(log)]
+    assert execute([*run_it, "--source", str(file), *settings]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert told["driver"]["name"] == "policy"
+    assert told["odometry"]["v"] > 0.3
+    with pytest.raises(RecordingError, match="'policy' drove"):
+        drive_in(log, [Ask("laser")])
+
+
+def test_a_source_that_is_no_policy_is_refused(tmp_path: Path, capsys: Capture) -> None:
+    bad = tmp_path / "bad.onnx"
+    bad.write_bytes(b"nothing")
+    assert execute(["run", "--headless", "--speed", "max", "--duration", "1", "--source", str(bad)]) != 0
+    assert "bad.onnx" in capsys.readouterr().err
+
+
+async def rolled(robot: Robot, seconds: float) -> list[tuple[str, float]]:
+    """Who drives and how fast, ten times a second."""
+    found = []
+    for _ in range(round(10 * seconds)):
+        await asyncio.sleep(0.1)
+        found.append((robot.driver.name, robot.odometry.v))
+    return found
+
+
+async def test_a_hand_takes_over_and_letting_go_gives_the_wheel_back(policy: Policy) -> None:
+    async with Robot.open("sim", settings=ROOM, additions={"teaching": policy}) as robot:
+        await robot.load_gains()
+        assert (await rolled(robot, 3.0))[-1][0] == "policy"
+        hand = robot.source("gamepad")
+        for _ in range(20):
+            assert hand.command(0.3, 0.0)
+            await asyncio.sleep(0.05)
+            assert robot.driver.name == "gamepad"
+        hand.release()
+        assert (await rolled(robot, 1.0))[-1][0] == "policy"
+
+
+async def test_a_take_over_is_known_as_one_and_counts_more(policy: Policy, tmp_path: Path) -> None:
+    log = tmp_path / "takeover.mcap"
+    asked = {"teaching": policy, "record": RecordingAsked(log, None, {}, "max")}
+    async with Robot.open("sim", settings=ROOM, additions=asked) as robot:
+        await robot.load_gains()
+        await asyncio.sleep(3.0)
+        hand = robot.source("gamepad")
+        for _ in range(100):
+            assert robot.pose is not None
+            hand.command(*round_the_room(robot.pose, 1.7))
+            await asyncio.sleep(0.05)
+        hand.release()
+        await asyncio.sleep(2.0)
+    found = await asyncio.to_thread(drive_in, log, [Ask("laser")])
+    assert found.taught.takeover == pytest.approx(5.0, abs=0.6)
+    assert found.lessons.weights.max() == 4.0
+    assert found.lessons.weights.min() == 1.0
+    assert found.taught.left_out["'policy' drove"] > 2.0
+
+
+async def stands(policy: Policy, *settings: str, after: float = 3.0, breaks: object = None) -> tuple[list[str], float]:
+    """The event log and the speed after a while, the robot having begun to drive if something breaks then."""
+    async with Robot.open("sim", settings=(*ROOM, *settings), additions={"teaching": policy}) as robot:
+        await robot.load_gains()
+        await asyncio.sleep(2.0)
+        if callable(breaks):
+            assert robot.odometry.v > 0.2
+            breaks(robot)
+        await asyncio.sleep(after)
+        return [event.text for event in robot.runtime.state.events], abs(robot.odometry.v)
+
+
+async def test_another_number_of_beams_is_refused(policy: Policy) -> None:
+    events, v = await stands(policy, f"sensors.laser.options={{steps: 180, beams: {BEAMS - 2}, range_max: 10.0}}")
+    assert v == 0.0
+    assert len([text for text in events if "119 beams" in text and "121 beams" in text]) == 1
+
+
+async def test_outputs_that_are_no_numbers_stop_it_for_good(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+    def breaks(robot: Robot) -> None:
+        monkeypatch.setattr(Policy, "judge", lambda self, seen: Judgement(nan, 0.5, 0.0))
+
+    events, v = await stands(policy, breaks=breaks)
+    assert v == 0.0
+    assert len([text for text in events if "no numbers" in text]) == 1
+
+
+async def test_a_sensor_that_freezes_stops_it(policy: Policy) -> None:
+    def breaks(robot: Robot) -> None:
+        polled = robot.sensors["laser"]
+        read, last = polled.sensor.read, polled.last
+        polled.sensor.read = lambda now: last._replace(time=now) if read(now) is not None else None  # type: ignore
+
+    events, v = await stands(policy, breaks=breaks)
+    assert v == 0.0
+    assert any("frozen" in text for text in events)
+
+
+async def test_a_sensor_that_falls_silent_stops_it(policy: Policy) -> None:
+    def breaks(robot: Robot) -> None:
+        robot.sensors["laser"].sensor.read = lambda now: None
+
+    events, v = await stands(policy, breaks=breaks)
+    assert v == 0.0
+    assert any("late" in text for text in events)
+
+
+async def test_doubt_slows_it_and_stops_it(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+    card, doubts = policy.card, [0.0]
+    monkeypatch.setattr(Policy, "judge", lambda self, seen: Judgement(0.3, 0.4, doubts[0]))
+    async with Robot.open("sim", settings=ROOM, additions={"teaching": policy}) as robot:
+        await robot.load_gains()
+        looks: list[Look] = []
+        robot.runtime.bus.subscribe(lambda topic, look, time: looks.append(look), [LOOK])
+        speeds = []
+        for doubts[0] in (0.0, 0.5 * (card.doubt_slow + card.doubt_stop), 1.1 * card.doubt_stop, 0.0):
+            await asyncio.sleep(2.5)
+            speeds.append(looks[-1].v)
+        assert speeds[1] == pytest.approx(0.5 * speeds[0], rel=0.05)
+        assert speeds[2] == 0.0
+        assert speeds[3] == pytest.approx(speeds[0])
+        assert any("doubts" in event.text for event in robot.runtime.state.events)
+
+
+async def test_another_car_is_refused(policy: Policy) -> None:
+    with pytest.raises(ConfigError, match="turns within"):
+        async with Robot.open("sim", settings=(*ROOM, "geometry.radius_min=0.9"), additions={"teaching": policy}):
+            pass
+
+
+async def test_a_robot_without_the_sensor_is_refused(policy: Policy) -> None:
+    with pytest.raises(ConfigError, match="'laser'"):
+        async with Robot.open("sim", additions={"teaching": policy}):
+            pass
+
+
+# -- teaching more -----------------------------------------------------------------------------------------------
+
+
+def test_a_policy_is_taught_more_from_its_own_recordings_on(lesson: Path, file: Path, tmp_path: Path) -> None:
+    later, output = recorded(tmp_path / "later.mcap", 20.0), tmp_path / "more.onnx"
+    words = [
+        "--more",
+        str(later),
+        "--from",
+        str(file),
+        "-o",
+        str(output),
+        "--networks",
+        "1",
+        "--epochs",
+        "2",
+        "--no-report",
+    ]
+    assert execute(["teach", *words]) == 0
+    assert [Path(each.file).name for each in load(output).card.taught_by] == ["lesson.mcap", "later.mcap"]
+
+
+def test_a_recording_that_is_gone_or_changed_is_told(policy: Policy, tmp_path: Path, capsys: Capture) -> None:
+    gone = replace(policy.card.taught_by[0], file=str(tmp_path / "gone.mcap"))
+    other = Policy(replace(policy.card, taught_by=(gone,)), policy.networks)
+    other.save(tmp_path / "other.onnx")
+    words = ["--more", policy.card.taught_by[0].file, "--from", str(tmp_path / "other.onnx")]
+    assert execute(["teach", *words]) != 0
+    assert "gone.mcap" in capsys.readouterr().err
