@@ -2,9 +2,9 @@
 
 from argparse import ArgumentParser
 
-from benchmarks.teaching import laps, pictures
+from benchmarks.teaching import laps, pictures, takeovers
 
-NAMES = {"pictures": pictures, "laps": laps}
+NAMES = {"pictures": pictures, "laps": laps, "takeovers": takeovers}
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ from txt1.config import Config, load
 from txt1.kernel.ticks import Ticks
 from txt1.resources import resource
 from txt1.robot import Robot
+from txt1.runtime import Runtime
 
 V_MAX: Final = 3.0  # m/s
 A_MAX: Final = 4.0  # m/s2, to the side
@@ -120,6 +121,10 @@ class Human:
     def __post_init__(self) -> None:
         self.place = Place(self.track)
 
+    def forget(self) -> None:
+        """Look anew: the car was put elsewhere."""
+        self._seen.clear()
+
     def command(self, pose: tuple[float, float, float], v: float, radius_min: float) -> tuple[float, float]:
         """What the human commands, m/s and rad/s."""
         for name, deviation, time in (("_hand", self.hand, 0.3), ("_aim", self.aim, 2.0)):
@@ -158,12 +163,20 @@ class Laps:
 Steer = Callable[[Robot], Awaitable[None]]
 
 
-async def driven(
-    config: Config, track: Track, laps: int, limit: float, steer: Steer, additions: Any = None, attach: Any = None
-) -> Laps:
+def sideways(v: float, omega: float, now: float) -> tuple[float, float]:
+    """The set-point on the same path at `A_MAX` to the side at most: a guard, the same for all who drive."""
+    share = min(1.0, (A_MAX / max(abs(v * omega), 1e-9)) ** 0.5)
+    return share * v, share * omega
+
+
+async def driven(config: Config, track: Track, laps: int, limit: float, steer: Steer, additions: Any = None) -> Laps:
     """Drive until so many laps are complete, the car touches a wall, or it takes longer than `limit` s of the run."""
     found = Laps()
-    async with Robot.open(config=config, additions=additions, attach=attach) as robot:
+
+    def limited(runtime: Runtime) -> None:
+        runtime.guard("sideways", sideways)
+
+    async with Robot.open(config=config, additions=additions, attach=limited) as robot:
         await robot.load_gains()
         place, over = Place(track), asyncio.Event()
         count, passed, began, moved = len(track.line), 0, robot.now, robot.now

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from txt1.commands import OK, add, count, existing, flag, names, need, path, say, takes
+from txt1.commands import OK, add, count, existing, flag, names, need, number, path, say, takes
 from txt1.errors import ConfigError
 
 
@@ -45,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             ),
             "--more": takes("FILE", "with --from: recordings of take-overs", existing, nargs="+", default=[]),
             "--from": takes("FILE.onnx", "the policy that is to be taught more", existing, dest="before"),
+            "--lag": takes("S", "the hand follows the eye by so much; 0.2 by default", number, default=0.2),
             "--robot": takes("NAME", "the robot of a recording of several"),
             "--by": takes("SOURCES", "take these sources of commands for a human, too", names, default=[]),
             "--networks": takes(
@@ -84,9 +85,9 @@ def main(arguments: argparse.Namespace) -> int:
         asks = [Ask(sight.kind, sight.sensor) for sight in before.card.sees]
         if arguments.see is not None and [ask.kind for ask in arguments.see] != [ask.kind for ask in asks]:
             raise ConfigError("--see: a policy goes on seeing what it saw; leave it out, or teach anew without --from")
-        drives += teaching.earlier(before, arguments.by)
+        drives += teaching.earlier(before, arguments.by, arguments.lag)
     for file in (*arguments.files, *arguments.more):
-        drives.append(drive_in(file, asks, arguments.by, arguments.robot))
+        drives.append(drive_in(file, asks, arguments.by, arguments.robot, arguments.lag))
     for drive in drives:
         print(*teaching.summary(drive), sep="\n", flush=True)
     recipe = Recipe(

@@ -5,6 +5,9 @@ more (`txt1.control.commander.PRIORITIES`), or one that is named. A lesson is a 
 latest of the others, and the command in force: the share of full lock that it steers, and its speed. What is left out
 is counted by its reason.
 
+A hand follows the eye by some 0.2 s, so a lesson is what the hand did that much later. Otherwise a policy would learn
+to be as late as a human.
+
 A human who takes over from a policy shows where the policy goes wrong. These moments count more, the first seconds of
 them most of all (HG-DAgger, arXiv 1810.02890: what a human does while he has taken over is the label).
 """
@@ -13,6 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -53,6 +57,9 @@ SECONDS_MIN: Final = 60.0
 """Less driving than this teaches nothing."""
 BETWEEN: Final = 60.0
 """s between two recordings, so that no block of time goes over both."""
+
+LAG: Final = 0.2
+"""s that a hand follows the eye by, as models of drivers have it."""
 
 _MESSAGES: Final = {
     "sensor_msgs/LaserScan": "laser",
@@ -96,8 +103,10 @@ def sha256_of(path: Path) -> str:
         raise RecordingError(f"{path}: cannot read it: {error.strerror}; check the name") from None
 
 
-def drive_in(path: Path, asks: Sequence[Ask], also: Collection[str] = (), robot: str | None = None) -> Drive:
-    """Return what a recording teaches.
+def drive_in(
+    path: Path, asks: Sequence[Ask], also: Collection[str] = (), robot: str | None = None, lag: float = LAG
+) -> Drive:
+    """Return what a recording teaches; the hand follows the eye by `lag` s.
 
     Raises RecordingError: it cannot be read, is of several robots and none is named, has no such sensor, or nobody
     drove in it.
@@ -108,7 +117,7 @@ def drive_in(path: Path, asks: Sequence[Ask], also: Collection[str] = (), robot:
         raise RecordingError(f"{path}: it has several robots; choose one with --robot: {', '.join(names)}")
     name = robot_in(path, robot)
     with trusting(path):
-        reader = _Reader(path, name, asks, also)
+        reader = _Reader(path, name, asks, also, lag)
         for item in reader.file:
             reader.take(item)
         return reader.drive(digest)
@@ -130,8 +139,8 @@ class _Row(NamedTuple):
 class _Reader:
     """A recording as it is read."""
 
-    def __init__(self, path: Path, robot: str, asks: Sequence[Ask], also: Collection[str]) -> None:
-        self.path, self.robot, self.also, self.asks = path, robot, also, asks
+    def __init__(self, path: Path, robot: str, asks: Sequence[Ask], also: Collection[str], lag: float) -> None:
+        self.path, self.robot, self.also, self.asks, self.lag = path, robot, also, asks, lag
         self.file, self._decoding = FilePass(path, robot), Decoding()
         self._driver, self._armed = "", False
         self._command, self._velocities = (0.0, 0.0), (0.0, 0.0)
@@ -146,6 +155,8 @@ class _Reader:
         self._sights: list[Sight] = []
         self._before = -1e9
         self._rows: list[_Row] = []
+        self._commands: list[tuple[float, float, float, str]] = [(-1e9, 0.0, 0.0, "")]
+        """When a command was given, what, and by whom."""
         self._left: defaultdict[str, float] = defaultdict(float)
         self._by: defaultdict[str, float] = defaultdict(float)
 
@@ -167,6 +178,7 @@ class _Reader:
             case "/cmd_vel":
                 twist = self._decoding.message(item).twist
                 self._command = twist.linear.x, twist.angular.z
+                self._commands.append((now, *self._command, self._driver))
             case "/odom":
                 twist = self._decoding.message(item).twist.twist
                 self._velocities = twist.linear.x, twist.angular.z
@@ -280,7 +292,7 @@ class _Reader:
         for row in self._rows:
             self._by[row.by] += row.seconds
         parts = zip(*(row.looks for row in self._rows), strict=True)
-        commands = np.array([_shares(row.v, row.omega, radius, v_max) for row in self._rows], np.float32)
+        commands = np.array([_shares(*self._later(row), radius, v_max) for row in self._rows], np.float32)
         lessons = Lessons(
             Seen(tuple(np.stack(each) for each in parts)),
             commands,
@@ -296,6 +308,16 @@ class _Reader:
             {reason: round(seconds, 3) for reason, seconds in self._left.items() if seconds > 0.0},
         )
         return Drive(taught, tuple(self._sights), lessons, config.vehicle, radius, v_max)
+
+    def _later(self, row: _Row) -> tuple[float, float]:
+        """Return what the same human commanded a little later; the last that he did where he let go before."""
+        first = bisect_right(self._commands, row.time, key=lambda one: one[0])
+        v, omega = row.v, row.omega
+        for time, later_v, later_omega, by in self._commands[first:]:
+            if time > row.time + self.lag or by != row.by or later_v < SPEED_MIN:
+                break
+            v, omega = later_v, later_omega
+        return v, omega
 
     def _read_config(self) -> Config:
         about = self.file.metadata.get("txt1", {})

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import RecordingError
-from txt1.teaching.lessons import Ask, Drive, drive_in, sha256_of, together
+from txt1.teaching.lessons import LAG, Ask, Drive, drive_in, sha256_of, together
 from txt1.teaching.policy import FORMAT, Card, Policy, digest
-from txt1.teaching.training import Ensemble, Judged, Lessons, Progress, Recipe, judged, train
+from txt1.teaching.training import Ensemble, Judged, Progress, Recipe, judged, train
 from txt1.version import __version__
 
 FOLDS: Final = 4
@@ -38,21 +38,21 @@ class Lesson(NamedTuple):
     """Of which recording each lesson is."""
 
 
-def teach(drives: Sequence[Drive], recipe: Recipe, made: str, told: Told = lambda what, progress: None) -> Lesson:
+def teach(
+    drives: Sequence[Drive], recipe: Recipe, made: str, told: Told = lambda what, progress: None, folds: int = FOLDS
+) -> Lesson:
     """Return a policy taught by recordings; `made` is the day, for its card.
 
     Raises RecordingError: the recordings do not go together, or are too short.
     """
     sights, lessons, origin = together(drives)
-    held = judged(sights, lessons, recipe, FOLDS, HELD_GAP, lambda progress: told("held-out blocks", progress))
+    held = judged(sights, lessons, recipe, folds, HELD_GAP, lambda progress: told("held-out blocks", progress))
     ensemble = train(sights, lessons, recipe, lambda progress: told("all lessons", progress))
-    policy = _policy(drives, lessons, recipe, made, held, ensemble)
+    policy = _policy(drives, recipe, made, held, ensemble)
     return Lesson(policy, ensemble, held, origin)
 
 
-def _policy(
-    drives: Sequence[Drive], lessons: Lessons, recipe: Recipe, made: str, held: Judged, ensemble: Ensemble
-) -> Policy:
+def _policy(drives: Sequence[Drive], recipe: Recipe, made: str, held: Judged, ensemble: Ensemble) -> Policy:
     # a deviation of few networks comes out too small, and fewer were judged than drive
     few, many = len(held.outputs), len(ensemble.networks)
     larger = float(np.sqrt((1.0 - 1.0 / many) / (1.0 - 1.0 / few))) if min(few, many) > 1 else 1.0
@@ -87,7 +87,7 @@ def card_parameters(ensemble: Ensemble) -> int:
     return ensemble.networks[0].shape.parameters
 
 
-def earlier(policy: Policy, also: Collection[str] = ()) -> list[Drive]:
+def earlier(policy: Policy, also: Collection[str] = (), lag: float = LAG) -> list[Drive]:
     """Return the recordings that a policy was taught by; raises RecordingError: one is not there, or is another."""
     asks = [Ask(sight.kind, sight.sensor) for sight in policy.card.sees]
     found = []
@@ -100,7 +100,7 @@ def earlier(policy: Policy, also: Collection[str] = ()) -> list[Drive]:
             )
         if sha256_of(path) != taught.sha256:
             raise RecordingError(f"{path}: it is not the recording any more that the policy was taught by")
-        found.append(drive_in(path, asks, {*also, *taught.by}))
+        found.append(drive_in(path, asks, {*also, *taught.by}, lag=lag))
     return found
 
 

@@ -1,0 +1,194 @@
+"""Three rounds of take-overs beside the same minutes of plain cloning: contacts and take-overs afterwards.
+
+    python -m benchmarks.teaching takeovers --seeds 20
+
+Each seed teaches a first policy by a minute of the simulated human. Then one contender has three rounds: the policy
+drives, and the human takes over as soon as a wall is 0.3 m from the car, until the car is back on the line; the policy
+is taught again with that. The other contender has the human drive for the same minutes, and is taught with that. At the
+end each drives the same minutes, the human still taking over, so that a drive goes on. A contact puts the car back.
+"""
+
+from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass
+from math import cos, sin
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+from numpy.random import default_rng
+
+from benchmarks import seeds
+from benchmarks.teaching.track import Human, Track, config_of, human_drives, touches, track_of
+from txt1.config import Config
+from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
+from txt1.model.kinematics import wrap_angle
+from txt1.record.options import RecordingAsked
+from txt1.robot import Robot
+from txt1.teaching.lessons import Ask, Drive, drive_in
+from txt1.teaching.policy import Policy
+from txt1.teaching.teach import teach
+from txt1.teaching.training import Recipe
+
+NEAR: Final = 0.3  # m to a wall, at which the human takes over
+BACK: Final = (0.3, 0.3)  # m from the line, rad from its direction, at which the human lets go
+ROUNDS: Final = 3
+LASER: Final = "sensors.laser.options={steps: 360, beams: 271, turn_time: 0.05, range_max: 10.0}"
+RECIPE: Final = Recipe(members=3, epochs=40, steps=1500)
+
+
+def arguments(parser: ArgumentParser) -> None:
+    """Add what the benchmark takes."""
+    seeds.arguments(parser, "build/teaching/takeovers.jsonl", 20)
+    parser.add_argument("--track", default="hairpins", help="a map, or a .yaml")
+    parser.add_argument("--first", type=float, default=65.0, dest="begin", help="s of the human for the first policy")
+    parser.add_argument("--round", type=float, default=60.0, help="s of each round")
+    parser.add_argument("--test", type=float, default=120.0, help="s of the drive at the end")
+
+
+@dataclass
+class Count:
+    """What happened in a drive."""
+
+    takeovers: int = 0
+    contacts: int = 0
+    metres: float = 0.0
+    by_hand: float = 0.0  # s
+
+
+def clearance(robot: Robot) -> float:
+    """From the car's outline to the nearest wall, m."""
+    vehicle = robot.hal.vehicle  # type: ignore[attr-defined]
+    x, y, theta = vehicle.pose
+    body, walls = vehicle.body, vehicle.world.room.walls
+    c, s = cos(theta), sin(theta)
+    ahead, aside = body.centre + 0.5 * body.length, 0.5 * body.width
+    behind = body.centre - 0.5 * body.length
+    places = [(u, w) for u in (ahead, body.centre, behind) for w in (-aside, 0.0, aside)]
+    return float(min(walls.distance(x + c * u - s * w, y + s * u + c * w) for u, w in places))
+
+
+async def attended(
+    config: Config, track: Track, human: Human, policy: Policy, seconds: float, file: Path | None
+) -> Count:
+    """Let a policy drive with a human who takes over."""
+    found = Count()
+    asked: dict[str, Any] = {"teaching": policy}
+    if file is not None:
+        asked["record"] = RecordingAsked(file, None, {}, "max")
+    async with Robot.open(config=config, additions=asked) as robot:
+        await robot.load_gains()
+        hand = robot.source("gamepad")
+        place, holds, last = human.place, False, robot.pose
+        stood = robot.now
+
+        async def watch(ticks: Ticks) -> None:
+            nonlocal holds, last, stood
+            async for now in ticks:
+                pose = robot.pose
+                assert pose is not None
+                assert last is not None
+                found.metres += float(np.hypot(pose[0] - last[0], pose[1] - last[1]))
+                last = pose
+                command = human.command(pose, robot.odometry.v, robot.config.geometry.radius_min)
+                near = clearance(robot)
+                if touches(robot):
+                    found.contacts += 1
+                    (x, y), (x2, y2) = place.ahead(0.0), place.ahead(0.3)
+                    robot.place(x, y, float(np.arctan2(y2 - y, x2 - x)))
+                    last = robot.pose
+                    human.forget()
+                    continue
+                if abs(robot.odometry.v) > 0.1 or robot.driver.name == "gamepad":
+                    stood = now
+                if not holds and (near < NEAR or now - stood > 1.5):
+                    # a policy that stands in doubt has to be driven on, too
+                    holds, found.takeovers = True, found.takeovers + 1
+                if holds:
+                    found.by_hand += human.period
+                    hand.command(*command)
+                    (x, y), (x2, y2) = place.ahead(0.0), place.ahead(0.3)
+                    off = np.hypot(pose[0] - x, pose[1] - y)
+                    turned = abs(wrap_angle(pose[2] - float(np.arctan2(y2 - y, x2 - x))))
+                    if off < BACK[0] and turned < BACK[1] and near > NEAR:
+                        holds = False
+                        hand.release()
+
+        robot.add_task("watch", human.period, watch)
+        robot.runtime.scheduler.end_at(robot.now + seconds)
+        await robot.runtime.scheduler.ended
+    return found
+
+
+async def alone(config: Config, human: Human, seconds: float, file: Path) -> None:
+    """Record the human."""
+    asked = {"record": RecordingAsked(file, None, {}, "max")}
+    async with Robot.open(config=config, additions=asked) as robot:
+        await robot.load_gains()
+        await human_drives(robot, human)
+        robot.runtime.scheduler.end_at(robot.now + seconds)
+        await robot.runtime.scheduler.ended
+
+
+def taught(drives: list[Drive], seed: int) -> Policy:
+    """A policy of recordings."""
+    recipe = Recipe(members=RECIPE.members, epochs=RECIPE.epochs, steps=RECIPE.steps, seed=seed)
+    return teach(drives, recipe, "benchmark", folds=2).policy
+
+
+def case(seed: int, given: Namespace) -> dict[str, list[float]]:
+    """Take-overs, contacts, metres and the human's s of both contenders at the end, of a seed."""
+    track = track_of(given.track)
+    with TemporaryDirectory() as made:
+        folder = Path(made)
+
+        def human(number: int) -> Human:
+            return Human(track, default_rng([382, seed, number]))
+
+        def config(number: int) -> Config:
+            return config_of(track, 100 * seed + number, LASER)
+
+        def lesson(number: int, seconds: float) -> Drive:
+            file = folder / f"{number}.mcap"
+            run(alone(config(number), human(number), seconds, file), speed="max")
+            return drive_in(file, [Ask("laser")])
+
+        first = lesson(0, given.begin)
+        policy, drives, rounds = taught([first], seed), [first], []
+        for number in range(1, ROUNDS + 1):
+            file = folder / f"round-{number}.mcap"
+            work = attended(config(number), track, human(number), policy, given.round, file)
+            rounds.append(run(work, speed="max"))
+            if rounds[-1].by_hand > 0.5:
+                drives.append(drive_in(file, [Ask("laser")]))
+            policy = taught(drives, seed)
+        cloned = taught([first, lesson(10, ROUNDS * given.round)], seed)
+        found = {"rounds": [float(each.takeovers + each.contacts) for each in rounds]}
+        for name, one in (("take-overs", policy), ("cloning", cloned)):
+            count = run(attended(config(20), track, human(20), one, given.test, None), speed="max")
+            found[name] = [float(count.takeovers), float(count.contacts), count.metres, count.by_hand]
+        print(seed, found, flush=True)
+        return found
+
+
+def main(given: Namespace) -> None:
+    """Print the sums, and the interval of their ratio over seeds."""
+    cases = [str(seed) for seed in range(given.first, given.first + given.seeds)]
+    results = list(seeds.results(given.kept, cases, lambda seed: case(int(seed), given), given.minutes).values())
+    sums = {name: np.array([each[name][0] + each[name][1] for each in results]) for name in ("take-overs", "cloning")}
+    rng, ratios = default_rng(0), []
+    for _ in range(4000):
+        drawn = rng.integers(0, len(results), len(results))
+        ratios.append(sums["take-overs"][drawn].sum() / max(sums["cloning"][drawn].sum(), 1.0))
+    low, high = np.quantile(ratios, (0.025, 0.975))
+    for name, label in (("cloning", "plain cloning"), ("take-overs", "three rounds")):
+        rows = np.array([each[name] for each in results])
+        print(
+            f"{label}: {rows[:, 0].sum():.0f} take-overs and {rows[:, 1].sum():.0f} contacts in "
+            f"{rows[:, 2].sum() / 1000.0:.2f} km, {len(rows)} seeds; by hand {rows[:, 3].sum():.0f} s"
+        )
+    rounds = np.array([each["rounds"] for each in results]).mean(0)
+    print("in the rounds themselves, each seed: " + ", ".join(f"{each:.2f}" for each in rounds))
+    ratio = sums["take-overs"].sum() / max(sums["cloning"].sum(), 1.0)
+    print(f"ratio {ratio:.2f}, 95 % interval over seeds {low:.2f} to {high:.2f}")
