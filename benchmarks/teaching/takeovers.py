@@ -42,7 +42,7 @@ def arguments(parser: ArgumentParser) -> None:
     """Add what the benchmark takes."""
     seeds.arguments(parser, "build/teaching/takeovers.jsonl", 20)
     parser.add_argument("--track", default="hairpins", help="a map, or a .yaml")
-    parser.add_argument("--first", type=float, default=65.0, dest="begin", help="s of the human for the first policy")
+    parser.add_argument("--begin", type=float, default=65.0, help="s of the human for the first policy")
     parser.add_argument("--round", type=float, default=60.0, help="s of each round")
     parser.add_argument("--test", type=float, default=120.0, help="s of the drive at the end")
 

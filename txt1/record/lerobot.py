@@ -5,11 +5,14 @@
 
 An episode is one of the learner's; of a recording without a learner, a drive from arming to disarming. Frames are
 evenly apart: the state is what had been told until then, the action is the set-point that was in force when the next
-frame was due. Needs the extra `parquet`.
+frame was due. The pictures of cameras are the JPEGs of the recording, as LeRobot's feature of the kind image, and the
+statistics of their colours are over as many of them as LeRobot itself takes. Needs the extra `parquet`, and `camera`
+for pictures.
 """
 
 import json
 from collections.abc import Callable, Sequence
+from io import BytesIO
 from math import atan2, ceil
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -19,7 +22,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from txt1.errors import ConfigError, RecordingError
+from txt1.errors import ConfigError, MissingExtra, RecordingError
 from txt1.record.reading import Decoding, FilePass
 
 Array = NDArray[np.float64]
@@ -28,6 +31,7 @@ DATA: Final = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES: Final = "meta/episodes/chunk-000/file-000.parquet"
 CHUNK: Final = 1000  # files in a folder at most, as LeRobot's own tools have it; here it is one
 ACTION: Final = "/setpoint"
+PICTURE: Final = "sensor_msgs/msg/CompressedImage"
 
 
 class Signal(NamedTuple):
@@ -74,17 +78,41 @@ class Series:
         return np.array(self._values)[np.searchsorted(self._times, times, side="left") - 1]
 
 
+class Pictures:
+    """A camera's pictures as JPEGs, and when they were told, s."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._data: list[bytes] = []
+
+    def add(self, time: float, data: bytes) -> None:
+        """Take a picture."""
+        self._times.append(time)
+        self._data.append(data)
+
+    @property
+    def first(self) -> float:
+        """When the first was told, s."""
+        return self._times[0]
+
+    def at(self, times: Array) -> list[bytes]:
+        """Return the last ones told before each time."""
+        return [self._data[index] for index in np.searchsorted(self._times, times, side="left") - 1]
+
+
 class Taken(NamedTuple):
-    """A recording's signals by topic, its episodes as their begin and end, s, and whether they are a learner's."""
+    """A recording's signals by topic, its episodes as their begin and end, s; whether a learner's; its pictures."""
 
     series: dict[str, Series]
     episodes: list[tuple[float, float]]
     learned: bool
+    pictures: dict[str, Pictures]
 
 
 def taken(path: Path) -> Taken:
     """Read a recording; RecordingError: there is no odometry or no set-point in it, or nothing was driven."""
     series: dict[str, Series] = {}
+    pictures: dict[str, Pictures] = {}
     learned: list[tuple[float, float]] = []
     driven: list[tuple[float, float]] = []
     begun: float | None = None  # of the learner's episode
@@ -94,6 +122,8 @@ def taken(path: Path) -> Taken:
         name, time = item.name, item.time
         if name in SIGNALS:
             series.setdefault(name, Series()).add(time, SIGNALS[name].of(decoding.message(item)))
+        elif item.schema.name == PICTURE:
+            pictures.setdefault(name, Pictures()).add(time, bytes(decoding.message(item).data))
         elif name == "/learning/step":
             over = decoding.message(item).action < 0
             if over and begun is not None:
@@ -115,7 +145,7 @@ def taken(path: Path) -> Taken:
             )
     if not (learned or driven):
         raise RecordingError(f"{path}: no episode in it, as the robot was never armed; record a drive")
-    return Taken(series, learned or driven, bool(learned))
+    return Taken(series, learned or driven, bool(learned), pictures)
 
 
 def export(path: Path, directory: Path, fps: int, task: str | None) -> tuple[int, int]:
@@ -133,14 +163,19 @@ def export(path: Path, directory: Path, fps: int, task: str | None) -> tuple[int
     """
     if directory.exists():
         raise ConfigError(f"--lerobot {directory}: is there already; choose another name")
-    series, spans, learned = taken(path)
+    series, spans, learned, pictures = taken(path)
     topics = [topic for topic in STATE if topic in series]
     ready = max(series[topic].first for topic in (*topics, ACTION))
-    parts = [_frames(series, topics, max(begin, ready), end, fps) for begin, end in spans]
+    ready = max([ready, *(each.first for each in pictures.values())])
+    parts = [_frames(series, topics, pictures, max(begin, ready), end, fps) for begin, end in spans]
     parts = [part for part in parts if len(part["timestamp"])]
     if not parts:
         raise RecordingError(f"{path}: no episode lasts as long as a frame at --fps {fps}; give a higher one")
     lengths = [len(part["timestamp"]) for part in parts]
+    seen = {
+        f"observation.images.{topic.rpartition('/')[2]}": [data for part in parts for data in part.pop(topic)]
+        for topic in pictures
+    }
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     total = sum(lengths)
     columns |= {
@@ -153,13 +188,15 @@ def export(path: Path, directory: Path, fps: int, task: str | None) -> tuple[int
         "action": list(SIGNALS[ACTION].names),
     }
     try:
-        _write(directory, columns, names, lengths, fps, task or ("drive to the light" if learned else "drive"))
+        _write(directory, columns, seen, names, lengths, fps, task or ("drive to the light" if learned else "drive"))
     except OSError as error:
         raise RecordingError(f"{error.filename or directory}: cannot write it: {error.strerror}") from None
     return len(parts), total
 
 
-def _frames(series: dict[str, Series], topics: list[str], begin: float, end: float, fps: int) -> dict[str, Array]:
+def _frames(
+    series: dict[str, Series], topics: list[str], pictures: dict[str, Pictures], begin: float, end: float, fps: int
+) -> dict[str, Any]:
     """An episode's columns, a row a frame."""
     count = max(0, ceil((end - begin) * fps - 1e-6))
     number = np.arange(count)
@@ -171,11 +208,18 @@ def _frames(series: dict[str, Series], topics: list[str], begin: float, end: flo
         "timestamp": number / fps,
         "frame_index": number,
         "next.done": number == count - 1,
+        **{topic: each.at(just_after) for topic, each in pictures.items()},
     }
 
 
 def _write(
-    directory: Path, columns: dict[str, Array], names: dict[str, list[str]], lengths: list[int], fps: int, task: str
+    directory: Path,
+    columns: dict[str, Array],
+    pictures: dict[str, list[bytes]],
+    names: dict[str, list[str]],
+    lengths: list[int],
+    fps: int,
+    task: str,
 ) -> None:
     kinds = dict.fromkeys((*names, "timestamp"), "float32") | {"next.done": "bool"}
     for name in (DATA.format(chunk_index=0, file_index=0), EPISODES):
@@ -191,6 +235,10 @@ def _write(
             pa.array(rows) if rows.ndim == 1 else pa.array(rows.tolist(), pa.list_(pa.float32(), rows.shape[1]))
         )
         stats[name] = _stats(values)
+    for name, files in pictures.items():
+        features[name], stats[name] = _picture_feature(files)
+        files_of = [{"bytes": each, "path": None} for each in files]
+        data[name] = pa.array(files_of, pa.struct({"bytes": pa.binary(), "path": pa.string()}))
     parquet.write_table(pa.table(data), directory / DATA.format(chunk_index=0, file_index=0))
     _write_tasks(directory / "meta" / "tasks.parquet", task)
 
@@ -223,6 +271,33 @@ def _stats(values: Array) -> dict[str, list[float]]:
     rows = values.reshape(len(values), -1).astype(float)
     found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
     return {name: each.tolist() for name, each in found.items()} | {"count": [len(rows)]}
+
+
+def _picture_feature(files: list[bytes]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what is said of a camera's pictures, and the statistics of their colours, 0 to 1.
+
+    Raises RecordingError: they are of several sizes, or damaged; MissingExtra.
+    """
+    try:
+        from PIL import Image, UnidentifiedImageError
+    except ImportError:
+        raise MissingExtra("pictures for LeRobot", "camera") from None
+    number = max(min(100, len(files)), min(int(len(files) ** 0.75), 10_000))
+    colours, sizes = [], set()
+    for index in np.linspace(0, len(files) - 1, number).astype(int):
+        try:
+            with Image.open(BytesIO(files[index]), formats=("JPEG",)) as picture:
+                sizes.add(picture.size)
+                colours.append(np.asarray(picture.convert("RGB"), float).reshape(-1, 3) / 255.0)
+        except (OSError, UnidentifiedImageError) as error:
+            raise RecordingError(f"a picture is damaged ({error}); see 'txt1 log info'") from None
+    if len(sizes) > 1:
+        raise RecordingError(f"the pictures have several sizes: {', '.join(map(str, sorted(sizes)))}")
+    rows = np.concatenate(colours)
+    found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    ((width, height),) = sizes
+    feature = {"dtype": "image", "shape": [height, width, 3], "names": ["height", "width", "channels"]}
+    return feature, {name: each[:, None, None].tolist() for name, each in found.items()} | {"count": [number]}
 
 
 def _write_tasks(path: Path, task: str) -> None:

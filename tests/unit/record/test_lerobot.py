@@ -69,3 +69,22 @@ def test_a_drive_is_an_episode_and_what_is_missing_is_told_in_a_line(
     told = capsys.readouterr().err
     assert told.startswith("txt1: --lerobot needs the extra 'parquet': ") and told.endswith("'txt1[parquet]'\n")
     assert told.count("\n") == 1
+
+
+def test_a_cameras_pictures_are_in_it_as_they_were_recorded(tmp_path: Path) -> None:
+    file, out = tmp_path / "run.mcap", tmp_path / "dataset"
+    run = ["run", "--headless", "--speed", "max", "--duration", "3", "--drive", "0.5,0.3"]
+    assert execute([*run, "--set", "sensors.camera.driver=sim_camera", "--log", str(file)]) == 0
+    assert execute(["log", "export", str(file), "--lerobot", str(out)]) == 0
+    info, stats = (json.loads((out / f"meta/{name}.json").read_text()) for name in ("info", "stats"))
+    name = "observation.images.camera"
+    assert (info["features"][name]["dtype"], info["features"][name]["shape"]) == ("image", [120, 160, 3])
+    assert np.array(stats[name]["mean"]).shape == (3, 1, 1)
+    assert 0.0 < stats[name]["min"][0][0][0] < stats[name]["max"][0][0][0] <= 1.0
+    data = parquet.read_table(out / info["data_path"].format(chunk_index=0, file_index=0)).to_pydict()
+    decoding = Decoding()
+    there = [bytes(decoding.message(each).data) for each in FilePass(file) if each.name == "/sensors/camera"]
+    shown = [each["bytes"] for each in data[name]]
+    assert len(shown) == info["total_frames"]
+    assert set(shown) <= set(there)
+    assert [there.index(each) for each in shown] == sorted(there.index(each) for each in shown)
