@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shlex
 from dataclasses import replace
 from math import atan2, cos, nan, sin
 from pathlib import Path
@@ -12,12 +13,13 @@ import numpy as np
 import pytest
 
 from txt1.cli import execute
+from txt1.cli.operating import RunStart
 from txt1.errors import ConfigError, RecordingError
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.record.options import RecordingAsked
 from txt1.robot import Robot
-from txt1.teaching.driving import LOOK, Look
+from txt1.teaching.driving import LOOK, POLICY, Look
 from txt1.teaching.lessons import Ask, drive_in, together
 from txt1.teaching.policy import Judgement, Policy, load
 from txt1.teaching.teach import teach
@@ -336,3 +338,53 @@ def test_a_recording_that_is_gone_or_changed_is_told(policy: Policy, tmp_path: P
     words = ["--more", policy.card.taught_by[0].file, "--from", str(tmp_path / "other.onnx")]
     assert execute(["teach", *words]) != 0
     assert "gone.mcap" in capsys.readouterr().err
+
+
+# -- the tutorial ------------------------------------------------------------------------------------------------
+
+
+def in_the_middle(robot: Robot, rng: np.random.Generator) -> tuple[float, float]:
+    """What a hand commands that keeps to the middle by the laser."""
+    reading = robot.sensor("laser")
+    if reading is None:
+        return 0.0, 0.0
+    ranges = np.minimum(reading.value.ranges, 3.0)
+    left, right = ranges[len(ranges) // 2 :].mean(), ranges[: len(ranges) // 2].mean()
+    return 0.7, float(np.clip(0.9 * (left - right) + 0.15 * rng.standard_normal(), -1.2, 1.2))
+
+
+@pytest.mark.long
+def test_the_tutorials_lines_teach_a_car_that_drives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """Each line of the page, with a simulated hand in place of the reader's."""
+    page = Path(__file__).parents[2] / "docs" / "tutorials" / "teach.md"
+    lines = [line.strip() for line in page.read_text("utf-8").splitlines() if line.startswith("    txt1 ")]
+    monkeypatch.chdir(tmp_path)
+    get_ready = RunStart.get_ready
+
+    async def with_hand(start: RunStart) -> None:
+        robot, rng = start.robot, np.random.default_rng(4)
+        await get_ready(start)
+        hand, alone = robot.source("gamepad"), POLICY not in robot.runtime.statistics()
+
+        async def steer(ticks: Ticks) -> None:
+            async for now in ticks:
+                # twice the reader takes over for some seconds
+                if alone or 20.0 < now < 24.0 or 40.0 < now < 44.0:
+                    hand.command(*in_the_middle(robot, rng))
+                elif hand.drives:
+                    hand.release()
+
+        robot.add_task("hand", 0.05, steer)
+
+    monkeypatch.setattr(RunStart, "get_ready", with_hand)
+    for line in lines:
+        words = shlex.split(line)[1:]
+        if words[0] == "run":
+            words += ["--headless", "--speed", "max", "--json", "--duration", "90" if "--source" not in line else "60"]
+        assert execute(words) == 0, line
+    told = capsys.readouterr().out
+    assert "2 take-overs from a policy" in told
+    assert json.loads(told.splitlines()[-1])["driver"]["name"] == "policy"
+    assert (tmp_path / "track-report" / "worst.png").exists()

@@ -149,6 +149,7 @@ class _Reader:
         self._taken = -1e9
         """Since when a human has it who took it from a policy, s of the run."""
         self._overruled = False
+        self._takeovers = 0
         self._kinds: dict[str, str] = {}
         self._names: dict[str, str] = {}
         self._latest: dict[str, tuple[float, Any]] = {}
@@ -196,6 +197,7 @@ class _Reader:
         if is_hand(name, self.also):
             # a policy that stood or had let go a moment ago was taken over, too
             self._overruled = now - self._lost < GAP
+            self._takeovers += self._overruled
             self._taken = now
 
     def _stopped(self, now: float) -> None:
@@ -305,6 +307,7 @@ class _Reader:
             round(sum(self._by.values()), 3),
             {name: round(seconds, 3) for name, seconds in self._by.items()},
             round(sum(row.seconds for row in self._rows if row.takeover), 3),
+            self._takeovers,
             {reason: round(seconds, 3) for reason, seconds in self._left.items() if seconds > 0.0},
         )
         return Drive(taught, tuple(self._sights), lessons, config.vehicle, radius, v_max)

@@ -47,6 +47,8 @@ class Taught:
     """Seconds by each who drove."""
     takeover: float = 0.0
     """Seconds of them in which a policy had been overruled."""
+    takeovers: int = 0
+    """How often."""
     left_out: dict[str, float] = field(default_factory=dict)
     """Seconds that were left out, and why."""
 

@@ -110,7 +110,7 @@ def summary(drive: Drive) -> list[str]:
     by = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in sorted(taught.by.items()))
     lines = [f"{taught.file}: {len(drive.lessons)} lessons, driven by {by}"]
     if taught.takeover:
-        lines.append(f"  {taught.takeover:.1f} s of it after taking over from a policy, which count more")
+        lines.append(f"  {taught.takeovers} take-overs from a policy: {taught.takeover:.1f} s, which count more")
     left = sorted(taught.left_out.items(), key=lambda one: -one[1])
     if left:
         lines.append("  left out: " + ", ".join(f"{reason} {seconds:.1f} s" for reason, seconds in left))
