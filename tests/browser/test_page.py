@@ -7,6 +7,8 @@ import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
+from math import tau
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,10 @@ import pytest
 from rigs.live_browser import Live, arrive, command, live
 from tests.browser.conftest import fresh, opened
 from tests.patience import LIMIT, TXT1, S
+from txt1.sensors.readings import LASER_MOUNT
+from txt1.teaching.network import Network
+from txt1.teaching.policy import Card, Policy, digest
+from txt1.teaching.seeing import Sight, shape_of
 from txt1.web.certificate import own_certificate
 
 pytestmark = pytest.mark.browser
@@ -492,6 +498,24 @@ def test_a_learner_s_progress_is_two_curves(browser: Any) -> None:
         page.wait_for_function(shown)
         for curve in ("episodes-chart", "rewards-chart"):
             page.wait_for_function(f"(id) => ({script('painted')})(id) > 20", arg=curve)
+        assert overlaps(page) == [] and cut(page) == []
+        page.close()
+
+
+def test_a_taught_policy_says_what_it_would_do_and_how_sure_it_is(browser: Any, tmp_path: Path) -> None:
+    sight = Sight("laser", "laser", (1, 108, 1), (), (0.5,), (0.5,), (682.0, -682 // 2 * tau / 1024, tau / 1024))
+    sight = replace(sight, mount=tuple(LASER_MOUNT))
+    networks = [Network(shape_of([sight], (4,)), np.random.default_rng(0))]
+    networks[0].biases[-1][1] = 0.3
+    card = Card(1, "0", "today", (sight,), 1, (4,), 1.5, 0.56, 0.1, 0.3, weights=digest(networks))
+    file = tmp_path / "some.onnx"
+    Policy(card, networks).save(file)
+    words = ("--set", "sensors.laser.driver=sim_laser", "--source", str(file))
+    with command("run", "--hal", "sim", *words) as url:
+        page = fresh(browser)
+        arrive(page, url)
+        page.locator("[data-tab=learner]").click()
+        page.wait_for_function("() => /would steer[^]*sure/.test(document.getElementById('panel').innerText)")
         assert overlaps(page) == [] and cut(page) == []
         page.close()
 

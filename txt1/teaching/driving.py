@@ -60,6 +60,10 @@ class Look(NamedTuple):
     """Share of the fastest in the lessons."""
     doubt: float
     """How much its networks disagree."""
+    slow: float
+    """The doubt from which it drives slower."""
+    stop: float
+    """The doubt from which it stands."""
     pace: float
     """Share of the speed that the doubt leaves it, 0 to 1."""
     v: float
@@ -77,7 +81,8 @@ LOOK: Final = declare(
         "m/s, rad/s",
         define(
             "txt1_msgs/Look",
-            "std_msgs/Header header\nfloat64 steering\nfloat64 speed\nfloat64 doubt\nfloat64 pace\nfloat64 v\n"
+            "std_msgs/Header header\nfloat64 steering\nfloat64 speed\nfloat64 doubt\nfloat64 slow\nfloat64 stop\n"
+            "float64 pace\nfloat64 v\n"
             "float64 omega\nstring state",
         ),
         Rule.EVENT,
@@ -192,9 +197,12 @@ class Pilot:
             return
         self._look, self._judged = look, began
         self._doubts.append(look.doubt)
+        card = self.policy.card
         pace = self._pace()
         v, omega = self._command(pace)
-        self._robot.runtime.bus.publish(LOOK, Look(*look, pace, v, omega, self.state), now)
+        self._robot.runtime.bus.publish(
+            LOOK, Look(*look, card.doubt_slow, card.doubt_stop, pace, v, omega, self.state), now
+        )
 
     def _pace(self) -> float:
         """Return the share of the speed that the doubt leaves: 1 to `doubt_slow`, 0 from `doubt_stop` on."""

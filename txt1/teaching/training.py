@@ -25,8 +25,8 @@ from txt1.teaching.policy import doubts, normalised
 from txt1.teaching.seeing import Seen, Sight, mirrored, shape_of
 
 Array = NDArray[np.float32]
-SCALE: Final = 0.25
-"""Deviation of the logarithm of a world's size, where lessons are scaled."""
+SCALE: Final = 2.0
+"""Times as large, or as small, a world is at most, where lessons are scaled."""
 SPEED_WEIGHT: Final = 0.3
 """What an error of the speed counts, against one of the steering."""
 
@@ -216,7 +216,7 @@ def _scaled(
     A path there has the curvature over s, and at the same acceleration to the side the speed times the root of s. A
     range r is seen as f = r / (r + 1), so r = f / (1 - f).
     """
-    size = np.exp(SCALE * rng.standard_normal(len(commands))).clip(0.5, 2.0).astype(np.float32)
+    size = (SCALE ** rng.uniform(-1.0, 1.0, len(commands))).astype(np.float32)
     found = []
     for _, part, norm in zip(sights, parts, norms, strict=True):
         share = (part * norm.deviation + norm.mean).clip(0.0, 1.0)

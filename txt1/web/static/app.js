@@ -24,7 +24,7 @@ const know = {
   send: (request) => link.send(request),
   choices: () => [...new Set([
     ...Object.keys(know.topics).filter((name) => !NO_PLOT.includes(name)),
-    ...(know.topics["/sensors"] ?? []).map((sensor) => `/sensors/${sensor.name}`), "/learning/step",
+    ...(know.topics["/sensors"] ?? []).map((sensor) => `/sensors/${sensor.name}`), "/learning/step", "/teaching",
   ])].sort(),
   choose(topic, field) {
     if (topic !== know.plot.topic) know.plot.fields = []
@@ -83,6 +83,7 @@ function forget() {
   know.topics = {}
   drive.hand = null
   know.learning = { steps: [], episodes: new Map(), decisions: 0 }
+  know.look = null
   know.drawn = -1  // which sensors are drawn is found anew
   know.choose(know.plot.topic, know.plot.field)
   $("camera").hidden = true
@@ -90,7 +91,8 @@ function forget() {
 
 function occurred({ topic, time, value }) {
   if (topic === know.plot.topic) plotted(time, value)
-  if (topic === "/learning/step") {
+  if (topic === "/teaching") know.look = value
+  else if (topic === "/learning/step") {
     know.learning.decisions++
     know.learning.steps.push(value)
     if (know.learning.steps.length > 2000) know.learning.steps.shift()
@@ -136,7 +138,7 @@ function change(open) {
 }
 
 function subscribe() {
-  const topics = [know.plot.topic, tab === "tasks" ? "/tasks" : "", "/learning/step", ...sensorTopics()]  // each look at /tasks brings one of them up to date
+  const topics = [know.plot.topic, tab === "tasks" ? "/tasks" : "", "/learning/step", "/teaching", ...sensorTopics()]  // each look at /tasks brings one of them up to date
   link.send({ do: "choose", topics: [...new Set(topics)].filter(Boolean).slice(0, 20) })
 }
 
@@ -205,6 +207,7 @@ function hint(mode, holder, mine, driver, replay) {
   if (!mode) return "Waiting for the robot."
   if (!mode.armed) return mode.remote ? "The robot is not armed, which is done at the robot itself." : "The robot is not armed: hold the button above for half a second."
   if (holder && !mine) return `Page ${holder} drives. You watch; STOP works all the same.`
+  if (driver === "policy") return "A taught policy drives. Hold the stick to take over; it goes on when you let go."
   if (driver && driver !== "web" && driver !== "route") return `'${driver}' drives. It is your turn when it lets go.`
   return "Hold the stick to drive, let go to stop. Keys: w a s d, space stops."
 }

@@ -80,7 +80,22 @@ const tasks = (know, panel) => {
 const RECENT = 50  // decisions that a mean reward is of
 const EPISODE = /^episode (\d+): (reached|lost) the light after ([\d.]+) s, best possible ([\d.]+) s/
 
+// A taught policy: what it would do, and how sure it is; what it sees is on the map and in the picture.
+const policy = (look, panel) => {
+  const side = look.steering > 0 ? "left" : "right", sure = Math.max(0, 1 - look.doubt / look.stop)
+  panel.replaceChildren(
+    title("taught policy"),
+    element("p", {}, span(look.state, look.state === "drives" ? "good" : "warn")),
+    table(null, [
+      ["would steer", `${Math.round(100 * Math.abs(look.steering))} % ${side}`], ["would drive", `${format(Math.round(100 * look.v) / 100)} m/s`],
+      ["sure", `${Math.round(100 * sure)} %`], ["doubt", look.doubt.toFixed(3)],
+      ["slower from a doubt of", look.slow.toFixed(3)], ["stands from a doubt of", look.stop.toFixed(3)],
+    ], [1]),
+    element("meter", { min: 0, max: 1, low: 0.34, optimum: 1, value: sure, ariaLabel: "how sure the policy is" }))
+}
+
 const learner = (know, panel) => {
+  if (know.look) return policy(know.look, panel)
   const { learning } = know, { steps, episodes } = learning
   if (!steps.length && !episodes.size) return panel.replaceChildren(quiet("nothing is being learned: txt1 run --learn sweeps --web"))
   const curve = (id, label) => element("canvas", { id, className: "low", role: "img", ariaLabel: label })
