@@ -1,0 +1,177 @@
+"""How good maps are: the error of trajectories from logs of other people's robots, beside yag-slam.
+
+    python -m benchmarks.mapping                        # the logs of --data, 20 seeds
+    python -m benchmarks.mapping --seeds 2 LOG ...      # any logs in CARMEN's format, plain or gzip
+
+The odometry of these logs was corrected by those who published them. So an error is added, the same one for all: 5 % on
+one wheel, and a heading that wanders by 2 degrees a metre. The error of a trajectory (ATE) is the rms of what positions
+differ from the reference after the best rigid alignment. Times are processor time, those of yag-slam in an environment
+of its own, with its own settings.
+"""
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from txt1.errors import Txt1Error
+from txt1.mapping import drawing, logs
+from txt1.mapping.mapper import Mapper
+from txt1.mapping.poses import trajectory_error
+
+DATA: Final = Path("/work/shared/data/laser")
+LOGS: Final = ("intel", "aces", "csail", "freiburg-079")
+PEER: Final = Path(__file__).parent / "peers" / "yag.py"
+PACKAGES: Final = ("yag-slam=={}", "opencv-python-headless", "msgpack")  # it does not name the latter two
+
+
+class Result(NamedTuple):
+    """What came of a log with a seed."""
+
+    error: float
+    """m, NaN where the log has no reference."""
+    spent: float
+    """Processor time of a scan, s."""
+
+
+def ours(log: logs.Log, odometry: logs.Array, form: str) -> tuple[Result, Mapper]:
+    """Map a log."""
+    mapper, longest = Mapper(form=form), log.longest
+    begin = process_time()
+    for scan, pose in zip(log.scans, odometry, strict=True):
+        mapper.add(scan.time, logs.points_of(scan.ranges, scan.angles, longest, scan.swept), pose)
+    mapper.finish()
+    spent = (process_time() - begin) / len(log.scans)
+    return Result(_error(mapper.poses, log), spent), mapper
+
+
+def _error(poses: logs.Array, log: logs.Log) -> float:
+    return float("nan") if log.reference is None else trajectory_error(poses, log.reference)
+
+
+def environment(version: str) -> Path | None:
+    """Return the Python that has yag-slam, which is installed on the first call; None: it cannot be."""
+    folder = Path("build") / f"yag-slam-{version}"
+    python = folder / "bin" / "python"
+    if (folder / "ready").exists():
+        return python
+    packages = [each.format(version) for each in PACKAGES]
+    for command in ([sys.executable, "-m", "venv", folder], [python, "-m", "pip", "--quiet", "install", *packages]):
+        try:
+            subprocess.run(command, check=True, capture_output=True, text=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            told = (getattr(error, "stderr", "") or str(error)).strip().splitlines()
+            print(f"yag-slam {version} could not be installed, so it did not run: {told[-1] if told else error}")
+            return None
+    (folder / "ready").touch()
+    return python
+
+
+def yag(python: Path, log: logs.Log, odometry: logs.Array) -> Result | None:
+    """Have yag-slam map a log; None: it failed, which is told."""
+    if any(scan.ranges.shape != log.scans[0].ranges.shape for scan in log.scans):
+        print(f"{log.name}: yag-slam takes no scans whose number of beams changes, so it did not run")
+        return None
+    angles = log.scans[0].angles
+    with TemporaryDirectory() as folder:
+        given, found = Path(folder, "in.npz"), Path(folder, "out.npz")
+        np.savez(
+            given,
+            ranges=np.array([scan.ranges for scan in log.scans]),
+            start=angles[0],
+            step=angles[1] - angles[0],
+            longest=log.longest,
+            odometry=odometry,
+        )
+        done = subprocess.run([python, PEER, given, found], capture_output=True, text=True, check=False)
+        if done.returncode:
+            print(f"{log.name}: yag-slam failed: {(done.stderr.strip().splitlines() or ['no word'])[-1]}")
+            return None
+        result = np.load(found)
+        return Result(_error(result["poses"], log), float(result["spent"]) / len(log.scans))
+
+
+def told(log: logs.Log, seeds: int, python: Path | None, form: str, picture: Path | None) -> list[list[Result]]:
+    """Map a log with each seed, print its row, and return our results and theirs."""
+    wheels, mine, theirs = [], [], []
+    for seed in range(seeds):
+        odometry = logs.drifted(log.odometry, seed) if log.reference is not None else log.odometry
+        wheels.append(_error(odometry, log))
+        result, mapper = ours(log, odometry, form)
+        mine.append(result)
+        if python is not None and (other := yag(python, log, odometry)) is not None:
+            theirs.append(other)
+        if picture is not None and seed == 0:
+            grid = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops)
+            picture.mkdir(parents=True, exist_ok=True)
+            drawing.save(grid, picture / log.name, [("#d04010", mapper.poses)])
+        if log.reference is None:
+            break
+    cells = [log.name, str(len(log.scans)), str(len(mine)), f"{np.mean(wheels):.2f}"]
+    for results in (mine, theirs):
+        errors, times = np.array([each.error for each in results]), [each.spent for each in results]
+        cells += (
+            [f"{errors.mean():.3f}", f"{errors.max():.3f}", f"{np.mean(times) * 1e3:.1f}"] if results else ["-"] * 3
+        )
+    print("| " + " | ".join(cells) + " |", flush=True)
+    return [mine, theirs]
+
+
+def verdict(rows: dict[str, list[list[Result]]]) -> None:
+    """Print what holds of the aims and what does not, losses first."""
+    both = {name: row for name, row in rows.items() if row[1] and np.isfinite(row[0][0].error)}
+    if not both:
+        print("\nNothing to compare with.")
+        return
+    means = {name: [np.mean([each.error for each in side]) for side in row] for name, row in both.items()}
+    times = {name: [np.mean([each.spent for each in side]) for side in row] for name, row in both.items()}
+    mine, theirs = np.mean(list(means.values()), axis=0)
+    lines = [(mine <= theirs, f"mean ATE over the logs: {mine:.3f} m, yag-slam's {theirs:.3f} m")]
+    for name in both:
+        (error, other), (spent, taken) = means[name], times[name]
+        lines.append((error <= 1.3 * other, f"{name}: ATE {error / other:.2f} times yag-slam's (at most 1.3)"))
+        lines.append((spent <= 0.5 * taken, f"{name}: processor time {spent / taken:.2f} of yag-slam's (at most 0.5)"))
+    print()
+    for holds, line in sorted(lines, key=lambda each: each[0]):
+        print(f"- {'holds' if holds else 'DOES NOT HOLD'}: {line}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run on the command line's logs."""
+    parser = argparse.ArgumentParser(prog="benchmarks.mapping", description=__doc__.split("\n\n")[0])
+    parser.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CARMEN logs, plain or gzip, or the rover's")
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of the logs taken without any named")
+    parser.add_argument("--seeds", type=int, default=20, help="of the error added to odometry (default 20)")
+    parser.add_argument("--yag", default="0.2.5", metavar="VERSION", help="of yag-slam (default 0.2.5); none: without")
+    parser.add_argument("--form", default="", choices=("numba", "numpy"), help="of the loops; default what there is")
+    parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="write the maps of the first seed there")
+    given = parser.parse_args(arguments)
+    files = given.logs or [given.data / f"{name}.log.gz" for name in LOGS]
+    python = None if given.yag == "none" else environment(given.yag)
+    rows: dict[str, list[list[Result]]] = {}
+    try:
+        read = [logs.read(file) for file in files]
+    except Txt1Error as error:
+        print(error, file=sys.stderr)
+        return 1
+    # compiled before anything is timed
+    first = read[0]._replace(scans=read[0].scans[:60])
+    _, mapper = ours(first, first.odometry, given.form)
+    print(f"loops: {mapper.loops.form}; ATE in m over seeds, processor time in ms a scan; yag-slam {given.yag}\n")
+    print("| log | scans | seeds | ATE of wheels | ATE | worst | ms | yag-slam's ATE | worst | ms |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for log in read:
+        rows[log.name] = told(log, given.seeds, python, given.form, given.pictures)
+    verdict(rows)
+    print("\nDebian's mrpt-apps (icp-slam, rbpf-slam) did not run: this command does not install them.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,118 @@
+"""The occupancy grid of a graph's scans, and its files: map_server's pair, and a drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import floor
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.mapping.matcher import Cloud, Kernels
+from txt1.mapping.poses import placed
+from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+
+Array = NDArray[np.float64]
+
+RESOLUTION: Final = 0.05
+"""m."""
+SOLID: Final = 0.4
+"""Share of the rays through a cell that end in it from which on it is a wall; grazing rays pass walls, too."""
+MARGIN: Final = 0.5
+"""m round what was seen."""
+CELLS_MAX: Final = 16_000_000
+"""Of a map, as `txt1.maps.files` reads at most."""
+
+
+def grid_of(clouds: Sequence[Cloud], poses: Array, loops: Kernels, resolution: float = RESOLUTION) -> Grid:
+    """Return the floor as clouds saw it from these poses (m, rad): walls, free, and unknown where no ray came.
+
+    Raises ValueError: it would have more than `CELLS_MAX` cells.
+    """
+    ends = [placed(pose, cloud.points) for cloud, pose in zip(clouds, poses, strict=True)]
+    low = np.min([each.min(axis=0) for each in (*ends, poses[:, :2])], axis=0) - MARGIN
+    high = np.max([each.max(axis=0) for each in (*ends, poses[:, :2])], axis=0) + MARGIN
+    # whole cells from 0 on, so a map that grows keeps its cells
+    left, bottom = (floor(each / resolution) for each in low)
+    columns, rows = (floor(each / resolution) + 1 - first for each, first in zip(high, (left, bottom), strict=True))
+    if rows * columns > CELLS_MAX:
+        raise ValueError(
+            f"the map would be {columns * resolution:.0f} m x {rows * resolution:.0f} m: take larger cells"
+        )
+    hits, passes = np.zeros((rows, columns), np.int32), np.zeros((rows, columns), np.int32)
+    for end, pose in zip(ends, poses, strict=True):
+        x, y = pose[0] / resolution - left, pose[1] / resolution - bottom
+        loops.carve(hits, passes, end / resolution - (left, bottom), x, y)
+    seen = hits + passes
+    solid = hits >= SOLID * np.maximum(seen, 1)
+    cells = np.where(seen == 0, UNKNOWN, np.where(solid, OCCUPIED, FREE)).astype(np.int8)
+    return Grid(cells, resolution, (left * resolution, bottom * resolution, 0.0))
+
+
+def picture(grid: Grid) -> bytes:
+    """Return a grid as a PGM, as map_server reads and writes it: walls 0, unknown 205, free 254, the last row first."""
+    grey = np.where(grid.cells >= OCCUPIED // 2, 0, np.where(grid.cells < FREE, 205, 254)).astype(np.uint8)[::-1]
+    rows, columns = grey.shape
+    return f"P5\n{columns} {rows}\n255\n".encode() + grey.tobytes()
+
+
+def description(grid: Grid, image: str) -> str:
+    """Return the text of a map's .yaml."""
+    x, y, yaw = grid.origin
+    return (
+        f"image: {image}\nresolution: {grid.resolution:g}\norigin: [{x:.6g}, {y:.6g}, {yaw:g}]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+
+
+def drawing(grid: Grid, ways: Iterable[tuple[str, Array]] = ()) -> str:
+    """Return an SVG of a grid, a rectangle for each run of walls in a row, and of ways over it: (colour, poses)."""
+    rows, columns = grid.cells.shape
+    scale = 100.0 * grid.resolution
+    x0, y0, _ = grid.origin
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {columns * scale:g} {rows * scale:g}">'
+        f'<rect width="100%" height="100%" fill="#cdcdcd"/>'
+    ]
+    for colour, there in (("#fefefe", grid.cells == FREE), ("#101010", grid.cells >= OCCUPIED // 2)):
+        path = []
+        edges = np.diff(there.astype(np.int8), axis=1, prepend=0, append=0)
+        for row in range(rows):
+            begins, ends = np.flatnonzero(edges[row] == 1), np.flatnonzero(edges[row] == -1)
+            top = (rows - 1 - row) * scale
+            path += [
+                f"M{b * scale:g} {top:g}h{(e - b) * scale:g}v{scale:g}h{(b - e) * scale:g}z"
+                for b, e in zip(begins, ends, strict=True)
+            ]
+        parts.append(f'<path fill="{colour}" shape-rendering="crispEdges" d="{"".join(path)}"/>')
+    for colour, poses in ways:
+        points = " ".join(f"{(x - x0) * 100:.1f},{rows * scale - (y - y0) * 100:.1f}" for x, y in poses[:, :2])
+        parts.append(f'<polyline fill="none" stroke="{colour}" stroke-width="4" points="{points}"/>')
+    return "\n".join((*parts, "</svg>\n"))
+
+
+def save(grid: Grid, name: Path, ways: Iterable[tuple[str, Array]] = ()) -> list[Path]:
+    """Write NAME.pgm, NAME.svg, and last NAME.yaml, which names the picture; each file is whole or the old one.
+
+    Raises OSError: the disk is full, or the folder cannot be written; what was there stays.
+    """
+    texts = {
+        ".pgm": picture(grid),
+        ".svg": drawing(grid, ways).encode(),
+        ".yaml": description(grid, f"{name.name}.pgm").encode(),
+    }
+    return [put(name.with_name(name.name + suffix), text) for suffix, text in texts.items()]
+
+
+def put(file: Path, content: bytes) -> Path:
+    """Write a file beside itself, and put it in its place when it is whole; raises OSError."""
+    new = file.with_name(file.name + ".new")
+    try:
+        new.write_bytes(content)
+        new.replace(file)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
+    return file

@@ -1,0 +1,136 @@
+"""The pose graph: poses as nodes, what was measured between them as edges, and the poses that fit all edges best.
+
+How it works
+------------
+
+An edge from i to j holds the pose of j as seen from i, and its information matrix. Its error is what the present poses
+differ from that. Gauss-Newton minimises the sum of squares; the normal equations are sparse, and SciPy's SuperLU solves
+them. An edge that closes a loop may be wrong: a corridor looks like the next one. So its square is bent by Geman and
+McClure's function, weight (c / (c + chi^2))^2: the more it contradicts all others, the less it says. Before a long loop
+is closed, a right edge contradicts all others, too. So c begins large and shrinks, round by round (graduated
+non-convexity, Yang 2020). Edges from one scan to the next are not bent.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.mapping.poses import difference, wrapped
+
+Array = NDArray[np.float64]
+
+BENT: Final = 20.0
+"""Chi-square of three numbers from which on an edge that closes a loop says less; 16.3 is the 99.9 % quantile."""
+
+
+SHRINKS: Final = 3.0
+"""Factor by which the bend shrinks in a round, down to `BENT`."""
+STILL: Final = 1e-4
+"""m and rad: poses that move less have arrived."""
+
+EDGE: Final = np.dtype(
+    [
+        ("first", np.int64),
+        ("second", np.int64),
+        ("step", np.float64, 3),
+        ("information", np.float64, (3, 3)),
+        ("loop", bool),
+    ]
+)
+"""Of what was measured between two nodes.
+
+`step` is the second node as seen from the first: x, y, theta (m, rad); its information is in 1 / m^2 and 1 / rad^2;
+`loop` says whether the edge closes a loop.
+"""
+
+
+class Graph:
+    """Nodes and edges."""
+
+    def __init__(self) -> None:
+        self._poses = np.empty((64, 3))
+        self._edges = np.empty(64, EDGE)
+        self._nodes = self._links = 0
+
+    @property
+    def poses(self) -> Array:
+        """Of the nodes, a row each (m, rad)."""
+        return self._poses[: self._nodes]
+
+    @property
+    def edges(self) -> NDArray[Any]:
+        """The edges, a row each."""
+        return self._edges[: self._links]
+
+    def add(self, pose: Any) -> int:
+        """Add a node, and return its number."""
+        if self._nodes == len(self._poses):
+            self._poses = np.concatenate((self._poses, np.empty_like(self._poses)))
+        self._poses[self._nodes] = pose
+        self._nodes += 1
+        return self._nodes - 1
+
+    def link(self, first: int, second: int, step: Array, information: Array, loop: bool) -> float:
+        """Add an edge, and return its chi-square at the present poses."""
+        if self._links == len(self._edges):
+            self._edges = np.concatenate((self._edges, np.empty_like(self._edges)))
+        self._edges[self._links] = first, second, step, information, loop
+        self._links += 1
+        _, error = self._errors(self._edges[self._links - 1 : self._links])
+        return float(error[0] @ information @ error[0])
+
+    def _errors(self, edges: NDArray[Any]) -> tuple[Array, Array]:
+        """Return the second nodes as seen from the first ones, and what that differs from the edges."""
+        seen = difference(self.poses[edges["first"]], self.poses[edges["second"]])
+        error = seen - edges["step"]
+        error[:, 2] = wrapped(error[:, 2])
+        return seen, error
+
+    def optimise(self, rounds: int = 20) -> None:
+        """Move the poses to where they fit all edges best; the first pose stays."""
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.linalg import splu
+
+        edges = self.edges
+        if not edges["loop"].any():
+            return
+        first, second, bent = edges["first"], edges["second"], edges["loop"]
+        size = 3 * len(self.poses)
+        damping, bend = 1e-9, np.inf
+        for _ in range(rounds):
+            seen, error = self._errors(edges)
+            information = edges["information"]
+            chi = np.einsum("ni,nij,nj->n", error, information, error)
+            bend = max(BENT, min(bend / SHRINKS, 2.0 * float(chi[bent].max())))
+            weight = np.where(bent, (bend / (bend + chi)) ** 2, 1.0)
+            information = information * weight[:, None, None]
+            cosine, sine = np.cos(self.poses[first, 2]), np.sin(self.poses[first, 2])
+            count = len(first)
+            back = np.zeros((count, 3, 3))
+            back[:, 0, 0], back[:, 0, 1], back[:, 1, 0], back[:, 1, 1], back[:, 2, 2] = cosine, sine, -sine, cosine, 1.0
+            a = -back
+            a[:, 0, 2], a[:, 1, 2] = seen[:, 1], -seen[:, 0]
+            jacobians = np.concatenate((a, back), axis=2)
+            weighted = np.einsum("nij,nik->njk", jacobians, information)
+            blocks = np.einsum("nij,njk->nik", weighted, jacobians)
+            gradient = np.zeros(size)
+            places = np.concatenate((3 * first[:, None] + np.arange(3), 3 * second[:, None] + np.arange(3)), axis=1)
+            np.add.at(gradient, places, np.einsum("nij,nj->ni", weighted, error))
+            rows = np.repeat(places, 6, axis=1).ravel()
+            columns = np.tile(places, (1, 6)).ravel()
+            held = np.arange(3)
+            matrix = csc_matrix(
+                (
+                    np.concatenate((blocks.reshape(-1), np.full(3, 1e9), np.full(size, damping))),
+                    (np.concatenate((rows, held, np.arange(size))), np.concatenate((columns, held, np.arange(size)))),
+                ),
+                shape=(size, size),
+            )
+            step = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(-gradient)
+            self.poses[:] += step.reshape(-1, 3)
+            self.poses[:, 2] = wrapped(self.poses[:, 2])
+            if bend == BENT and np.abs(step).max() < STILL:
+                break

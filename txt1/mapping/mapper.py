@@ -1,0 +1,324 @@
+"""Makes a map from scans and odometry: scan after scan is matched, and a pose graph closes the loops.
+
+How it works
+------------
+
+*Matching.* Odometry since the scan before predicts the pose. The scan is matched with a local map, the clouds of the
+last keyframes (`matcher`), in a window as large as odometry may be wrong. Where the robot has moved or turned enough,
+the scan becomes a keyframe: a node of the graph, with an edge from the keyframe before.
+
+*Loops.* The keyframes behind the robot are put together in chunks. Whenever some keyframes are new, they are matched,
+together, with the nearest chunks, in a window as large as the way through the graph between the two allows. Several
+scans in one cloud are far harder to mistake than a single one. What fits well becomes an edge that closes a loop, and
+the graph is optimised (`graph`), if the edge contradicts it.
+
+*Poses.* A scan that is no keyframe keeps its pose as seen from its keyframe, so all poses follow the graph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot, radians
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.mapping.graph import Graph
+from txt1.mapping.matcher import Cloud, LocalMap, Seen, cloud_of, joined, kernels_of, moved, sparse
+from txt1.mapping.poses import composed, difference, placed, wrapped
+
+Array = NDArray[np.float64]
+
+FLOOR: Final = np.diag([0.01, 0.01, radians(0.15)]) ** 2
+"""Variance that no match undercuts, m^2 and rad^2: rounding of clouds, and that points of a wall err together."""
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """How wrong odometry may be, as standard deviations of a step."""
+
+    position: float = 0.02
+    """m, whatever the step."""
+    angle: float = radians(1.0)
+    """rad, whatever the step."""
+    way: float = 0.1
+    """m a metre."""
+    bend: float = radians(5.0)
+    """rad a metre."""
+    turn: float = 0.1
+    """rad a rad turned."""
+
+    def deviation(self, step: Array) -> tuple[float, float]:
+        """Return standard deviations of position (m) and angle (rad) after this step."""
+        way = hypot(step[0], step[1])
+        return self.position + self.way * way, self.angle + self.bend * way + self.turn * abs(float(step[2]))
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Settings of the mapper."""
+
+    key_way: float = 0.3
+    """m after which a scan becomes a keyframe."""
+    key_turn: float = radians(15.0)
+    """rad after which a scan becomes a keyframe."""
+    local: int = 16
+    """Keyframes in the local map."""
+    lose: float = 0.2
+    """Score below which a match with the local map does not count, and odometry stands."""
+    noise: float = 0.05
+    """m, standard deviation of a point, as far as points of a wall err independently."""
+    chunk: int = 8
+    """Keyframes in a chunk that loops are closed with."""
+    query: int = 6
+    """Keyframes that are matched with a chunk together."""
+    every: int = 2
+    """Keyframes from one look for loops to the next."""
+    apart: int = 24
+    """Keyframes that a loop has at least."""
+    range: float = 3.0
+    """m from a chunk within which a loop is looked for, besides what the graph may be wrong by."""
+    share: float = 0.025
+    """m a metre through the graph that poses may be wrong by."""
+    bend: float = radians(0.4)
+    """rad a metre through the graph that poses may be wrong by."""
+    close: float = 0.25
+    """Score from which on a chunk may close a loop, in a window without any width."""
+    wide: float = 0.04
+    """What that score rises by with each m of the window: the more poses, the easier does one fit by chance."""
+    known: float = 0.35
+    """Share of the points where the chunk's rays came from which on it may."""
+    near: float = 0.85
+    """Share of these that lie by points of the chunk from which on it closes a loop."""
+
+
+class Key(NamedTuple):
+    """A keyframe."""
+
+    number: int
+    """Of its scan."""
+    time: float
+    """s."""
+    cloud: Cloud
+
+
+class Match(NamedTuple):
+    """What became of a scan."""
+
+    pose: Array
+    """x, y, theta (m, rad) on the map so far."""
+    score: float
+    """Of the match, 0 to 1; 0 where there was none."""
+    key: bool
+    """Whether it became a keyframe."""
+    closed: int
+    """Loops that it closed."""
+
+
+class Mapper:
+    """A map in the making."""
+
+    def __init__(self, matching: Matching | None = None, odometry: Odometry | None = None, form: str = "") -> None:
+        """Begin; `form` is "numba", "numpy", or "" for whichever there is (ImportError: numba is not there)."""
+        self.loops = kernels_of(form)
+        self.graph = Graph()
+        self.keys: list[Key] = []
+        self._matching = matching or Matching()
+        self._odometry = odometry or Odometry()
+        self._owners: list[int] = []
+        self._steps: list[Array] = []
+        self._pose = np.zeros(3)
+        self._before: Array | None = None
+        self._prediction: tuple[float, float] = (0.0, 0.0)
+        self._local: LocalMap | None = None
+        self._origin = np.zeros(3)
+        self._chunks: dict[int, tuple[LocalMap, Seen]] = {}
+        self._looked = 0
+        self._unsettled = 0
+
+    @property
+    def poses(self) -> Array:
+        """Poses of all scans so far, a row each (m, rad)."""
+        return composed(self.graph.poses[self._owners], np.array(self._steps))
+
+    def add(self, time: float, points: Array, odometry: Any) -> Match:
+        """Take a scan: points (n, 2) in m, in the order of the beams, and odometry at its time, both of the laser."""
+        odometry = np.asarray(odometry, dtype=np.float64)
+        cloud = cloud_of(points, self.loops)
+        if self._before is None:
+            self._before = odometry
+            return self._begin(time, cloud, odometry)
+        step = difference(self._before, odometry)
+        self._before = odometry
+        score, information = 0.0, None
+        predicted = composed(self._pose, step)
+        deviation = self._odometry.deviation(step)
+        if self._local is None or len(cloud.points) < 10:
+            self._pose = predicted
+        else:
+            score, self._pose, information = self._matched(cloud, predicted, deviation)
+        since = difference(self.graph.poses[-1], self._pose)
+        if hypot(since[0], since[1]) < self._matching.key_way and abs(since[2]) < self._matching.key_turn:
+            self._owners.append(len(self.keys) - 1)
+            self._steps.append(since)
+            return Match(self._pose, score, False, 0)
+        return self._keyed(time, cloud, since, score, information)
+
+    def finish(self) -> None:
+        """Look for loops once more and optimise."""
+        self._look()
+        self.graph.optimise()
+        self._pose = composed(self.graph.poses[self._owners[-1]], self._steps[-1])
+        self._rebuild()
+
+    def _begin(self, time: float, cloud: Cloud, odometry: Array) -> Match:
+        self._pose = odometry
+        self.graph.add(odometry)
+        self._own(time, cloud)
+        self._rebuild()
+        return Match(self._pose, 0.0, True, 0)
+
+    def _own(self, time: float, cloud: Cloud) -> None:
+        self.keys.append(Key(len(self._owners), time, cloud))
+        self._owners.append(len(self.keys) - 1)
+        self._steps.append(np.zeros(3))
+
+    def _matched(
+        self, cloud: Cloud, predicted: Array, deviation: tuple[float, float]
+    ) -> tuple[float, Array, Array | None]:
+        """Return score, pose and information of a scan on the local map; no information where it does not match."""
+        assert self._local is not None
+        matching = self._matching
+        centre = difference(self._origin, predicted)
+        position, angle = deviation
+        score, found = self._local.search(
+            sparse(cloud, 150), centre, 0.1 + 3.0 * position, radians(2.0) + 3.0 * angle,
+            (0.3 + 3.0 * position, radians(10.0) + 3.0 * angle), matching.lose,
+        )  # fmt: skip
+        if score <= matching.lose:
+            return 0.0, predicted, None
+        prior = matching.noise**2 * np.diag([position**-2.0, position**-2.0, angle**-2.0])
+        pose, information, _, _ = self._local.align(cloud, found, centre, prior)
+        moved_by = difference(found, pose)
+        if hypot(moved_by[0], moved_by[1]) > 0.5 or abs(moved_by[2]) > radians(10.0):
+            pose = found
+        return score, composed(self._origin, pose), (information + prior) / matching.noise**2
+
+    def _keyed(self, time: float, cloud: Cloud, since: Array, score: float, information: Array | None) -> Match:
+        """Make the scan a keyframe, and look for loops."""
+        if information is None:
+            position, angle = self._odometry.deviation(since)
+            information = np.diag([position**-2.0, position**-2.0, angle**-2.0])
+        last = len(self.keys) - 1
+        new = self.graph.add(self._pose)
+        self.graph.link(last, new, since, _floored(information), False)
+        self._own(time, cloud)
+        closed = 0
+        if new - self._looked >= self._matching.every:
+            closed = self._look()
+        self._rebuild()
+        return Match(self._pose, score, True, closed)
+
+    def _rebuild(self) -> None:
+        """Make the local map of the last keyframes anew, as seen from the last one."""
+        self._origin = self.graph.poses[-1].copy()
+        self._local = self._map(range(max(0, len(self.keys) - self._matching.local), len(self.keys)), self._origin)
+
+    def _map(self, numbers: Any, origin: Array) -> LocalMap | None:
+        cloud = self._cloud(numbers, origin)
+        return LocalMap(cloud, self.loops) if len(cloud.points) >= 10 else None
+
+    def _cloud(self, numbers: Any, origin: Array) -> Cloud:
+        """Return the clouds of these keyframes in one, as seen from `origin`."""
+        poses = difference(origin, self.graph.poses[list(numbers)])
+        return joined([moved(self.keys[k].cloud, pose) for k, pose in zip(numbers, poses, strict=True)])
+
+    def _look(self) -> int:
+        """Look for loops with the last keyframes; return how many were closed."""
+        matching = self._matching
+        new = len(self.keys) - 1
+        self._looked = new
+        size = matching.chunk
+        count = (new - matching.apart) // size
+        if count < 1:
+            return 0
+        middles = size * np.arange(count) + size // 2
+        ways = self._ways(new)[middles]
+        away = np.hypot(*(self.graph.poses[middles, :2] - self.graph.poses[new, :2]).T)
+        wrong = np.minimum(matching.share * ways, 6.0)
+        near = np.flatnonzero((away < matching.range + wrong) & (ways > 6.0))
+        near = near[np.argsort(away[near] - wrong[near], kind="stable")][:2]
+        if not len(near):
+            return 0
+        query = sparse(self._cloud(range(max(0, new - matching.query + 1), new + 1), self.graph.poses[new]), 200)
+        if len(query.points) < 30:
+            return 0
+        contradicted, closed = 0.0, 0
+        for chunk in near:
+            found = self._closed(int(chunk), query, float(ways[chunk]))
+            if found is not None:
+                contradicted = max(contradicted, self.graph.link(int(middles[chunk]), new, *found, True))
+                closed += 1
+        self._unsettled += closed
+        if contradicted > 4.0 or self._unsettled > 20:
+            self.graph.optimise()
+            self._unsettled = 0
+            self._pose = self.graph.poses[new].copy()
+        return closed
+
+    def _closed(self, chunk: int, query: Cloud, way: float) -> tuple[Array, Array] | None:
+        """Return step and information by which the query closes a loop with a chunk, None where it does not fit."""
+        matching = self._matching
+        size = matching.chunk
+        middle, new = size * chunk + size // 2, len(self.keys) - 1
+        if chunk not in self._chunks:
+            around = range(max(0, middle - size), min(middle + size + 1, new - matching.apart // 2))
+            poses = difference(self.graph.poses[middle], self.graph.poses[list(around)])
+            made = self._map(around, self.graph.poses[middle])
+            if made is None:
+                return None
+            self._chunks[chunk] = made, Seen([self.keys[k].cloud for k in around], poses, self.loops)
+        there, seen = self._chunks[chunk]
+        predicted = difference(self.graph.poses[middle], self.graph.poses[new])
+        reach = 0.3 + min(matching.share * way, 6.0)
+        turn = radians(3.0) + min(matching.bend * way, radians(30.0))
+        least = matching.close + matching.wide * reach
+        score, found = there.search(query, predicted, reach, turn, (2.0 * reach, 2.0 * turn), least)
+        if score <= least:
+            return None
+        prior = 1e-6 * np.eye(3)
+        pose, information, _, _ = there.align(query, found, found, prior)
+        shift = difference(found, pose)
+        if hypot(shift[0], shift[1]) > 0.3 or abs(shift[2]) > radians(6.0):
+            return None
+        points = placed(pose, query.points)
+        near = there.near(points)
+        known = near | seen.known(points)
+        if known.mean() < matching.known or near.sum() < matching.near * known.sum():
+            return None
+        information = _floored((information + prior) / matching.noise**2)
+        return np.array([pose[0], pose[1], wrapped(pose[2])]), information
+
+    def _ways(self, new: int) -> Array:
+        """Return the shortest way from a node to each other through the graph, m."""
+        from scipy.sparse import csr_matrix
+        from scipy.sparse.csgraph import dijkstra
+
+        edges = self.graph.edges
+        steps, loop = edges["step"], edges["loop"]
+        lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
+        lengths = np.where(loop, 0.5, lengths) + 1e-6
+        size = len(self.keys)
+        return np.asarray(
+            dijkstra(
+                csr_matrix((lengths, (edges["first"], edges["second"])), shape=(size, size)),
+                directed=False,
+                indices=new,
+            )
+        )
+
+
+def _floored(information: Array) -> Array:
+    """Return an information matrix whose covariance has `FLOOR` more."""
+    return np.asarray(np.linalg.inv(np.linalg.inv(information) + FLOOR))

@@ -1,0 +1,250 @@
+"""Finds the pose from which a cloud of points lies on a map of points.
+
+How it works
+------------
+
+*Clouds.* A scan becomes a cloud: points at least 5 cm apart as seen from the robot, and the normal of the surface at
+each of them (`kernels.thin`).
+
+*A local map* is the points of several clouds in one frame. Its field says of each cell of 5 cm how near a point is, as
+255 exp(-d^2 / 2 sigma^2).
+
+*Search.* All poses of a window are compared: the mean of the field over the points. Branch and bound leaves out blocks
+of poses that cannot be the best (`kernels.search`; Olson 2009, Hess 2016). So a match is found even if the prediction
+is wrong by more than any gradient could mend.
+
+*Alignment.* From the best pose on, the cloud is laid onto the lines of the map (`kernels.align`; point-to-line ICP,
+Censi 2008). This is exact to a few mm, and says how well each direction is known: along a corridor, it is not.
+
+numba compiles the loops; without it their numpy form (`plain`) does the same, slowly and not equal to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from math import ceil, radians
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.mapping import kernels
+from txt1.mapping.poses import placed
+from txt1.sim.batch import compiled
+
+Array = NDArray[np.float64]
+
+CELL: Final = 0.05
+"""m, of the field."""
+SIGMA: Final = 0.06
+"""m, of the field: the laser's noise and half a cell."""
+LIST_CELL: Final = 0.3
+"""m, of the cells in which points are looked up; no pair is farther apart."""
+NEAR: Final = np.array([0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.1, 0.1])
+"""m that a pair may be apart, round by round."""
+SCALE: Final = 0.05
+"""m, of the weights in the alignment."""
+SEEN_CELL: Final = 0.1
+"""m, of the cells in which rays are noted."""
+GAP: Final = 0.05
+"""m between points of a cloud."""
+BROKEN: Final = 0.3
+"""m between points that are on different surfaces."""
+
+
+def _bell(parts: int) -> NDArray[np.uint8]:
+    """Return 255 exp(-d^2 / 2 SIGMA^2) on the cells round a point, for each of parts x parts places within its cell."""
+    reach = int(2.5 * SIGMA / CELL) + 1
+    along = np.arange(-reach, reach + 1) + 0.5
+    within = (np.arange(parts) + 0.5) / parts
+    squares = ((along[None] - within[:, None]) * CELL) ** 2
+    distances = squares[:, None, :, None] + squares[None, :, None, :]
+    return (255.0 * np.exp(-distances / (2.0 * SIGMA**2))).astype(np.uint8)
+
+
+BELL: Final = _bell(5)
+
+
+class Cloud(NamedTuple):
+    """Points (n, 2) and normals (n, 2), m."""
+
+    points: Array
+    normals: Array
+
+
+class Kernels(NamedTuple):
+    """The loops, in one of their forms."""
+
+    form: str
+    thin: Callable[..., Any]
+    stamp: Callable[..., Any]
+    search: Callable[..., Any]
+    listed: Callable[..., Any]
+    align: Callable[..., Any]
+    carve: Callable[..., Any]
+
+
+@cache
+def kernels_of(form: str = "") -> Kernels:
+    """Return the loops as "numba" or "numpy"; "" is numba where it is installed.
+
+    Raises ImportError: numba is asked for and is not there.
+    """
+    if form != "numpy":
+        try:
+            import numba  # noqa: F401
+        except ImportError:
+            if form:
+                raise
+            form = "numpy"
+    if form == "numpy":
+        from txt1.mapping import plain
+
+        return Kernels(form, plain.thin, plain.stamp, plain.search, plain.listed, plain.align, plain.carve)
+    names = ("thin", "stamp", "search", "listed", "carve")
+    made = {name: compiled(getattr(kernels, name), cache=True) for name in names}
+    paired = compiled(kernels.pairs, cache=True)
+    return Kernels("numba", **made, align=compiled(kernels.align, calls={"pairs": paired}))
+
+
+class LocalMap:
+    """A map of points to match with; `cloud` is in the frame in which poses are found."""
+
+    def __init__(self, cloud: Cloud, loops: Kernels) -> None:
+        self.cloud = cloud
+        self._loops = loops
+        low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+        margin = (BELL.shape[2] // 2 + 1) * CELL
+        self._corner = float(low[0] - margin), float(low[1] - margin)
+        columns, rows = (ceil((float(each) + 2.0 * margin) / CELL) for each in high - low)
+        field = np.zeros((rows, columns), np.uint8)
+        loops.stamp(field, cloud.points, *self._corner, CELL, BELL)
+        halves = _halved(field)
+        self._fields = field, _spread(halves, 1), _spread(_halved(halves), 2)
+        size = int(rows * CELL / LIST_CELL) + 1, int(columns * CELL / LIST_CELL) + 1
+        self._first, self._following = loops.listed(cloud.points, *self._corner, LIST_CELL, *size)
+
+    def search(
+        self, cloud: Cloud, pose: Array, reach: float, turn: float, loose: tuple[float, float], at_least: float
+    ) -> tuple[float, Array]:
+        """Return the score (0 to 1; `at_least` where none is better) and the best pose of a window around a pose.
+
+        Args:
+            cloud: seen from the pose.
+            pose: x, y, theta (m, rad), in the middle of the window.
+            reach: m to each side.
+            turn: rad to each side.
+            loose: m and rad by which a pose may be off before it costs 0.1 of the score.
+            at_least: a lower score does not count.
+
+        """
+        points = cloud.points
+        far = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 75))
+        step = min(max(2.0 * CELL / max(far, 0.1), radians(0.3)), radians(2.0))
+        each = ceil(turn / step)
+        angles = pose[2] + step * np.arange(-each, each + 1)
+        costs = np.array([0.1 * (CELL / loose[0]) ** 2, 0.1 * (step / loose[1]) ** 2])
+        score, dx, dy, number = self._loops.search(
+            *self._fields, points, self._corner[0] - pose[0], self._corner[1] - pose[1], CELL,
+            angles, ceil(reach / CELL), costs, at_least,
+        )  # fmt: skip
+        if number < 0:
+            return at_least, pose
+        return score, np.array([pose[0] + dx * CELL, pose[1] + dy * CELL, angles[number]])
+
+    def near(self, points: Array) -> NDArray[np.bool_]:
+        """Whether each point lies within 2.5 `SIGMA` of one of the map's."""
+        return np.asarray(_looked_up(self._fields[0], points, self._corner, CELL) > 0)
+
+    def align(self, cloud: Cloud, start: Array, centre: Array, prior: Array) -> tuple[Array, Array, float, float]:
+        """Return (pose, information, share that fits, rms in m), as `kernels.align` does."""
+        found: tuple[Array, Array, float, float] = self._loops.align(
+            start,
+            centre,
+            prior,
+            *cloud,
+            *self.cloud,
+            self._first,
+            self._following,
+            *self._corner,
+            LIST_CELL,
+            NEAR,
+            SCALE,
+        )
+        return found
+
+
+class Seen:
+    """Where rays from several poses came, in cells of `SEEN_CELL`."""
+
+    def __init__(self, clouds: list[Cloud], poses: Array, loops: Kernels) -> None:
+        """Note the rays of clouds, each seen from its pose."""
+        ends = [placed(pose, cloud.points) for cloud, pose in zip(clouds, poses, strict=True)]
+        every = np.concatenate((*ends, poses[:, :2]))
+        low, high = every.min(axis=0), every.max(axis=0)
+        columns, rows = (int(each / SEEN_CELL) + 1 for each in high - low)
+        hits, passes = np.zeros((rows, columns), np.int32), np.zeros((rows, columns), np.int32)
+        for end, pose in zip(ends, poses, strict=True):
+            x, y = (pose[:2] - low) / SEEN_CELL
+            loops.carve(hits, passes, (end - low) / SEEN_CELL, x, y)
+        self._field, self._corner = hits + passes, (float(low[0]), float(low[1]))
+
+    def known(self, points: Array) -> NDArray[np.bool_]:
+        """Whether a ray came to the cell of each point."""
+        return np.asarray(_looked_up(self._field, points, self._corner, SEEN_CELL) > 0)
+
+
+def _looked_up(field: Any, points: Array, corner: tuple[float, float], cell: float) -> Any:
+    """Return the field at each point, 0 outside."""
+    columns, rows = np.floor((points - corner) / cell).astype(np.int64).T
+    inside = (rows >= 0) & (columns >= 0) & (rows < field.shape[0]) & (columns < field.shape[1])
+    return np.where(inside, field[np.where(inside, rows, 0), np.where(inside, columns, 0)], 0)
+
+
+def _halved(field: Any) -> Any:
+    """Return the highest of each 2 x 2 cells."""
+    rows, columns = field.shape
+    even = np.zeros((rows + rows % 2, columns + columns % 2), field.dtype)
+    even[:rows, :columns] = field
+    along = np.maximum(even[:, ::2], even[:, 1::2])
+    return np.maximum(along[::2], along[1::2])
+
+
+def _spread(field: Any, more: int) -> Any:
+    """Return the highest of blocks of 1 + `more` cells a side, each right and up of its cell."""
+    found = field.copy()
+    for by in range(1, more + 1):
+        np.maximum(found[:, :-by], field[:, by:], out=found[:, :-by])
+    along = found.copy()
+    for by in range(1, more + 1):
+        np.maximum(found[:-by], along[by:], out=found[:-by])
+    return found
+
+
+def cloud_of(points: Array, loops: Kernels) -> Cloud:
+    """Return the cloud of points that are in the order of the beams, as seen from the laser, m."""
+    return Cloud(*loops.thin(np.ascontiguousarray(points), GAP, BROKEN))
+
+
+def moved(cloud: Cloud, pose: Any) -> Cloud:
+    """Return a cloud, as seen from a pose, in the pose's frame."""
+    return Cloud(placed(pose, cloud.points), placed((0.0, 0.0, pose[2]), cloud.normals))
+
+
+def joined(clouds: list[Cloud]) -> Cloud:
+    """Return several clouds as one."""
+    return Cloud(np.concatenate([each.points for each in clouds]), np.concatenate([each.normals for each in clouds]))
+
+
+def sparse(cloud: Cloud, most: int) -> Cloud:
+    """Return at most so many of the cloud's points, one of each cell of a grid that is as fine as that allows."""
+    cell = GAP
+    while len(cloud.points) > most:
+        cell *= 1.5
+        cells = np.floor(cloud.points / cell).astype(np.int64)
+        _, kept = np.unique(cells[:, 0] * 1_000_003 + cells[:, 1], return_index=True)
+        if len(kept) <= most:
+            kept.sort()
+            return Cloud(cloud.points[kept], cloud.normals[kept])
+    return cloud
