@@ -93,17 +93,21 @@ def drawing(grid: Grid, ways: Iterable[tuple[str, Array]] = ()) -> str:
     return "\n".join((*parts, "</svg>\n"))
 
 
+def contents(grid: Grid, name: str, ways: Iterable[tuple[str, Array]] = ()) -> dict[str, bytes]:
+    """Return the contents of a map's files by their suffixes; last the .yaml, which names the picture."""
+    return {
+        ".pgm": picture(grid),
+        ".svg": drawing(grid, ways).encode(),
+        ".yaml": description(grid, f"{name}.pgm").encode(),
+    }
+
+
 def save(grid: Grid, name: Path, ways: Iterable[tuple[str, Array]] = ()) -> list[Path]:
-    """Write NAME.pgm, NAME.svg, and last NAME.yaml, which names the picture; each file is whole or the old one.
+    """Write NAME.pgm, NAME.svg and NAME.yaml; each file is whole or the old one.
 
     Raises OSError: the disk is full, or the folder cannot be written; what was there stays.
     """
-    texts = {
-        ".pgm": picture(grid),
-        ".svg": drawing(grid, ways).encode(),
-        ".yaml": description(grid, f"{name.name}.pgm").encode(),
-    }
-    return [put(name.with_name(name.name + suffix), text) for suffix, text in texts.items()]
+    return [put(name.with_name(name.name + suffix), text) for suffix, text in contents(grid, name.name, ways).items()]
 
 
 def put(file: Path, content: bytes) -> Path:

@@ -17,6 +17,7 @@ the graph is optimised (`graph`), if the edge contradicts it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import hypot, radians
 from typing import Any, Final, NamedTuple
@@ -81,6 +82,8 @@ class Matching:
     """m from a chunk within which a loop is looked for, besides what the graph may be wrong by."""
     share: float = 0.025
     """m a metre through the graph that poses may be wrong by."""
+    anywhere: float = 4.0
+    """m from a chunk within which a drive looks for its place on the map of earlier ones."""
     bend: float = radians(0.4)
     """rad a metre through the graph that poses may be wrong by."""
     close: float = 0.25
@@ -93,11 +96,15 @@ class Matching:
     """Share of these that lie by points of the chunk from which on it closes a loop."""
 
 
+NOTHING: Final = 1e-6 * np.eye(3)
+"""Information of an edge that says nothing."""
+
+
 class Key(NamedTuple):
     """A keyframe."""
 
     number: int
-    """Of its scan."""
+    """Of its scan; -1: of an earlier drive."""
     time: float
     """s."""
     cloud: Cloud
@@ -136,6 +143,21 @@ class Mapper:
         self._chunks: dict[int, tuple[LocalMap, Seen]] = {}
         self._looked = 0
         self._unsettled = 0
+        self._old, self._found = 0, False
+
+    def resume(self, keys: list[Key], poses: Array, edges: Iterable[Any]) -> None:
+        """Go on with the keyframes of earlier drives; where the next drive begins is found when it fits somewhere."""
+        self.keys = list(keys)
+        for pose in poses:
+            self.graph.add(pose)
+        for edge in edges:
+            self.graph.link(*edge)
+        self._old = len(self.keys)
+
+    @property
+    def placed(self) -> bool:
+        """Whether this drive has its place on the map: it has none to find, or has found it."""
+        return self._old == 0 or self._found
 
     @property
     def poses(self) -> Array:
@@ -174,7 +196,12 @@ class Mapper:
 
     def _begin(self, time: float, cloud: Cloud, odometry: Array) -> Match:
         self._pose = odometry
-        self.graph.add(odometry)
+        new = self.graph.add(odometry)
+        if self._old:
+            # anywhere: it holds the graph together, and says nothing
+            step = difference(self.graph.poses[new - 1], odometry)
+            self.graph.link(new - 1, new, step, NOTHING, False)
+        self._looked = new
         self._own(time, cloud)
         self._rebuild()
         return Match(self._pose, 0.0, True, 0)
@@ -223,7 +250,9 @@ class Mapper:
     def _rebuild(self) -> None:
         """Make the local map of the last keyframes anew, as seen from the last one."""
         self._origin = self.graph.poses[-1].copy()
-        self._local = self._map(range(max(0, len(self.keys) - self._matching.local), len(self.keys)), self._origin)
+        # a drive that has not found its place yet has nothing to do with those before
+        first = 0 if self.placed else self._old
+        self._local = self._map(range(max(first, len(self.keys) - self._matching.local), len(self.keys)), self._origin)
 
     def _map(self, numbers: Any, origin: Array) -> LocalMap | None:
         cloud = self._cloud(numbers, origin)
@@ -239,6 +268,8 @@ class Mapper:
         matching = self._matching
         new = len(self.keys) - 1
         self._looked = new
+        if not self.placed:
+            return self._place()
         size = matching.chunk
         count = (new - matching.apart) // size
         if count < 1:
@@ -258,7 +289,7 @@ class Mapper:
         for chunk in near:
             found = self._closed(int(chunk), query, float(ways[chunk]))
             if found is not None:
-                contradicted = max(contradicted, self.graph.link(int(middles[chunk]), new, *found, True))
+                contradicted = max(contradicted, self.graph.link(int(middles[chunk]), new, *found[:2], True))
                 closed += 1
         self._unsettled += closed
         if contradicted > 4.0 or self._unsettled > 20:
@@ -267,22 +298,65 @@ class Mapper:
             self._pose = self.graph.poses[new].copy()
         return closed
 
-    def _closed(self, chunk: int, query: Cloud, way: float) -> tuple[Array, Array] | None:
-        """Return step and information by which the query closes a loop with a chunk, None where it does not fit."""
+    def _place(self) -> int:
+        """Look everywhere on the map of earlier drives for the last keyframes; return how many edges that gave."""
+        new, size = len(self.keys) - 1, self._matching.chunk
+        if new - self._old < self._matching.query:
+            return 0
+        query = sparse(self._cloud(range(new - self._matching.query + 1, new + 1), self.graph.poses[new]), 200)
+        if len(query.points) < 60:
+            return 0
+        best: tuple[float, int, tuple[Array, Array]] | None = None
+        for chunk in range(max(1, self._old // size)):
+            found = self._closed(chunk, query, None)
+            if found is not None and (best is None or found[2] > best[0]):
+                best = found[2], chunk, found[:2]
+        if best is None:
+            return 0
+        middle = min(size * best[1] + size // 2, self._old - 1)
+        # the whole drive so far is carried there at once, which Gauss-Newton could not do from afar
+        there = composed(self.graph.poses[middle], best[2][0])
+        poses = self.graph.poses
+        poses[self._old :] = composed(there, difference(poses[new].copy(), poses[self._old :]))
+        self.graph.edges["step"][self._seam()] = difference(poses[self._old - 1], poses[self._old])
+        self.graph.link(middle, new, *best[2], True)
+        self._found, self._pose = True, poses[new].copy()
+        return 1
+
+    def _seam(self) -> int:
+        """Return the number of the edge between the drives before and this one."""
+        edges = self.graph.edges
+        return int(np.flatnonzero((edges["first"] == self._old - 1) & (edges["second"] == self._old))[0])
+
+    def _closed(self, chunk: int, query: Cloud, way: float | None) -> tuple[Array, Array, float] | None:
+        """Return step, information and score by which the query closes a loop with a chunk, None where it does not fit.
+
+        Args:
+            chunk: its number.
+            query: the cloud of the last keyframes, as seen from the last one.
+            way: m through the graph between the two; None: the query may be anywhere.
+
+        """
         matching = self._matching
         size = matching.chunk
         middle, new = size * chunk + size // 2, len(self.keys) - 1
+        if way is None:
+            middle = min(middle, self._old - 1)
         if chunk not in self._chunks:
-            around = range(max(0, middle - size), min(middle + size + 1, new - matching.apart // 2))
+            last = self._old if way is None else new - matching.apart // 2
+            around = range(max(0, middle - size), min(middle + size + 1, last))
             poses = difference(self.graph.poses[middle], self.graph.poses[list(around)])
             made = self._map(around, self.graph.poses[middle])
             if made is None:
                 return None
             self._chunks[chunk] = made, Seen([self.keys[k].cloud for k in around], poses, self.loops)
         there, seen = self._chunks[chunk]
-        predicted = difference(self.graph.poses[middle], self.graph.poses[new])
-        reach = 0.3 + min(matching.share * way, 6.0)
-        turn = radians(3.0) + min(matching.bend * way, radians(30.0))
+        if way is None:
+            predicted, reach, turn = np.zeros(3), matching.anywhere, radians(180.0)
+        else:
+            predicted = difference(self.graph.poses[middle], self.graph.poses[new])
+            reach = 0.3 + min(matching.share * way, 6.0)
+            turn = radians(3.0) + min(matching.bend * way, radians(30.0))
         least = matching.close + matching.wide * reach
         score, found = there.search(query, predicted, reach, turn, (2.0 * reach, 2.0 * turn), least)
         if score <= least:
@@ -298,7 +372,7 @@ class Mapper:
         if known.mean() < matching.known or near.sum() < matching.near * known.sum():
             return None
         information = _floored((information + prior) / matching.noise**2)
-        return np.array([pose[0], pose[1], wrapped(pose[2])]), information
+        return np.array([pose[0], pose[1], wrapped(pose[2])]), information, score
 
     def _ways(self, new: int) -> Array:
         """Return the shortest way from a node to each other through the graph, m."""
@@ -309,6 +383,8 @@ class Mapper:
         steps, loop = edges["step"], edges["loop"]
         lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
         lengths = np.where(loop, 0.5, lengths) + 1e-6
+        if self._found:
+            lengths[self._seam()] = 1e6
         size = len(self.keys)
         return np.asarray(
             dijkstra(

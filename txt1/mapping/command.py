@@ -1,0 +1,189 @@
+"""`txt1 map`: a map from a recorded drive."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+
+from txt1.cli.options import ONE_ROBOT
+from txt1.commands import FAULT, OK, add, existing, flag, need, path, takes
+from txt1.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from txt1.mapping.drive import Sweep
+    from txt1.mapping.mapper import Mapper
+
+T = TypeVar("T")
+SUFFIXES: Final = (".graph", ".pgm", ".svg", ".yaml")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the drive, the map's name, and how it is made."""
+    add(
+        parser,
+        {
+            "file": takes(
+                "FILE", "a recording with a laser's scans, or a log in CARMEN's format, plain or gzip", existing
+            )
+        }
+        | ONE_ROBOT
+        | {
+            "-o --output": takes(
+                "NAME", "NAME.yaml, .pgm, .svg and .graph; a map that is there is extended (default: FILE's)", path
+            ),
+            "--new": flag("begin a new map, even if NAME is there"),
+            "--again": flag("make the map anew from FILE alone, write nothing, and compare it with NAME's bytes"),
+            "--sensor": takes("NAME", "the laser, where there are several"),
+            "--resolution": takes("M", "side of a cell, m (default 0.05)", float, default=0.05),
+            "--form": takes("FORM", "of the loops; default numba where it is installed", choices=("numba", "numpy")),
+        },
+    )
+
+
+class Source(NamedTuple):
+    """What a map is made of."""
+
+    sweeps: list[Sweep]
+    laser: str
+    """Words on the laser and its mount."""
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Make a map, or extend one, and tell what it is like."""
+    need("txt1 map", "mapping", "scipy")
+    if not 0.01 <= arguments.resolution <= 1.0:
+        raise ConfigError(f"--resolution {arguments.resolution:g}: a cell's side is 0.01 to 1 m")
+    output = arguments.output or arguments.file.with_name(arguments.file.name.split(".")[0])
+    if output.suffix in (".yaml", ".pgm", ".graph"):
+        output = output.with_suffix("")
+    source = _source(arguments)
+    mapper, drives = _begun(arguments, output)
+    mapper, closed, odometry = _mapped(mapper, source.sweeps, arguments.file)
+    if not mapper.placed:
+        raise ConfigError(
+            f"{arguments.file}: this drive fits nowhere on the map {output}.yaml, which stays; --new begins a new one"
+        )
+    files = _files(mapper, output, arguments.resolution, [*drives, arguments.file.name])
+    if arguments.again:
+        return compared(files)
+    write(files)
+    _tell(mapper, source, closed, odometry)
+    print(*files, sep="\n")
+    return OK
+
+
+def _source(arguments: argparse.Namespace) -> Source:
+    """Return the scans of a recording or a log; raises RecordingError, LogError, ConfigError."""
+    from txt1.mapping import drive, logs
+
+    if arguments.file.suffix == ".mcap":
+        from txt1.record.reading import robot_in
+
+        read = drive.read(arguments.file, robot_in(arguments.file, arguments.robot), arguments.sensor)
+        mount = read.mount
+        return Source(read.sweeps, f"sensors.{read.sensor} at {mount.x:g}, {mount.y:g} m, {mount.yaw:g} rad")
+    import numpy as np
+
+    log = logs.read(arguments.file)
+    longest = log.longest
+    sweeps = [
+        drive.Sweep(scan.time, logs.points_of(scan.ranges, scan.angles, longest, scan.swept), np.array(scan.odometry))
+        for scan in log.scans
+    ]
+    return Source(sweeps, "the log's laser")
+
+
+def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[str]]:
+    """Return a new mapper, or that of the map that is there, and the drives that it knows."""
+    from txt1.mapping import stored
+    from txt1.mapping.mapper import Mapper
+
+    there = output.with_name(output.name + ".graph")
+    form = arguments.form or ""
+    if not there.exists() or arguments.new or arguments.again:
+        if arguments.again:
+            if not there.exists():
+                raise ConfigError(f"{there}: not there, so there is nothing to compare with; make it without --again")
+            _, told = stored.load(there, form)
+            if len(told.get("drives", [])) > 1:
+                raise ConfigError(
+                    f"{there}: of several drives ({', '.join(told['drives'])}); --again takes one of one drive"
+                )
+            form = form or str(told["form"])
+        return Mapper(form=form), []
+    mapper, told = stored.load(there, form)
+    return mapper, list(told.get("drives", []))
+
+
+def _mapped(mapper: Mapper, sweeps: list[Sweep], file: Path) -> tuple[Mapper, int, NDArray[np.float64]]:
+    import numpy as np
+
+    closed = 0
+    for sweep in _shown(sweeps, f"mapping {file.name}"):
+        closed += mapper.add(sweep.time, sweep.points, sweep.odometry).closed
+    mapper.finish()
+    return mapper, closed, np.array([sweep.odometry for sweep in sweeps])
+
+
+def _shown(items: list[T], text: str) -> Iterable[T]:
+    """Return the items, with a bar on a terminal."""
+    if not sys.stderr.isatty():
+        return items
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(items, text, console=Console(stderr=True), transient=True)
+
+
+def _files(mapper: Mapper, output: Path, resolution: float, drives: list[str]) -> dict[Path, bytes]:
+    """Return the contents of a map's files; raises ConfigError: it is too large."""
+    from txt1.mapping import drawing, stored
+
+    try:
+        grid = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
+    except ValueError as error:
+        raise ConfigError(f"--resolution {resolution:g}: {error}") from None
+    contents = drawing.contents(grid, output.name, [("#d04010", mapper.poses)])
+    contents[".graph"] = stored.content(mapper, {"drives": drives})
+    # the .yaml comes last: whoever finds it finds all the others
+    return {output.with_name(output.name + suffix): contents[suffix] for suffix in SUFFIXES}
+
+
+def write(files: dict[Path, bytes]) -> None:
+    """Write a map's files; raises ConfigError: one cannot be written, and what was there stays."""
+    from txt1.mapping.drawing import put
+
+    for file, content in files.items():
+        try:
+            put(file, content)
+        except OSError as error:
+            raise ConfigError(f"{file}: {error.strerror}; the file that was there stays") from None
+
+
+def compared(files: dict[Path, bytes]) -> int:
+    """Print which files are as they were made, and return FAULT where one is not."""
+    different = 0
+    for file, content in files.items():
+        same = file.exists() and file.read_bytes() == content
+        different += not same
+        print(f"{file}: {'the same bytes' if same else 'DIFFERENT' if file.exists() else 'MISSING'}")
+    return FAULT if different else OK
+
+
+def _tell(mapper: Mapper, source: Source, closed: int, odometry: Any) -> None:
+    from txt1.mapping.drive import AWRY, awry
+
+    scans, keys = len(mapper.poses), len(mapper.keys)
+    print(f"{scans} scans, {keys} keyframes, {closed} loops closed; loops of points by {mapper.loops.form}")
+    angle = awry(mapper.poses, odometry)
+    if angle is not None and abs(angle) > AWRY:
+        side = "left" if angle > 0 else "right"
+        print(
+            f"{source.laser}: it looks {abs(angle):.0f} degrees farther to the {side} than that; measure its pose again"
+        )

@@ -1,0 +1,71 @@
+"""The graph of a map as a file, NAME.graph: poses, edges and clouds, so that a later drive extends the map.
+
+It is a NumPy archive without pickled objects; equal graphs give equal bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final
+from zipfile import BadZipFile
+
+import numpy as np
+
+from txt1.errors import ConfigError
+from txt1.mapping.graph import EDGE
+from txt1.mapping.mapper import Key, Mapper
+from txt1.mapping.matcher import Cloud
+
+VERSION: Final = 1
+
+
+def content(mapper: Mapper, about: dict[str, Any]) -> bytes:
+    """Return the bytes of a mapper's graph; `about` is kept with it, JSON."""
+    keys = mapper.keys
+    told = {"version": VERSION, "form": mapper.loops.form, **about}
+    parts: dict[str, Any] = dict(
+        about=np.frombuffer(json.dumps(told, sort_keys=True).encode(), np.uint8),
+        poses=mapper.graph.poses,
+        # field by field: rows of a structured array have gaps, whose bytes are anything
+        **{name: np.ascontiguousarray(mapper.graph.edges[name]) for name in EDGE.names or ()},
+        counts=np.array([len(key.cloud.points) for key in keys], np.int64),
+        times=np.array([key.time for key in keys]),
+        points=np.concatenate([key.cloud.points for key in keys]),
+        normals=np.concatenate([key.cloud.normals for key in keys]),
+    )
+    file = BytesIO()
+    np.savez(file, **parts)
+    return file.getvalue()
+
+
+def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
+    """Return the mapper of a graph's file, ready for another drive, and what was kept with it.
+
+    Raises ConfigError: the file is no graph, or a damaged one.
+    """
+    try:
+        with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            told = json.loads(file["about"].tobytes())
+            if told.get("version") != VERSION:
+                raise ConfigError(f"{path}: of version {told.get('version')}, and this txt1 reads {VERSION}; map anew")
+            parts = {name: file[name] for name in file.files}
+        mapper = Mapper(form=form)
+        ends = np.cumsum(parts["counts"])
+        if len(parts["poses"]) != len(ends) or ends[-1] != len(parts["points"]) or len(parts["times"]) != len(ends):
+            raise ValueError("its parts have different lengths")
+        if not all(np.isfinite(parts[name]).all() for name in ("poses", "points", "normals", "step", "information")):
+            raise ValueError("a value is no number")
+        if max(parts["first"].max(initial=0), parts["second"].max(initial=0)) >= len(ends):
+            raise ValueError("an edge leads to no node")
+        points, normals = np.split(parts["points"], ends[:-1]), np.split(parts["normals"], ends[:-1])
+        keys = [
+            Key(-1, float(time), Cloud(np.ascontiguousarray(p), np.ascontiguousarray(n)))
+            for time, p, n in zip(parts["times"], points, normals, strict=True)
+        ]
+        edges = zip(*(parts[name] for name in EDGE.names or ()), strict=True)
+        mapper.resume(keys, parts["poses"], edges)
+    except (OSError, ValueError, KeyError, IndexError, BadZipFile, EOFError) as error:
+        raise ConfigError(f"{path}: no graph of a map, or a damaged one ({error}); map anew with --new") from None
+    return mapper, told
