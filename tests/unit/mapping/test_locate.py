@@ -1,0 +1,99 @@
+"""Where the robot is on a map: from a given pose, from anywhere, carried away, in a wrong map."""
+
+from math import degrees, hypot
+
+import numpy as np
+import pytest
+
+from tests.unit.mapping.rooms import drive, room, scan
+from txt1.mapping.locate import Located, Locator
+from txt1.mapping.logs import drifted
+from txt1.mapping.poses import composed, difference
+from txt1.maps.grid import FREE, OCCUPIED, Grid
+
+COUNT = 300  # particles are few, as their rays are cast by NumPy
+
+
+def coarse() -> Grid:
+    """The room at 5 cm, as a map has it."""
+    fine = room()
+    cells = fine.cells.reshape(120, 2, 160, 2).max(axis=(1, 3))
+    return Grid(np.ascontiguousarray(cells), 0.05, fine.origin)
+
+
+def followed(locator: Locator, poses, odometry, people: float = 0.0) -> list[tuple[Located, float, float]]:
+    """What the filter told, and its errors in m and degrees."""
+    rng, there, told = np.random.default_rng(1), room(), []
+    for k, (pose, wheels) in enumerate(zip(poses, odometry, strict=True)):
+        points = scan(there, pose, rng)
+        if people:
+            # somebody stands before some of the beams
+            points[rng.random(len(points)) < people] *= 0.5
+        found = locator.update(0.25 * k, points, wheels)
+        off = difference(pose, found.pose)
+        told.append((found, hypot(off[0], off[1]), abs(degrees(off[2]))))
+    return told
+
+
+def test_it_follows_from_a_given_pose_with_slip_and_people():
+    poses = drive(0.5)
+    locator = Locator(coarse(), 1, "numpy", COUNT)
+    locator.place(poses[0])
+    told = followed(locator, poses, drifted(poses, 2), people=0.1)
+    position, angle = (np.sqrt(np.mean(np.square([each[k] for each in told[5:]]))) for k in (1, 2))
+    assert position < 0.05 and angle < 2.0
+    assert not any(each.lost for each, _, _ in told[4:])
+    assert all(hypot(each.covariance[0, 0], each.covariance[1, 1]) < 0.02 for each, _, _ in told[5:])
+
+
+def test_it_finds_itself_from_anywhere():
+    poses = drive(0.6)[10:]
+    told = followed(Locator(coarse(), 1, "numpy", COUNT), poses, drifted(poses, 2))
+    assert told[0][0].lost and told[1][0].lost
+    assert not told[-1][0].lost and told[-1][1] < 0.15 and told[-1][2] < 4.0
+
+
+def test_carried_away_it_says_so_and_finds_itself_again():
+    poses = drive(1.6)
+    there = np.concatenate((poses[:20], poses[70:120]))
+    steps = np.concatenate(
+        (difference(poses[:19], poses[1:20]), np.zeros((1, 3)), difference(poses[70:119], poses[71:120]))
+    )
+    wheels = [poses[0]]
+    for step in steps:
+        wheels.append(composed(wheels[-1], step))
+    locator = Locator(coarse(), 1, "numpy", COUNT)
+    locator.place(poses[0])
+    told = followed(locator, there, np.array(wheels))
+    assert not told[18][0].lost
+    assert any(each.lost for each, _, _ in told[21:40])
+    assert not told[-1][0].lost and told[-1][1] < 0.15
+
+
+def test_in_a_wrong_map_it_stays_lost():
+    cells = np.full((80, 90), OCCUPIED, np.int8)
+    cells[2:-2, 2:-2] = FREE
+    locator = Locator(Grid(cells, 0.05, (0.0, 0.0, 0.0)), 1, "numpy", COUNT)
+    poses = drive(0.4)
+    told = followed(locator, poses, poses)
+    assert np.mean([each.lost for each, _, _ in told]) > 0.9
+
+
+def test_the_same_seed_gives_the_same_poses():
+    poses = drive(0.1)
+    one, other = (
+        [each[0].pose for each in followed(Locator(coarse(), 7, "numpy", 100), poses, poses)] for _ in range(2)
+    )
+    assert np.array_equal(one, other)
+
+
+@pytest.mark.long
+def test_both_forms_weigh_alike():
+    grid, poses = coarse(), drive(1.0)
+    weights = []
+    for form in ("numba", "numpy"):
+        locator = Locator(grid, 1, form)
+        points = scan(room(), poses[3], np.random.default_rng(1))
+        weights.append(locator.weights(poses, np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])))
+    assert np.allclose(*weights, rtol=0.0, atol=3.0)
+    assert np.argmax(weights[0]) == 3

@@ -1,0 +1,335 @@
+"""Where the robot is on a map: a particle filter, which notices that it is lost and finds itself again.
+
+How it works
+------------
+
+*Particles.* Each is a pose that the laser may have. Odometry moves them, with noise; a scan weighs them: rays are cast
+from each of them, and what they should measure is compared with what was measured. Where few particles carry most of
+the weight, they are drawn anew (low-variance resampling; Thrun, Burgard, Fox, *Probabilistic Robotics* 2005, 8.3).
+
+*Rays.* A ray leaps by the distance to the nearest wall, which the grid knows for each cell (`Grid.clear`; sphere
+tracing, Hart 1996), and ends soon after the measured range. This is exact to a cell. It is several times as quick as
+`txt1.maps.rays`, which goes line by line, is exact, and makes arrays of all rays; here only sums are needed.
+
+*Lost.* At the true pose, the scan's rays end where the map has walls, or before, at people; few go through walls. If
+too many do at the mean of the particles, for a while, the filter is lost. Then, as at the start, the points of the last
+metres are matched with the walls of the whole map (`matcher.LocalMap.search`), and particles are put there. As long as
+that finds nothing that fits for a while, the answer is: lost. A map of a larger room, in which all that is seen might
+be people, is told from the true one only in part.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from functools import cache
+from math import hypot, pi, radians
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.mapping.matcher import GAP, Cloud, LocalMap, kernels_of, sparse
+from txt1.mapping.poses import composed, difference, placed, wrapped
+from txt1.maps.grid import OCCUPIED_FROM, Grid
+from txt1.sim.batch import compiled
+
+Array = NDArray[np.float64]
+
+COUNT: Final = 2500
+"""Particles."""
+RAYS: Final = 61
+"""Of a scan that are compared."""
+NOISE: Final = 0.06
+"""m, standard deviation of a range against the map: the laser's, and a cell."""
+RANDOM: Final = 0.1
+"""Share of ranges that may be anything: people, glass."""
+TOGETHER: Final = 0.25
+"""By what the sum of logarithms of a scan is multiplied: rays beside one another err together."""
+TELLS: Final = 0.15
+"""m that a range may differ by and still fits."""
+LOSES: Final = 0.75
+"""Share of rays that fit below which the filter is lost, in time."""
+FINDS: Final = 0.92
+"""Share from which on it is found, in time."""
+LEAST: Final = 0.25
+"""Share of a scan's rays that are not too short, at least; with fewer, nothing is told."""
+PATIENCE: Final = 1.0
+"""s for which scans do not fit until the filter is lost, and fit until it is found."""
+TRAIL: Final = 1.5
+"""m of points that are matched with the whole map."""
+ENOUGH: Final = 0.45
+"""Score of that match from which on particles are put there."""
+BEHIND: Final = 0.4
+"""m behind a measured range where a ray ends: it is too short, whatever it would meet."""
+STEP: Final = 0.02
+"""m of the table of weights."""
+
+
+class Located(NamedTuple):
+    """Where the laser is."""
+
+    time: float
+    """s."""
+    pose: Array
+    """x, y, theta (m, rad) on the map."""
+    covariance: Array
+    """(3, 3), m^2 and rad^2."""
+    fit: float
+    """Share of the scan's rays that end at the map's walls, of those that are not too short for it."""
+    lost: bool
+    """Whether the pose is not to be used."""
+
+
+def _table() -> Array:
+    """Return logarithms of the weights by what was measured less what was expected, from -4 m to 4 m in steps of STEP.
+
+    A range that is too short is a person or a box; one that goes through a wall is less likely.
+    """
+    off = np.arange(-4.0, 4.0 + STEP / 2.0, STEP)
+    random = np.where(off < 0.0, RANDOM, 0.3 * RANDOM)
+    return np.log((1.0 - RANDOM) * np.exp(-(off**2) / (2.0 * NOISE**2)) + random)
+
+
+def _weigh(
+    clear: Any, u: Any, v: Any, theta: Any, cosines: Any, sines: Any, ranges: Any, cell: float, table: Any, out: Any
+) -> None:
+    """Write the sum of the logarithms of each particle's weights; plain loops, for numba.
+
+    Args:
+        clear: quarters of cells to the nearest wall, uint8, in a frame of walls.
+        u, v: the particles' columns and rows there.
+        theta: their headings in the grid's axes, rad.
+        cosines, sines: of the rays' angles, as seen from the laser.
+        ranges: measured, m.
+        cell: m.
+        table: of the weights, from `_table`.
+        out: the sums.
+
+    """
+    rows, columns = clear.shape
+    middle = (table.shape[0] - 1) // 2
+    per_step = cell / STEP
+    count = ranges.shape[0]
+    x, y, t, dx, dy, measured = np.empty((6, count))
+    for p in range(u.shape[0]):
+        c, s = np.cos(theta[p]), np.sin(theta[p])
+        for k in range(count):
+            dx[k], dy[k] = c * cosines[k] - s * sines[k], s * cosines[k] + c * sines[k]
+            x[k], y[k], t[k], measured[k] = u[p], v[p], 0.0, ranges[k] / cell
+        inside = u[p] >= 0.0 and v[p] >= 0.0 and u[p] < columns and v[p] < rows
+        total, left = 0.0, count
+        # the rays leap in turn, so that the processor need not wait for one of them; those at their end make room
+        while left > 0:
+            k = 0
+            while k < left:
+                # the frame of walls keeps every ray within
+                near = clear[int(y[k]), int(x[k])] if inside else 0
+                if near > 0 and t[k] < measured[k] + BEHIND / cell:
+                    leap = max(0.25 * near - 0.7, 0.6)
+                    t[k] += leap
+                    x[k] += dx[k] * leap
+                    y[k] += dy[k] * leap
+                    k += 1
+                    continue
+                at = middle + int((measured[k] - t[k]) * per_step + 1000.5) - 1000
+                total += table[min(max(at, 0), table.shape[0] - 1)]
+                left -= 1
+                x[k], y[k], t[k] = x[left], y[left], t[left]
+                dx[k], dy[k], measured[k] = dx[left], dy[left], measured[left]
+        out[p] = total
+
+
+def weigh_plain(
+    clear: Any, u: Any, v: Any, theta: Any, cosines: Any, sines: Any, ranges: Any, cell: float, table: Any, out: Any
+) -> None:
+    """Do what `_weigh` does with NumPy's arrays: all rays leap together."""
+    rows, columns = clear.shape
+    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    dx, dy = (c * cosines - s * sines).ravel(), (s * cosines + c * sines).ravel()
+    x, y = np.repeat(u, len(ranges)), np.repeat(v, len(ranges))
+    measured = np.tile(ranges / cell, len(u))
+    t = np.zeros(len(x))
+    left = np.arange(len(x))
+    while len(left):
+        i, j = x[left].astype(np.int64), y[left].astype(np.int64)
+        inside = (
+            (x[left] >= 0.0)
+            & (y[left] >= 0.0)
+            & (i < columns)
+            & (j < rows)
+            & (t[left] < measured[left] + BEHIND / cell)
+        )
+        left, i, j = left[inside], i[inside], j[inside]
+        near = clear[j, i]
+        left, near = left[near > 0], near[near > 0]
+        leap = np.maximum(0.25 * near - 0.7, 0.6)
+        t[left] += leap
+        x[left] += dx[left] * leap
+        y[left] += dy[left] * leap
+    at = (len(table) - 1) // 2 + ((measured - t) * (cell / STEP) + 1000.5).astype(np.int64) - 1000
+    out[:] = table[np.clip(at, 0, len(table) - 1)].reshape(len(u), -1).sum(axis=1)
+
+
+@cache
+def weigher(form: str) -> Callable[..., None]:
+    """Return what weighs particles, as "numba" or "numpy"."""
+    return compiled(_weigh, cache=True) if form == "numba" else weigh_plain
+
+
+class Locator:
+    """The filter, on a grid; it is lost until it has a place."""
+
+    def __init__(self, grid: Grid, seed: int = 0, form: str = "", count: int = COUNT) -> None:
+        """Begin; `form` is "numba", "numpy", or "" for whichever there is."""
+        self.loops = kernels_of(form)
+        self.grid = grid
+        self._weigh = weigher(self.loops.form)
+        self._rng = np.random.default_rng(seed)
+        self._count = count
+        self._table = _table()
+        self._clear = np.minimum(4.0 * grid.clear, 255.0).astype(np.uint8)
+        self._free = np.argwhere(~grid.solid)
+        self._walls = LocalMap(_walls_of(grid), self.loops)
+        self.particles = np.empty((0, 3))
+        """Poses of the laser, a row each (m, rad)."""
+        self._logs = np.zeros(0)
+        self._trail: deque[tuple[Array, Array]] = deque()
+        self._before: Array | None = None
+        self._lost = True
+        self._changes = 0.0
+        self._way = 0.0
+
+    def place(self, pose: Any, spread: tuple[float, float] = (0.2, radians(8.0))) -> None:
+        """Put the particles round a pose that somebody tells, with standard deviations in m and rad."""
+        self._put(pose, spread)
+        self._lost = False
+
+    def _put(self, pose: Any, spread: tuple[float, float]) -> None:
+        noise = self._rng.standard_normal((self._count, 3)) * (spread[0], spread[0], spread[1])
+        self.particles = np.asarray(pose) + noise
+        self._logs = np.zeros(self._count)
+
+    def update(self, time: float, points: Array, odometry: Any) -> Located:
+        """Take a scan: points (n, 2) as seen from the laser (m), and the laser's pose by odometry (m, rad)."""
+        odometry = np.asarray(odometry, dtype=np.float64)
+        step = np.zeros(3) if self._before is None else difference(self._before, odometry)
+        self._before = odometry
+        self._noted(points, odometry, step)
+        if not len(self.particles):
+            self._changes = time
+            if not self._searched(odometry):
+                return Located(time, odometry, np.diag([1e6, 1e6, 10.0]), 0.0, True)
+        else:
+            self._moved(step)
+        if len(points) < 5:
+            return self._told(time, 0.0)
+        chosen = points[np.linspace(0, len(points) - 1, min(RAYS, len(points))).astype(int)]
+        ranges, angles = np.hypot(chosen[:, 0], chosen[:, 1]), np.arctan2(chosen[:, 1], chosen[:, 0])
+        self._logs = self._logs + TOGETHER * self.weights(self.particles, ranges, angles)
+        mean, _ = self._mean()
+        fit = self._fit(mean, ranges, angles)
+        told = self._told(time, fit)
+        if told.lost and fit < FINDS and self._searched(odometry):
+            self._changes = time
+        self._resampled()
+        return told
+
+    def _noted(self, points: Array, odometry: Array, step: Array) -> None:
+        """Keep the points of the last metres."""
+        self._way += hypot(step[0], step[1]) + 0.3 * abs(float(step[2]))
+        if not self._trail or self._way > 0.15:
+            self._way = 0.0
+            self._trail.append((points, odometry))
+            while len(self._trail) > TRAIL / 0.15:
+                self._trail.popleft()
+
+    def _moved(self, step: Array) -> None:
+        """Move the particles by odometry, each with errors of its own."""
+        way, turn = hypot(step[0], step[1]), abs(float(step[2]))
+        count = len(self.particles)
+        noise = self._rng.standard_normal((count, 3))
+        position, angle = 0.002 + 0.1 * way, radians(0.2) + 0.1 * turn + radians(4.0) * way
+        self.particles = composed(self.particles, step + noise * (position, position, angle))
+
+    def weights(self, poses: Array, ranges: Array, angles: Array) -> Array:
+        """Return the sums of logarithms for poses."""
+        u, v = self.grid.to_cells(poses[:, 0], poses[:, 1])
+        out = np.empty(len(poses))
+        heading = np.ascontiguousarray(poses[:, 2] - self.grid.origin[2])
+        cosines, sines = np.cos(angles), np.sin(angles)
+        self._weigh(self._clear, u, v, heading, cosines, sines, ranges, self.grid.resolution, self._table, out)
+        return out
+
+    def _mean(self) -> tuple[Array, Array]:
+        """Return the weighted mean and the covariance of the particles."""
+        weights = np.exp(self._logs - self._logs.max())
+        weights /= weights.sum()
+        x, y = weights @ self.particles[:, :2]
+        theta = np.arctan2(weights @ np.sin(self.particles[:, 2]), weights @ np.cos(self.particles[:, 2]))
+        mean = np.array([x, y, float(theta)])
+        off = self.particles - mean
+        off[:, 2] = wrapped(off[:, 2])
+        # a cell is as fine as the map knows
+        return mean, (weights[:, None] * off).T @ off + np.diag([0.01, 0.01, radians(0.3)]) ** 2
+
+    def _fit(self, pose: Array, ranges: Array, angles: Array) -> float:
+        """Return the share of rays that end where the map has a wall."""
+        from txt1.maps.rays import cast
+
+        expected = cast(self.grid, pose[0], pose[1], pose[2] + angles)
+        with np.errstate(invalid="ignore"):
+            off, margin = ranges - expected, TELLS + 0.03 * ranges
+        fits, through = np.count_nonzero(np.abs(off) <= margin), np.count_nonzero(off > margin)
+        return fits / (fits + through) if fits + through >= LEAST * len(ranges) else 0.0
+
+    def _told(self, time: float, fit: float) -> Located:
+        mean, covariance = self._mean()
+        sure = float(np.sqrt(covariance[0, 0] + covariance[1, 1])) < 0.5
+        if (not sure or fit < LOSES) if not self._lost else (sure and fit >= FINDS):
+            # this may be a change, and is one if it lasts
+            if time - self._changes >= PATIENCE:
+                self._lost, self._changes = not self._lost, time
+        else:
+            self._changes = time
+        return Located(time, mean, covariance, fit, self._lost or not sure)
+
+    def _searched(self, odometry: Array) -> bool:
+        """Look for the last metres' points on the whole map; whether particles could be put there."""
+        points = np.concatenate([placed(difference(odometry, pose), each) for each, pose in self._trail])
+        if len(points) < 50:
+            return False
+        query = sparse(Cloud(points, np.zeros_like(points)), 200)
+        low, high = self._free.min(axis=0), self._free.max(axis=0)
+        x, y = self.grid.to_room(0.5 * float(low[1] + high[1]), 0.5 * float(low[0] + high[0]))
+        reach = 0.5 * float((high - low).max()) * self.grid.resolution
+        middle = np.array([float(x), float(y), 0.0])
+        score, found = self._walls.search(query, middle, reach, pi, (10.0 * reach, 100.0), ENOUGH)
+        if score <= ENOUGH:
+            return False
+        self._put(found, (0.1, radians(3.0)))
+        return True
+
+    def _resampled(self) -> None:
+        """Draw the particles anew where few of them carry the weight."""
+        self._logs -= self._logs.max()
+        weights = np.exp(self._logs)
+        weights /= weights.sum()
+        count = self._count
+        if 1.0 / float(weights @ weights) > 0.5 * len(weights):
+            return
+        places = (self._rng.random() + np.arange(count)) / count
+        chosen = np.searchsorted(np.cumsum(weights), places).clip(0, len(weights) - 1)
+        self.particles, self._logs = self.particles[chosen], np.zeros(count)
+
+
+def _walls_of(grid: Grid) -> Cloud:
+    """Return the centres of a map's walls as points, m."""
+    rows, columns = np.nonzero(grid.cells >= OCCUPIED_FROM)
+    x, y = grid.to_room(columns.astype(np.float64) + 1.5, rows.astype(np.float64) + 1.5)
+    points = np.column_stack((x, y))
+    return (
+        Cloud(points, np.zeros_like(points))
+        if grid.resolution >= GAP
+        else sparse(Cloud(points, np.zeros_like(points)), max(1000, len(points) // 4))
+    )
