@@ -5,11 +5,32 @@ too, so tracebacks show them.
 """
 
 import os
+import re
 import sys
 from pathlib import Path
 
 from setuptools import setup
 from setuptools.command.build_py import build_py
+
+ADDRESS = os.environ.get("TXT1_ADDRESS", "")
+"""Of the public repository, such as https://example.org/lab/txt1: given by whoever publishes, for links and URLs."""
+PAGES = {"Documentation": "docs/index.md", "Changelog": "CHANGELOG.md"}
+LINK = re.compile(r"(!?)\[([^][]*)\]\((?!https?://|#)([^)]*)\)")
+
+
+def long_description(text, address):
+    """Return the README with links that lead to `address`; without one they are the names of files, and no pictures."""
+
+    def link(found):
+        picture, words, place = found.groups()
+        if address:
+            return f"{picture}[{words}]({address}/{'raw' if picture else 'blob'}/main/{place})"
+        if picture:
+            return ""
+        return words if words == place else f"{words} ({place})"
+
+    return LINK.sub(link, text)
+
 
 SHIPPED = ("firmware/pico", "config/vehicles", "config/worlds", "config/maps", "config/foxglove")
 
@@ -57,7 +78,17 @@ def main() -> None:
             # a warning of tomorrow's compiler is no error; a product and a sum are two roundings, as they are in Python
             flags = [flag for flag in extension.extra_compile_args if flag != "-Werror"]
             extension.extra_compile_args = [*flags, "-ffp-contract=off"]
-    setup(cmdclass={"build_py": WithFiles}, ext_modules=extensions, setup_requires=["mypy>=1.10"] if COMPILE else [])
+    setup(
+        cmdclass={"build_py": WithFiles},
+        ext_modules=extensions,
+        setup_requires=["mypy>=1.10"] if COMPILE else [],
+        long_description=long_description(Path("README.md").read_text(encoding="utf-8"), ADDRESS),
+        long_description_content_type="text/markdown",
+        project_urls={"Source": ADDRESS, **{name: f"{ADDRESS}/blob/main/{page}" for name, page in PAGES.items()}}
+        if ADDRESS
+        else {},
+    )
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -4,8 +4,6 @@ A fault the robot is expected to survive (a missed cycle, a stale command, a cli
 it is counted in the state and shown.
 """
 
-import os
-import sys
 from typing import Any
 
 
@@ -21,21 +19,12 @@ class ConfigError(Txt1Error):
     """A setting is unknown, has a value of the wrong type or is out of its range."""
 
 
-def installs(extras: str) -> str:
-    """Return the command that installs extras: by this Python's own pip, where the shell would find another's."""
-    folder = os.path.dirname(sys.executable)
-    first = next((each for each in os.get_exec_path() if os.access(os.path.join(each, "pip"), os.X_OK)), folder)
-    own = os.path.join(folder, "pip")
-    if sys.prefix == sys.base_prefix or first == folder or not os.access(own, os.X_OK):
-        return f"pip install 'txt1[{extras}]'"
-    inside = os.path.relpath(own)
-    return f"{own if inside.startswith('..') else inside} install 'txt1[{extras}]'"
-
-
 class MissingExtra(Txt1Error):
     """A feature was asked for whose optional dependency is not installed."""
 
     def __init__(self, feature: str, extra: str) -> None:
+        from txt1.installing import installs
+
         super().__init__(f"{feature} needs the extra '{extra}': {installs(extra)}")
 
 

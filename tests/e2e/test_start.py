@@ -13,16 +13,19 @@ import time
 import warnings
 from ast import literal_eval
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 import txt1
 from tests.patience import LIMIT
-from txt1.cli import COMMANDS, execute
-from txt1.errors import NotCapable, installs
+from txt1.cli import COMMANDS, execute, told
+from txt1.commands import USAGE, need
+from txt1.errors import NotCapable
 from txt1.hal.base import Capabilities, Hal
 from txt1.hal.sim import SimHal
+from txt1.installing import installs
 
 ROOT = Path(__file__).parents[2]
 SIM = ["run", "--json", "--speed", "max", "--duration"]
@@ -329,3 +332,39 @@ def test_an_extra_is_installed_by_the_pip_of_the_python_that_lacks_it(
     assert installs("record") == ".venv/bin/pip install 'txt1[record]'"
     monkeypatch.setenv("PATH", f"{own}:{other}")
     assert installs("record,plots") == "pip install 'txt1[record,plots]'"
+    (own / "pip").unlink()
+    if find_spec("pip") is not None:
+        assert installs("record") == f"{own / 'python'} -m pip install 'txt1[record]'"
+    monkeypatch.setattr("txt1.installing.find_spec", lambda name: None)
+    assert installs("record") == f"uv pip install --python {own / 'python'} 'txt1[record]'"
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "pipx" / "venvs" / "txt1"))
+    assert installs("record") == "pipx inject txt1 'txt1[record]'"
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "pipx" / ".cache" / "1234"))
+    assert re.fullmatch(r"pipx run --spec '\S*\[record\]' txt1", installs("record"))
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "uv" / "archive-v0" / "1234"))
+    assert re.fullmatch(r"uvx --from '\S*\[record\]' txt1", installs("record"))
+
+
+def test_a_missing_extra_ends_with_the_exit_code_of_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
+    assert told(lambda: need("it", "record", "no_such_module")) == USAGE
+    assert capsys.readouterr().err.startswith("txt1: it needs the extra 'record': ")
+
+
+def long_description(address: str) -> str:
+    """The README as a wheel carries it."""
+    code = (
+        "import pathlib, runpy, sys; made = runpy.run_path('setup.py', run_name='read')['long_description']; "
+        "print(made(pathlib.Path('README.md').read_text(), sys.argv[1]))"
+    )
+    return python("-c", code, address)
+
+
+def test_the_readme_of_a_wheel_has_no_link_that_leads_nowhere() -> None:
+    links = re.compile(r"\]\((?!https?://)[^)]*\)")
+    assert links.search((ROOT / "README.md").read_text())
+    address = "https://example.org/lab/txt1"
+    absolute, plain = long_description(address), long_description("")
+    assert not links.search(absolute) and not links.search(plain)
+    assert f"[Start]({address}/blob/main/docs/start.md)" in absolute
+    assert f"]({address}/raw/main/docs/learns.gif)" in absolute
+    assert "- Start (docs/start.md): " in plain and "learns.gif" not in plain

@@ -14,10 +14,10 @@ from typing import Final, NoReturn
 
 from txt1 import __version__, additions
 from txt1.commands import DISARMED, FAULT, OK, STDOUT, UNSTOPPED, USAGE
-from txt1.errors import ConfigError, NotArmed, StopNotVerified, Txt1Error
+from txt1.errors import ConfigError, MissingExtra, NotArmed, StopNotVerified, Txt1Error
 
 EPILOG: Final = (
-    "Exit codes: 0 as asked, 1 fault, 2 mistake in command line or configuration or a file that is not there, "
+    "Exit codes: 0 as asked, 1 fault, 2 mistake in command line or configuration, or a file or an extra is not there, "
     "3 the safety gate disarmed the robot, 4 it did not stop when told to or was not seen to stand, "
     "129/130/143 ended by SIGHUP/SIGINT/SIGTERM."
 )
@@ -102,7 +102,7 @@ def _guarded(perform: Callable[[], int]) -> int:
         elif isinstance(first, Exception):
             traceback.print_exception(first)
         print(f"txt1: {_told(error)}", file=sys.stderr)
-        codes = {StopNotVerified: UNSTOPPED, NotArmed: DISARMED, ConfigError: USAGE}
+        codes = {StopNotVerified: UNSTOPPED, NotArmed: DISARMED, ConfigError: USAGE, MissingExtra: USAGE}
         return next((code for kind, code in codes.items() if isinstance(error, kind)), FAULT)
     except KeyboardInterrupt:  # a second Ctrl-C while the first one's stop was under way
         return 128 + signal.SIGINT

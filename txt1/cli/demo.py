@@ -9,8 +9,8 @@ from pathlib import Path
 from txt1.cli import execute
 from txt1.cli.options import SEED
 from txt1.commands import OK, add, path, takes, unused
-from txt1.errors import installs
 from txt1.experiments import run_folder
+from txt1.installing import installs
 from txt1.record.session import MODULES
 from txt1.ui import tty
 

@@ -46,7 +46,7 @@ def test_the_extra_of_a_raspberry_pi_is_named_where_it_is_missing() -> None:
         "sys.exit(execute(['run', '--hal', 'pi', '--vehicle', 'donkeycar', '--headless']))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stderr.startswith("txt1: the HAL 'pi' needs the extra 'pi': ")
     assert done.stderr.endswith("pip install 'txt1[pi]'\n")
 

@@ -20,12 +20,13 @@ from typing import Annotated, Final, Literal, NamedTuple, NoReturn, Protocol
 from annotated_types import Ge, Le
 
 from txt1.config import Config, checked
-from txt1.errors import ConfigError, HalError, MissingExtra, installs
+from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
 from txt1.hal.pi import guard
 from txt1.hal.pi.guard import ANSWER, GuardSetup, pulses_in
 from txt1.hal.plain import PlainHal
 from txt1.hal.registry import BUSES, DESK
+from txt1.installing import installs
 from txt1.model.channels import STRAIGHT, Channels
 from txt1.model.odometry import Odometry, rolled
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry, sides
