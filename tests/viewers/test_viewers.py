@@ -53,3 +53,17 @@ def test_rerun_finds_no_fault(recording: Path) -> None:
     channels = [line for line in lines if " /" in line]
     assert len(channels) > 20
     assert all(line.startswith("ok") for line in channels), channels
+
+
+def test_log_view_gives_rerun_a_layout_and_scans_as_points(recording: Path, tmp_path: Path) -> None:
+    program, saved = rerun(), tmp_path / "run.rrd"
+    path = f"{Path(program).parent}:{os.environ['PATH']}"
+    words = [*TXT1, "log", "view", str(recording), "--save", str(saved)]
+    done = subprocess.run(words, cwd=ROOT, env=os.environ | {"PATH": path}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    told = said(program, "rrd", "print", str(saved))
+    assert "verified without error" in said(program, "rrd", "verify", str(saved))
+    lines = told.splitlines()
+    assert any("/sensors/laser/points" in line and "Points3D:positions" in line for line in lines)
+    assert any("/tf_static" in line and "Transform3D" in line for line in lines)
+    assert "Blueprint" in said(program, "rrd", "stats", str(saved)) or "blueprint" in told.lower()

@@ -36,6 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "cat": (print_messages, chosen),
             "export": (export_csv, chosen | folder),
             "recover": (recover_file, RECORDING | whole),
+            "view": (
+                view_file,
+                RECORDING
+                | {"--save": takes("FILE", "save what Rerun shows as a file of its own, such as run.rrd", path)},
+            ),
         },
     )
 
@@ -98,6 +103,14 @@ def _chosen(arguments: argparse.Namespace) -> Iterator[Item]:
     there = [channel.topic for channel in reading.channels.values()]
     for topic in sorted(topics.difference(there)):
         raise ConfigError(f"--topic {topic}: not in {arguments.file}, which has {', '.join(there) or 'none'}")
+
+
+def view_file(arguments: argparse.Namespace) -> int:
+    """Show it in Rerun with a layout, scans as points; says how Foxglove opens it."""
+    need("reading a recording", "record", "mcap", "mcap_ros2")
+    from txt1.record.command.view import view
+
+    return view(arguments.file, arguments.save)
 
 
 def recover_file(arguments: argparse.Namespace) -> int:

@@ -1,0 +1,54 @@
+"""What viewers of others get: a copy with scans as points, and where the sensors are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from tests.golden.test_golden import FOLDER
+from txt1.cli import execute
+from txt1.commands import USAGE
+from txt1.record.command import view
+
+RECORDING = FOLDER / "obstacle.mcap"
+
+
+def messages(file: Path) -> dict[str, list[Any]]:
+    """The messages of a file by their topics, as another library reads them."""
+    found: dict[str, list[Any]] = {}
+    with file.open("rb") as stream:
+        for _, channel, _, message in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            found.setdefault(channel.topic, []).append(message)
+    return found
+
+
+def test_a_copy_has_every_message_and_each_scan_as_points_in_the_lasers_frame(tmp_path: Path) -> None:
+    clouds = view.viewable(RECORDING, tmp_path / "copy.mcap")
+    before, after = messages(RECORDING), messages(tmp_path / "copy.mcap")
+    assert {name: len(told) for name, told in before.items()}.items() <= {n: len(t) for n, t in after.items()}.items()
+    assert after.keys() - before.keys() == {"/tf_static", "/sensors/laser/points"}
+    scans, told = after["/sensors/laser"], after["/sensors/laser/points"]
+    assert len(scans) == len(told) == clouds > 10
+    for scan, cloud in zip(scans, told, strict=True):
+        assert cloud.header.frame_id == "base_laser_link" and cloud.header.stamp.sec == scan.header.stamp.sec
+        ranges = np.asarray(scan.ranges)
+        echoes = ranges[np.isfinite(ranges)]
+        xyz = np.frombuffer(bytes(cloud.data), np.float32).reshape(cloud.width, 3)
+        assert np.hypot(xyz[:, 0], xyz[:, 1]) == pytest.approx(echoes, rel=1e-6) and not xyz[:, 2].any()
+    frames = {each.child_frame_id: each.header.frame_id for each in after["/tf_static"][0].transforms}
+    assert frames["base_laser_link"] == "base_link" and frames["base_link"] == "base_footprint"
+
+
+def test_without_rerun_the_command_says_how_to_get_it_and_what_else_opens_the_file(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(view, "python_of_rerun", lambda: None)
+    assert execute(["log", "view", str(RECORDING)]) == USAGE
+    told = capsys.readouterr().err
+    assert told.startswith("txt1: there is no Rerun here: ") and "'txt1[rerun]'" in told and told.count("\n") == 1
+    assert "foxglove-layout.json" in told

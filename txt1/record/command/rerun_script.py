@@ -1,0 +1,36 @@
+"""Shows FILE in Rerun with a layout, or saves that as a second one. Runs under the Python that has Rerun."""
+
+import sys
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+
+def layout() -> rrb.Blueprint:
+    """The world on the left; the camera, speeds, outputs and events on the right."""
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Spatial3DView(name="World", origin="/"),
+            rrb.Vertical(
+                rrb.Spatial2DView(name="Camera", origin="/sensors/camera"),
+                rrb.TimeSeriesView(name="Odometry", origin="/odom"),
+                rrb.TimeSeriesView(name="Outputs", origin="/pwm"),
+                rrb.TextLogView(name="Events", origin="/rosout"),
+            ),
+        ),
+        collapse_panels=True,
+    )
+
+
+def main(file: str, save: str = "") -> None:
+    """Show the file, or save it with the layout."""
+    rr.init("txt1", spawn=not save)
+    if save:
+        rr.save(save)
+    rr.send_blueprint(layout())
+    rr.log_file_from_path(file)
+    rr.disconnect()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
