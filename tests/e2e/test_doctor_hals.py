@@ -7,6 +7,7 @@ import pytest
 
 from txt1.cli import execute
 from txt1.cli.doctor_hal import examined, supply
+from txt1.commands import FAULT
 from txt1.config import load
 from txt1.hal.pi.command import access, chips, remarks
 from txt1.hal.registry import create
@@ -62,3 +63,13 @@ def test_a_line_that_brings_nothing_is_told() -> None:
     found = {remark.subject: remark for remark in run(examined(hal, 2.0), speed="max")}
     assert (found["link"].well, found["odometry"].well, found["battery"].well) == (False, False, False)
     assert "transmit and receive lines crossed" in found["link"].text
+
+
+@pytest.mark.parametrize(("device", "hal"), [("vesc", "vesc"), ("waveshare", "waveshare")])
+def test_another_device_at_the_board_s_port_is_asked_and_proposed(
+    device: str, hal: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert execute(["doctor", "--port", device, "--duration", "0.5"]) == FAULT
+    told = capsys.readouterr().out
+    assert f"txt1 run --hal {hal} --port {device}; txt1 doctor --hal {hal} --port {device} looks at it" in told
+    assert told.count("answers at") == 1

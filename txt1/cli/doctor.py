@@ -14,6 +14,7 @@ from txt1.cli.options import CONFIGURATION, HALS, LINE, VEHICLE, loaded
 from txt1.cli.remark import Remark, judged
 from txt1.commands import FAULT, OK, add, positive, takes
 from txt1.config import Config
+from txt1.hal.languages import answering
 from txt1.hal.registry import PORTS, create, is_on_a_line, is_simulated, port_of
 from txt1.hal.serial import SEND_PERIOD
 from txt1.kernel.realtime import REMEDY, grantable
@@ -233,4 +234,19 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 async def _at_line(port: Port, config: Config, duration: float) -> list[Remark]:
-    return list(remarks(await examine(port, config.loops().pid_set(), duration), config.serial.baud))
+    """Return what was seen of a board; where there is none, whose answers came when each device was asked."""
+    findings = await examine(port, config.loops().pid_set(), duration)
+    found = list(remarks(findings, config.serial.baud))
+    if not findings.arrivals:
+        others = await answering(lambda language: port_of(config, language.baud))
+        found += [
+            Remark(
+                "device",
+                f"{language.device} answers at {language.baud} baud: txt1 run --hal {name} --port {port.address}; "
+                f"txt1 doctor --hal {name} --port {port.address} looks at it",
+                well=False,
+            )
+            for name, language in others
+            if name != "serial"
+        ]
+    return found

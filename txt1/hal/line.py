@@ -21,6 +21,10 @@ LOST: Final = 0.3
 SETTLED: Final = 0.5
 # s before the first attempt to open a lost line again, and the longest between later ones: it is open within a second
 BACKOFF: Final = (0.1, 0.9)
+# s after which bytes that are no answer, and silence, are looked at, and how many bytes
+UNDERSTOOD: Final = 1.0
+SILENT: Final = 3.0
+STRANGE: Final = 4096
 # times that the last words are said: lines lose frames
 FAREWELLS: Final = 3
 
@@ -37,6 +41,7 @@ class Line:
         lost: s without an answer after which the device is lost; None: LOST.
         settled: s of answers before the first set-point.
         forget: called when the device is not what it was.
+        hal: the HAL whose device is awaited; whose language else is heard, is told.
 
     """
 
@@ -50,6 +55,7 @@ class Line:
         lost: float | None = None,
         settled: float = SETTLED,
         forget: Callable[[], None] = lambda: None,
+        hal: str = "",
     ) -> None:
         self.port = port
         self.link: Link | None = None
@@ -58,6 +64,10 @@ class Line:
         self.time: Callable[[], float] = lambda: 0.0  # the loop's
         self._end, self._awaited, self._greet, self._take = wrap(self), awaited, greet, take
         self._lost, self._settled, self._forget = LOST if lost is None else lost, settled, forget
+        self._hal = hal
+        self._strange: bytes | None = b""
+        """What came since the line was connected and was no answer; None: it was told whose language that is."""
+        self._connected = inf  # loop time
         self._pause = BACKOFF[0]
         self._reconnecting: asyncio.Task[None] | None = None
         self._closed = True
@@ -154,6 +164,9 @@ class Line:
         self._origin = min(self._origin, time - now)
         if self.heard_since < inf and time - self.last > self._lost:
             self.down(f"link lost: no {self._awaited} for {self._lost:g} s")
+        waited = time - self._connected
+        if self._strange is not None and self.heard_since == inf and waited > (UNDERSTOOD if self._strange else SILENT):
+            self._tell_who_speaks(self._strange)
         overflows = self._overflows + (0 if self.link is None else self.link.overflows)
         counts = faults | {"line_overflows": overflows, "reconnects": max(0, self._connections - 1)}
         ready, connected = self.ready and not busy, self.link is not None
@@ -163,6 +176,16 @@ class Line:
         assert self._report is not None
         return self._report
 
+    def _tell_who_speaks(self, data: bytes) -> None:
+        """Say whose language these bytes are, where it is another device's."""
+        from txt1.hal.languages import named
+
+        self._strange = None
+        place = self.port.address
+        ask = f"txt1 doctor --port {place} asks which device is there"
+        if whose := named(data, but=self._hal) or ("" if data else ask):
+            self.tell(f"no {self._awaited} on {place}: {whose}")
+
     def run_time(self, time: float) -> float:
         """Seconds since the run started, to the ns, at a time of the loop's; 0 before."""
         return round(max(0.0, time - self._origin), 9)
@@ -171,7 +194,7 @@ class Line:
 
     def connected(self, link: Link) -> None:
         """Take a fresh line."""
-        self.link = link
+        self.link, self._strange, self._connected = link, b"", self.time()
         self._connections += 1
         self.tell(f"connected to {link.address}, waiting for {self._awaited}")
         self._greet()
@@ -179,6 +202,8 @@ class Line:
     def received(self, data: bytes) -> None:
         """Hand bytes on; the event loop would only log an error."""
         self.tap("in", data)
+        if self._strange is not None and self.heard_since == inf:
+            self._strange = (self._strange + data)[-STRANGE:]
         try:
             self._take(data)
         except Exception as error:

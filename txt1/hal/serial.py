@@ -105,7 +105,7 @@ class SerialHal(PlainHal):
     ) -> None:
         self.port = port
         self.receiver = Receiver(Role.HOST, self._take)
-        self.line = Line(port, wrap, "odometry", self._greet, self.receiver.feed, LOST, SETTLED, self._forget)
+        self.line = Line(port, wrap, "odometry", self._greet, self.receiver.feed, LOST, SETTLED, self._forget, "serial")
         on_board = control == "board"
         self.capabilities = Capabilities(
             odometry=True,

@@ -119,7 +119,7 @@ class DevicePort:
         self._behind = behind
         self._secret_file = secret_file
         self._baud = baud
-        self._spent: tuple[int, int] | None = None
+        self._spent: tuple[int, int, int] | None = None
         self.address = address or "the serial port"
 
     async def open(self, end: End) -> Link:
@@ -129,7 +129,7 @@ class DevicePort:
         # A board that was killed leaves its link to a pseudo-terminal behind, whose name may be a stranger's by now.
         made = await asyncio.to_thread(_link_made, self.address)
         left = await asyncio.to_thread(is_left_behind, self.address)
-        if left or (left is None and made is not None and made == self._spent):
+        if left or (left is None and _passed_on(self._spent, made)):
             raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new one")
         secret = None if self._secret_file is None else await asyncio.to_thread(_secret_in, self._secret_file)
         link = await open_link(self.address, end, self._baud, secret, self._behind)
@@ -152,15 +152,26 @@ def _secret_in(file: str) -> bytes:
     return secret
 
 
-def _link_made(address: str) -> tuple[int, int] | None:
-    """Which link to a pseudo-terminal this is: its inode and when it was made, ns; None for anything else."""
+def _link_made(address: str) -> tuple[int, int, int] | None:
+    """Which link to a pseudo-terminal this is: its inode, when it was made, and when what it leads to was, in ns.
+
+    The last is 0 where that is gone; None for anything else than such a link.
+    """
     try:
         if not os.readlink(address).startswith("/dev/pts/"):
             return None
         status = os.lstat(address)
     except OSError:
         return None
-    return status.st_ino, status.st_mtime_ns
+    made = 0
+    with suppress(OSError):
+        made = os.stat(address).st_ctime_ns  # which bytes that come and go do not change
+    return status.st_ino, status.st_mtime_ns, made
+
+
+def _passed_on(before: tuple[int, int, int] | None, now: tuple[int, int, int] | None) -> bool:
+    """Whether a link is the one before, and its pseudo-terminal another one, which may be a stranger's, or gone."""
+    return before is not None and now is not None and before[:2] == now[:2] and (not now[2] or now[2] != before[2])
 
 
 def baud_warning(baud: int) -> str | None:

@@ -1,6 +1,7 @@
 """Where a board is found: its port, opened as often as the line is lost."""
 
 import asyncio
+import os
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,39 @@ def test_where_nobody_can_tell_a_link_to_a_pseudo_terminal_is_opened_once(
     world.opens(port)
     world.left_behind = False
     world.opens(port)
+
+
+def test_a_pseudo_terminal_of_somebody_else_is_opened_again_as_long_as_it_is_the_same(tmp_path: Path) -> None:
+    place = tmp_path / "theirs"
+    master, slave = os.openpty()
+    place.symlink_to(os.ttyname(slave))
+    port = DevicePort(str(place), 57600)
+
+    async def use() -> None:
+        for _ in range(3):
+            link = await port.open(Nobody())
+            link.write(b"hello")
+            link.close()
+            await asyncio.sleep(0.0)
+
+    try:
+        asyncio.run(use())
+    finally:
+        os.close(slave)
+        os.close(master)
+    with pytest.raises(HalError, match="left behind"):
+        asyncio.run(use())
+
+
+class Nobody:
+    def connected(self, link: Any) -> None:
+        pass
+
+    def received(self, data: bytes) -> None:
+        pass
+
+    def lost(self, reason: str) -> None:
+        pass
 
 
 def test_the_first_line_of_the_secret_file_is_the_secret(world: World, tmp_path: Path) -> None:

@@ -167,6 +167,7 @@ class Script:
     """A port with a board behind it that says what it is told to."""
 
     address = "script"
+    hal: WaveshareHal
 
     async def open(self, end: End) -> Link:
         return connect(end, self)[0]
@@ -194,7 +195,7 @@ class Script:
 def told_by(script: Script, say: Callable[[], Coroutine[Any, Any, None]]) -> Inputs:
     """What the HAL reports when the board has said that."""
     made = config()
-    hal = WaveshareHal(script, WaveshareOptions(), made.geometry, lambda end: end, True)
+    hal = script.hal = WaveshareHal(script, WaveshareOptions(), made.geometry, lambda end: end, True)
 
     async def look() -> Inputs:
         await hal.open()
@@ -234,6 +235,25 @@ def test_what_is_said_twice_is_believed_and_a_path_that_begins_anew_is_a_restart
     assert (inputs.link.losses, inputs.link.reason) == (1, "the rover's board restarted: its paths began anew")
     assert inputs.odometry is not None
     assert (inputs.odometry.x, inputs.odometry.v) == (0.0, 0.3)
+
+
+@pytest.mark.parametrize("pause", [0.2, 0.29, 0.5, 1.0, 2.0, 2.9, 10.0, 60.0])
+def test_a_restart_is_noticed_whatever_its_pause_and_the_pose_does_not_leap(pause: float) -> None:
+    script = Script()
+    seen: list[Inputs] = []
+
+    async def say() -> None:
+        for centimetres in range(0, 164, 2):
+            await script.say(centimetres, speed=1.0)
+        seen.append(script.hal.read(1.0))
+        await asyncio.sleep(pause)
+        await script.say(0, 5)
+
+    inputs, before = told_by(script, say), seen[0]
+    assert before.odometry is not None and inputs.odometry is not None and inputs.link is not None
+    assert before.odometry.x == pytest.approx(1.62)
+    assert inputs.odometry.x == before.odometry.x
+    assert inputs.link.losses == 1 and "restarted" in f"{inputs.link.reason} {inputs.link.text}"
 
 
 @given(st.floats(-1.5, 1.5), st.floats(-10.0, 10.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5))

@@ -7,6 +7,7 @@ ADDITION = Addition(
     wanted=lambda config: False,
     parts={
         "txt1.hal": {"vesc": "txt1.hal.vesc.driver:create"},
+        "txt1.languages": {"vesc": "txt1.hal.vesc.language:LANGUAGE"},
         "txt1.ports": {"vesc": "txt1.hal.vesc.double:port"},
         "txt1.devices": {"vesc": "txt1.hal.vesc.double:Vesc"},
     },

@@ -215,7 +215,7 @@ class VescHal(PlainHal):
         self, port: Port, options: VescOptions, geometry: Geometry, wrap: Callable[[End], End], simulated: bool = False
     ) -> None:
         self.capabilities = Capabilities(odometry=True, battery=True, halt=True, simulated=simulated)
-        self._line = Line(port, wrap, "answers of the VESC", self._greet, self._take)
+        self._line = Line(port, wrap, "answers of the VESC", self._greet, self._take, hal=self.name)
         self.options = options
         """Its settings, which say which way motor and servo go."""
         self._options, self._geometry = options, geometry

@@ -7,6 +7,7 @@ ADDITION = Addition(
     wanted=lambda config: False,
     parts={
         "txt1.hal": {"waveshare": "txt1.hal.waveshare.driver:create"},
+        "txt1.languages": {"waveshare": "txt1.hal.waveshare.language:LANGUAGE"},
         "txt1.ports": {"waveshare": "txt1.hal.waveshare.double:port"},
         "txt1.devices": {"waveshare": "txt1.hal.waveshare.double:Waveshare"},
     },

@@ -38,6 +38,7 @@ HUNDREDTHS: Final = 60.0  # V: more than this is hundredths of one, and paths ar
 ROUNDED: Final = 0.011  # m by which paths in whole centimetres leap
 SLOW: Final = 0.3  # m/s with which a side may have rolled on although it says that it stands
 BURST: Final = 0.1  # s in whose course reports that were held back may come at once
+RESTART: Final = 0.2  # s without a report, after which a board that begins at 0 has restarted: reports come every 20 ms
 KICK: Final = 1.0, 10.0  # by which a side's speed changes from report to report: m/s, and m/s^2 besides
 SWING: Final = 2.0, 100.0  # likewise a yaw rate: rad/s, and rad/s^2
 GAP: Final = 0.2  # s: a yaw rate holds no longer
@@ -129,6 +130,17 @@ def rolls_on(before: BoardReport, after: BoardReport, dt: float) -> bool:
     return True
 
 
+def began_anew(before: BoardReport, after: BoardReport, dt: float) -> bool:
+    """Whether both paths are 0, at rest, behind a pause of `dt` s, and were not before: so a board begins.
+
+    The tolerance of `rolls_on` grows with the pause, so it takes a restart behind a long one for a drive back.
+    """
+    was, now = (before.path_left, before.path_right), (after.path_left, after.path_right)
+    if None in was or None in now or after.left or after.right or dt < RESTART:
+        return False
+    return max(map(abs, now)) < ROUNDED <= max(map(abs, was))  # type: ignore[arg-type]
+
+
 def goes_on(before: BoardReport, after: BoardReport, dt: float, gyro: float) -> bool:
     """Whether a report may follow another `dt` s later: lines have no check sum, and a wrong digit is one as well."""
     kicks = [abs((now or 0.0) - (was or 0.0)) for was, now in zip(before[:2], after[:2], strict=True)]
@@ -167,7 +179,7 @@ class WaveshareHal(PlainHal):
         self.capabilities = Capabilities(
             odometry=closed, pwm=not closed, battery=True, halt=closed, simulated=simulated
         )
-        self._line = Line(port, wrap, "reports of the rover's board", self._greet, self._take)
+        self._line = Line(port, wrap, "reports of the rover's board", self._greet, self._take, hal=self.name)
         self._options, self._geometry = options, geometry
         self._lines = Lines()
         self._skipped = 0  # faults of streams that are gone
@@ -272,7 +284,7 @@ class WaveshareHal(PlainHal):
         then = (None, None) if before is None else (before.path_left, before.path_right)
         if None not in now and None not in then:
             paths = now[0] - then[0], now[1] - then[1]  # type: ignore[operator]
-            if before is not None and not rolls_on(before, report, since):
+            if before is not None and (not rolls_on(before, report, since) or began_anew(before, report, since)):
                 paths = 0.0, 0.0
                 self._line.down("the rover's board restarted: its paths began anew")
         elif None not in now:

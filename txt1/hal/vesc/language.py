@@ -1,0 +1,13 @@
+"""How a VESC is known: it answers a question on its firmware."""
+
+from typing import Final
+
+from txt1.hal.languages import Language
+from txt1.hal.vesc.driver import PacketId, Unpacker, ask
+
+
+def _speaks(data: bytes) -> bool:
+    return bool(Unpacker().feed(data))
+
+
+LANGUAGE: Final = Language("a VESC", 115200, ask(PacketId.FW_VERSION), _speaks)

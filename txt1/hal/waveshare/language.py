@@ -1,0 +1,13 @@
+"""How a Waveshare rover's board is known: by its reports, for which it is asked."""
+
+from typing import Final
+
+from txt1.hal.languages import Language
+from txt1.hal.waveshare.driver import FEEDBACK, Lines, line, report_of
+
+
+def _speaks(data: bytes) -> bool:
+    return any(report_of(found) is not None for found in Lines().feed(data))
+
+
+LANGUAGE: Final = Language("a Waveshare rover's board", 115200, b"\n" + line(FEEDBACK, cmd=1), _speaks)
