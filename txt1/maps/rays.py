@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from txt1.errors import installs
+from txt1.installing import installs
 from txt1.maps.grid import REACH, Bools, Floats, Grid
 
 FEW: Final = 8  # rays that are quicker one by one than as arrays
