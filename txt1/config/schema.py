@@ -30,7 +30,7 @@ from txt1.model.channels import Channels
 from txt1.model.light_sensors import EVEN, MOUNT, SOUND, Mount, SensorFault
 from txt1.model.vehicle import Geometry
 from txt1.protocol.messages import PidSet
-from txt1.sim.parameters import Batteries, Box, Faults, LineFaults, Noise, Post, Roughness, VehicleParameters
+from txt1.sim.parameters import Batteries, Box, Faults, LineFaults, Mover, Noise, Post, Roughness, VehicleParameters
 from txt1.sim.room import Room
 from txt1.units import NotNegative, Positive, PositiveInt
 
@@ -171,6 +171,8 @@ class SimConfig(Section):
     """Boxes and posts in the room."""
     physics: Annotated[str, Field(min_length=1)] = "plain"
     """What moves the vehicle: plain is ours; single-track-drift, multi-body or mujoco (extra physics)."""
+    movers: tuple[Mover, ...] = ()
+    """Boxes that move along paths."""
     vehicle: VehicleParameters = VehicleParameters()
     battery: Batteries = Batteries()
     noise: Noise = Noise()

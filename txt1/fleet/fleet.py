@@ -14,7 +14,7 @@ from txt1.fleet.cooperation import Cooperation, body_of, see_simulated
 from txt1.fleet.law import make_law
 from txt1.fleet.plan import FleetPlan, plan_of
 from txt1.fleet.radio import Radio
-from txt1.hal.registry import in_world
+from txt1.hal.registry import in_world, world_of
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.runtime import Runtime
@@ -80,8 +80,7 @@ class Fleet:
         plan: FleetPlan, configs: Mapping[str, Config], attach: Callable[[Runtime], None] | None = None
     ) -> AsyncIterator["Fleet"]:
         """A fleet of these configurations, which are one robot's each, disarmed, its links not up yet."""
-        sim = next(iter(configs.values())).sim
-        world = World(sim.room.built(), sim.room.light, sim.obstacles)
+        world = world_of(next(iter(configs.values())))
         async with AsyncExitStack() as stack:
             robots = {}
             for name, own in configs.items():

@@ -36,8 +36,25 @@ def in_world(config: Config, world: World) -> Config:
     length, width, walls = world.room
     told = {"length": length, "width": width, "map": walls and walls.name, "light": world.light}
     room = config.sim.room.model_copy(update=told)
-    sim = config.sim.model_copy(update={"room": room, "obstacles": world.obstacles})
+    movers = tuple(each.mover for each in world.movers)
+    sim = config.sim.model_copy(update={"room": room, "obstacles": world.obstacles, "movers": movers})
     return config.model_copy(update={"sim": sim})
+
+
+def world_of(config: Config) -> World:
+    """The configured world, nobody in it yet; raises ConfigError."""
+    from txt1.sim.world import World
+
+    sim, moving = config.sim, []
+    if sim.movers:
+        from txt1.sim.movers import Moving
+
+        try:
+            for each in sim.movers:
+                moving.append(Moving(each))
+        except ValueError as error:
+            raise ConfigError(f"sim.movers.{len(moving)}.path: {error}") from None
+    return World(sim.room.built(), sim.room.light, sim.obstacles, tuple(moving))
 
 
 def create_sim(config: Config, world: World | None = None) -> SimHal:
@@ -45,11 +62,10 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
     from txt1.hal.sim import SimHal
     from txt1.sim.ground import Ground
     from txt1.sim.vehicle import Vehicle
-    from txt1.sim.world import World
 
     sim, alone = config.sim, world is None
     if world is None:
-        world = World(sim.room.built(), sim.room.light, sim.obstacles)
+        world = world_of(config)
     try:
         vehicle = Vehicle(
             world, sim.vehicle, config.geometry, sim.battery, sim.noise, sim.start, config.own_seed, config.name

@@ -10,6 +10,7 @@ from txt1.kernel.loop import clock_of
 from txt1.model.channels import STRAIGHT, Channels
 from txt1.protocol.messages import Switch
 from txt1.sim.ground import Ground
+from txt1.sim.parameters import Box
 from txt1.sim.vehicle import Vehicle
 from txt1.units import new
 
@@ -69,6 +70,10 @@ class SimHal(PlainHal):
     def others(self) -> tuple[tuple[float, float, float], ...]:
         """The poses of the other vehicles in the world, m and rad."""
         return tuple(each.pose for each in self.world.vehicles if each is not self.vehicle)
+
+    def movers(self) -> list[Box]:
+        """The boxes that move along paths, where they are now."""
+        return self.world.moving(self.vehicle, self.vehicle.time)
 
     def attitude(self) -> tuple[float, float]:
         """Roll and pitch where it stands, rad, by the ground."""

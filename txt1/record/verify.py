@@ -51,7 +51,7 @@ from typing import NamedTuple
 
 from txt1.errors import TaskFault
 from txt1.hal.base import Hal
-from txt1.hal.registry import create, in_world
+from txt1.hal.registry import create, in_world, world_of
 from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.loop import run
 from txt1.kernel.scheduler import Scheduler
@@ -121,9 +121,8 @@ def verify(path: Path, robot: str | None = None, attach: Attach = lambda runtime
 
 async def _replay(robots: list[Recorded], attach: Attach) -> list[Comparison]:
     """Run robots again, in one world where they were in one."""
-    sim = robots[0].config.sim
     shared = robots[0].shared or len(robots) > 1
-    world = World(sim.room.built(), sim.room.light, sim.obstacles) if shared else None
+    world = world_of(robots[0].config) if shared else None
     again = [_Again(recorded, world, len(robots) == 1, attach) for recorded in robots]
     for each in again:
         await each.start()

@@ -17,6 +17,7 @@ from txt1.sensors.camera import jpeg
 from txt1.sensors.readings import CAMERA_MOUNT, DepthImage, Image, depth_topic, image_topic
 from txt1.sensors.sim_laser import bodies
 from txt1.sensors.twin import Others, others_of, true_pose
+from txt1.sim.parameters import Box
 from txt1.sim.rays import shapes_of, walls_of
 from txt1.sim.view import Camera, Scene, distances, draw
 from txt1.telemetry.topics import Topic
@@ -65,7 +66,7 @@ class SimulatedCamera(Generic[T]):
         topic: Topic[T],
         pose: Callable[[], Pose | None],
         others: Others,
-        expose: Callable[[Pose, Sequence[Pose]], T],
+        expose: Callable[[Pose, Sequence[Pose | Box]], T],
         rate: float = 10.0,
     ) -> None:
         self.topic, self.period = topic, 1.0 / rate
@@ -135,13 +136,13 @@ def measure(given: CameraOptions, camera: Camera, scene: Scene, eye: Pose) -> De
 def _camera(
     setup: Setup, topic: Topic[T], expose: Callable[[CameraOptions, Camera, Scene, Pose], T]
 ) -> SimulatedCamera[T]:
-    """A camera as configured, in the configured room; only the other vehicles in it ever move."""
+    """A camera as configured, in the configured room; only the other vehicles and movers in it ever move."""
     given = checked(CameraOptions, setup.options, f"sensors.{setup.name}.options")
     sim, body = setup.config.sim, setup.config.geometry
     camera = Camera(given.width, given.height, radians(given.field))
     walls, obstacles = walls_of(sim.room.built()), shapes_of(sim.obstacles)
 
-    def seen(eye: Pose, others: Sequence[Pose]) -> T:
+    def seen(eye: Pose, others: Sequence[Pose | Box]) -> T:
         return expose(given, camera, Scene(walls, obstacles, bodies(others, body), sim.room.light), eye)
 
     return SimulatedCamera(topic, true_pose(setup), others_of(setup), seen, given.rate)

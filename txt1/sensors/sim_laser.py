@@ -46,9 +46,10 @@ def standing(config: Config) -> Shapes:
     return walls_of(config.sim.room.built()) + shapes_of(config.sim.obstacles)
 
 
-def bodies(poses: Sequence[Pose], body: Geometry) -> Shapes:
-    """The outlines of vehicles at these poses."""
-    return edges_of(outline(Box(x, y, body.length, body.width, theta)) for x, y, theta in poses)
+def bodies(others: Sequence[Pose | Box], body: Geometry) -> Shapes:
+    """The outlines of vehicles at poses, and of other boxes that move."""
+    boxes = (each if isinstance(each, Box) else Box(*each[:2], body.length, body.width, each[2]) for each in others)
+    return edges_of(map(outline, boxes))
 
 
 class SimulatedLaser(Twin[Scan]):

@@ -8,10 +8,11 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 from txt1.errors import HalError
 from txt1.sensors.base import Pose, Reading, Setup
+from txt1.sim.parameters import Box
 from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
-Others = Callable[[], Sequence[Pose]]
+Others = Callable[[], Sequence[Pose | Box]]
 STREAM = 7  # marks the random values of simulated sensors
 
 
@@ -45,9 +46,10 @@ class Twin(Generic[T]):
 
 
 def others_of(setup: Setup) -> Others:
-    """The function that returns the poses of the other vehicles in its world."""
+    """The function that returns the poses of the other vehicles in its world, and the boxes that move there."""
     others: Others = getattr(setup.hal, "others", tuple)
-    return others
+    movers: Callable[[], Sequence[Box]] = getattr(setup.hal, "movers", tuple)
+    return (lambda: (*others(), *movers())) if setup.config.sim.movers else others
 
 
 def true_pose(setup: Setup) -> Callable[[], Pose | None]:

@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass, replace
 from math import pi
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Le
+from annotated_types import Ge, Le, MinLen
 
 from txt1.units import NotNegative, Positive, Share
 
@@ -114,6 +114,22 @@ class Post:
     """Of the post, m."""
     kind: Literal["post"] = "post"
     """Tells it from a box."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mover:
+    """A box that moves along a path on the floor of the simulated room, whoever is in its way; ahead is its length."""
+
+    path: Annotated[tuple[tuple[float, float], ...], MinLen(2)]
+    """Points x, y of its centre, m; it begins at the first one."""
+    speed: Positive
+    """Along the path, m/s."""
+    lap: bool = False
+    """From the last point it goes on to the first, round and round; false: it goes back the way it came."""
+    length: Positive = 0.4
+    """Of the box, m."""
+    width: Positive = 0.4
+    """Of the box, m."""
 
 
 @dataclass(frozen=True, slots=True)

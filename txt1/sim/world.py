@@ -9,19 +9,23 @@ there, how often he is read, or in which order.
 **Contact.** Whenever a vehicle moves on it is held against all that is near: walls, obstacles, and the bodies of the
 others wherever they are at that very instant. A vehicle that would get deeper into a wall or an obstacle stays where it
 was, at speed 0. Two vehicles that would get deeper into one another both stay where they were at the last instant at
-which either of them moved on, whichever of them is read first.
+which either of them moved on, whichever of them is read first. A mover goes its way whoever is in it: a vehicle that it
+runs into cannot get deeper into it by itself, and is free when it has passed.
 """
 
 from heapq import heapify, heapreplace
 from math import hypot, inf, isfinite
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from txt1.kernel.clock import NS_PER_S, Clock
 from txt1.sim.dynamics import Motion
 from txt1.sim.obstacles import Obstacle, distance, gap
-from txt1.sim.parameters import Post
+from txt1.sim.parameters import Box, Post
 from txt1.sim.room import Room, clearance
 from txt1.sim.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from txt1.sim.movers import Moving
 
 ROAM: Final = 0.25  # A vehicle looks round anew when it is so far along x or y from where it did so last, m
 
@@ -52,6 +56,7 @@ class World:
         room: the four walls, or a map's.
         light: where the light is, x and y in m.
         obstacles: boxes and posts.
+        movers: boxes that move along paths, whoever is in their way.
 
     Raises ValueError: a number of an obstacle is not finite, or one of its lengths is not positive.
     """
@@ -61,6 +66,7 @@ class World:
         room: Room = Room(),  # noqa: B008 - immutable
         light: tuple[float, float] = (0.0, 0.0),
         obstacles: tuple[Obstacle, ...] = (),
+        movers: "tuple[Moving, ...]" = (),
     ) -> None:
         for number, obstacle in enumerate(obstacles):
             sizes = (obstacle.radius,) if isinstance(obstacle, Post) else (obstacle.length, obstacle.width)
@@ -69,6 +75,7 @@ class World:
         self.room = room
         self.light = light
         self.obstacles = obstacles
+        self.movers = movers
         self._clock: Clock
         self._origin_ns = -1
         self._all: list[_Whereabouts] = []
@@ -94,10 +101,16 @@ class World:
         for number, obstacle in enumerate(self.obstacles):
             if gap(body, obstacle) < margin:
                 return f"obstacle {number}, a {type(obstacle).__name__.lower()} at ({obstacle.x:g}, {obstacle.y:g})"
+        if any(gap(body, each) < margin for each in self.moving(vehicle, vehicle.time)):
+            return "something that moves"
         for other in self.vehicles:
             if other is not vehicle and gap(body, other.outline(other.pose)) < margin:
                 return f"another vehicle{other.name and ', '}{other.name}"
         return None
+
+    def moving(self, vehicle: Vehicle, time: float) -> list[Box]:
+        """Where the movers are at `time`, s of a vehicle's own."""
+        return [each.at(vehicle.began + time) for each in self.movers]
 
     # -- time --------------------------------------------------------------------------------------------------
 
@@ -140,21 +153,21 @@ class World:
         here = self._of[vehicle]
         if abs(after[0] - here.x) > here.roam or abs(after[1] - here.y) > here.roam:
             self.look_round(vehicle, after)
-        after = self._blocked(here, after)
+        after = self._blocked(here, after, until)
         for there in here.others:
             x, y = there.vehicle.pose[:2]
             if hypot(after[0] - x, after[1] - y) < here.reach + there.reach + STEP:
                 after = self._collide(here, there, after, until)
         return after
 
-    def _blocked(self, here: _Whereabouts, after: Motion) -> Motion:
-        """A vehicle's motion, halted where it would get deeper into a wall or an obstacle: not on its way out."""
+    def _blocked(self, here: _Whereabouts, after: Motion, until: float) -> Motion:
+        """A vehicle's motion at `until`, halted where it would get deeper into something: not on its way out."""
         vehicle, room = here.vehicle, self.room
         before = vehicle.motion
         left = clearance(after[0], after[1], after[2], room, vehicle.body)
         if left < 0.0 and left < clearance(before[0], before[1], before[2], room, vehicle.body):
             return halted(vehicle, before, after)
-        for obstacle in here.obstacles:
+        for obstacle in (*here.obstacles, *self.moving(vehicle, until)) if self.movers else here.obstacles:
             left = gap(vehicle.outline(after), obstacle)
             if left < 0.0 and left < gap(vehicle.outline(before), obstacle):
                 return halted(vehicle, before, after)
@@ -166,13 +179,14 @@ class World:
         # my time less the other's; who does not move yet has been looked at as late as I have
         ahead = other.began - vehicle.began if other.running else vehicle.time - other.time
         its_until = until - ahead
-        its_after = self._blocked(there, other.motion_at(its_until))
+        its_after = self._blocked(there, other.motion_at(its_until), its_until)
         left = gap(vehicle.outline(after), other.outline(its_after))
         if left >= 0.0:
             return after
         last = max(vehicle.time, other.time + ahead)  # my time when one of us moved on last
-        mine = self._blocked(here, vehicle.motion_at(last)) if last > vehicle.time else vehicle.motion
-        its = self._blocked(there, other.motion_at(last - ahead)) if last - ahead > other.time else other.motion
+        mine = self._blocked(here, vehicle.motion_at(last), last) if last > vehicle.time else vehicle.motion
+        its_last = last - ahead
+        its = self._blocked(there, other.motion_at(its_last), its_last) if its_last > other.time else other.motion
         if left >= gap(vehicle.outline(mine), other.outline(its)):
             return after
         if other.running:
@@ -208,7 +222,7 @@ class World:
         vehicle, room, roam = here.vehicle, self.room, here.roam
         if room.walls is not None:
             roam = min(roam, room.walls.roam(here.x, here.y, here.reach))
-        vehicle.crowded = bool(here.others or here.obstacles)
+        vehicle.crowded = bool(here.others or here.obstacles or self.movers)
         x, y = 0.5 * room.length - here.reach, 0.5 * room.width - here.reach
         free = max(-x, here.x - roam), min(x, here.x + roam), max(-y, here.y - roam), min(y, here.y + roam)
         vehicle.free = NOWHERE if vehicle.crowded else free

@@ -192,6 +192,9 @@ VEHICLES: Final[Topic[tuple[tuple[float, float, float], ...]]] = _told(
 TASK_REPORTS: Final[Topic[tuple[TaskReport, ...]]] = _told("/tasks", tuple[TaskReport, ...], "the tasks' statistics")
 EVENTS: Final[Topic[tuple[Event, ...]]] = _told("/events", tuple[Event, ...], "the latest events, oldest first")
 WARNINGS: Final[Topic[tuple[str, ...]]] = _told("/warnings", tuple[str, ...], "what is not at work beside the robot")
+MOVERS: Final[Topic[tuple[Outline, ...]]] = _told(
+    "/movers", tuple[Outline, ...], "the boxes that move in the simulated room: corners, m"
+)
 DRIVER: Final = declare(
     Topic(
         "/driver",

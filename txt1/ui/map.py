@@ -15,7 +15,7 @@ from rich.text import Text
 
 from txt1.tasks.battery import RANGE
 from txt1.tasks.encoder import POSE
-from txt1.tasks.fields import SURROUNDINGS, VEHICLES, WALLS, Surroundings
+from txt1.tasks.fields import MOVERS, SURROUNDINGS, VEHICLES, WALLS, Surroundings
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM, Kept
 from txt1.ui.viewer import Viewer, pose_of
@@ -44,7 +44,7 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
     about, walls, others = snapshot.get(SURROUNDINGS), snapshot.get(WALLS), snapshot.get(VEHICLES)
     left = snapshot.get(RANGE)
     place = pose_of(snapshot), snapshot.get(POSE) is None
-    key = (place, about, walls, others, len(path), path[:1], path[-1:], viewer.spacing, left)
+    key = (place, about, walls, snapshot.get(MOVERS), others, len(path), path[:1], path[-1:], viewer.spacing, left)
     known, picture = _kept.get((width, rows), (None, None))
     if picture is None or known != key:
         lines = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
@@ -150,6 +150,8 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
     canvas.line((0.0, -arm), (0.0, arm), AXES)
     for outline in (*walls, *about.obstacles):
         canvas.outline(outline, WALL)
+    for mover in snapshot.get(MOVERS, ()):
+        canvas.outline(mover, OTHER)
     for other in snapshot.get(VEHICLES, ()):
         _draw_robot(canvas, other, about.body, OTHER)
     canvas.path(viewer.path, PATH)

@@ -45,6 +45,7 @@ export class Map2d {
   take(time, topics, about) {
     this.about = about
     this.others = topics["/vehicles"] ?? []
+    this.movers = topics["/movers"] ?? []
     this.route = about["/route"] ?? []
     const odometry = topics["/odom"], estimate = topics["/odometry/filtered"], best = estimate ?? odometry
     const pose = topics["/pose"] ?? (best && [best.x, best.y, best.theta])
@@ -174,6 +175,12 @@ export class Map2d {
     if (pose && pen) c.lineTo(pose[0], pose[1])
     c.stroke()
     this.#points(c, colour, pixel)
+    c.strokeStyle = colour.other
+    for (const corners of this.movers ?? []) {
+      trace(c, corners)
+      c.closePath()
+      c.stroke()
+    }
     for (const other of this.others ?? []) this.#body(c, other, body, colour.other, pixel)
     if (!pose) return
     c.fillStyle = colour.scan
