@@ -33,14 +33,14 @@ def outlines(grid: Grid, points_max: int = POINTS_MAX) -> tuple[Outline, ...]:
         solid = np.asarray(padded.reshape(rows // 2, 2, columns // 2, 2).any(axis=(1, 3)))
         size *= 2
     loops = _loops(*starts, solid.shape[1] + 1)
-    tolerance, simple = TOLERANCE, loops
+    tolerance = TOLERANCE
     while True:
-        simple = [line for loop in loops if len(line := _simplified(loop, tolerance)) > 2]
-        if sum(map(len, simple)) <= points_max:
+        loops = [line for loop in loops if len(line := _simplified(loop, tolerance)) > 2]
+        if sum(map(len, loops)) <= points_max:
             break
         tolerance *= 2.0
     found = []
-    for line in simple:
+    for line in loops:
         x, y = grid.to_room(*(float(size) * line.T))
         found.append(tuple(zip(np.round(x, 3).tolist(), np.round(y, 3).tolist(), strict=True)))
     return tuple(found)

@@ -37,6 +37,7 @@ def without_numba(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("compiled", [True, False])
+@settings(deadline=None, max_examples=40)
 @given(st.floats(-1.99, 1.99), st.floats(-1.49, 1.49), st.floats(-pi, pi))
 def test_rays_in_a_rectangle_are_as_long_as_geometry_says(compiled: bool, x: float, y: float, yaw: float) -> None:
     with pytest.MonkeyPatch.context() as patch:
@@ -46,7 +47,7 @@ def test_rays_in_a_rectangle_are_as_long_as_geometry_says(compiled: bool, x: flo
         assert cast(hall(yaw=yaw), px, py, ANGLES + yaw) == pytest.approx(to_the_walls(x, y, ANGLES), abs=1e-9)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.4))
 def test_the_compiled_rays_and_those_of_arrays_are_the_same_within_a_cell(seed: int, filled: float) -> None:
     rng = np.random.default_rng(seed)
