@@ -126,6 +126,9 @@ class Foreign:
         """How high the wheels are over the floor now, m, 0 where they touch it; none where unknown. As `loads`."""
         return () if self._last is None else self.rising(self._last)
 
+    def lift(self, up: bool) -> None:
+        """Put the car on blocks, where its wheels turn and steer freely, or down again, as an operator does."""
+
     # -- the model's own ---------------------------------------------------------------------------------------
 
     def settled(self, motion: Motion) -> Any:

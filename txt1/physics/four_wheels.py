@@ -29,6 +29,7 @@ from txt1.sim.dynamics import Motion
 STANDS: Final = 1e-3  # m/s: what coasts more slowly, stands
 SETTLING: Final = 2.0  # s on the springs before the first drive
 FASTEST: Final = 0.5  # of a wheel's turn in a step: a cylinder that turns faster is not integrated any more
+HELD: Final = 1e4  # N s/m and N m s/rad: of a body on blocks
 OVER: Final = 1.2  # rad of roll or pitch: the car lies on its side
 
 
@@ -162,6 +163,15 @@ class FourWheels(Foreign):
     def _heading(self) -> float:
         w, i, j, k = self.data.qpos[3:7].tolist()
         return atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
+
+    def lift(self, up: bool) -> None:
+        """Take floor and weight away, and hold the body; put down, it stands on its springs where it was."""
+        option, no_contact = self.model.opt, int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        option.disableflags = option.disableflags | no_contact if up else option.disableflags & ~no_contact
+        option.gravity[2] = 0.0 if up else -GRAVITY
+        self.model.dof_damping[:6] = HELD if up else 0.0
+        self._hidden.clear()
+        self._before = None
 
     def leaning(self, hidden: Array) -> tuple[float, float]:
         """Roll, left side up, and pitch, nose down, of the body as it is now."""

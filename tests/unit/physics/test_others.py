@@ -137,6 +137,21 @@ def test_a_wall_stops_it() -> None:
     assert vehicle.pose == (0.0, 0.0, 1.0) and vehicle.state.v == 0.0
 
 
+def test_on_blocks_its_wheels_turn_and_steer_and_it_stays_where_it_is() -> None:
+    vehicle = create_sim(config("mujoco")).vehicle
+    vehicle.physics.lift(True)  # type: ignore[union-attr]
+    vehicle.command(1000.0, -9000.0, 9000.0)
+    vehicle.advance_to(3.0)
+    assert vehicle.pose == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+    assert vehicle.state.right > 0.2
+    assert vehicle.state.phi_front == pytest.approx(0.5 * vehicle.body.steering_max, rel=0.02), "no floor holds it"
+    vehicle.physics.lift(False)  # type: ignore[union-attr]
+    vehicle.place(0.0, 0.0, 0.0)
+    vehicle.command(1000.0, 0.0, 0.0)
+    vehicle.advance_to(6.0)
+    assert vehicle.pose[0] > 0.3
+
+
 def test_one_that_is_held_at_a_wall_remembers_no_more_and_more() -> None:
     vehicle = create_sim(load(None, ["sim.physics=mujoco", "sim.start=[2.2,0,0]"], {}, {}).config).vehicle
     vehicle.command(2500.0, 0.0, 0.0)

@@ -96,6 +96,9 @@ class SimulatedOperator:
     async def ready(self, key: str, text: str) -> None:
         """Do it at once."""
         self._rolled = self._vehicle.motion[6:8]
+        # ours steers and drives on the floor as it does on blocks; a car with weight on its tyres does not
+        if key != "watch" and (lift := getattr(self._vehicle.physics, "lift", None)) is not None:
+            lift(key == "blocks")
         if key in ("line", "line_end", "circle"):
             self._vehicle.place(0.0, 0.0, self._rng.normal(0.0, ALIGNED))
 
