@@ -81,11 +81,12 @@ class Vehicle:
         self._drag_rng = np.random.default_rng(drag_seed)
         self.supply = Supply(batteries, noise.battery, battery_seed)
         # The wheels stop anywhere between two edges of the encoder disc.
-        self._right_counts, self._left_counts = np.random.default_rng(phase_seed).random(2).tolist()
+        phases: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
+        self._right_counts, self._left_counts = phases[0], phases[1]
         self._counts_per_m = 1.0 / body.count_length
         self._drags: list[float] = []
+        # of the floor just now, as a share of the speed
         self.drag = 0.0
-        """Of the floor just now, as a share of the speed."""
         self._drag_count = 0
         self._outputs = (0.0, 0.0, 0.0)
         self._rest = (0.0, 0.0, 0.0, nan, nan)  # outputs and steering angles with which it stands and nothing moves it
