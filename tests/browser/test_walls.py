@@ -22,7 +22,8 @@ EXTENT = """() => {
     for (let k = 0; k < width * height; k++)
         if (Math.abs(data[4 * k] - r) + Math.abs(data[4 * k + 1] - g) + Math.abs(data[4 * k + 2] - b) < 12
             && data[4 * k + 3] > 200) xs.push(k % width), ys.push(Math.floor(k / width))
-    const span = (values) => values.reduce((most, v) => Math.max(most, v), 0) - values.reduce((l, v) => Math.min(l, v), 1e9)
+    const most = (values) => values.reduce((found, v) => Math.max(found, v), -1e9)
+    const span = (values) => most(values) + most(values.map((v) => -v))
     return xs.length > 500 ? [span(xs), span(ys)] : [0, 1]
 }"""
 
