@@ -154,6 +154,10 @@ def test_the_demo_and_a_replay_of_the_start_page_run_too(tmp_path: Path) -> None
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [f"tutorials/{name}" for name in TUTORIALS] + ["completion"])
+@pytest.mark.parametrize(
+    "name",
+    # that of maps compiles with numba first
+    [*(f"tutorials/{name}" for name in TUTORIALS), "completion", pytest.param("tutorials/map", marks=pytest.mark.long)],
+)
 def test_a_tutorial_runs_as_it_stands(name: str, tmp_path: Path) -> None:
     run_page(ROOT / "docs" / f"{name}.md", tmp_path)

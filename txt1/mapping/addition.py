@@ -4,6 +4,10 @@ from txt1.additions import Addition
 
 ADDITION = Addition(
     name="mapping",
-    wanted=lambda config: False,
+    order=5,
+    settings="txt1.mapping.settings:MappingConfig",
+    prepare="txt1.mapping.placing:prepare",
+    options="txt1.mapping.options:OPTIONS",
+    parts={"txt1.sensors": {"map": "txt1.mapping.placing:create"}},
     commands={"map": ("txt1.mapping.command", "make a map of a room from a recorded drive with a laser")},
 )

@@ -242,6 +242,9 @@ class TrackerReading(NamedTuple):
     subject: str = ""
     """Name of the tracked body."""
     mount: Mount = TRACKER_MOUNT
+    sigma_x: float | None = None  # standard deviations, m and rad, where they are told
+    sigma_y: float | None = None
+    sigma_theta: float | None = None
 
     @property
     def theta(self) -> float:

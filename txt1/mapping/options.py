@@ -1,0 +1,84 @@
+"""`txt1 run --in room --at X,Y,THETA`: short for two settings, so that a recording holds them and can be run again."""
+
+from __future__ import annotations
+
+from argparse import Action, ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from txt1.additions import Options
+from txt1.commands import busy, need, number
+
+if TYPE_CHECKING:
+    from txt1.config import Config
+
+
+class Setting(Action):
+    """Sets ``mapping.<const>`` as --set would."""
+
+    def __call__(
+        self,
+        parser: ArgumentParser,
+        namespace: Namespace,
+        values: str | Sequence[Any] | None,
+        option: str | None = None,
+    ) -> None:
+        """Take the word behind the option."""
+        namespace.set = [*namespace.set, f"mapping.{self.const}={values}"]
+
+
+def _name(text: str) -> str:
+    if not text:
+        raise ArgumentTypeError("'' is no name of a map; give one, such as room")
+    return text
+
+
+def _pose(text: str) -> str:
+    """Return a pose as a list in YAML; raises ArgumentTypeError."""
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise ArgumentTypeError(f"'{text}' is not X,Y,THETA, for example 0.5,1.2,0")
+    return f"[{', '.join(str(number(part)) for part in parts)}]"
+
+
+def asked(arguments: Namespace, config: Config) -> object | None:
+    """Compile what is needed, before a robot starts; its section is what asks for the addition.
+
+    Raises ConfigError: a setting is wrong; MissingExtra.
+    """
+    from txt1.mapping.settings import MappingConfig
+
+    settings = config.section(MappingConfig)
+    if settings.room is not None:
+        need("--in", "mapping", "scipy")
+        from txt1.mapping.placing import checked
+
+        with busy("reading the map, and compiling for it"):
+            checked(settings, config).warm()
+    return None
+
+
+OPTIONS: Final = Options(
+    "a map",
+    {
+        "--in": {
+            "metavar": "MAP",
+            "help": "tell where the robot is on a map of txt1 map or map_server: the sensor map",
+            "type": _name,
+            "action": Setting,
+            "const": "room",
+            "default": None,
+            "dest": "in_map",
+        },
+        "--at": {
+            "metavar": "X,Y,THETA",
+            "help": "where it is at the start, m and rad; else it finds that out",
+            "type": _pose,
+            "action": Setting,
+            "const": "at",
+            "default": None,
+            "dest": "at_pose",
+        },
+    },
+    asked,
+)
