@@ -174,7 +174,7 @@ def weigh_plain(
 @cache
 def weigher(form: str) -> Callable[..., None]:
     """Return what weighs particles, as "numba" or "numpy"."""
-    return compiled(_weigh, cache=True) if form == "numba" else weigh_plain
+    return compiled(_weigh, cache=True, nogil=True) if form == "numba" else weigh_plain
 
 
 class Locator:

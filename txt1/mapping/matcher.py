@@ -103,9 +103,9 @@ def kernels_of(form: str = "") -> Kernels:
 
         return Kernels(form, plain.thin, plain.stamp, plain.search, plain.listed, plain.align, plain.carve)
     names = ("thin", "stamp", "search", "listed", "carve")
-    made = {name: compiled(getattr(kernels, name), cache=True) for name in names}
-    paired = compiled(kernels.pairs, cache=True)
-    return Kernels("numba", **made, align=compiled(kernels.align, calls={"pairs": paired}))
+    made = {name: compiled(getattr(kernels, name), cache=True, nogil=True) for name in names}
+    paired = compiled(kernels.pairs, cache=True, nogil=True)
+    return Kernels("numba", **made, align=compiled(kernels.align, calls={"pairs": paired}, nogil=True))
 
 
 class LocalMap:

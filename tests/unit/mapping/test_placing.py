@@ -58,7 +58,8 @@ def told(file: Path, topic: str) -> list[tuple[float, float, float, float]]:
 
 def test_a_robot_finds_itself_in_a_room_and_the_run_verifies(room, tmp_path, capsys):
     file = tmp_path / "in.mcap"
-    assert execute([*RUN, *FUSED, "--seed", "3", "--duration", "6", "--in", str(room), "--at", "0,0,0", "--log", str(file)]) == 0
+    asked = ("--in", str(room), "--at", "0,0,0", "--log", str(file))
+    assert execute([*RUN, *FUSED, "--seed", "3", "--duration", "6", *asked]) == 0
     found, true = told(file, "/sensors/map"), told(file, "/pose")
     assert len(found) > 30
     times = [each[0] for each in true]
