@@ -56,6 +56,8 @@ LEAST: Final = 0.25
 """Share of a scan's rays that are not too short, at least; with fewer, nothing is told."""
 PATIENCE: Final = 1.0
 """s for which scans do not fit until the filter is lost, and fit until it is found."""
+AGAIN: Final = 1.0
+"""s from one look at the whole map to the next, each of which may take some tenths of a second."""
 TRAIL: Final = 1.5
 """m of points that are matched with the whole map."""
 ENOUGH: Final = 0.45
@@ -197,7 +199,7 @@ class Locator:
         self._trail: deque[tuple[Array, Array]] = deque()
         self._before: Array | None = None
         self._lost = True
-        self._changes = 0.0
+        self._changes, self._next = 0.0, 0.0
         self._way = 0.0
 
     def place(self, pose: Any, spread: tuple[float, float] = (0.2, radians(8.0))) -> None:
@@ -218,7 +220,7 @@ class Locator:
         self._noted(points, odometry, step)
         if not len(self.particles):
             self._changes = time
-            if not self._searched(odometry):
+            if not self._searched(time, odometry):
                 return Located(time, odometry, np.diag([1e6, 1e6, 10.0]), 0.0, True)
         else:
             self._moved(step)
@@ -230,7 +232,7 @@ class Locator:
         mean, _ = self._mean()
         fit = self._fit(mean, ranges, angles)
         told = self._told(time, fit)
-        if told.lost and fit < FINDS and self._searched(odometry):
+        if told.lost and fit < FINDS and self._searched(time, odometry):
             self._changes = time
         self._resampled()
         return told
@@ -294,8 +296,11 @@ class Locator:
             self._changes = time
         return Located(time, mean, covariance, fit, self._lost or not sure)
 
-    def _searched(self, odometry: Array) -> bool:
+    def _searched(self, time: float, odometry: Array) -> bool:
         """Look for the last metres' points on the whole map; whether particles could be put there."""
+        if time < self._next:
+            return False
+        self._next = time + AGAIN
         points = np.concatenate([placed(difference(odometry, pose), each) for each, pose in self._trail])
         if len(points) < 50:
             return False
