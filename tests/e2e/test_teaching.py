@@ -340,6 +340,28 @@ def test_a_recording_that_is_gone_or_changed_is_told(policy: Policy, tmp_path: P
     assert "gone.mcap" in capsys.readouterr().err
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["camera", "light", "laser,camera,odometry"])
+def test_other_sensors_teach_and_drive_too(kind: str, tmp_path: Path) -> None:
+    settings = [f"sensors.{name}.driver=sim_{name}" for name in ("camera", "light")]
+    file, asks = recorded(tmp_path / "lesson.mcap", 65.0, *settings), [Ask(each) for each in kind.split(",")]
+    found = drive_in(file, asks)  # type: ignore[arg-type]
+    assert [sight.kind for sight in found.sights] == kind.split(",")
+    assert 60.0 < found.taught.seconds < 66.0
+    teach([found], QUICK, "today").policy.save(tmp_path / "room.onnx")
+    policy = load(tmp_path / "room.onnx")
+
+    async def driven() -> tuple[str, float]:
+        async with Robot.open("sim", settings=(*ROOM, *settings), additions={"teaching": policy}) as robot:
+            await robot.load_gains()
+            await asyncio.sleep(3.0)
+            return robot.driver.name, robot.odometry.v
+
+    name, v = run(driven(), speed="max")
+    assert name == "policy"
+    assert v > 0.2
+
+
 # -- the tutorial ------------------------------------------------------------------------------------------------
 
 
