@@ -348,7 +348,7 @@ def test_other_sensors_teach_and_drive_too(kind: str, tmp_path: Path) -> None:
     found = drive_in(file, asks)  # type: ignore[arg-type]
     assert [sight.kind for sight in found.sights] == kind.split(",")
     assert 60.0 < found.taught.seconds < 66.0
-    teach([found], QUICK, "today").policy.save(tmp_path / "room.onnx")
+    teach([found], Recipe(members=1, dense=(16,), epochs=3), "today", folds=2).policy.save(tmp_path / "room.onnx")
     policy = load(tmp_path / "room.onnx")
 
     async def driven() -> tuple[str, float]:
