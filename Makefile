@@ -8,6 +8,7 @@ KILTED ?= $(CURDIR)/.venv-ros2-kilted
 CYCLONEDDS := $(CURDIR)/.venv-ros2-cyclonedds
 COLCON := $(CURDIR)/.venv-ros2-colcon
 VIEWERS := .venv-viewers
+LEROBOT ?= $(CURDIR)/.venv-lerobot/bin/python
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag python3-roslaunch ros-std-msgs python3-genpy libroscpp-dev libtf-dev libnav-msgs-dev python3-gencpp
 FUZZ := .venv-fuzz
 DOCS := .venv-docs
@@ -18,7 +19,7 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test test-long test-web test-ros test-viewers steady try-bare lint wheel torture bench docs docs-version docs-links clean
+.PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel torture bench docs docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -45,6 +46,9 @@ test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from whee
 test-viewers: $(VENV)/.dev  ## a recording in the viewers that PyPI has, in an environment of their own
 	@test -e $(VIEWERS)/bin/rerun || { $(PYTHON) -m venv $(VIEWERS) && $(VIEWERS)/bin/python $(PIP_INSTALL) rerun-sdk==0.41.0; } || true
 	TXT1_VIEWERS=$(CURDIR)/$(VIEWERS)/bin $(BIN)/python -m pytest -m long -rs tests/viewers
+
+test-lerobot: $(VENV)/.dev  ## LeRobot's commands with plugins/lerobot; LEROBOT= is a Python that has both, which nobody installs here
+	TXT1_LEROBOT=$(wildcard $(LEROBOT)) $(BIN)/python -m pytest -m long -rs tests/lerobot
 
 steady: $(VENV)/.dev  ## does any test ever fail? Those that wait, 20 times, also beside busy loops, and all 5 times; two hours, and it goes on
 	$(BIN)/python -m tests.steady

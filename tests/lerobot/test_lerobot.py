@@ -1,0 +1,37 @@
+"""LeRobot's own commands record and replay with a simulated robot. `make test-lerobot` runs it where LeRobot is."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.patience import LIMIT
+
+pytestmark = pytest.mark.long
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+
+
+def test_a_drive_is_recorded_and_replayed_by_lerobots_commands(tmp_path: Path) -> None:
+    python = os.environ.get("TXT1_LEROBOT")
+    if not python:
+        pytest.skip("did not run: TXT1_LEROBOT names no Python that has LeRobot and plugins/lerobot")
+    environment = {**os.environ, "HF_HOME": str(tmp_path / "hf"), "HF_HUB_OFFLINE": "1"}
+    words = [python, str(HERE / "trial.py"), str(tmp_path)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=8.0 * LIMIT)
+    assert done.returncode == 0, done.stderr[-3000:]
+    told = json.loads(done.stdout.splitlines()[-1])
+    assert told["state"] == ["x_m", "y_m", "theta_rad", "v_m_s", "omega_rad_s"]
+    assert told["action"] == ["v_m_s", "omega_rad_s"]
+    states, actions = told["states"], told["actions"]
+    assert len(states) == len(actions) >= 45
+    assert actions[0] == [0.4, 0.3] and actions[-1] == [0.0, 0.0]
+    x, _, _, v, _ = states[-1]
+    assert 1.0 < x < 1.8 and abs(v) < 0.02, "4 s at 0.4 m/s, round a bend and back, and then it stands"
+    assert max(state[2] for state in states) > 0.3
+    count, height, width, _, spread = told["pictures"]
+    assert count == len(states) and (height, width) == (120, 160) and spread > 1.0
