@@ -190,7 +190,7 @@ def test_a_mistake_is_told_in_one_line(words: list[str], complaint: str, capsys:
 
 def test_without_matplotlib_it_names_the_extra(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.setattr(figures, "find_spec", lambda name: None)
-    assert execute(["experiment", "circle-fast"]) == 1
+    assert execute(["experiment", "circle-fast"]) == 2
     assert "pip install 'txt1[plots]'" in capsys.readouterr().err
 
 

@@ -363,7 +363,7 @@ def test_phidgets_without_their_driver_name_the_extra(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "Phidget22.Devices.VoltageRatioInput", None)
     words = ["run", "--json", "--duration", "1", "--set", "sensors.light.driver=phidgets_light"]
-    assert execute(words) == 1
+    assert execute(words) == 2
     assert "pip install 'txt1[phidgets]'" in capsys.readouterr().err
 
 

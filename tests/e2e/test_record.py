@@ -363,7 +363,7 @@ def test_a_command_on_a_recording_names_the_extra_that_it_lacks(
     words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
 ) -> None:
     monkeypatch.setattr("txt1.commands.find_spec", lambda name: None)
-    assert execute([*words, str(tmp_path / "run.mcap")]) == 1
+    assert execute([*words, str(tmp_path / "run.mcap")]) == 2
     told = capsys.readouterr().err
     assert told.startswith("txt1: reading a recording needs the extra 'record': ") and told.count("\n") == 1
     assert told.endswith("pip install 'txt1[record]'\n")

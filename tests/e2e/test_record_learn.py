@@ -281,5 +281,5 @@ def test_without_the_extra_it_is_said_before_the_robot_moves(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
 ) -> None:
     monkeypatch.setattr("txt1.commands.find_spec", lambda name: None)
-    assert learn(tmp_path / "out", tmp_path / "run.mcap") == 1
+    assert learn(tmp_path / "out", tmp_path / "run.mcap") == 2
     assert "pip install 'txt1[record]'" in capsys.readouterr().err
