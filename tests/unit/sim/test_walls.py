@@ -22,6 +22,8 @@ from txt1.maps.grid import Grid
 from txt1.model.light_sensors import LUX_MIN
 from txt1.model.vehicle import Geometry
 from txt1.sensors.light import eyes
+from txt1.sensors.sim_laser import standing
+from txt1.sim import rays
 from txt1.sim.rays import shapes_of, walls_of
 from txt1.sim.room import Room, clearance
 from txt1.sim.view import Camera, Scene, distances, draw
@@ -160,3 +162,12 @@ def test_pictures_and_depth_show_the_walls_of_a_map_as_those_of_a_room() -> None
     depths = [distances(camera, scene, 0.3, -0.2, 0.2, 0.4) for scene in seen]
     assert depths[1] == pytest.approx(depths[0], abs=1e-6)
     assert np.array_equal(*(draw(camera, scene, 0.3, -0.2, 0.2, 0.4) for scene in seen))
+
+
+def test_the_caster_is_compiled_before_a_sensor_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: list[bool] = []
+    monkeypatch.setattr(rays, "prepare", lambda: compiled.append(True))
+    standing(load(overrides=["sim.room.map=flat"]).config)
+    assert compiled
+    standing(load().config)
+    assert len(compiled) == 1, "a room without a map needs no caster"
