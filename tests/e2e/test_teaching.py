@@ -35,7 +35,7 @@ ROOM = (
     "sensors.laser.driver=sim_laser",
     f"sensors.laser.options={{steps: 180, beams: {BEAMS}, range_max: 10.0}}",
 )
-QUICK = Recipe(members=2, dense=(16,), epochs=12, steps=300)
+QUICK = Recipe(members=2, dense=(16,), epochs=6, steps=300)
 
 
 def round_the_room(pose: tuple[float, float, float], aim: float) -> tuple[float, float]:
@@ -89,7 +89,7 @@ def lesson(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def policy(lesson: Path) -> Policy:
     """A policy that was taught by it."""
-    return teach([drive_in(lesson, [Ask("laser")])], QUICK, "today").policy
+    return teach([drive_in(lesson, [Ask("laser")])], QUICK, "today", folds=2).policy
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_a_sensor_that_is_not_in_a_recording_is_told_with_those_that_are(lesson:
 
 def test_teach_writes_a_policy_and_a_report(lesson: Path, tmp_path: Path, capsys: Capture) -> None:
     output = tmp_path / "track.onnx"
-    assert execute(["teach", str(lesson), "-o", str(output), "--see", "laser", "--networks", "1", "--epochs", "3"]) == 0
+    assert execute(["teach", str(lesson), "-o", str(output), "--see", "laser", "--networks", "1", "--epochs", "1"]) == 0
     told = capsys.readouterr().out
     assert "nobody drove" in told
     assert "held-out blocks: steering rms" in told
@@ -312,6 +312,7 @@ async def test_a_robot_without_the_sensor_is_refused(policy: Policy) -> None:
 # -- teaching more -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_policy_is_taught_more_from_its_own_recordings_on(lesson: Path, file: Path, tmp_path: Path) -> None:
     later, output = recorded(tmp_path / "later.mcap", 20.0), tmp_path / "more.onnx"
     words = [

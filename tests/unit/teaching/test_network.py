@@ -53,7 +53,7 @@ def bright_side(count, rng):
 
 def test_what_a_human_does_is_learned_and_held_out_blocks_show_it():
     sights, lessons = bright_side(400, np.random.default_rng(1))
-    recipe = Recipe(members=2, dense=(8,), epochs=30, decay=1e-3, drop=0.0)
+    recipe = Recipe(members=2, dense=(8,), epochs=20, decay=1e-3, drop=0.0)
     results = judged(sights, lessons, recipe, 4, 1.0).results()
     assert results["steering_correlation"] > 0.9
     assert results["steering_rms"] < 0.5 * results["steering_deviation"]
