@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 
 from txt1.teaching.seeing import CAMERA_TRUNK, HORIZON, PICTURE, Seen, Sight, picture
-from txt1.teaching.training import Lessons, Recipe, train
+from txt1.teaching.training import LessonSet, Recipe, train
 
 VENV: Final = Path("build/donkey-venv")
 PEER: Final = (
@@ -59,7 +59,7 @@ def unpacked(path: Path) -> Iterator[Path]:
         yield found[0].parent
 
 
-def lessons_of(folder: Path) -> tuple[list[Sight], Lessons]:
+def lessons_of(folder: Path) -> tuple[list[Sight], LessonSet]:
     """All pictures of a folder, and what the human did."""
     records = [json.loads(line) for line in (folder / "records.jsonl").read_text(encoding="utf-8").splitlines()]
     pictures = [picture((folder / "images" / each["image"]).read_bytes(), *PICTURE, HORIZON) for each in records]
@@ -67,7 +67,7 @@ def lessons_of(folder: Path) -> tuple[list[Sight], Lessons]:
     # the times in the file are those of its making, and 20 a second is what donkeycar records
     times = np.arange(len(records)) / 20.0
     sight = Sight("camera", "camera", (*PICTURE, 3), CAMERA_TRUNK)
-    return [sight], Lessons(Seen((np.stack(pictures),)), commands, np.ones(len(records), np.float32), times)
+    return [sight], LessonSet(Seen((np.stack(pictures),)), commands, np.ones(len(records), np.float32), times)
 
 
 def score(said: np.ndarray, did: np.ndarray) -> tuple[float, float]:

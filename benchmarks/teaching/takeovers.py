@@ -27,7 +27,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle
 from txt1.record.options import RecordingAsked
 from txt1.robot import Robot
-from txt1.teaching.lessons import Ask, Drive, drive_in
+from txt1.teaching.lessons import Ask, HumanDrive, drive_in
 from txt1.teaching.policy import Policy
 from txt1.teaching.teach import teach
 from txt1.teaching.training import Recipe
@@ -136,7 +136,7 @@ async def alone(config: Config, human: Human, seconds: float, file: Path) -> Non
         await robot.runtime.scheduler.ended
 
 
-def taught(drives: list[Drive], seed: int) -> Policy:
+def taught(drives: list[HumanDrive], seed: int) -> Policy:
     """A policy of recordings."""
     recipe = Recipe(members=RECIPE.members, epochs=RECIPE.epochs, steps=RECIPE.steps, seed=seed)
     return teach(drives, recipe, "benchmark", folds=2).policy
@@ -154,7 +154,7 @@ def case(seed: int, given: Namespace) -> dict[str, list[float]]:
         def config(number: int) -> Config:
             return config_of(track, 100 * seed + number, LASER)
 
-        def lesson(number: int, seconds: float) -> Drive:
+        def lesson(number: int, seconds: float) -> HumanDrive:
             file = folder / f"{number}.mcap"
             run(alone(config(number), human(number), seconds, file), speed="max")
             return drive_in(file, [Ask("laser")])

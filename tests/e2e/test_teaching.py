@@ -137,6 +137,7 @@ def test_a_sensor_that_is_not_in_a_recording_is_told_with_those_that_are(lesson:
         drive_in(lesson, [Ask("camera")])
 
 
+@pytest.mark.long
 def test_teach_writes_a_policy_and_a_report(lesson: Path, tmp_path: Path, capsys: Capture) -> None:
     output = tmp_path / "track.onnx"
     assert execute(["teach", str(lesson), "-o", str(output), "--see", "laser", "--networks", "1", "--epochs", "1"]) == 0

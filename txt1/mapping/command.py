@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-class Source(NamedTuple):
+class ScanLog(NamedTuple):
     """What a map is made of."""
 
     sweeps: list[Sweep]
@@ -78,7 +78,7 @@ def main(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def _source(arguments: argparse.Namespace) -> Source:
+def _source(arguments: argparse.Namespace) -> ScanLog:
     """Return the scans of a recording or a log; raises RecordingError, LogError, ConfigError."""
     from txt1.mapping import drive, logs
 
@@ -87,7 +87,7 @@ def _source(arguments: argparse.Namespace) -> Source:
 
         read = drive.read(arguments.file, robot_in(arguments.file, arguments.robot), arguments.sensor)
         mount = read.mount
-        return Source(read.sweeps, f"sensors.{read.sensor} at {mount.x:g}, {mount.y:g} m, {mount.yaw:g} rad")
+        return ScanLog(read.sweeps, f"sensors.{read.sensor} at {mount.x:g}, {mount.y:g} m, {mount.yaw:g} rad")
     import numpy as np
 
     log = logs.read(arguments.file)
@@ -96,7 +96,7 @@ def _source(arguments: argparse.Namespace) -> Source:
         drive.Sweep(scan.time, logs.points_of(scan.ranges, scan.angles, longest, scan.swept), np.array(scan.odometry))
         for scan in log.scans
     ]
-    return Source(sweeps, "the log's laser")
+    return ScanLog(sweeps, "the log's laser")
 
 
 def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[str]]:
@@ -176,7 +176,7 @@ def compared(files: dict[Path, bytes]) -> int:
     return FAULT if different else OK
 
 
-def _tell(mapper: Mapper, source: Source, closed: int, odometry: Any) -> None:
+def _tell(mapper: Mapper, source: ScanLog, closed: int, odometry: Any) -> None:
     from txt1.mapping.drive import AWRY, awry
 
     scans, keys = len(mapper.poses), len(mapper.keys)

@@ -86,7 +86,7 @@ def _end(time: float, scan: Scan) -> float:
     return time + scan.time_step * len(scan.ranges)
 
 
-class Drive(NamedTuple):
+class LaserDrive(NamedTuple):
     """The scans of a recorded drive."""
 
     sensor: str
@@ -95,7 +95,7 @@ class Drive(NamedTuple):
     sweeps: list[Sweep]
 
 
-def read(path: Path, robot: str, sensor: str | None = None) -> Drive:
+def read(path: Path, robot: str, sensor: str | None = None) -> LaserDrive:
     """Return the scans of a recorded robot's drive, and how its laser sat.
 
     Raises RecordingError: it has no scans, or none that are exact, or it cannot be read; ConfigError: no such laser.
@@ -135,7 +135,7 @@ def read(path: Path, robot: str, sensor: str | None = None) -> Drive:
         raise RecordingError(
             f"{path}: no scans of a laser in it; drive with one, for example --set sensors.laser.driver=sim_laser"
         )
-    return Drive(sensor, lasers[sensor], sweeps)
+    return LaserDrive(sensor, lasers[sensor], sweeps)
 
 
 def awry(poses: Array, odometry: Array) -> float | None:

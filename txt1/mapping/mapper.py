@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.mapping.graph import Graph
-from txt1.mapping.matcher import Cloud, LocalMap, Seen, cloud_of, joined, kernels_of, moved, sparse
+from txt1.mapping.matcher import Cloud, LocalMap, SeenWalls, cloud_of, joined, kernels_of, moved, sparse
 from txt1.mapping.poses import composed, difference, placed, wrapped
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ FLOOR: Final = np.diag([0.01, 0.01, radians(0.15)]) ** 2
 
 
 @dataclass(frozen=True)
-class Odometry:
+class OdometryNoise:
     """How wrong odometry may be, as standard deviations of a step."""
 
     position: float = 0.02
@@ -100,7 +100,7 @@ NOTHING: Final = 1e-6 * np.eye(3)
 """Information of an edge that says nothing."""
 
 
-class Key(NamedTuple):
+class KeyScan(NamedTuple):
     """A keyframe."""
 
     number: int
@@ -126,13 +126,13 @@ class Match(NamedTuple):
 class Mapper:
     """A map in the making."""
 
-    def __init__(self, matching: Matching | None = None, odometry: Odometry | None = None, form: str = "") -> None:
+    def __init__(self, matching: Matching | None = None, odometry: OdometryNoise | None = None, form: str = "") -> None:
         """Begin; `form` is "numba", "numpy", or "" for whichever there is (ImportError: numba is not there)."""
         self.loops = kernels_of(form)
         self.graph = Graph()
-        self.keys: list[Key] = []
+        self.keys: list[KeyScan] = []
         self._matching = matching or Matching()
-        self._odometry = odometry or Odometry()
+        self._odometry = odometry or OdometryNoise()
         self._owners: list[int] = []
         self._steps: list[Array] = []
         self._pose = np.zeros(3)
@@ -140,12 +140,12 @@ class Mapper:
         self._prediction: tuple[float, float] = (0.0, 0.0)
         self._local: LocalMap | None = None
         self._origin = np.zeros(3)
-        self._chunks: dict[int, tuple[LocalMap, Seen]] = {}
+        self._chunks: dict[int, tuple[LocalMap, SeenWalls]] = {}
         self._looked = 0
         self._unsettled = 0
         self._old, self._found = 0, False
 
-    def resume(self, keys: list[Key], poses: Array, edges: Iterable[Any]) -> None:
+    def resume(self, keys: list[KeyScan], poses: Array, edges: Iterable[Any]) -> None:
         """Go on with the keyframes of earlier drives; where the next drive begins is found when it fits somewhere."""
         self.keys = list(keys)
         for pose in poses:
@@ -207,7 +207,7 @@ class Mapper:
         return Match(self._pose, 0.0, True, 0)
 
     def _own(self, time: float, cloud: Cloud) -> None:
-        self.keys.append(Key(len(self._owners), time, cloud))
+        self.keys.append(KeyScan(len(self._owners), time, cloud))
         self._owners.append(len(self.keys) - 1)
         self._steps.append(np.zeros(3))
 
@@ -349,7 +349,7 @@ class Mapper:
             made = self._map(around, self.graph.poses[middle])
             if made is None:
                 return None
-            self._chunks[chunk] = made, Seen([self.keys[k].cloud for k in around], poses, self.loops)
+            self._chunks[chunk] = made, SeenWalls([self.keys[k].cloud for k in around], poses, self.loops)
         there, seen = self._chunks[chunk]
         if way is None:
             predicted, reach, turn = np.zeros(3), matching.anywhere, radians(180.0)

@@ -175,7 +175,7 @@ class LocalMap:
         return found
 
 
-class Seen:
+class SeenWalls:
     """Where rays from several poses came, in cells of `SEEN_CELL`."""
 
     def __init__(self, clouds: list[Cloud], poses: Array, loops: Kernels) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from txt1.config import Config
 
 
-class Setting(Action):
+class SetWithMap(Action):
     """Sets ``mapping.<const>`` as --set would."""
 
     def __call__(
@@ -65,7 +65,7 @@ OPTIONS: Final = Options(
             "metavar": "MAP",
             "help": "tell where the robot is on a map of txt1 map or map_server: the sensor map",
             "type": _name,
-            "action": Setting,
+            "action": SetWithMap,
             "const": "room",
             "default": None,
             "dest": "in_map",
@@ -74,7 +74,7 @@ OPTIONS: Final = Options(
             "metavar": "X,Y,THETA",
             "help": "where it is at the start, m and rad; else it finds that out",
             "type": _pose,
-            "action": Setting,
+            "action": SetWithMap,
             "const": "at",
             "default": None,
             "dest": "at_pose",

@@ -40,7 +40,7 @@ ENDING: Final = 3.0
 """s that the thread has to end."""
 
 
-class Place(NamedTuple):
+class PlaceOnMap(NamedTuple):
     """A checked map, and where the robot begins on it."""
 
     grid: Grid
@@ -59,7 +59,7 @@ class Place(NamedTuple):
         locator.update(0.1, points, (0.0, 0.0, 0.0))
 
 
-def checked(settings: MappingConfig, config: Config) -> Place:
+def checked(settings: MappingConfig, config: Config) -> PlaceOnMap:
     """Return the map of the settings; raises ConfigError: there is none, or the start is no place on it."""
     assert settings.room is not None
     name = settings.room
@@ -68,7 +68,7 @@ def checked(settings: MappingConfig, config: Config) -> Place:
     if settings.at is not None and not grid.is_free(*settings.at[:2]):
         x, y, _ = settings.at
         raise ConfigError(f"mapping.at: ({x:g}, {y:g}) is no free floor on the map {room}; look at its picture")
-    return Place(grid, settings.at, config.own_seed)
+    return PlaceOnMap(grid, settings.at, config.own_seed)
 
 
 class MapSensor:
@@ -169,7 +169,7 @@ class MapSensor:
                 return
 
 
-def _begun(place: Place) -> tuple[Grid, int]:
+def _begun(place: PlaceOnMap) -> tuple[Grid, int]:
     return place.grid, place.seed
 
 

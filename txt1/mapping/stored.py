@@ -15,7 +15,7 @@ import numpy as np
 
 from txt1.errors import ConfigError
 from txt1.mapping.graph import EDGE
-from txt1.mapping.mapper import Key, Mapper
+from txt1.mapping.mapper import KeyScan, Mapper
 from txt1.mapping.matcher import Cloud
 
 VERSION: Final = 1
@@ -61,7 +61,7 @@ def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
             raise ValueError("an edge leads to no node")
         points, normals = np.split(parts["points"], ends[:-1]), np.split(parts["normals"], ends[:-1])
         keys = [
-            Key(-1, float(time), Cloud(np.ascontiguousarray(p), np.ascontiguousarray(n)))
+            KeyScan(-1, float(time), Cloud(np.ascontiguousarray(p), np.ascontiguousarray(n)))
             for time, p, n in zip(parts["times"], points, normals, strict=True)
         ]
         edges = zip(*(parts[name] for name in EDGE.names or ()), strict=True)

@@ -46,7 +46,7 @@ from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import PWM_MAX
-from txt1.physics.foreign import Drive, Foreign, needed
+from txt1.physics.foreign import Foreign, MotorDrive, needed
 from txt1.sim.batch import Array, compiled
 from txt1.sim.dynamics import Motion
 
@@ -338,7 +338,7 @@ class CommonRoad(Foreign):
         return np.array(self.beginning([x, y, phi, speed, theta, yaw_rate, slip]), dtype=float)
 
     def step(
-        self, motion: Motion, hidden: Array, drive: Drive, front: float, rear: float, dt: float
+        self, motion: Motion, hidden: Array, drive: MotorDrive, front: float, rear: float, dt: float
     ) -> tuple[Motion, Array]:
         """Move the full-size car."""
         state, rolled, p, root = hidden.copy(), np.zeros(2), self.car, self.root

@@ -29,7 +29,7 @@ INSTANT: Final = 1e-9  # s: shorter times are what is left of rounding
 KEPT: Final = 8  # motions whose hidden state is remembered; the world weighs fewer before it decides
 
 
-class Drive(NamedTuple):
+class MotorDrive(NamedTuple):
     """What the motor does, held for a while."""
 
     driven: bool  # else it coasts
@@ -90,13 +90,13 @@ class Foreign:
             del self._hidden[next(each for each in self._hidden if each != before)]
         return after
 
-    def drive(self, motor: float, drag: float) -> Drive:
+    def drive(self, motor: float, drag: float) -> MotorDrive:
         """What the motor does at so many counts, as `txt1.sim.dynamics.move` has it."""
         p = self.vehicle
         if abs(motor) <= p.dead_band:
-            return Drive(False, p.coast_friction, p.coast_time_constant, 1.0 + drag)
+            return MotorDrive(False, p.coast_friction, p.coast_time_constant, 1.0 + drag)
         beyond = motor - p.dead_band if motor > 0.0 else motor + p.dead_band
-        return Drive(True, p.speed_gain * beyond, p.speed_time_constant, 1.0 + drag)
+        return MotorDrive(True, p.speed_gain * beyond, p.speed_time_constant, 1.0 + drag)
 
     def angle(self, counts: float) -> float:
         """The steering angle that a servo goes for, rad, left positive; counts are as in `Outputs`."""
@@ -136,7 +136,7 @@ class Foreign:
         raise NotImplementedError
 
     def step(
-        self, motion: Motion, hidden: Any, drive: Drive, front: float, rear: float, dt: float
+        self, motion: Motion, hidden: Any, drive: MotorDrive, front: float, rear: float, dt: float
     ) -> tuple[Motion, Any]:
         """Return motion and hidden state `dt` seconds later; front and rear: the steering angles gone for, rad."""
         raise NotImplementedError

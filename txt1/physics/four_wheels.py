@@ -20,7 +20,7 @@ import numpy as np
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.model.vehicle import PWM_MAX
-from txt1.physics.foreign import Drive, Foreign, needed
+from txt1.physics.foreign import Foreign, MotorDrive, needed
 from txt1.physics.mjcf import GRAVITY, STEP, WHEELS, mjcf, wheel_radius
 from txt1.physics.settings import PhysicsSettings
 from txt1.sim.batch import Array
@@ -112,7 +112,7 @@ class FourWheels(Foreign):
         return state
 
     def step(
-        self, motion: Motion, hidden: Array, drive: Drive, front: float, rear: float, dt: float
+        self, motion: Motion, hidden: Array, drive: MotorDrive, front: float, rear: float, dt: float
     ) -> tuple[Motion, Array]:
         """Move the car."""
         model, data, radius = self.model, self.data, self.radius

@@ -36,7 +36,7 @@ from txt1.sensors.readings import Image, Scan
 from txt1.teaching.driving import POLICY
 from txt1.teaching.policy import Taught
 from txt1.teaching.seeing import Kind, Seen, Sight, Unfit, check, seen, sight_of
-from txt1.teaching.training import Lessons
+from txt1.teaching.training import LessonSet
 from txt1.telemetry import exact
 
 HAND: Final = 30
@@ -77,12 +77,12 @@ class Ask(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Drive:
+class HumanDrive:
     """What one recording teaches."""
 
     taught: Taught
     sights: tuple[Sight, ...]
-    lessons: Lessons
+    lessons: LessonSet
     vehicle: str
     radius_min: float
     v_max: float
@@ -105,7 +105,7 @@ def sha256_of(path: Path) -> str:
 
 def drive_in(
     path: Path, asks: Sequence[Ask], also: Collection[str] = (), robot: str | None = None, lag: float = LAG
-) -> Drive:
+) -> HumanDrive:
     """Return what a recording teaches; the hand follows the eye by `lag` s.
 
     Raises RecordingError: it cannot be read, is of several robots and none is named, has no such sensor, or nobody
@@ -280,7 +280,7 @@ class _Reader:
                 return f"no {ask.kind}"
         return ""
 
-    def drive(self, digest: str) -> Drive:
+    def drive(self, digest: str) -> HumanDrive:
         """Return all of it."""
         config = self._read_config()
         radius, v_max = config.geometry.radius_min, config.safety.v_max
@@ -295,7 +295,7 @@ class _Reader:
             self._by[row.by] += row.seconds
         parts = zip(*(row.looks for row in self._rows), strict=True)
         commands = np.array([_shares(*self._later(row), radius, v_max) for row in self._rows], np.float32)
-        lessons = Lessons(
+        lessons = LessonSet(
             Seen(tuple(np.stack(each) for each in parts)),
             commands,
             np.array([row.weight for row in self._rows], np.float32),
@@ -310,7 +310,7 @@ class _Reader:
             self._takeovers,
             {reason: round(seconds, 3) for reason, seconds in self._left.items() if seconds > 0.0},
         )
-        return Drive(taught, tuple(self._sights), lessons, config.vehicle, radius, v_max)
+        return HumanDrive(taught, tuple(self._sights), lessons, config.vehicle, radius, v_max)
 
     def _later(self, row: _Row) -> tuple[float, float]:
         """Return what the same human commanded a little later; the last that he did where he let go before."""
@@ -338,7 +338,7 @@ def _shares(v: float, omega: float, radius: float, v_max: float) -> tuple[float,
     return min(max(omega * radius / v, -1.0), 1.0), min(v / v_max, 1.0)
 
 
-def together(drives: Sequence[Drive]) -> tuple[tuple[Sight, ...], Lessons, NDArray[np.int64]]:
+def together(drives: Sequence[HumanDrive]) -> tuple[tuple[Sight, ...], LessonSet, NDArray[np.int64]]:
     """Return the sights and lessons of all recordings, and of which recording each lesson is.
 
     Raises RecordingError: they are of different cars or sensors, or too short.
@@ -368,7 +368,7 @@ def together(drives: Sequence[Drive]) -> tuple[tuple[Sight, ...], Lessons, NDArr
         )
     offsets = np.cumsum([0.0, *(each.lessons.times[-1] - each.lessons.times[0] + BETWEEN for each in drives)])
     times = [each.lessons.times - each.lessons.times[0] + offset for each, offset in zip(drives, offsets, strict=False)]
-    lessons = Lessons(
+    lessons = LessonSet(
         Seen(tuple(np.concatenate(parts) for parts in zip(*(each.lessons.seen.parts for each in drives), strict=True))),
         np.concatenate([each.lessons.commands for each in drives]),
         np.concatenate([each.lessons.weights for each in drives]),

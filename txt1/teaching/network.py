@@ -51,7 +51,7 @@ class Shape(NamedTuple):
     outputs: int
 
     def layers(self) -> list[tuple[int, int]]:
-        """Return rows and columns of every layer's weights, in the order of `Network.weights`."""
+        """Return rows and columns of every layer's weights, in the order of `PolicyNetwork.weights`."""
         found, features = [], 0
         for (height, width, channels), trunk in zip(self.inputs, self.trunks, strict=True):
             for each in trunk:
@@ -70,7 +70,7 @@ class Shape(NamedTuple):
         return sum((rows + 1) * columns for rows, columns in self.layers())
 
 
-class Network:
+class PolicyNetwork:
     """A network of this shape, its weights drawn at random (He, arXiv 1502.01852)."""
 
     def __init__(self, shape: Shape, rng: Generator) -> None:
@@ -171,7 +171,7 @@ def _spread(rows: Array, shape: tuple[int, ...], layer: Convolution) -> Array:
 class Adam:
     """Adam's steps for the parameters of a network, with weights that decay (arXiv 1711.05101)."""
 
-    def __init__(self, network: Network, decay: float) -> None:
+    def __init__(self, network: PolicyNetwork, decay: float) -> None:
         self._parameters = [*network.weights, *network.biases]
         self._decays = [decay] * len(network.weights) + [0.0] * len(network.biases)
         self._first = [np.zeros_like(each) for each in self._parameters]

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import Txt1Error
-from txt1.teaching.network import Network, Shape
+from txt1.teaching.network import PolicyNetwork, Shape
 
 Array = NDArray[np.float32]
 IR_VERSION: Final = 8
@@ -132,7 +132,7 @@ class Norm(NamedTuple):
     deviation: Array
 
 
-def written(networks: Sequence[Network], norms: Sequence[Norm], names: Sequence[str], card: str) -> bytes:
+def written(networks: Sequence[PolicyNetwork], norms: Sequence[Norm], names: Sequence[str], card: str) -> bytes:
     """Return the bytes of an ensemble of networks of one shape; `norms` and `names` are of its sensors."""
     shape = networks[0].shape
     graph = _Graph()
@@ -154,7 +154,7 @@ def written(networks: Sequence[Network], norms: Sequence[Norm], names: Sequence[
     return head + _field(7, data) + _field(8, opset) + _field(14, metadata)
 
 
-def _one(graph: _Graph, network: Network, number: int, normal: Sequence[tuple[str, tuple[int, int, int]]]) -> str:
+def _one(graph: _Graph, network: PolicyNetwork, number: int, normal: Sequence[tuple[str, tuple[int, int, int]]]) -> str:
     """Add one network to the graph; return the name of its outputs."""
     layer, features = 0, []
 
@@ -204,7 +204,7 @@ def card_of(data: bytes) -> str:
 
 def read(
     data: bytes, shape: Shape, members: int, norms: Sequence[Norm], names: Sequence[str], card: str
-) -> list[Network]:
+) -> list[PolicyNetwork]:
     """Return the networks of a file; raises PolicyError unless `written` makes the very same file of them."""
     constants: dict[str, Array] = {}
     for number, value in _fields(memoryview(data)):
@@ -215,7 +215,7 @@ def read(
                     constants[name] = values
     networks = []
     for number in range(members):
-        network = Network.__new__(Network)
+        network = PolicyNetwork.__new__(PolicyNetwork)
         network.shape, network.weights, network.biases = shape, [], []
         convolutions = [each for trunk in shape.trunks for each in trunk]
         for layer, (rows, columns) in enumerate(shape.layers()):

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from txt1.config.sources import checked
 from txt1.errors import ConfigError, MissingExtra
-from txt1.teaching.network import Network, Shape
+from txt1.teaching.network import PolicyNetwork, Shape
 from txt1.teaching.onnx_file import Norm, PolicyError, card_of, read, written
 from txt1.teaching.seeing import Sight, shape_of
 
@@ -129,7 +129,7 @@ def doubts(commands: Array) -> NDArray[np.float64]:
 class Policy:
     """An ensemble of networks and its card."""
 
-    def __init__(self, card: Card, networks: Sequence[Network], data: bytes | None = None) -> None:
+    def __init__(self, card: Card, networks: Sequence[PolicyNetwork], data: bytes | None = None) -> None:
         self.card = card
         self.networks = list(networks)
         self._data = data
@@ -180,7 +180,7 @@ def normalised(seen: Sequence[Array], norms: Sequence[Norm]) -> list[Array]:
     return [(each - norm.mean) * (1.0 / norm.deviation) for each, norm in zip(seen, norms, strict=True)]
 
 
-def digest(networks: Sequence[Network]) -> str:
+def digest(networks: Sequence[PolicyNetwork]) -> str:
     """Return the SHA-256 of the weights of networks."""
     found = hashlib.sha256()
     for network in networks:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import RecordingError
-from txt1.teaching.lessons import LAG, Ask, Drive, drive_in, sha256_of, together
+from txt1.teaching.lessons import LAG, Ask, HumanDrive, drive_in, sha256_of, together
 from txt1.teaching.policy import FORMAT, Card, Policy, digest
 from txt1.teaching.training import Ensemble, Judged, Progress, Recipe, judged, train
 from txt1.version import __version__
@@ -39,7 +39,11 @@ class Lesson(NamedTuple):
 
 
 def teach(
-    drives: Sequence[Drive], recipe: Recipe, made: str, told: Told = lambda what, progress: None, folds: int = FOLDS
+    drives: Sequence[HumanDrive],
+    recipe: Recipe,
+    made: str,
+    told: Told = lambda what, progress: None,
+    folds: int = FOLDS,
 ) -> Lesson:
     """Return a policy taught by recordings; `made` is the day, for its card.
 
@@ -52,7 +56,7 @@ def teach(
     return Lesson(policy, ensemble, held, origin)
 
 
-def _policy(drives: Sequence[Drive], recipe: Recipe, made: str, held: Judged, ensemble: Ensemble) -> Policy:
+def _policy(drives: Sequence[HumanDrive], recipe: Recipe, made: str, held: Judged, ensemble: Ensemble) -> Policy:
     # a deviation of few networks comes out too small, and fewer were judged than drive
     few, many = len(held.outputs), len(ensemble.networks)
     larger = float(np.sqrt((1.0 - 1.0 / many) / (1.0 - 1.0 / few))) if min(few, many) > 1 else 1.0
@@ -87,7 +91,7 @@ def card_parameters(ensemble: Ensemble) -> int:
     return ensemble.networks[0].shape.parameters
 
 
-def earlier(policy: Policy, also: Collection[str] = (), lag: float = LAG) -> list[Drive]:
+def earlier(policy: Policy, also: Collection[str] = (), lag: float = LAG) -> list[HumanDrive]:
     """Return the recordings that a policy was taught by; raises RecordingError: one is not there, or is another."""
     asks = [Ask(sight.kind, sight.sensor) for sight in policy.card.sees]
     found = []
@@ -104,7 +108,7 @@ def earlier(policy: Policy, also: Collection[str] = (), lag: float = LAG) -> lis
     return found
 
 
-def summary(drive: Drive) -> list[str]:
+def summary(drive: HumanDrive) -> list[str]:
     """Return lines that say what a recording teaches, and what is left out and why."""
     taught = drive.taught
     by = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in sorted(taught.by.items()))

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
-from txt1.teaching.network import Adam, Network, Shape
+from txt1.teaching.network import Adam, PolicyNetwork, Shape
 from txt1.teaching.onnx_file import Norm
 from txt1.teaching.policy import doubts, normalised
 from txt1.teaching.seeing import Seen, Sight, mirrored, shape_of
@@ -59,7 +59,7 @@ class Recipe:
     """Repeats the training to the last bit, on the same kind of processor."""
 
 
-class Lessons(NamedTuple):
+class LessonSet(NamedTuple):
     """Sights and what a human did there."""
 
     seen: Seen
@@ -70,9 +70,9 @@ class Lessons(NamedTuple):
     times: NDArray[np.float64]
     """(n,), s: lessons that are near in time are nearly alike. Recordings follow one another with a gap."""
 
-    def at(self, index: Any) -> Lessons:
+    def at(self, index: Any) -> LessonSet:
         """Return those of an index."""
-        return Lessons(self.seen.at(index), self.commands[index], self.weights[index], self.times[index])
+        return LessonSet(self.seen.at(index), self.commands[index], self.weights[index], self.times[index])
 
     def __len__(self) -> int:
         return len(self.times)
@@ -93,7 +93,7 @@ Told = Callable[[Progress], None]
 class Ensemble(NamedTuple):
     """Networks of one shape, and the norms of what they see."""
 
-    networks: list[Network]
+    networks: list[PolicyNetwork]
     norms: list[Norm]
     curves: list[list[float]]
     """Of each network, the loss of each epoch."""
@@ -117,10 +117,10 @@ def norms_of(seen: Seen) -> list[Norm]:
 
 def train(
     sights: Sequence[Sight],
-    lessons: Lessons,
+    lessons: LessonSet,
     recipe: Recipe,
     told: Told = lambda progress: None,
-    begin: Sequence[Network] = (),
+    begin: Sequence[PolicyNetwork] = (),
 ) -> Ensemble:
     """Return networks taught by the lessons, from `begin` on where that is given."""
     norms = norms_of(lessons.seen)
@@ -143,14 +143,14 @@ def _member(
     sights: Sequence[Sight],
     shape: Shape,
     normal: Seen,
-    lessons: Lessons,
+    lessons: LessonSet,
     norms: Sequence[Norm],
     recipe: Recipe,
     rng: Generator,
     tell: Callable[[float, float], None],
-) -> tuple[Network, list[float]]:
+) -> tuple[PolicyNetwork, list[float]]:
     """Return one network, and its loss in each epoch."""
-    network = Network(shape, rng)
+    network = PolicyNetwork(shape, rng)
     adam = Adam(network, recipe.decay)
     count = len(lessons)
     batches = max(1, count // recipe.batch)
@@ -233,7 +233,7 @@ def _scaled(
 class Judged(NamedTuple):
     """What networks said at sights that they had not been taught."""
 
-    lessons: Lessons
+    lessons: LessonSet
     outputs: Array
     """(networks, n, 2)."""
 
@@ -277,7 +277,7 @@ def blocks(times: NDArray[np.float64], folds: int, gap: float) -> list[tuple[Any
 
 def judged(
     sights: Sequence[Sight],
-    lessons: Lessons,
+    lessons: LessonSet,
     recipe: Recipe,
     folds: int,
     gap: float,
@@ -299,7 +299,7 @@ def judged(
 # -- what it looked at -------------------------------------------------------------------------------------------
 
 
-def saliency(networks: Sequence[Network], norms: Sequence[Norm], seen: Sequence[Array]) -> list[Array]:
+def saliency(networks: Sequence[PolicyNetwork], norms: Sequence[Norm], seen: Sequence[Array]) -> list[Array]:
     """Return how much each place of one sight moves the steering, from 0 to 1: the gradient times the input's size."""
     normal = normalised([each[None] for each in seen], norms)
     totals = [np.zeros(each.shape[:2], np.float32) for each in seen]

@@ -312,6 +312,7 @@ def test_the_priorities_are_those_that_the_manual_tells() -> None:
         "ros": 20,
         "ros1": 20,
         "program": 10,
+        "policy": 5,
     }
 
 

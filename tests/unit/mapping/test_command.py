@@ -57,6 +57,7 @@ def test_it_is_made_again_to_the_same_bytes(drive, room, capsys):
     assert "room.pgm: DIFFERENT" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_later_drive_extends_it(drive, room, tmp_path, capsys):
     for suffix in (".graph", ".pgm", ".svg", ".yaml"):
         (tmp_path / f"room{suffix}").write_bytes(Path(f"{room}{suffix}").read_bytes())

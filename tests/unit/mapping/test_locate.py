@@ -70,6 +70,7 @@ def test_carried_away_it_says_so_and_finds_itself_again():
     assert not told[-1][0].lost and told[-1][1] < 0.15
 
 
+@pytest.mark.long
 def test_in_a_wrong_map_it_stays_lost():
     cells = np.full((80, 90), OCCUPIED, np.int8)
     cells[2:-2, 2:-2] = FREE

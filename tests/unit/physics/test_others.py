@@ -10,7 +10,7 @@ from txt1 import run
 from txt1.config import Config, load
 from txt1.errors import ConfigError, MissingExtra, TaskFault
 from txt1.hal.registry import PHYSICS, create_sim
-from txt1.physics.foreign import Drive, Foreign
+from txt1.physics.foreign import Foreign, MotorDrive
 from txt1.robot import Robot
 from txt1.sim.dynamics import Motion
 from txt1.sim.world import World
@@ -177,7 +177,7 @@ def test_a_physics_that_diverges_ends_the_run_in_a_line_with_neutral_outputs(mon
     usual = FourWheels.step
 
     def diverging(
-        self: FourWheels, motion: Motion, hidden: object, drive: Drive, *rest: float
+        self: FourWheels, motion: Motion, hidden: object, drive: MotorDrive, *rest: float
     ) -> tuple[Motion, object]:
         after, state = usual(self, motion, hidden, drive, *rest)  # type: ignore[arg-type]
         return ((*after[:3], nan, *after[4:]) if after[0] > 0.1 else after), state

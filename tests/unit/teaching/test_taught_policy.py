@@ -8,7 +8,7 @@ import onnx
 import pytest
 
 from txt1.teaching import onnx_file
-from txt1.teaching.network import Network
+from txt1.teaching.network import PolicyNetwork
 from txt1.teaching.onnx_file import PolicyError
 from txt1.teaching.policy import SIZE_MAX, Card, Policy, digest, judgement, load, loaded
 from txt1.teaching.seeing import Layer, Sight, shape_of
@@ -21,7 +21,7 @@ SIGHTS = (
 
 def policy(members=2, **changed):
     shape = shape_of(SIGHTS, (6,))
-    networks = [Network(shape, np.random.default_rng(number)) for number in range(members)]
+    networks = [PolicyNetwork(shape, np.random.default_rng(number)) for number in range(members)]
     card = Card(1, "0", "2026-01-01", SIGHTS, members, (6,), 1.0, 0.5, 0.1, 0.3, weights=digest(networks))
     return Policy(replace(card, **changed), networks)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from txt1.teaching.network import Convolution, Network, Shape
+from txt1.teaching.network import Convolution, PolicyNetwork, Shape
 from txt1.teaching.seeing import Layer, Seen, Sight
-from txt1.teaching.training import Lessons, Recipe, blocks, judged, train
+from txt1.teaching.training import LessonSet, Recipe, blocks, judged, train
 
 SHAPE = Shape(
     ((12, 20, 3), (1, 1, 4), (1, 40, 1)),
@@ -18,7 +18,7 @@ SHAPE = Shape(
 @pytest.mark.parametrize("part", range(3))
 def test_gradients_are_those_of_small_differences(part):
     rng = np.random.default_rng(0)
-    network = Network(SHAPE, rng)
+    network = PolicyNetwork(SHAPE, rng)
     network.weights = [each.astype(float) for each in network.weights]
     network.biases = [each + 0.1 * rng.standard_normal(each.shape) for each in network.biases]
     seen = [rng.standard_normal((3, *size)) for size in SHAPE.inputs]
@@ -48,7 +48,7 @@ def bright_side(count, rng):
     pictures[:, :, 6:] += np.maximum(-side, 0.0)[:, None, None, None]
     commands = np.column_stack((side, np.full(count, 0.5, np.float32)))
     sight = Sight("camera", "camera", (8, 12, 1), (Layer(4, (3, 3), (2, 2)),))
-    return [sight], Lessons(Seen((pictures,)), commands, np.ones(count, np.float32), 0.1 * np.arange(count))
+    return [sight], LessonSet(Seen((pictures,)), commands, np.ones(count, np.float32), 0.1 * np.arange(count))
 
 
 def test_what_a_human_does_is_learned_and_held_out_blocks_show_it():
