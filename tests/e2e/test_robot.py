@@ -42,7 +42,11 @@ async def test_the_dozen_lines_of_the_readme_drive_the_robot() -> None:
         assert robot.battery.battery1 == pytest.approx(12.16, abs=0.05)
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "example",
+    [pytest.param(path, marks=pytest.mark.long) if path.stem == "teach_by_driving" else path for path in EXAMPLES],
+    ids=lambda path: path.stem,
+)
 def test_the_examples_run(example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys, "argv", [str(example), "max"])
     runpy.run_path(str(example), run_name="__main__")
