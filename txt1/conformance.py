@@ -22,6 +22,7 @@ from txt1.kernel.clock import NS_PER_S, processor_ns, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 
 BROKEN: Final = "BROKEN"  # how the verdict on a promise that is not kept begins
+ROUNDS: Final = 3
 LOOP: Final = 7500  # turns of a plain loop in Python, which take 0.2 ms on a usual computer
 
 
@@ -138,20 +139,24 @@ class Conformance(Generic[P]):
         """Check that calls, one each period, neither wait nor compute for long.
 
         Only processor time is limited that tightly: others' load does not count in it. On a computer that is slower
-        than usual, a loop measured between the calls takes longer than `processor`, and is the limit in its place.
+        than usual, a loop measured between the calls takes longer than `processor`, and is the limit in its place. What
+        shares the processor's cache costs time, too, so one round of `ROUNDS` is enough.
         """
-        waited, took, usual = [], [], []
-        for _ in range(25):
-            await asyncio.sleep(period)
-            begun, before = stopwatch_ns(), processor_ns()
-            call()
-            after = processor_ns()
-            took.append((after - before) / NS_PER_S)
-            waited.append((stopwatch_ns() - begun) / NS_PER_S - took[-1])
-            before = processor_ns()
-            sum(k * k for k in range(LOOP))
-            usual.append((processor_ns() - before) / NS_PER_S)
-        limit, taken = 1e3 * max(self.processor, median(usual)), 1e3 * median(took)
+        for _ in range(ROUNDS):
+            waited, took, usual = [], [], []
+            for _ in range(25):
+                await asyncio.sleep(period)
+                begun, before = stopwatch_ns(), processor_ns()
+                call()
+                after = processor_ns()
+                took.append((after - before) / NS_PER_S)
+                waited.append((stopwatch_ns() - begun) / NS_PER_S - took[-1])
+                before = processor_ns()
+                sum(k * k for k in range(LOOP))
+                usual.append((processor_ns() - before) / NS_PER_S)
+            limit, taken = 1e3 * max(self.processor, median(usual)), 1e3 * median(took)
+            if taken < limit:
+                break
         told = f"takes less than {limit:.2f} ms of the processor, but took {taken:.2f} ms; leave the work to a thread"
         promise(taken < limit, where, told)
         promise(median(waited) < self.prompt, where, f"never waits, but waits {1e3 * median(waited):.1f} ms each time")
