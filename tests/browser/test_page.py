@@ -19,7 +19,7 @@ from rigs.live_browser import Live, arrive, command, live
 from tests.browser.conftest import fresh, opened
 from tests.patience import LIMIT, TXT1, S
 from txt1.sensors.readings import LASER_MOUNT
-from txt1.teaching.network import Network
+from txt1.teaching.network import PolicyNetwork
 from txt1.teaching.policy import Card, Policy, digest
 from txt1.teaching.seeing import Sight, shape_of
 from txt1.web.certificate import own_certificate
@@ -387,9 +387,9 @@ def test_the_page_costs_less_than_a_second_of_a_processor_and_little_goes_over_t
     page = fresh(browser)
     session = page.context.new_cdp_session(page)
     session.send("Performance.enable", {"timeDomain": "threadTicks"})
-    session.send("Network.enable")
+    session.send("PolicyNetwork.enable")
     received: list[float] = []
-    session.on("Network.loadingFinished", lambda event: received.append(event["encodedDataLength"]))
+    session.on("PolicyNetwork.loadingFinished", lambda event: received.append(event["encodedDataLength"]))
     page.goto(car.url)
     page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
     spent = {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
@@ -505,7 +505,7 @@ def test_a_learner_s_progress_is_two_curves(browser: Any) -> None:
 def test_a_taught_policy_says_what_it_would_do_and_how_sure_it_is(browser: Any, tmp_path: Path) -> None:
     sight = Sight("laser", "laser", (1, 108, 1), (), (0.5,), (0.5,), (682.0, -682 // 2 * tau / 1024, tau / 1024))
     sight = replace(sight, mount=tuple(LASER_MOUNT))
-    networks = [Network(shape_of([sight], (4,)), np.random.default_rng(0))]
+    networks = [PolicyNetwork(shape_of([sight], (4,)), np.random.default_rng(0))]
     networks[0].biases[-1][1] = 0.3
     card = Card(1, "0", "today", (sight,), 1, (4,), 1.5, 0.56, 0.1, 0.3, weights=digest(networks))
     file = tmp_path / "some.onnx"
