@@ -387,9 +387,9 @@ def test_the_page_costs_less_than_a_second_of_a_processor_and_little_goes_over_t
     page = fresh(browser)
     session = page.context.new_cdp_session(page)
     session.send("Performance.enable", {"timeDomain": "threadTicks"})
-    session.send("PolicyNetwork.enable")
+    session.send("Network.enable")
     received: list[float] = []
-    session.on("PolicyNetwork.loadingFinished", lambda event: received.append(event["encodedDataLength"]))
+    session.on("Network.loadingFinished", lambda event: received.append(event["encodedDataLength"]))
     page.goto(car.url)
     page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
     spent = {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
