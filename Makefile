@@ -1,5 +1,7 @@
 # Everything runs in .venv, which the first target that needs it makes. Python 3.11 or later, with venv.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
+# Where no bytecode may be kept, each process of the tests compiles all of txt1 anew: half a minute more.
+unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 BENCH := .venv-bench
