@@ -206,7 +206,7 @@ REQUESTS = st.sampled_from(sorted(FIELDS)).flatmap(
 )
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(st.lists(REQUESTS, max_size=20))
 def test_nothing_that_a_bridge_asks_for_raises_and_what_is_right_is_done_after_it(
     asked: list[tuple[str, dict[str, object]]],

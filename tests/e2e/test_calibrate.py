@@ -63,7 +63,7 @@ def unknown(kind: str, seed: int) -> tuple[Config, SimHal]:
 
 
 @pytest.mark.parametrize(
-    "kind", [kind if kind in ("rover", "f1tenth") else pytest.param(kind, marks=pytest.mark.long) for kind in KINDS]
+    "kind", [kind if kind == "f1tenth" else pytest.param(kind, marks=pytest.mark.long) for kind in KINDS]
 )
 def test_an_unknown_car_drives_as_it_is_told_once_it_is_calibrated(
     kind: str, capsys: pytest.CaptureFixture[str]
@@ -176,7 +176,7 @@ STEPS_OF = {
     "txt1": ["motor", "steering", "straight", "circle", "tune"],
 }
 EVERY_STEP = [
-    pytest.param(kind, step, marks=() if (kind, step) in (("donkeycar", 3), ("f1tenth", 5)) else pytest.mark.long)
+    pytest.param(kind, step, marks=() if (kind, step) == ("donkeycar", 3) else pytest.mark.long)
     for kind, names in STEPS_OF.items()
     for step in range(1, len(names) + 1)
 ]

@@ -300,6 +300,7 @@ def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_on
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "broken" / name).read_bytes()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("clean_processes")
 def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> None:
     plan = Plan("sweeps", 2, 2, 3, CONFIG)
@@ -537,7 +538,14 @@ def alive(group: int) -> bool:
 
 
 @pytest.mark.usefixtures("clean_processes")
-@pytest.mark.parametrize("more", [("--jobs", "1"), ("--jobs", "2"), ("--jobs", "1", "--set", "serial.rearm=true")])
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("--jobs", "1"),
+        pytest.param(("--jobs", "2"), marks=pytest.mark.long),
+        ("--jobs", "1", "--set", "serial.rearm=true"),
+    ],
+)
 def test_a_disarm_ends_it_as_nobody_is_there_to_arm_again(
     more: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -101,6 +101,7 @@ def test_space_pauses_and_goes_on(replay: Replay) -> None:
     assert replay.close() == 0
 
 
+@pytest.mark.long
 def test_a_d_and_w_wind(replay: Replay) -> None:
     rests = replay.time()
     replay.wind("d", rests + 5.0)
@@ -131,6 +132,7 @@ def test_m_begins_anew_at_the_end(replay: Replay) -> None:
     assert replay.close() == 0
 
 
+@pytest.mark.long
 def test_driving_keys_drive_nothing(replay: Replay) -> None:
     rests = replay.time()
     replay.type("sc")

@@ -156,6 +156,7 @@ def test_learning_is_an_outside_source_to_a_verification(agent: str, tmp_path: P
     assert verdict.compared == len(stream(path)) - outside
 
 
+@pytest.mark.long
 def test_a_recorded_learner_learns_what_it_would_without(tmp_path: Path) -> None:
     plan = Plan("thesis", 1, 6, 5, CONFIG)
     alone, _ = conduct(plan, tmp_path / "alone", False, lambda *_: None)
@@ -194,6 +195,7 @@ def test_a_single_trial_is_recorded_to_the_file_that_was_named(tmp_path: Path) -
     assert [path.name for path in tmp_path.glob("*.mcap")] == ["run.mcap"]
 
 
+@pytest.mark.long
 def test_what_is_resumed_leaves_the_recordings_of_an_uninterrupted_run(tmp_path: Path) -> None:
     plan = Plan("sweeps", 2, 3, 3, load(overrides=["record.rotate_time=8"]).config)
 

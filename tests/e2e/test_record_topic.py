@@ -130,6 +130,7 @@ def test_it_is_in_the_runs_json(topics: dict[Rule, Topic[Compass]]) -> None:
     assert {"/odom", "/mode", "/battery1", "/driver", "/test/change", "/test/second"} <= told.keys()
 
 
+@pytest.mark.long
 def test_with_a_name_the_robots_stands_before_its_topics(topics: dict[Rule, Topic[Compass]], tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorded(path, topics, Config(name="txt03"))

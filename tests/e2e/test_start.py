@@ -194,6 +194,7 @@ def test_exit_codes_mean_the_same_in_every_command(
     assert execute(words) == code
 
 
+@pytest.mark.long
 def test_what_is_done_again_without_a_folder_named_gets_a_new_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

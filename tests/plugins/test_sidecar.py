@@ -32,6 +32,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(SITE), prepend=os.pathsep)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("patient")
 def test_a_bridge_is_named_on_the_command_line_and_drives(capsys: pytest.CaptureFixture[str]) -> None:
     for duration in ("2", "10", "50"):  # the longer ones for a busy machine

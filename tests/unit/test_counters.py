@@ -82,6 +82,7 @@ def test_folders_that_reach_each_other_are_a_circle() -> None:
     assert arrows.circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
 
 
+@pytest.mark.long
 def test_an_opened_robot_is_a_part_of_the_whole(capsys: pytest.CaptureFixture[str]) -> None:
     size.main()
     whole, opened = (int(word) for word in capsys.readouterr().out.splitlines()[-1].split()[:2])

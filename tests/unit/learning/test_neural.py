@@ -51,6 +51,7 @@ def test_the_slopes_of_the_networks_are_those_of_differences() -> None:
         assert slopes[name][at] == pytest.approx((above - below) / (2.0 * step), rel=1e-4, abs=1e-8), name
 
 
+@pytest.mark.long
 def test_it_comes_to_foretell_what_its_actions_do_and_takes_the_one_that_brightens() -> None:
     agent = NeuralAgent(np.random.default_rng(1), 3, NeuralSettings(ahead=8, steps=6, blind=60))
     for _ in range(3):

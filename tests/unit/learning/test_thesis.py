@@ -198,6 +198,7 @@ def test_it_carries_on_from_its_memory_as_if_nothing_had_been() -> None:
     assert np.array_equal(one.q, other.q)
 
 
+@pytest.mark.long
 def test_the_thesiss_own_table_always_reaches_the_light() -> None:
     """50 random starts of the 1000 in docs/results/learning.md."""
     config = load().config

@@ -48,6 +48,7 @@ def test_a_drive_becomes_a_map(room, capsys):
     assert Path(f"{room}.svg").read_text().startswith("<svg")
 
 
+@pytest.mark.long
 def test_it_is_made_again_to_the_same_bytes(drive, room, capsys):
     before = {file: file.read_bytes() for file in room.parent.glob("room.*")}
     assert execute(["map", str(drive), "-o", str(room), "--again"]) == 0

@@ -24,7 +24,8 @@ def mapped(poses, odometry, form="numpy"):
     return mapper, matches
 
 
-@pytest.mark.parametrize("form", ["numpy", pytest.param("numba", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("form", ["numpy", "numba"])
 def test_a_room_is_mapped_in_spite_of_wrong_wheels(form):
     poses = drive(1.3)
     odometry = drifted(poses, 3)
