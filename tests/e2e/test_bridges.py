@@ -291,6 +291,7 @@ def test_a_flood_of_messages_costs_little_time_and_does_not_keep_the_keys_from_d
     run(main())
 
 
+@pytest.mark.long
 def test_a_leak_is_the_leaking_process_s_own_affair() -> None:
     async def main() -> None:
         async with Robot.open(hal="sim", seed=1) as robot:

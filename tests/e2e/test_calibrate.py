@@ -154,6 +154,7 @@ def test_what_was_found_before_an_interruption_is_kept_whenever_it_comes() -> No
     assert [kept[-1]["calibrated"][0], "control.speed_map" in kept[-1]] == ["motor", True]
 
 
+@pytest.mark.long
 def test_an_interrupted_calibration_goes_on_where_it_was() -> None:
     config, hal, kept = kept_until(12)
     config = with_values(config, kept)

@@ -232,6 +232,7 @@ def test_virtual_time_is_refused_where_time_is_real(capsys: Capture, monkeypatch
     assert "--speed" in message and "'floor'" in message
 
 
+@pytest.mark.long
 def test_a_reader_that_stops_reading_cannot_keep_the_run_alive(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "txt1", "run", "--headless", "--speed", "max"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, cwd=ROOT) as process:

@@ -132,6 +132,7 @@ def test_behind_the_wire_everything_comes_later_and_is_the_same_within_the_encod
         assert apart.largest < 2.0 * QUANTUM[channel]
 
 
+@pytest.mark.long
 def test_a_profile_of_ones_own_is_driven_measured_and_drawn(tmp_path: Path, capsys: Any) -> None:
     profile = tmp_path / "own.yaml"
     profile.write_text("title: Mine\nfigure: velocities\nsteps: [{v: 0.3, omega: 0.2, seconds: 3}]\n")

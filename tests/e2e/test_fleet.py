@@ -166,6 +166,7 @@ async def _open(plan: FleetPlan) -> None:
         pass
 
 
+@pytest.mark.long
 def test_one_recording_of_all_is_shown_verified_and_drawn(plan: Path, capfd: pytest.CaptureFixture[str]) -> None:
     log, stem = plan.with_name("fleet.mcap"), plan.with_name("picture")
     words = ["fleet", str(plan), "--json", "--speed", "max", "--duration", "6", "--drive", "0.3,0.4"]

@@ -121,6 +121,7 @@ def test_a_guard_is_a_folder(tree: Path) -> None:
     assert told["odometry"]["v"] == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.long
 def test_a_bridge_with_its_option_and_its_screen_is_a_folder(tree: Path) -> None:
     assert "--beacon COLOUR" in said(tree, "-m", "txt1", "run", "--help")
     run = ("-m", "txt1", "run", "--json", "--duration", "60", "--set", *PATIENT)

@@ -341,6 +341,7 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert "there is no learner 'genius'; installed: neural, pilot, sweeps, taxis, thesis" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_damaged_trial_is_not_carried_on_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert learn(tmp_path, "--trials", "1") == 0
     trial = tmp_path / "trials" / "0001.json"

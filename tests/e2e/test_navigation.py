@@ -20,6 +20,7 @@ PAIRS = int(os.environ.get("POSE_PAIRS", "24"))
 EXTERNAL_SUPPLY = ("sim.battery.used_1=null",)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by_truth", [False, True], ids=["by odometry", "by the true pose"])
 async def test_it_arrives_from_anywhere_anywhere_inside_the_room(by_truth: bool) -> None:
     async with Robot.open("sim", seed=1, settings=EXTERNAL_SUPPLY) as robot:

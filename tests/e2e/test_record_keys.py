@@ -112,6 +112,7 @@ def test_a_d_and_w_wind(replay: Replay) -> None:
     assert replay.close() == 0
 
 
+@pytest.mark.long
 def test_plus_minus_and_the_arrows(replay: Replay) -> None:
     replay.type("+")
     replay.until("paused x2")
@@ -122,6 +123,7 @@ def test_plus_minus_and_the_arrows(replay: Replay) -> None:
     assert replay.close() == 0
 
 
+@pytest.mark.long
 def test_m_begins_anew_at_the_end(replay: Replay) -> None:
     replay.type("m")
     replay.until("paused loop x1")

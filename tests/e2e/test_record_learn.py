@@ -85,6 +85,7 @@ def episodes(steps: list[Any]) -> list[list[Any]]:
 # -- txt1 run ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_every_sample_of_the_light_and_every_decision_are_recorded(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", "--learn", "thesis")
     times = [time_of(message) for message in messages(path, "/light")]

@@ -269,6 +269,7 @@ def test_an_output_that_nobody_reads_any_more_is_a_normal_end(command: str) -> N
     assert b"Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_standard_streams_that_are_closed_are_no_numbers_for_files_of_the_robot(tmp_path: Path) -> None:
     words = ["-m", "txt1", "run", "--headless", "--speed", "max", "--duration", "2"]
     words += ["--log", str(tmp_path / "run.mcap")]

@@ -489,6 +489,7 @@ async def test_rearm_survives_a_second_loss(monkeypatch: pytest.MonkeyPatch) -> 
         assert together.robot.armed
 
 
+@pytest.mark.long
 async def test_servos_and_switches_are_sent_until_they_arrive(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch, "serial.fault.drop=0.3", "seed=5", SMALL_GAINS) as together:
         robot, state = together.robot, together.board.runtime.state

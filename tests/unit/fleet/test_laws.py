@@ -64,6 +64,7 @@ def test_cars_meet_in_slots_whoever_hears_whom(seed: int) -> None:
     assert time is not None and touched == 0
 
 
+@pytest.mark.long
 def test_a_room_is_covered_without_contact() -> None:
     least, touched, nearest = coverage(1, 0.2, 3)
     assert least >= 0.95 and touched == 0 and nearest > 0.64

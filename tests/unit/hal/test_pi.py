@@ -548,6 +548,7 @@ def test_a_bus_that_blocks_this_process_does_not_keep_it_from_telling(
     blocks.set()
 
 
+@pytest.mark.long
 def test_a_servo_board_is_driven_by_one_robot_at_a_time(tmp_path: Path) -> None:
     bus = str(tmp_path / "registers")
 

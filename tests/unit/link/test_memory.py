@@ -115,6 +115,7 @@ def test_whatever_delays_them_the_bytes_keep_their_order(seed: int, traffic: lis
     run_quietly(main(), "max")
 
 
+@pytest.mark.long
 def test_the_same_seed_repeats_the_faults_of_all_connections_and_the_directions_differ() -> None:
     def traffic(seed: int | SeedSequence) -> list[list[bytes]]:
         host, board = End(), End()

@@ -187,6 +187,7 @@ def test_every_bit_is_hit_with_the_probability_asked_for_wherever_it_is(share: f
         assert within(place, trials // 8, share)
 
 
+@pytest.mark.long
 @given(damages(), pieces, pauses, st.integers(0, 100))
 def test_whatever_does_not_arrive_as_it_was_given_is_told_of(
     faults: LineFaults, traffic: list[bytes], pauses: list[float], seed: int
