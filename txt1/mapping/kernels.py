@@ -112,9 +112,18 @@ def stamp(field: Any, points: Any, x0: float, y0: float, cell: float, table: Any
 
 
 def search(
-    fine: Any, middle: Any, coarse: Any, points: Any, x0: float, y0: float, cell: float,
-    angles: Any, reach: int, costs: Any, at_least: float,
-) -> Any:  # fmt: skip
+    fine: Any,
+    middle: Any,
+    coarse: Any,
+    points: Any,
+    x0: float,
+    y0: float,
+    cell: float,
+    angles: Any,
+    reach: int,
+    costs: Any,
+    at_least: float,
+) -> Any:
     """Return (score, dx in cells, dy in cells, number of the angle): where the points lie highest on the field.
 
     The score is the mean of the field over the points, 1 at best, minus the costs of what lies far from the middle:
@@ -207,9 +216,20 @@ def listed(points: Any, x0: float, y0: float, cell: float, rows: int, columns: i
 
 
 def pairs(
-    x: float, y: float, theta: float, points: Any, normals: Any, there: Any, there_normals: Any, first: Any,
-    following: Any, x0: float, y0: float, cell: float, near: float,
-) -> Any:  # fmt: skip
+    x: float,
+    y: float,
+    theta: float,
+    points: Any,
+    normals: Any,
+    there: Any,
+    there_normals: Any,
+    first: Any,
+    following: Any,
+    x0: float,
+    y0: float,
+    cell: float,
+    near: float,
+) -> Any:
     """Return the number of the map's point that belongs to each point at this pose, -1 where there is none.
 
     It is the nearest one closer than `near` (at most `cell`) that has a normal within 45 degrees of the point's own.
@@ -239,9 +259,21 @@ def pairs(
 
 
 def align(
-    start: Any, centre: Any, prior: Any, points: Any, normals: Any, there: Any, there_normals: Any, first: Any,
-    following: Any, x0: float, y0: float, cell: float, near: Any, scale: float,
-) -> Any:  # fmt: skip
+    start: Any,
+    centre: Any,
+    prior: Any,
+    points: Any,
+    normals: Any,
+    there: Any,
+    there_normals: Any,
+    first: Any,
+    following: Any,
+    x0: float,
+    y0: float,
+    cell: float,
+    near: Any,
+    scale: float,
+) -> Any:
     """Return (pose, information, share of points that fit, rms of these): the points laid onto the map's lines.
 
     Gauss-Newton on the distances from the points to the lines of the map's points that belong to them (Censi 2008),

@@ -54,7 +54,7 @@ FINDS: Final = 0.92
 """Share from which on it is found, in time."""
 LEAST: Final = 0.25
 """Share of a scan's rays that are not too short, at least; with fewer, nothing is told."""
-PATIENCE: Final = 1.0
+LOST_AFTER: Final = 1.0
 """s for which scans do not fit until the filter is lost, and fit until it is found."""
 AGAIN: Final = 1.0
 """s from one look at the whole map to the next, each of which may take some tenths of a second."""
@@ -290,7 +290,7 @@ class Locator:
         sure = float(np.sqrt(covariance[0, 0] + covariance[1, 1])) < 0.5
         if (not sure or fit < LOSES) if not self._lost else (sure and fit >= FINDS):
             # this may be a change, and is one if it lasts
-            if time - self._changes >= PATIENCE:
+            if time - self._changes >= LOST_AFTER:
                 self._lost, self._changes = not self._lost, time
         else:
             self._changes = time

@@ -220,9 +220,13 @@ class Mapper:
         centre = difference(self._origin, predicted)
         position, angle = deviation
         score, found = self._local.search(
-            sparse(cloud, 150), centre, 0.1 + 3.0 * position, radians(2.0) + 3.0 * angle,
-            (0.3 + 3.0 * position, radians(10.0) + 3.0 * angle), matching.lose,
-        )  # fmt: skip
+            sparse(cloud, 150),
+            centre,
+            0.1 + 3.0 * position,
+            radians(2.0) + 3.0 * angle,
+            (0.3 + 3.0 * position, radians(10.0) + 3.0 * angle),
+            matching.lose,
+        )
         if score <= matching.lose:
             return 0.0, predicted, None
         prior = matching.noise**2 * np.diag([position**-2.0, position**-2.0, angle**-2.0])

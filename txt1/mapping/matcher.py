@@ -146,9 +146,16 @@ class LocalMap:
         angles = pose[2] + step * np.arange(-each, each + 1)
         costs = np.array([0.1 * (CELL / loose[0]) ** 2, 0.1 * (step / loose[1]) ** 2])
         score, dx, dy, number = self._loops.search(
-            *self._fields, points, self._corner[0] - pose[0], self._corner[1] - pose[1], CELL,
-            angles, ceil(reach / CELL), costs, at_least,
-        )  # fmt: skip
+            *self._fields,
+            points,
+            self._corner[0] - pose[0],
+            self._corner[1] - pose[1],
+            CELL,
+            angles,
+            ceil(reach / CELL),
+            costs,
+            at_least,
+        )
         if number < 0:
             return at_least, pose
         return score, np.array([pose[0] + dx * CELL, pose[1] + dy * CELL, angles[number]])

@@ -35,9 +35,18 @@ def stamp(field: Any, points: Any, x0: float, y0: float, cell: float, table: Any
 
 
 def search(
-    fine: Any, middle: Any, coarse: Any, points: Any, x0: float, y0: float, cell: float,
-    angles: Any, reach: int, costs: Any, at_least: float,
-) -> Any:  # fmt: skip
+    fine: Any,
+    middle: Any,
+    coarse: Any,
+    points: Any,
+    x0: float,
+    y0: float,
+    cell: float,
+    angles: Any,
+    reach: int,
+    costs: Any,
+    at_least: float,
+) -> Any:
     """Return (score, dx in cells, dy in cells, number of the angle); as `kernels.search`, without its middle field."""
     wide = kernels.WIDE
     rows, columns = fine.shape
@@ -93,9 +102,21 @@ def _pairs(pose: Any, points: Any, normals: Any, there_normals: Any, tree: Any, 
 
 
 def align(
-    start: Any, centre: Any, prior: Any, points: Any, normals: Any, there: Any, there_normals: Any, first: Any,
-    following: Any, x0: float, y0: float, cell: float, near: Any, scale: float,
-) -> Any:  # fmt: skip
+    start: Any,
+    centre: Any,
+    prior: Any,
+    points: Any,
+    normals: Any,
+    there: Any,
+    there_normals: Any,
+    first: Any,
+    following: Any,
+    x0: float,
+    y0: float,
+    cell: float,
+    near: Any,
+    scale: float,
+) -> Any:
     """Return (pose, information, share of points that fit, rms of these); as `kernels.align`."""
     pose, information, fit, rms = start.copy(), np.zeros((3, 3)), 0.0, 0.0
     for distance in near:
