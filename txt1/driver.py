@@ -80,7 +80,7 @@ class CommandSource:
         now = wheel.runtime.now
         given = now if time is None else time
         try:
-            v, omega = finite("velocity command", v=v, omega=omega)
+            v, omega = number("velocity command: v", v), number("velocity command: omega", omega)
         except CommandRefused:
             wheel.runtime.post(Velocity(nan, nan), now)  # the gate counts it
             raise
@@ -131,14 +131,17 @@ class CommandSource:
 
 def finite(message: str, **values: float) -> list[float]:
     """The values as floats, of whatever kind of number; raises CommandRefused, which names the first that is none."""
-    for name, value in values.items():
-        try:
-            if isfinite(value):
-                continue
-            told = repr(value)
-        except TypeError:
-            told = repr(value)[:80]
-        except OverflowError:
-            told = f"an integer of {value.bit_length()} bits"  # type: ignore[attr-defined]
-        raise CommandRefused(f"{message}: {name} must be a finite number, not {told}")
-    return list(map(float, values.values()))
+    return [number(f"{message}: {name}", value) for name, value in values.items()]
+
+
+def number(name: str, value: float) -> float:
+    """The value as a float, of whatever kind of number; raises CommandRefused, with the name, if it is not finite."""
+    try:
+        if isfinite(value):
+            return float(value)
+        told = repr(value)
+    except TypeError:
+        told = repr(value)[:80]
+    except OverflowError:
+        told = f"an integer of {value.bit_length()} bits"  # type: ignore[attr-defined]
+    raise CommandRefused(f"{name} must be a finite number, not {told}")
