@@ -558,7 +558,13 @@ ON_BAD_LINES = [
 ]
 
 
-@pytest.mark.parametrize(("line", "what", "broken", "message"), ON_BAD_LINES, ids=[each[0] for each in ON_BAD_LINES])
+@pytest.mark.parametrize(
+    ("line", "what", "broken", "message"),
+    [
+        pytest.param(*each, id=each[0], marks=[pytest.mark.long] if each[0] in ("tears", "merges") else [])
+        for each in ON_BAD_LINES
+    ],
+)
 def test_a_promise_that_a_bad_line_breaks_is_noticed(
     line: str, what: str, broken: Any, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -238,7 +238,9 @@ async def test_a_pid_set_is_answered_after_the_time_its_bytes_take(pair: tuple[D
     assert (242 + 7) * BYTE <= answered - asked <= (242 + 7 + 27 + 11) * BYTE + 1e-6
 
 
-@pytest.mark.parametrize("length", [0, 4, 11, 13, 27, 237, 249])
+@pytest.mark.parametrize(
+    "length", [0, 11, 249, *(pytest.param(each, marks=pytest.mark.long) for each in (4, 13, 27, 237))]
+)
 async def test_a_malformed_pid_set_is_rejected_and_changes_nothing(pair: tuple[Desk, Host], length: int) -> None:
     desk, host = pair
     host.heard.clear()

@@ -124,7 +124,9 @@ def test_what_it_asks_wrongly_is_counted_and_told_once() -> None:
     run(main())
 
 
-@pytest.mark.parametrize("what", ["hangs", "is stopped", "is killed"])
+@pytest.mark.parametrize(
+    "what", ["hangs", *(pytest.param(each, marks=pytest.mark.long) for each in ("is stopped", "is killed"))]
+)
 def test_the_commands_of_a_silent_bridge_go_stale_in_time(what: str) -> None:
     async def main() -> None:
         async with Robot.open(hal="sim", seed=1) as robot:

@@ -407,12 +407,17 @@ def test_a_signal_ends_a_run_that_has_no_end(speed: list[str]) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ["run", "--headless", "--duration", "5", "--speed", "max"],
         ["run", "--headless", "--duration", "5"],
-        ["run", "--json", "--duration", "5", "--speed", "max"],
         ["config", "show"],
-        ["config", "check", "config/txt1.yaml"],
-        ["--help"],
+        *(
+            pytest.param(words, marks=pytest.mark.long)
+            for words in (
+                ["run", "--headless", "--duration", "5", "--speed", "max"],
+                ["run", "--json", "--duration", "5", "--speed", "max"],
+                ["config", "check", "config/txt1.yaml"],
+                ["--help"],
+            )
+        ),
     ],
     ids=" ".join,
 )

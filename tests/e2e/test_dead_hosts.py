@@ -54,7 +54,7 @@ def test_the_device_stops_by_itself(hal: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("blow", "options"),
     [
-        pytest.param(to_host(signal.SIGKILL), {}, id="killed"),
+        pytest.param(to_host(signal.SIGKILL), {}, id="killed", marks=pytest.mark.long),
         pytest.param(to_host(signal.SIGSTOP), {}, id="hangs", marks=pytest.mark.long),
         pytest.param(to_guard(signal.SIGSTOP), {}, id="its guard hangs", marks=pytest.mark.long),
         pytest.param(to_both(signal.SIGSTOP), {"watchdog": True}, id="hangs with its guard"),

@@ -71,7 +71,9 @@ def test_the_yaw_rate_follows_steps_and_costs_little_speed(hal: tuple[str, ...])
 
 
 @pytest.mark.parametrize("hal", [(), SERIAL], ids=["sim", "serial"])
-@pytest.mark.parametrize(("name", "radius"), [("circle-slow", 2.0), ("circle-fast", 1.0)])
+@pytest.mark.parametrize(
+    ("name", "radius"), [pytest.param("circle-slow", 2.0, marks=pytest.mark.long), ("circle-fast", 1.0)]
+)
 def test_a_circle_has_its_radius_and_overlaps(name: str, radius: float, hal: tuple[str, ...]) -> None:
     circle = measured(name, *hal).metrics["circle"]
     assert circle["asked"] == radius

@@ -89,7 +89,7 @@ def from_start(trial: Trial, pose: Pose) -> tuple[float, float]:
 # -- over the wire -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("agent", ["sweeps", "thesis"])
+@pytest.mark.parametrize("agent", [pytest.param("sweeps", marks=pytest.mark.long), "thesis"])
 async def test_over_the_wire_it_drives_to_each_start_and_learns_from_there(agent: str) -> None:
     async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
         assert await robot.load_gains()

@@ -136,7 +136,7 @@ async def test_a_restart_stops_the_vehicle_and_the_host_disarms_and_loads_the_ga
 LINES = ("drop=0.2", "flip=0.001", "duplicate=0.3", "split=true", "delay=0.05", "jitter=0.02")
 
 
-@pytest.mark.parametrize("fault", LINES)
+@pytest.mark.parametrize("fault", [*LINES[:2], *(pytest.param(each, marks=pytest.mark.long) for each in LINES[2:])])
 async def test_it_drives_and_stops_over_any_line(fault: str) -> None:
     async with robot_and_pico(SMALL_GAINS, f"board.fault.{fault}", f"serial.fault.{fault}", "seed=3") as (robot, pico):
         with suppress(NotArmed):  # at its origin, a pause of the line cannot be told from a restart

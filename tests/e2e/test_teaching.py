@@ -176,7 +176,7 @@ def test_words_that_make_no_sense_are_refused(words: tuple[str, ...], lesson: Pa
 def test_run_drives_by_a_policy_and_the_log_says_who(file: Path, tmp_path: Path, capsys: Capture) -> None:
     log = tmp_path / "driven.mcap"
     settings = [word for each in ROOM for word in ("--set", each)]
-    run_it = ["run", "--headless", "--speed", "max", "--json", "--duration", "20", "--log", str(log)]
+    run_it = ["run", "--headless", "--speed", "max", "--json", "--duration", "5", "--log", str(log)]
     assert execute([*run_it, "--source", str(file), *settings]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert told["driver"]["name"] == "policy"

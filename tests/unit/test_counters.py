@@ -9,6 +9,7 @@ from tests import arrows, size
 from tests.arrows import Arrow, Pair
 
 
+@pytest.mark.long  # `make lint` asks the same
 def test_every_text_that_names_a_module_resolves(capsys: pytest.CaptureFixture[str]) -> None:
     code = arrows.main(["--places"])
     out = capsys.readouterr().out

@@ -44,7 +44,10 @@ def test_many_robots_at_once_refuse_physics_that_they_do_not_have() -> None:
     assert known_floor(other) is None
 
 
-@pytest.mark.parametrize("imports", ["gymnasium, txt1", "txt1, gymnasium", "gymnasium"])
+@pytest.mark.parametrize(
+    "imports",
+    ["gymnasium", *(pytest.param(each, marks=pytest.mark.long) for each in ("gymnasium, txt1", "txt1, gymnasium"))],
+)
 def test_the_environment_is_found_whatever_was_imported_first(imports: str) -> None:
     made = "gymnasium.make('txt1.learning.env:txt1/LightSeeking-v0')"
     program = f"import {imports}; print({made}.reset(seed=1)[0].shape)"

@@ -82,7 +82,10 @@ def test_a_light_abeam_at_the_turning_circles_centre_is_reached_by_swinging_out(
 # -- proofs --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("radius", "goal"), [(0.56, 0.5), (0.56, 0.1), (0.56, 0.8), (1.5, 0.3)])
+@pytest.mark.parametrize(
+    ("radius", "goal"),
+    [(0.56, 0.5), *(pytest.param(*each, marks=pytest.mark.long) for each in ((0.56, 0.1), (0.56, 0.8), (1.5, 0.3)))],
+)
 def test_whatever_the_car_does_for_a_moment_the_least_time_falls_by_no_more(radius: float, goal: float) -> None:
     # Bellman's inequality T(pose) <= h + T(pose after h). Summed along any sequence of turns and straights that ends in
     # the goal it says that none takes less than T.

@@ -171,7 +171,7 @@ def test_a_torn_piece_is_its_beginning_and_the_share_is_the_one_asked_for() -> N
 
 
 @pytest.mark.parametrize("share", [1e-4, 1e-3, 0.1, 0.5, 1.0])
-@pytest.mark.parametrize("size", [1, 26, 4096])
+@pytest.mark.parametrize("size", [pytest.param(1, marks=pytest.mark.long), 26, 4096])
 def test_every_bit_is_hit_with_the_probability_asked_for_wherever_it_is(share: float, size: int) -> None:
     line = SerialLine(LineFaults(flip=share), default_rng(1))
     bits, hits, places = 400_000, 0, [0] * 8
