@@ -52,7 +52,7 @@ test-viewers: $(VENV)/.dev  ## a recording in the viewers that PyPI has, in an e
 test-lerobot: $(VENV)/.dev  ## LeRobot's commands with plugins/lerobot; LEROBOT= is a Python that has both, which nobody installs here
 	TXT1_LEROBOT=$(wildcard $(LEROBOT)) $(BIN)/python -m pytest -m long -rs tests/lerobot
 
-steady: $(VENV)/.dev  ## does any test ever fail? Those that wait, 20 times, also beside busy loops, and all 5 times; two hours, and it goes on
+steady: $(VENV)/.dev  ## does any test ever fail? Those that wait, 20 times, also beside busy loops, and all 5 times; 90 minutes, and it goes on
 	$(BIN)/python -m tests.steady
 
 try-bare: $(VENV)/.dev  ## the first hour in a bare Debian root, typed and timed; root, debootstrap and a network; minutes

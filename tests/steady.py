@@ -1,8 +1,8 @@
-"""Whether any test ever fails: `make steady`, for two hours; it can be ended at any time, and goes on where it was.
+"""Whether any test ever fails: `make steady`, for 90 minutes; it can be ended at any time, and goes on where it was.
 
 The tests that wait in real time run 20 times, the last five of them beside four busy loops, then the whole suite five
-times. What ran is kept in build/steady.json, with what failed, and the output of a run that failed beside it. Another
-commit, or other files, begin anew.
+times; the page's tests run beside each of them. What ran is kept in build/steady.json, with what failed, and the output
+of a run that failed beside it. Another commit, or other files, begin anew.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -22,13 +23,14 @@ from typing import Any, Final, NamedTuple
 ROOT: Final = Path(__file__).parents[1]
 KEPT: Final = ROOT / "build" / "steady.json"
 PYTEST: Final = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider")
-SUITE: Final = (("--numprocesses=3", "--dist=worksteal"),)
-WAITING: Final = ((*SUITE[0], "-m", "waits and not long and not browser"), ("-m", "browser", "tests/browser"))
+SUITE: Final = ("--numprocesses=3", "--dist=worksteal")
+WAITING: Final = (*SUITE, "-m", "waits and not long and not browser")
+BROWSER: Final = ("-m", "browser", "tests/browser")
 NOTHING: Final = 5  # pytest's exit code where all tests are skipped or none is chosen
 
 
 class Round(NamedTuple):
-    """One run of tests: its name, what pytest is told, once or twice, and beside how many busy loops."""
+    """Tests that run at the same time: their name, what each pytest is told, and beside how many busy loops."""
 
     name: str
     words: tuple[tuple[str, ...], ...]
@@ -36,8 +38,8 @@ class Round(NamedTuple):
 
 
 ROUNDS: Final = (
-    *(Round(f"the tests that wait, {number} of 20", WAITING, 0 if number <= 15 else 4) for number in range(1, 21)),
-    *(Round(f"the whole suite, {number} of 5", SUITE) for number in range(1, 6)),
+    *(Round(f"the tests that wait, {n} of 20", (WAITING, BROWSER), 0 if n <= 15 else 4) for n in range(1, 21)),
+    *(Round(f"the whole suite, {n} of 5", (SUITE, BROWSER)) for n in range(1, 6)),
 )
 
 
@@ -72,12 +74,17 @@ def kept() -> dict[str, Any]:
     return {"state": now, "rounds": {}}
 
 
+def pytest(words: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """One pytest, to its end."""
+    return subprocess.run([*PYTEST, *words], cwd=ROOT, capture_output=True, text=True, check=False)
+
+
 def ran(one: Round) -> dict[str, Any]:
     """Run it: the time it took, s, how many passed, and the names of those that failed."""
     began, passed, failed = time.monotonic(), 0, list[str]()
-    for words in one.words:
-        with busy(one.busy):
-            done = subprocess.run([*PYTEST, *words], cwd=ROOT, capture_output=True, text=True, check=False)
+    with busy(one.busy), ThreadPoolExecutor() as beside:
+        ended = list(beside.map(pytest, one.words))
+    for done in ended:
         said = done.stdout + done.stderr
         passed += sum(map(int, re.findall(r"(\d+) passed", said)))
         found = re.findall(r"(?m)^(?:FAILED|ERROR) (.+?)(?: - .*)?$", said)
