@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import shutil
 import signal
 import socket
@@ -51,6 +52,16 @@ def test_a_unit_is_written_and_taken_away(unit: Path, capsys: Capture) -> None:
     assert execute(["service", "remove", "--user"]) == 0
     assert not unit.exists()
     assert execute(["service", "remove", "--user"]) == 2
+
+
+def test_a_service_records_to_a_new_file_each_time(unit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["run", "--hal", "sim", "--log", "drive-{time}.mcap"]
+    assert execute(["service", "install", "--user", *words]) == 0
+    assert "--log drive-{time}.mcap" in unit.read_text()
+    assert execute([*words, "--headless", "--speed", "max", "--duration", "0.1"]) == 0
+    (file,) = tmp_path.glob("*.mcap")
+    assert re.fullmatch(r"drive-\d{8}-\d{6}\.mcap", file.name)
 
 
 @pytest.mark.parametrize("user", ["", "daemon"])
@@ -105,6 +116,7 @@ def test_a_service_of_roots_is_refused(words: list[str], told: str, capsys: Capt
         (["--user", "run", "--arm"], "never arms"),
         (["--user", "--system"], "choose one"),
         (["--user", "run", "--nonsense"], "--nonsense"),
+        (["--user", "run", "--log", "drive.mcap"], "put {time} into its name"),
         (["--user", "--name", "../x"], "no name of a unit"),
     ],
 )

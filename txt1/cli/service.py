@@ -176,6 +176,11 @@ def run_options(words: Sequence[str]) -> list[str]:
         raise ConfigError(
             "--arm: a service comes up by itself, so it never arms; leave it out, and arm when you see it"
         )
+    if getattr(told, "log", None) and not any("{time}" in word for word in given):
+        raise ConfigError(
+            "--log: a service that starts again would find this file there, and end; put {time} into its name, such as "
+            "--log 'drive-{time}.mcap'"
+        )
     return [*given, *(["--headless"] * (not told.headless and not told.json)), *(["--no-arm"] * (told.arm is None))]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -19,7 +20,15 @@ if TYPE_CHECKING:
 
 LAYOUT: Final = resource("config/foxglove/txt1.foxglove-layout.json")  # of Foxglove's panels
 
-LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", path)}
+
+def new_file(text: str) -> Path:
+    """Return the path of a recording to make: {time} in it is the local date and time; ArgumentTypeError, as `path`."""
+    return path(text.replace("{time}", f"{datetime.now().astimezone():%Y%m%d-%H%M%S}"))
+
+
+LOG: Final = {
+    "--log": takes("FILE", "record everything to this MCAP file; {time} in its name is the date and time", new_file)
+}
 VIEW: Final = {
     "--view": takes(
         "[HOST:]PORT",
