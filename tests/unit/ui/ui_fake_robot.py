@@ -10,7 +10,6 @@ from blockbuster import BlockBuster
 from ui_snapshots import full
 
 from tests.patience import LIMIT
-from txt1 import sidecar
 from txt1.errors import CommandRefused
 from txt1.hal.base import Button
 from txt1.kernel.loop import run
@@ -82,8 +81,5 @@ async def main() -> None:
 
 
 if __name__ == "__main__":
-    # a machine may be busy: a key may wait for long, behind many heartbeats of the drawing process
-    terminal.BACKLOG = LIMIT
-    for name in ("MESSAGES", "REFILL"):
-        setattr(sidecar, name, 100_000)
+    terminal.BACKLOG = LIMIT  # s that a key may have waited for a machine that was busy
     run(main(), speed=float(sys.argv[2]) if len(sys.argv) > 2 else None)
