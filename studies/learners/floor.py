@@ -22,7 +22,7 @@ from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode, o
 from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Task, task_of
-from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move
+from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 
 TICKS: Final = DECISION_MS // TICK_MS
@@ -132,7 +132,7 @@ def _best(
         horizon,
         light,
         task.goal_radius,
-        dynamics(config.sim.vehicle, config.geometry),
+        dynamics(powered(config.sim.vehicle, config.sim.battery), config.geometry),
         loops_of(config),
         wheels_of(config),
     )

@@ -27,7 +27,7 @@ from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
-from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
+from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
 
@@ -158,7 +158,7 @@ class Lockstep:
         self._noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
         self._drag = sim.noise.drag
         self._world = Fixed(
-            dynamics(sim.vehicle, config.geometry),
+            dynamics(powered(sim.vehicle, sim.battery), config.geometry),
             loops_of(config),
             wheels_of(config),
             PointLight(*sim.room.light, light.intensity, exponent),

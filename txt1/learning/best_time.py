@@ -16,6 +16,7 @@ import numpy as np
 
 from txt1.config import Config, flatten
 from txt1.learning.trial import Start
+from txt1.sim.dynamics import VERSION
 
 BEARINGS: Final = 120  # that are driven, 3 degrees apart
 DECISION_MS: Final = 100  # between two looks for the goal
@@ -23,6 +24,7 @@ DEPENDS: Final = (
     "geometry.",
     "sim.physics",
     "sim.vehicle.",
+    "sim.battery.used_",
     "car.",
     "control.",
     "safety.motor_max",
@@ -72,7 +74,8 @@ def known_floor(config: Config) -> Floor | None:
 
 
 def key_of(config: Config) -> str:
-    """All that a floor depends on and that is not its default, as a hash."""
+    """All that a floor depends on and that is not its default, and the version of our physics, as a hash."""
     usual = dict(flatten(Config()))
     told = {key: value for key, value in flatten(config) if key.startswith(DEPENDS) and usual.get(key) != value}
+    told["version of the physics"] = VERSION
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]

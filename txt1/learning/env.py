@@ -34,6 +34,7 @@ from txt1.learning.trial import COMMANDS, Start, ready_to_learn, task_of
 from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.sensors.light import See, eyes
+from txt1.sim.batch import powered
 from txt1.sim.lamp import PointLight, noise_for_jitter
 
 try:
@@ -180,7 +181,8 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         exponent = float(light.exponent)
         noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
         source = PointLight(x, y, light.intensity, exponent)
-        self.robots = Batch(num_envs, source, noise, one.sim.noise.drag, one.sim.vehicle, one.geometry, one.safety)
+        vehicle = powered(one.sim.vehicle, one.sim.battery)
+        self.robots = Batch(num_envs, source, noise, one.sim.noise.drag, vehicle, one.geometry, one.safety)
         self._commands = np.array(COMMANDS)
         self.sectors = np.zeros(num_envs, int)
         self.steps = np.zeros(num_envs, int)

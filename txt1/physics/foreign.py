@@ -17,13 +17,13 @@ from collections.abc import Callable
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
-from txt1.config import Config
+from txt1.config import Config, load
 from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.model.vehicle import STEERING_MAX
 from txt1.sim.dynamics import Motion
-from txt1.sim.parameters import VehicleParameters
 
-USUAL: Final = VehicleParameters()
+OWN: Final = ("slip", "understeer", "grip", "cornering", "skid")
+"""Parameters of our vehicle for which other people's models have tyres of their own."""
 LEVEL: Final = (0.0, 0.0)
 INSTANT: Final = 1e-9  # s: shorter times are what is left of rounding
 KEPT: Final = 8  # motions whose hidden state is remembered; the world weighs fewer before it decides
@@ -52,10 +52,12 @@ class Foreign:
         self.name = name
         self.body = config.geometry
         self.vehicle = config.sim.vehicle
+        # what the vehicle's own file says of its tyres is nobody's mistake
+        usual = load(None, [f"vehicle={config.vehicle}"], {}, {}).config.sim.vehicle
         without = [
             f"sim.vehicle.{key}={getattr(self.vehicle, key):g}"
-            for key in ("slip", "understeer", "skid")
-            if getattr(self.vehicle, key) != getattr(USUAL, key)
+            for key in OWN
+            if getattr(self.vehicle, key) != getattr(usual, key)
         ]
         without += [f"sim.ground.height={config.sim.ground.height:g}"] if config.sim.ground.height else []
         if without:

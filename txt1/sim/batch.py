@@ -23,7 +23,8 @@ Angles of a few turns are first brought to a quarter turn (`_sine_cosine`), with
 alone would cost digits.
 
 *What is left out.* It holds for vehicles under power that steer front and rear by opposite angles, as the velocity
-loops do. A vehicle that coasts goes through `dynamics.move` itself, and so do all of them if the vehicle or the tick is
+loops do. A vehicle that coasts, or asks so much of its tyres that the friction circle is near, goes through
+`dynamics.move` itself, and so do all of them if the vehicle or the tick is
 such that the series do not suffice.
 
 numba compiles it (extra `fast`): eight times as fast as vehicle by vehicle. Without numba it is the same, slowly.
@@ -31,7 +32,8 @@ tests/unit/sim/test_many_vehicles.py holds the two forms together to 1e-12.
 """
 
 from collections.abc import Callable, Mapping
-from math import copysign, pi, sqrt, tan
+from dataclasses import replace
+from math import copysign, pi, sqrt
 from pathlib import Path
 from runpy import run_path
 from types import FunctionType
@@ -42,8 +44,10 @@ from numpy.typing import NDArray
 
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX
+from txt1.sim.battery import Packs, voltage_share
 from txt1.sim.dynamics import SHORT_RAMP, Dynamics
 from txt1.sim.dynamics import move as move_vehicle
+from txt1.sim.parameters import Batteries, VehicleParameters
 
 Array = NDArray[np.float64]
 
@@ -81,6 +85,12 @@ def compiled(
         function = FunctionType(function.__code__, {**function.__globals__, **calls}, function.__name__)
     liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
     return cast("Callable[..., Any]", njit(function, error_model="numpy", fastmath=liberties, **options))
+
+
+def powered(vehicle: VehicleParameters, batteries: Batteries) -> VehicleParameters:
+    """The parameters with the free speed that the packs give at the start: for what has no batteries of its own."""
+    share = voltage_share(vehicle, Packs(batteries.used_1, batteries.used_2).voltages())
+    return replace(vehicle, speed_gain=vehicle.speed_gain * share) if share != 1.0 else vehicle
 
 
 def _sine(x: float) -> float:
@@ -188,7 +198,7 @@ def _drive(
     (
         wheelbase,
         track_width,
-        steering_max,
+        _,
         speed_gain,
         dead_band,
         speed_time_constant,
@@ -198,10 +208,17 @@ def _drive(
         scrub,
         slip,
         understeer,
+        _,
+        _,
         ramp_step,
         steered,
+        tan_max,
+        _,
+        sideways,
+        _,
+        _,
     ) = p
-    scrub_by_tan = scrub / tan(steering_max) ** 2
+    scrub_by_tan = scrub / tan_max**2
     rate = 1.0 / speed_time_constant
     left_over = 0.0
     for i in range(len(x)):
@@ -230,9 +247,11 @@ def _drive(
         # -- curvature, and the encoder wheels
         mean_v = distance / h if h > 0.0 else 0.0
         curvature = 2.0 * tangent / (wheelbase * (1.0 + understeer * mean_v * mean_v))
+        slide = -sideways * mean_v * abs(mean_v) * curvature
+        level = sqrt(1.0 - slide * slide)
         lean = tangent * steered
         cos_front = 1.0 / sqrt(1.0 + lean * lean)
-        forward = cos_front + 0.5 * curvature * wheelbase * lean * cos_front
+        forward = (level + (slide + 0.5 * curvature * wheelbase) * lean) * cos_front
         apart = 0.5 * curvature * track_width * cos_front
         rolled = distance * (1.0 + slip)
         right[i] += rolled * (forward + apart)
@@ -241,9 +260,10 @@ def _drive(
         half = 0.5 * distance * curvature
         q = half * half
         chord = distance * (1.0 - q * (1 / 6) * (1.0 - q * (1 / 20) * (1.0 - q * (1 / 42))))
-        sin_chord, cos_chord = sine_cosine(theta[i] + half)
-        x[i] += chord * cos_chord
-        y[i] += chord * sin_chord
+        ahead, aside = chord * level, chord * slide
+        sin_theta, cos_theta = sine_cosine(theta[i] + half)
+        x[i] += ahead * cos_theta - aside * sin_theta
+        y[i] += ahead * sin_theta + aside * cos_theta
         heading = theta[i] + 2.0 * half
         heading = heading - TWO_PI if heading > pi else heading
         theta[i] = heading + TWO_PI if heading <= -pi else heading
@@ -278,12 +298,16 @@ def _move(
         remaining: likewise.
 
     """
-    _, _, steering_max, _, dead_band, speed_time_constant, _, _, _, _, _, _, _, _ = p
+    steering_max, speed_gain, dead_band, speed_time_constant = p[2], p[3], p[4], p[5]
+    calm_v, calm_pull = p[-2], p[-1]
     series_suffice = steering_max <= SERIES_MAX and dt * LOSS_MAX <= EXPONENT_MAX * speed_time_constant
     for i in range(batch.shape[1]):
         target[i] = steering_max * (min(max(steering[i], -STEERING_MAX), STEERING_MAX) / STEERING_MAX)
         remaining[i] = dt
-        if abs(motor[i]) <= dead_band or not series_suffice:
+        v = batch[V, i]
+        free = speed_gain * (motor[i] - copysign(dead_band, motor[i]))
+        calm = abs(v) <= calm_v and abs(free - v) <= calm_pull
+        if abs(motor[i]) <= dead_band or not series_suffice or not calm:
             before = (
                 batch[X, i],
                 batch[Y, i],

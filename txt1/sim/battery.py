@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from txt1.model.battery import CUT_OFF_V, FULL_LOAD_SPEED, FULL_LOAD_W, pack_voltage
-from txt1.sim.parameters import Batteries
+from txt1.sim.parameters import Batteries, VehicleParameters
 
 SETTLE_PERIOD: Final = 1.0  # the packs' charge is brought up to date once in so many seconds
 
@@ -83,6 +83,15 @@ def range_left(batteries: Batteries, remaining: float, v_max: float) -> float:
     """Metres that `remaining` seconds under full load are good for, at the economical speed up to `v_max` m/s."""
     v = economical_speed(batteries, v_max)
     return remaining * v / load(batteries, v)
+
+
+def voltage_share(vehicle: VehicleParameters, voltages: tuple[float, float]) -> float:
+    """The motor's voltage, as a share of that with which `speed_gain` holds; 1 without packs.
+
+    The diodes let the pack with the higher voltage through.
+    """
+    highest = max(voltages)
+    return highest / vehicle.voltage if highest and vehicle.voltage else 1.0
 
 
 class Supply:

@@ -5,6 +5,17 @@ proportional to its length. While a servo turns (42 ms from centre to lock) the 
 `ramp_step`, each an arc at the piece's mean steering angle, which is second-order accurate. One call therefore costs
 two or three arcs instead of twenty steps of a 1 kHz integrator, and is more accurate.
 
+Tyres have no state of their own; they are in balance at once.
+
+- *Lateral slip.* A tyre pushes sideways by `cornering` times its load times the sine of its slip angle, so the middle
+  (of the rear axle, where only the front one steers) slides outwards: sin(angle) = -v^2 curvature / (g cornering).
+- *The friction circle.* Motor and steering ask for an acceleration along the car, a = (v_free - loss v) / tau, and for
+  one across it, v^2 curvature. Where both together are more than g `grip`, the car gets the same share of both.
+- *Wheels that spin or lock.* The motor turns them as fast as it can while it pushes no more than they hold:
+  loss v_wheel = v_free - tau times the car's acceleration. The encoders count that.
+
+Near the circle pieces are never longer than `ramp_step`, each with the acceleration in its middle.
+
 Plain scalars and tuples only, so that numba can compile it.
 """
 
@@ -16,6 +27,13 @@ from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sim.parameters import VehicleParameters
 
+VERSION: Final = (
+    2  # of these equations: raised with any change of theirs, so that what was found with others is not used
+)
+GRAVITY: Final = 9.81  # m/s^2
+CALM_ALONG: Final = 0.62  # shares of what tyres hold: what asks for less, and is slower, is reckoned without the circle
+CALM_ACROSS: Final = 0.5
+DRAG_MAX: Final = 0.2  # of the floor, at most, for that
 SHORT_RAMP: Final = 0.25  # share of the ramp step below which the end of a servo's turn gets no piece of its own
 
 
@@ -36,7 +54,10 @@ class VehicleState(NamedTuple):
     left: float = 0.0  # path rolled by the left encoder wheel, m
 
 
-Dynamics = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float, float]
+Dynamics = tuple[
+    float, float, float, float, float, float, float, float, float, float, float, float, float, float, float, float,
+    float, float, float, float, float,
+]  # fmt: skip
 """The parameters of `move`, in the order in which it unpacks them; see `dynamics`."""
 
 LOCK: Final = float(STEERING_MAX)  # PWM counts at which the steering is at its stop
@@ -49,7 +70,40 @@ def dynamics(vehicle: VehicleParameters, body: Geometry, ramp_step: float = RAMP
     A car whose front wheels steer moves as one that steers both axles of twice its wheelbase, seen from the middle.
     """
     steered = 1.0 if body.steering == "both" else 0.0
-    return 2.0 * body.lever, body.track_width, body.steering_max, *astuple(vehicle)[:-1], ramp_step, steered
+    wheelbase, steering_max = 2.0 * body.lever, body.steering_max
+    given = astuple(vehicle)[:-2]
+    return (
+        wheelbase,
+        body.track_width,
+        steering_max,
+        *given,
+        ramp_step,
+        steered,
+        *reckoned(wheelbase, steering_max, vehicle),
+    )
+
+
+def reckoned(wheelbase: float, steering_max: float, p: VehicleParameters) -> tuple[float, float, float, float, float]:
+    """What `move` reckons with that follows from the other parameters.
+
+    The tangent of the largest steering angle; what tyres hold, m/s^2; their lateral slip for an acceleration across of
+    1 m/s^2; the speed, and the distance of the free speed from it, up to which nothing asks for much of that, m/s.
+    """
+    hold, tan_max, resistance = GRAVITY * p.grip, tan(steering_max), p.scrub + DRAG_MAX
+    along = CALM_ALONG * hold
+    calm_v = min(
+        sqrt(CALM_ACROSS * hold * 0.5 * wheelbase / tan_max),
+        max(0.0, (along * p.coast_time_constant - p.coast_friction) / (1.0 + resistance)),
+    )
+    return tan_max, hold, 1.0 / (GRAVITY * p.cornering), calm_v, along * p.speed_time_constant - resistance * calm_v
+
+
+def at_voltage(motor: float, dead_band: float, share: float) -> float:
+    """PWM counts that make the motor's free speed `share` of what it is, as a pack of so much less voltage does."""
+    if abs(motor) <= dead_band:
+        return motor
+    rest = dead_band if motor > 0.0 else -dead_band
+    return rest + (motor - rest) * share
 
 
 def move(
@@ -88,8 +142,15 @@ def move(
         scrub,
         slip,
         understeer,
+        _,
+        _,
         ramp_step,
         steered,
+        tan_max,
+        hold,
+        sideways,
+        calm_v,
+        calm_pull,
     ) = p
     # front = -u, rear = +u turns left (spec: plant)
     if not -LOCK <= front <= LOCK:
@@ -106,13 +167,14 @@ def move(
     else:
         v_free = speed_gain * (motor - dead_band if motor > 0.0 else motor + dead_band)
         tau = speed_time_constant
-    tan_max = tan(steering_max)
+    # whether motor and steering ask for so little that the tyres hold it
+    calm = -calm_v <= v <= calm_v and (coasting or -calm_pull <= v_free - v <= calm_pull)
 
     remaining = dt
     while remaining > 0.0:
         # -- steering: the piece ends with the ramp step or when a servo arrives
         if phi_front == target_front and phi_rear == target_rear:
-            h = remaining
+            h = remaining if calm or remaining < ramp_step else ramp_step
             mean_front, mean_rear = phi_front, phi_rear
         else:
             gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
@@ -129,7 +191,7 @@ def move(
                 next_rear = phi_rear + (travel if gap_rear > 0.0 else -travel)
             mean_front, mean_rear = 0.5 * (phi_front + next_front), 0.5 * (phi_rear + next_rear)
             phi_front, phi_rear = next_front, next_rear
-            if h < SHORT_RAMP * ramp_step and phi_front == target_front and phi_rear == target_rear:
+            if calm and h < SHORT_RAMP * ramp_step and phi_front == target_front and phi_rear == target_rear:
                 # The end of a turn, too short for a piece of its own: one arc for it and the rest, at the mean angle
                 share = h / remaining
                 mean_front = phi_front + share * (mean_front - phi_front)
@@ -140,50 +202,93 @@ def move(
         tan_front = tan(mean_front)
         tan_rear = -tan_front if mean_rear == -mean_front else tan(mean_rear)
         if tan_rear == -tan_front:
-            beta, cos_beta, sin_beta = 0.0, 1.0, 0.0
+            cos_beta, sin_beta = 1.0, 0.0
+            turn = tans = 2.0 * tan_front
         else:
             beta = atan(0.5 * (tan_front + tan_rear))
             cos_beta, sin_beta = cos(beta), sin(beta)
+            tans = tan_front - tan_rear
+            turn = cos_beta * tans
 
         # -- speed: tau dv/dt = v_target - (1 + drag) v, exactly
-        lock = 0.5 * (tan_front - tan_rear) / tan_max
+        lock = 0.5 * tans / tan_max
         loss = 1.0 + scrub * lock * lock + drag
         tau_h = tau / loss
-        if coasting:
+        if calm:
+            share = 1.0
+        else:
+            # -- the share of it that the tyres hold: now, then in the middle of the piece
+            bend = turn / wheelbase
+            friction = 0.0 if not coasting else coast_friction if v > 0.0 else -coast_friction
+            mean_v = v
+            for _ in range(2):
+                along = (v_free - friction - loss * mean_v) / tau
+                across = mean_v * mean_v * bend / (1.0 + understeer * mean_v * mean_v)
+                asked = sqrt(along * along + across * across)
+                share = hold / asked if asked > hold else 1.0
+                mean_v = v + 0.5 * h * share * along
+                if share == 1.0 or (coasting and (mean_v > 0.0) != (v > 0.0)):
+                    break
+        if share < 1.0:
+            along *= share
+            turn *= share
+            stop = -v / along if coasting and v * along < 0.0 else h
+            rolling = h if h < stop else stop
+            distance = (v + 0.5 * along * rolling) * rolling
+            wheels = (v_free - friction - tau * along) / loss
+            # a locked wheel stands
+            rolled = wheels * rolling * (1.0 + slip) if not coasting else wheels * rolling if wheels * v > 0.0 else 0.0
+            v = v + along * rolling if stop >= h else 0.0
+        elif coasting:
             friction = coast_friction if v > 0.0 else -coast_friction
             v_end = -friction / loss
             # dry friction stops the vehicle, it does not turn it round; without friction it rolls on
             stop = 0.0 if v == 0.0 else tau_h * log(1.0 - v / v_end) if v_end != 0.0 else h + 1.0
             rolling = h if h < stop else stop
             decay = exp(-rolling / tau_h)
-            distance = v_end * rolling + (v - v_end) * tau_h * (1.0 - decay)
+            distance = rolled = v_end * rolling + (v - v_end) * tau_h * (1.0 - decay)
             v = v_end + (v - v_end) * decay if stop > h else 0.0
         else:
             v_end = v_free / loss
             decay = exp(-h / tau_h)
             distance = v_end * h + (v - v_end) * tau_h * (1.0 - decay)
+            rolled = distance * (1.0 + slip)
             v = v_end + (v - v_end) * decay
 
-        if distance != 0.0:
+        if distance != 0.0 or rolled != 0.0:
             # -- curvature, thesis (2.12) for opposite angles; understeer by the piece's mean speed
-            mean_v = distance / h
-            curvature = cos_beta * (tan_front - tan_rear) / (wheelbase * (1.0 + understeer * mean_v * mean_v))
+            if turn == 0.0:
+                curvature, sin_slip, cos_slip = 0.0, sin_beta, cos_beta
+            else:
+                mean_v = distance / h
+                square = mean_v * mean_v
+                curvature = turn / (wheelbase * (1.0 + understeer * square))
+                # -- the middle slides outwards
+                sin_slip = sideways * square * curvature
+                if mean_v > 0.0:
+                    sin_slip = -sin_slip
+                cos_slip = sqrt(1.0 - sin_slip * sin_slip)
+                if sin_beta:
+                    sin_slip, cos_slip = (
+                        sin_beta * cos_slip + cos_beta * sin_slip,
+                        cos_beta * cos_slip - sin_beta * sin_slip,
+                    )
             # -- encoder wheels that are steered roll along their own heading: the hub's velocity projected on it
             if not steered:
                 tan_front = 0.0
             cos_front = 1.0 / sqrt(1.0 + tan_front * tan_front)
             sin_front = tan_front * cos_front
-            forward = cos_beta * cos_front + (sin_beta + 0.5 * curvature * wheelbase) * sin_front
+            forward = cos_slip * cos_front + (sin_slip + 0.5 * curvature * wheelbase) * sin_front
             apart = 0.5 * curvature * track_width * cos_front
-            rolled = distance if coasting else distance * (1.0 + slip)
             right += rolled * (forward + apart)
             left += rolled * (forward - apart)
             # -- the arc, (2.2) integrated over its length
             half = 0.5 * distance * curvature
             chord = distance * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin(half) / half)
-            direction = theta + beta + half
-            x += chord * cos(direction)
-            y += chord * sin(direction)
+            ahead, aside = chord * cos_slip, chord * sin_slip
+            cos_theta, sin_theta = cos(theta + half), sin(theta + half)
+            x += ahead * cos_theta - aside * sin_theta
+            y += ahead * sin_theta + aside * cos_theta
             theta += 2.0 * half
             while theta > pi:
                 theta -= TWO_PI

@@ -7,8 +7,9 @@ from dataclasses import astuple, dataclass, replace
 from math import pi
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Le, MinLen
+from annotated_types import Ge, Gt, Le, MinLen
 
+from txt1.model.battery import INTERCEPT_V
 from txt1.units import NotNegative, Positive, Share
 
 
@@ -33,9 +34,16 @@ class VehicleParameters:
     slip: Share = 0.0
     """Share by which driven wheels turn more than the ground passes; 0 is no slip."""
     understeer: NotNegative = 0.0
-    """Widens curves: curvature is divided by 1 + understeer v^2, s^2/m^2; 0 is no sideways slip."""
+    """Widens curves: curvature is divided by 1 + understeer v^2, s^2/m^2; 0 is none."""
+    grip: Annotated[float, Gt(0.0), Le(2.0)] = 1.0489
+    """Most that tyres hold in any direction, as a share of their load: as the public F1TENTH simulator's, 1:10."""
+    cornering: Annotated[float, Ge(2.5)] = 5.72
+    """Force of a tyre sideways, as a share of its load, per slip angle, 1/rad: 1.0489 * 5.4562, from there, too."""
     skid: Positive = 1.0
     """Factor by which sides at two speeds turn it as if it were wider: tyres that scrub sideways; 1 is none."""
+    voltage: NotNegative = INTERCEPT_V
+    """Of a pack with which `speed_gain` holds, V: a full one under load (thesis 3.6.3). The free speed goes with the
+    voltage; 0: it does not."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,8 @@ import numpy as np
 
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
-from txt1.sim import skid
-from txt1.sim.battery import Supply, load
-from txt1.sim.dynamics import Motion, VehicleState, dynamics, move
+from txt1.sim.battery import Supply, load, voltage_share
+from txt1.sim.dynamics import Motion, VehicleState, at_voltage, dynamics, move
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 
 if TYPE_CHECKING:
@@ -58,6 +57,10 @@ class Vehicle:
         self.parameters = parameters
         self.skids = body.steering == "skid"
         """Whether its sides run at two speeds."""
+        if self.skids:
+            from txt1.sim.skid import move as move_sides
+
+            self._move_sides = move_sides
         self.body = body
         self.noise = noise
         self.name = name
@@ -91,6 +94,8 @@ class Vehicle:
         self._outputs = (0.0, 0.0, 0.0)
         self._rest = (0.0, 0.0, 0.0, nan, nan)  # outputs and steering angles with which it stands and nothing moves it
         self.supply.settle(0.0, None)
+        # the motor's voltage, as a share of that with which its parameters hold
+        self._strength = voltage_share(parameters, self.supply.voltages)
         self.motion: Motion = VehicleState()
         self._put_down(*start)
         world.add(self)
@@ -163,6 +168,7 @@ class Vehicle:
                 self._draw_drag()
             if now >= self.supply.settles:
                 self.supply.settle(now, self.faults.voltage)
+                self._strength = voltage_share(self.parameters, self.supply.voltages)
             until = time if time < self.piece_ends else self.piece_ends
             after = self.motion_at(until)
             x_min, x_max, y_min, y_max = self.free
@@ -184,12 +190,13 @@ class Vehicle:
         stands = before[3] == 0.0
         if stands and (motor, front, rear, before[4], before[5]) == self._rest:  # 5 % of an idle simulation is saved
             return before
+        driven = motor if self._strength == 1.0 else at_voltage(motor, self._dead_band, self._strength)
         if self.physics is not None:
-            after = self.physics(before, motor, front, rear, dt, self.drag)
+            after = self.physics(before, driven, front, rear, dt, self.drag)
         elif self.skids:
-            after = skid.move(before, motor, rear, dt, self.drag, self.parameters, self.body)
+            after = self._move_sides(before, driven, rear, dt, self.drag, self.parameters, self.body)
         else:
-            after = move(before, motor, front, rear, dt, self.drag, self.dynamics)
+            after = move(before, driven, front, rear, dt, self.drag, self.dynamics)
         if stands and dt > INSTANT and after == before:
             self._rest = motor, front, rear, before[4], before[5]
         return after

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from functools import cache
 from itertools import pairwise
-from math import atan, cos, hypot, pi, sin, tan
+from math import asin, atan, cos, hypot, pi, sin, tan
 from typing import NamedTuple
 
 import pytest
@@ -17,8 +17,12 @@ from txt1.sim.dynamics import VehicleState
 FINE = 0.001
 """Step of the reference, s: fourth order, and never across an instant at which a servo arrives, so exact to 1e-10."""
 
+G = 9.81
 PLAIN = Parameters()
 SLIPPING = Parameters(slip=0.1, understeer=0.2)
+ICY = Parameters(grip=0.25)
+HARD = Parameters(grip=1e9, cornering=1e9)
+"""Tyres that hold whatever is asked of them, and never slide: what the closed forms are exact for."""
 
 
 class Segment(NamedTuple):
@@ -80,15 +84,24 @@ def reference(segments: list[Segment], p: Parameters, fine: float = FINE, *, eul
             # Velocities of the two axles across the vehicle follow their wheels; the centre's is the mean of them.
             across = 0.5 * (tan(front) + tan(rear))
             beta = atan(across)
-            vx, vy = v * cos(beta), v * sin(beta)
-            omega = vx * (tan(front) - tan(rear)) / p.wheelbase / (1.0 + p.understeer * v * v)
+            bend = cos(beta) * (tan(front) - tan(rear)) / p.wheelbase / (1.0 + p.understeer * v * v)
             lock = 0.5 * (tan(front) - tan(rear)) / tan(p.steering_max)
             resistance = (1.0 + p.scrub * lock**2 + segment.drag) * v
             if abs(segment.motor) > p.dead_band:
                 free = p.speed_gain * (abs(segment.motor) - p.dead_band) * (1 if segment.motor > 0 else -1)
-                dv, driven = (free - resistance) / p.speed_time_constant, 1.0 + p.slip
+                tau, driven = p.speed_time_constant, 1.0 + p.slip
             else:
-                dv, driven = -(p.coast_friction * way + resistance) / p.coast_time_constant, 1.0
+                free, tau, driven = -p.coast_friction * way, p.coast_time_constant, 1.0
+            dv = (free - resistance) / tau
+            # The tyres hold G grip in all directions together; a wheel that they do not hold spins or locks.
+            share = min(1.0, G * p.grip / max(hypot(dv, v * v * bend), 1e-9))
+            dv, bend = share * dv, share * bend
+            if share < 1.0 and v != 0.0:
+                spins = (free - tau * dv) / (1.0 + p.scrub * lock**2 + segment.drag) / v
+                driven *= spins if driven > 1.0 or abs(segment.motor) > p.dead_band else max(0.0, spins)
+            # They push sideways by their slip angle, which the middle of the vehicle has, too.
+            beta += asin(-v * abs(v) * bend / (G * p.cornering))
+            vx, vy, omega = v * cos(beta), v * sin(beta), v * bend
             ahead, aside = cos(front), sin(front)
             wheel = [
                 driven * ((vx - omega * y) * ahead + (vy + omega * 0.5 * p.wheelbase) * aside)
@@ -154,7 +167,7 @@ def exact(seed: int, p: Parameters) -> list[list[float]]:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("p", [PLAIN, SLIPPING], ids=["plain", "slipping"])
+@pytest.mark.parametrize("p", [PLAIN, SLIPPING, ICY], ids=["plain", "slipping", "icy"])
 def test_20_ms_steps_agree_with_a_fine_integrator(p: Parameters, seed: int) -> None:
     found = errors(simulated(drive(seed, 4.0), p), exact(seed, p))
     for name, limit in LIMITS._asdict().items():
@@ -162,7 +175,7 @@ def test_20_ms_steps_agree_with_a_fine_integrator(p: Parameters, seed: int) -> N
 
 
 def test_the_reference_itself_has_converged() -> None:
-    coarse, fine = exact(1, PLAIN), reference(drive(1, 4.0), PLAIN, FINE / 2)
+    coarse, fine = exact(1, HARD), reference(drive(1, 4.0), HARD, FINE / 2)
     assert max(abs(a - b) for one, two in zip(coarse, fine, strict=True) for a, b in zip(one, two, strict=True)) < 1e-9
 
 
@@ -180,7 +193,7 @@ def test_20_ms_steps_are_more_accurate_than_euler_s_at_1_khz(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_halving_the_ramp_step_quarters_the_error(seed: int) -> None:
     def error(ramp_step: float) -> Errors:
-        return errors(simulated(drive(seed, 4.0), PLAIN._replace(ramp_step=ramp_step)), exact(seed, PLAIN))
+        return errors(simulated(drive(seed, 4.0), HARD._replace(ramp_step=ramp_step)), exact(seed, HARD))
 
     for coarse in (0.005, 0.0025):
         for name in ("position", "heading", "wheels"):
@@ -191,7 +204,7 @@ def test_halving_the_ramp_step_quarters_the_error(seed: int) -> None:
 @pytest.mark.parametrize("motor", [0.0, 4000.0, -4000.0])
 @pytest.mark.parametrize(("front", "rear"), [(0.0, 0.0), (-18000.0, 18000.0), (-9000.0, -3000.0)])
 def test_with_the_steering_at_rest_a_step_is_exact_however_it_is_split(motor: float, front: float, rear: float) -> None:
-    p = PLAIN._replace(coast_friction=0.4)  # stops within some of the steps
+    p = HARD._replace(coast_friction=0.4)  # stops within some of the steps
     state = VehicleState(1.0, 2.0, 3.0, 0.3, -p.steering_max * front / 18000, -p.steering_max * rear / 18000, 4.0, 5.0)
     for dt in (0.02, 0.3, 2.0):
         whole = advance(state, motor, front, rear, dt, 0.02, p)
@@ -212,7 +225,7 @@ def test_while_a_servo_turns_splitting_a_step_changes_no_more_than_the_integrati
 
 
 if __name__ == "__main__":
-    for parameters in (PLAIN, SLIPPING):
+    for parameters in (PLAIN, SLIPPING, ICY):
         for seed in SEEDS:
             segments = drive(seed, 4.0)
             euler = [VehicleState(*row) for row in reference(segments, parameters, 0.001, euler=True)]

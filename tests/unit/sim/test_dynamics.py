@@ -116,7 +116,7 @@ def test_front_and_rear_go_independently_where_the_counts_say_and_stop_at_the_lo
 
 @pytest.mark.parametrize(("u", "motor"), [(18000, 3000), (-18000, 3000), (24000, -3000), (-18000, -3000)])
 def test_at_full_lock_the_path_is_a_circle_of_0_56_m(u: int, motor: int) -> None:
-    state = drive(VehicleState(), motor, -u, u, 3.0)
+    state = drive(VehicleState(), motor, -u, u, 6.0)
     points = []
     for _ in range(3):
         points.append((state.x, state.y))

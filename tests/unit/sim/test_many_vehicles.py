@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sim_steps import Parameters, advance
+from sim_steps import Parameters, advance, numbers
 
 from tests.examples import examples
 from txt1.sim import batch
@@ -51,7 +51,7 @@ def test_a_vehicle_moves_in_the_batch_as_alone(p: Parameters, seed: int, dt: flo
     steering = np.trunc(rng.uniform(-20000.0, 20000.0, COUNT))
     drag = 0.03 * rng.standard_normal(COUNT)
     after = before.copy()
-    batch.move(after, motor, steering, drag, dt, p, np.empty(COUNT), np.empty(COUNT))
+    batch.move(after, motor, steering, drag, dt, numbers(p), np.empty(COUNT), np.empty(COUNT))
     for i in range(COUNT):
         x, y, theta, v, phi, right, left = before[:, i]
         alone = advance(

@@ -152,7 +152,7 @@ def test_at_50_minutes_the_cut_off_ends_all_motion() -> None:
     sim.command(4000, 0, 0)
     run(sim, 4.0)
     assert not sim.supply.cut_off
-    assert sim.state.v > 1.0
+    assert sim.state.v > 0.8
     run(sim, 6.0)
     assert sim.supply.cut_off
     before = sim.encoder_counts()
@@ -315,7 +315,7 @@ def test_the_result_does_not_depend_on_how_the_time_is_cut_up(extra_period: floa
     one.dynamics = two.dynamics = dynamics(VEHICLE, BODY, ramp_step=0.0002)
     plain, cut = manoeuvre(one), manoeuvre(two, extra_period)
     for one, two in zip(plain, cut, strict=True):
-        assert one[:8] == pytest.approx(two[:8], abs=1e-6)
+        assert one[:8] == pytest.approx(two[:8], abs=5e-6)
         assert one[8:10] == pytest.approx(two[8:10], abs=1)
         assert one[10:12] == pytest.approx(two[10:12], abs=1e-6)
         assert one[12] == two[12], "the same noise at the same time"
