@@ -24,7 +24,8 @@ from txt1.tasks.encoder import fallen
 from txt1.tasks.mode import MODE
 
 WIRE = ("serial.port=virtual", *ENDLESS)
-ORIGINAL = (*WIRE, "board.habits=original")
+# such a board's steps spin the wheels, which is taken for a runaway: here tyres hold what they can
+ORIGINAL = (*WIRE, "board.habits=original", "sim.vehicle.grip=2")
 
 
 @asynccontextmanager

@@ -121,7 +121,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         hal.place(*start.pose(self._task), 0.0)
         skids = self._config.geometry.steering == "skid"
         self._car = EpisodeCar(rewired(hal, self._config.channels, skids), self._config)
-        self._see = eyes(self._config, self.np_random)
+        self._see = eyes(self._config, self.np_random, movers=hal.movers)
         self._filter = LightFilter(spread=float("inf"))
         self._ms = 0
         self._run(REST_MS)

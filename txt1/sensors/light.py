@@ -14,6 +14,7 @@ from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD, SENSOR_X, 
 from txt1.sensors.base import Pose, Reading, Setup, reading_topic
 from txt1.sensors.twin import Twin, true_pose
 from txt1.sim.lamp import LightSensors, PointLight, noise_for_jitter
+from txt1.sim.parameters import Box
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -46,10 +47,16 @@ def topic_of(name: str) -> Topic[Readings]:
 # -- simulated ---------------------------------------------------------------------------------------------------
 
 
-def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None = None) -> See:
-    """The function by which simulated sensors see the configured light; `faults`: a `SensorFault` each for FL FR RL RR.
+def eyes(
+    config: Config,
+    rng: np.random.Generator,
+    faults: Sequence[str] | None = None,
+    movers: Callable[[], Sequence[Box]] = tuple,
+) -> See:
+    """The function by which simulated sensors see the configured light, where nothing hides it.
 
-    A ValueError when there is no such fault, or not one for each sensor.
+    `faults`: a `SensorFault` each for FL FR RL RR; `movers`: returns what moves about the room. A ValueError when there
+    is no such fault, or not one for each sensor.
     """
     light, (x, y) = config.sim.light, config.sim.room.light
     if light.true_bearing:
@@ -57,11 +64,11 @@ def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None 
     exponent = float(light.exponent)
     noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
     source = PointLight(x, y, light.intensity, exponent)
-    lit = None
-    if (walls := config.sim.room.built().walls) is not None:
+    lit, walls = None, config.sim.room.built().walls
+    if walls is not None or config.sim.obstacles or config.sim.movers:
         from txt1.sim.shadow import lit_by
 
-        lit = lit_by((x, y), walls.grid, light.mount)
+        lit = lit_by((x, y), None if walls is None else walls.grid, config.sim.obstacles, movers, light.mount)
     sensors = LightSensors(source, noise, rng, mount=light.mount, gains=light.gains, lit=lit)
     sensors.faults = light.faults if faults is None else faults
     return lambda pose: sensors.read(*pose)
@@ -97,7 +104,8 @@ def simulated(setup: Setup) -> SimulatedLight:
     pose = true_pose(setup)
     seed = options.get("seed", [setup.config.own_seed, 1, STREAM])
     try:
-        see = eyes(setup.config, np.random.default_rng(np.random.SeedSequence(seed)), options.get("faults"))
+        rng, movers = np.random.default_rng(np.random.SeedSequence(seed)), getattr(setup.hal, "movers", tuple)
+        see = eyes(setup.config, rng, options.get("faults"), movers)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"sensors.{setup.name}.options: {error}") from None
     return SimulatedLight(see, pose, setup.name)

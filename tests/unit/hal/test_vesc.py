@@ -249,7 +249,9 @@ def test_it_drives_at_the_speed_and_in_the_curve_that_are_asked_for(firmware: tu
             true = port.device.car.vehicle.state
             assert robot.odometry.v == pytest.approx(1.0, rel=0.02)
             assert robot.odometry.omega == pytest.approx(0.8, rel=0.02)
-            assert hypot(robot.odometry.x - true.x, robot.odometry.y - true.y) < 0.05
+            assert hypot(robot.odometry.x - true.x, robot.odometry.y - true.y) < 0.08, (
+                "it slides sideways by 0.8 degrees"
+            )
             assert f"firmware {firmware[0]}.0{firmware[1]}, stops by itself after 1 s" in str(robot.runtime.state.board)
 
     run(drive(), speed="max")

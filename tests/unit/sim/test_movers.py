@@ -4,6 +4,7 @@ import asyncio
 from math import pi
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,9 +13,12 @@ import txt1
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
+from txt1.model.light_sensors import LUX_MIN, Readings
+from txt1.sensors.light import LIGHT, eyes
 from txt1.sim.movers import Moving
 from txt1.sim.obstacles import gap
-from txt1.sim.parameters import Mover
+from txt1.sim.parameters import Box, Mover, Post
+from txt1.sim.shadow import between
 from txt1.tasks.fields import MOVERS
 
 PATH = ((0.0, 0.0), (2.0, 0.0), (2.0, 1.0))
@@ -81,3 +85,46 @@ def test_a_path_that_is_none_is_refused() -> None:
         load(overrides=["sim.movers=[{path: [[1, 1]], speed: 1}]"])
     with pytest.raises(ConfigError, match=r"sim\.start: .*sticks into something that moves"):
         run(met("sim.start=[1, 1.4, 0]"), speed="max")
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "hidden"),
+    [
+        (Post(1.0, 0.0, 0.1), True),
+        (Post(1.0, 0.11, 0.1), False),
+        (Post(2.5, 0.0, 0.1), False),
+        (Box(1.0, 0.2, 0.2, 0.5), True),
+        (Box(1.0, 0.3, 0.2, 0.5), False),
+        (Box(1.0, 0.3, 0.2, 0.7), True),
+        (Box(1.0, 0.3, 0.2, 0.7, 1.57), False),
+        (Box(-0.5, 0.0, 0.2, 0.5), False),
+    ],
+)
+def test_what_stands_between_hides_one_place_from_the_other(obstacle: Box | Post, hidden: bool) -> None:
+    assert between(obstacle, (2.0, 0.0), (0.0, 0.0)) is hidden
+    assert between(obstacle, (0.0, 0.0), (2.0, 0.0)) is hidden
+
+
+def test_an_obstacle_throws_a_shadow_but_not_the_one_that_the_lamp_stands_on() -> None:
+    bare = load(overrides=["sim.light.noise=0"]).config
+    post = load(overrides=["sim.light.noise=0", "sim.obstacles=[{kind: post, x: 1.0, y: 0.0, radius: 0.3}]"]).config
+    lamp_post = load(overrides=["sim.light.noise=0", "sim.obstacles=[{kind: post, x: 0, y: 0, radius: 0.1}]"]).config
+    see, clear, on_post = (eyes(config, np.random.default_rng(1)) for config in (post, bare, lamp_post))
+    assert see((2.0, 0.0, 0.0)) == (LUX_MIN,) * 4
+    assert see((0.0, 2.0, 0.0)) == clear((0.0, 2.0, 0.0))
+    assert on_post((2.0, 0.0, 0.0)) == clear((2.0, 0.0, 0.0))
+
+
+def test_a_mover_s_shadow_moves_with_it() -> None:
+    async def seen() -> list[Readings]:
+        settings = ["sim.light.noise=0", "sim.start=[2, 0, 0]", "sim.room={length: .inf, width: .inf}"]
+        settings += ["sensors.light.driver=sim_light", "sim.movers=[{path: [[1, 2], [1, -2]], speed: 1.0}]"]
+        told: list[Readings] = []
+        async with txt1.Robot.open("sim", settings=settings) as robot:
+            robot.runtime.bus.subscribe(lambda _, value, time: told.append(value), [LIGHT])
+            await asyncio.sleep(4.0)
+        return told
+
+    dark = [each == (LUX_MIN,) * 4 for each in run(seen(), speed="max")]
+    assert not dark[0] and not dark[-1]
+    assert any(dark)
