@@ -28,7 +28,7 @@ from txt1.sim.dynamics import Motion
 
 STANDS: Final = 1e-3  # m/s: what coasts more slowly, stands
 SETTLING: Final = 2.0  # s on the springs before the first drive
-FASTEST: Final = 0.5  # of a wheel's turn in a step: a cylinder that turns faster is not integrated any more
+FASTEST: Final = 0.5  # of a wheel's turn in a step, rad
 HELD: Final = 1e4  # N s/m and N m s/rad: of a body on blocks
 OVER: Final = 1.2  # rad of roll or pitch: the car lies on its side
 
@@ -192,12 +192,12 @@ class FourWheels(Foreign):
         return tuple(loads)
 
     def rising(self, hidden: Array) -> tuple[float, ...]:
-        """The lowest points of the wheels' cylinders now."""
+        """The lowest points of the tyres now."""
         heights = []
         for name in WHEELS:
-            geom, (radius, half, _) = self.data.geom(name), self.model.geom(name).size
-            tilt = abs(float(geom.xmat[8]))
-            heights.append(max(0.0, float(geom.xpos[2]) - radius * sqrt(max(0.0, 1.0 - tilt * tilt)) - half * tilt))
+            geom, (radius, _, half) = self.data.geom(name), self.model.geom(name).size
+            tilt = float(geom.xmat[8]) ** 2
+            heights.append(max(0.0, float(geom.xpos[2]) - sqrt(radius**2 * (1.0 - tilt) + half**2 * tilt)))
         return tuple(heights)
 
 

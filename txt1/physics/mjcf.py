@@ -4,8 +4,13 @@
 
 A wheel hangs on three joints: it slides up and down on its spring, turns about its king pin, and rolls. The linkage
 turns both wheels of an axle alike. The wheels' middles are `geometry.track_width` apart, their radius follows from
-`geometry.circumference`. A tyre touches the floor as a cylinder does, with dry friction alike in every direction: there
-is no slip angle and no flexible carcass.
+`geometry.circumference`. There is no slip angle and no flexible carcass.
+
+A tyre is crowned: an ellipsoid, which touches the floor in one point, with dry friction alike in every direction. A
+cylinder touches it with its two edges alone, and those roll by different ways in a curve, so they stick and slip
+against each other; a real tyre's patch lies between. A wheel that turns about its king pin meets MuJoCo's torsional
+friction (condim 4): 2/3 of the friction times the radius of a round patch with even pressure (V. L. Popov, *Contact
+Mechanics and Friction*, 2010). The patch is taken for half as wide as the tyre; assumed.
 """
 
 from math import pi
@@ -17,6 +22,7 @@ from txt1.physics.settings import PhysicsSettings
 GRAVITY: Final = 9.81  # m/s^2
 STEP: Final = 0.001  # the longest of the integration, s
 WHEELS: Final = ("front_left", "front_right", "rear_left", "rear_right")
+PATCH: Final = 0.25  # radius of the tyre's patch on the floor, of the tyre's width; assumed
 TRAVEL: Final = 0.04  # of a wheel up and down from where it is at rest, m
 LINKAGE: Final = 40.0  # N m/rad a wheel: the stiffness of servo and linkage, which no floor turns back; assumed
 
@@ -39,6 +45,7 @@ def mjcf(body: Geometry, settings: PhysicsSettings) -> str:
     spin = 0.5 * settings.wheel_mass * (radius**2 + (0.6 * radius) ** 2)
     across = settings.wheel_mass * (0.25 * radius**2 + settings.tyre_width**2 / 12.0)
     half = 0.3 * height
+    torsion = 2.0 / 3.0 * settings.friction * PATCH * settings.tyre_width
     wheels, actuators = [], []
     for name in WHEELS:
         x = 0.5 * body.wheelbase * (1.0 if name.startswith("front") else -1.0)
@@ -51,8 +58,9 @@ def mjcf(body: Geometry, settings: PhysicsSettings) -> str:
                springref="{-sag:.9g}" limited="true" range="{-TRAVEL:.9g} {TRAVEL:.9g}"/>
         <joint name="{name}_pin" type="hinge" axis="0 0 1"/>
         <joint name="{name}_roll" type="hinge" axis="0 1 0"/>
-        <geom name="{name}" type="cylinder" size="{radius:.9g} {0.5 * settings.tyre_width:.9g}" euler="90 0 0"
-              mass="0" friction="{settings.friction:.9g} 0 0" rgba="0.15 0.15 0.15 1"/>
+        <geom name="{name}" type="ellipsoid" size="{radius:.9g} {radius:.9g} {0.5 * settings.tyre_width:.9g}"
+              euler="90 0 0" mass="0" condim="4" friction="{settings.friction:.9g} {torsion:.9g} 0"
+              rgba="0.15 0.15 0.15 1"/>
         <geom type="cylinder" size="{0.5 * radius:.9g} {0.51 * settings.tyre_width:.9g}" euler="90 0 0" mass="0"
               contype="0" conaffinity="0" rgba="0.8 0.8 0.8 1"/>
       </body>"""
@@ -77,7 +85,8 @@ def mjcf(body: Geometry, settings: PhysicsSettings) -> str:
   </asset>
   <worldbody>
     <light directional="true" castshadow="false" pos="0 0 3" dir="-0.4 0.5 -1" diffuse="0.6 0.6 0.6"/>
-    <geom name="floor" type="plane" size="0 0 1" friction="{settings.friction:.9g} 0 0" material="tiles"/>
+    <geom name="floor" type="plane" size="0 0 1" friction="{settings.friction:.9g} {torsion:.9g} 0"
+          material="tiles"/>
     <body name="body" pos="0 0 {height:.9g}">
       <freejoint name="body"/>
       <inertial pos="0 0 0" mass="{sprung:.9g}" diaginertia="{sprung * (body.width**2 + (2.0 * half) ** 2) / 12.0:.9g}

@@ -251,3 +251,14 @@ def test_settings_of_mujocos_car_without_mujoco_are_refused() -> None:
         ConfigError, match=r"its settings are MuJoCo's, and sim\.physics is plain; set sim\.physics=mujoco"
     ):
         run(main(), speed="max")
+
+
+def test_the_tyres_of_mujocos_car_do_not_chatter_in_a_curve() -> None:
+    physics, motion, rates = PHYSICS.make("sim.physics", "mujoco", config("mujoco")), AT_REST, []
+    for _ in range(150):
+        before = motion
+        motion = physics(motion, 1900.0, -9000.0, 9000.0, 0.02, 0.0)
+        # by the encoder wheels, as the loops see it
+        rates.append((motion[6] - before[6] - (motion[7] - before[7])) / 0.25 / 0.02)
+    settled = rates[-50:]
+    assert max(settled) - min(settled) < 0.02 < 0.3 < settled[-1]
