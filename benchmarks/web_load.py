@@ -27,7 +27,7 @@ from typing import Any, Final
 
 import aiohttp
 
-from benchmarks.rounds import spread, table, verdict, write
+from benchmarks.rounds import spread, table, write
 from benchmarks.web_car import car
 
 FLOOD: Final = 10_000  # messages a second
@@ -176,17 +176,17 @@ def show(found: Sequence[Round]) -> tuple[list[tuple[str, ...]], str]:
     ]
     beside = kinds["here"]
     middle = median(each.p99 for each in beside)
-    within = {pages: verdict(middle <= max(each.p99 for each in kinds[pages])) for pages in kinds}
-    busy = f"; of those that have the processors as busy: {within['elsewhere']}" if "elsewhere" in kinds else ""
+    within = {pages: "yes" if middle <= max(each.p99 for each in kinds[pages]) else "no" for pages in kinds}
+    control = f" It stays within the spread of the control: {within['elsewhere']}." if "elsewhere" in kinds else ""
     latencies = sorted(1e3 * each for one in beside for each in one.latencies) or [0.0]
     p50, p99 = (latencies[int(share * (len(latencies) - 1))] for share in (0.5, 0.99))
     loads = sorted(each.load for each in found)
     text = (
-        f"The median p99 beside the pages is within the spread of the rounds without: {within['none']}{busy}. "
-        f"From a page's input to the robot's set-point: {p50:.0f} ms (p50), {p99:.0f} ms (p99), of {len(latencies)} "
-        f"inputs. The load of this machine of {os.cpu_count()} processors, these rounds' own included, was "
-        f"{loads[0]:.1f} to {loads[-1]:.1f}; in {sum(each.realtime for each in found)} of {len(found)} rounds the "
-        "robot ran with `--realtime`."
+        f"Median p99 with pages stays within the spread without: {within['none']}.{control} "
+        f"From a page's input to the robot's set-point: {p50:.0f} ms (p50), {p99:.0f} ms (p99), {len(latencies)} "
+        f"inputs. Load of the machine, which has {os.cpu_count()} processors, with these rounds: {loads[0]:.1f} to "
+        f"{loads[-1]:.1f}. The robot ran with `--realtime` in {sum(each.realtime for each in found)} of {len(found)} "
+        "rounds."
     )
     return rows, text
 

@@ -61,11 +61,12 @@ def losses(results: Sequence[dict[str, Any]]) -> str:
     every.sort(key=lambda one: -float(one["to_floor"]))
     named = [f"`{one['world']}` {one['to_floor']:.3f} (up to {one['to_floor_95'][1]:.3f})" for one in every]
     lost = sum(one["to_floor"] > NEAR for one in every)
+    within = f"In {'all ' if not lost else f'{len(every) - lost} of '}{len(every)} worlds the pilot stays within "
+    within += f"{NEAR - 1:.0%} of the best possible time.".replace("%", " %")
     count, failed, before = (sum(one[key] for one in every) for key in ("episodes", "failures", "failures_before"))
     return (
-        f"Above {NEAR:g} times its floor: {', '.join(named[:lost]) or 'none'}. Within that: {len(every) - lost} of "
-        f"{len(every)} worlds, the farthest of them {', '.join(named[lost : lost + SHOWN])}. Of all {count} episodes "
-        f"after the {LEARNED}th {failed} failed, of those before {before}.\n"
+        f"{within} Farthest from it: {', '.join(named[: max(lost, SHOWN)])} times the best possible time. Episodes "
+        f"after the {LEARNED}th: {count}, of which {failed} failed. Failures before: {before}.\n"
     )
 
 

@@ -84,10 +84,12 @@ class CommandRefused(Txt1Error):
 
 
 class NotArmed(CommandRefused):
-    """The safety gate is closed, so nothing moves."""
+    """The safety gate is closed, so nothing moves. The message gives the reason, then the remedy."""
 
-    def __init__(self, reason: str) -> None:
-        super().__init__(f"the robot is not armed ({reason}): call Robot.arm() or press m")
+    def __init__(self, reason: str, remedy: str = "call Robot.arm() or press m") -> None:
+        # a gate that nobody has opened yet gives "not armed yet" as its reason
+        told = reason if reason.startswith("not armed") else f"not armed: {reason}"
+        super().__init__(f"{told}; {remedy}" if remedy else told)
         self.reason = reason
 
 

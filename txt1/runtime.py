@@ -11,7 +11,7 @@ from txt1 import additions
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control.car import loops_for
-from txt1.control.limits import Fault, Gate, Guard
+from txt1.control.limits import BLOCKED, WAY_BACK, Fault, Gate, Guard
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
 from txt1.errors import ConfigError, NotArmed
@@ -97,7 +97,7 @@ class Runtime:
         scheduler: made with the function that is told of a task that raised.
         sensing: whether this is the robot itself, with its sensors, guards and estimate: no board is.
         through: in a replay, every configured sensor passes it, and the recorded readings are given again there.
-        tasks: makes others of it than the robot's own: the firmware of another board.
+        tasks: builds another list of tasks; the virtual board of 2011 passes its own.
         asked: additions that take part though the configuration does not want them, by name, with their settings.
 
     """
@@ -299,7 +299,7 @@ class Runtime:
         held = self.config.hal == "serial" and line.control == "host" and not line.allow_host
         reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, now)
         if reason is not None:
-            raise NotArmed(reason)
+            raise NotArmed(reason, remedy="")
         self.gate.arm(now)
         self.state.tell(now, "armed")
 
@@ -381,7 +381,8 @@ class Runtime:
     def _gate_closed(self, reason: str) -> None:
         blocked_by = getattr(self.hal, "blocked_by", None)  # where the hardware knows, as a simulation does
         if self.gate.closed_by is Fault.RUNAWAY and blocked_by is not None and (blocked := blocked_by()) is not None:
-            self.gate.reason = reason = f"{reason}: it is at {blocked}"
+            told = f"blocked: {blocked}; {WAY_BACK}" if reason is BLOCKED else f"{reason}: it is at {blocked}"
+            self.gate.reason = reason = told
         way_back = "; arm it again to go on (key m)" if self.gate.closed_by in (Fault.MISSED, Fault.SLEPT) else ""
         self.state.tell(self.now, f"disarmed: {reason}{way_back}")
 

@@ -13,11 +13,11 @@ it wants something. "time" is the origin's, in ns of the monotonic clock, which 
 how old a request is, however late it is read.
 
 *When it is read.* In real time, the task `serve` reads in its tick, behind all other tasks, and the socket never wakes
-the event loop. A process that is `prompt` is read as it writes, but not in the last moment before a tick. Without
-`serve`, such as before the robot starts, a timer looks after the line.
+the event loop. With `prompt` its messages are read at once, except in the last millisecond before a tick. Before the
+robot starts there is no `serve`; then a timer reads the line.
 
-*A flood.* A few messages are taken at once, and some more with each tick. The rest is dropped and counted. Only
-an emergency stop is never dropped: it is looked for in what is dropped, and in messages that are malformed.
+*A flood.* At most 20 messages are taken at a time; each tick allows 8 more. The rest is dropped and counted. An
+emergency stop is never dropped: dropped and malformed messages are searched for one.
 
 *What ends it.* A message too long, a heartbeat too late where `silence` says so, or its own end. Its memory is limited,
 and the system ends it first when memory runs out. A process that failed is started again, after longer and longer

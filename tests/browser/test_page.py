@@ -324,7 +324,7 @@ def test_a_recording_is_begun_fetched_and_shown(page: Any, car: Live) -> None:
     page.wait_for_timeout(1500 * S)
     page.locator("#record").click()
     page.wait_for_function("() => document.getElementById('record').textContent === 'record'")
-    page.get_by_role("button", name="look again").click()
+    page.get_by_role("button", name="Refresh").click()
     link = page.locator("#panel a[download]").first
     with page.expect_download() as fetched:
         link.click()
@@ -555,7 +555,7 @@ def test_the_door_opens_by_the_token_typed_or_by_the_code_and_the_pad_has_a_secu
         typed.goto(url)
         for word, comes in (("a-guess", "that is not the token"), (TOKEN, "armed")):
             typed.locator("#token").fill(word)
-            typed.get_by_role("button", name="come in").click()
+            typed.get_by_role("button", name="Sign in").click()
             typed.wait_for_function("(text) => document.body.innerText.includes(text)", arg=comes)
         scanned.goto(f"{url}#token={TOKEN}")
         is_told(scanned, "state", "'armed'")

@@ -71,7 +71,7 @@ class Framing(Protocol):
 
 @dataclass(frozen=True)
 class Habits:
-    """How a board does what the protocol leaves open."""
+    """How a board behaves where the protocol is silent."""
 
     framing: Callable[[Callable[[Event], None]], Framing]  # finds the frames, and hands on what is in them
     spacer: bytes  # between frames back to back

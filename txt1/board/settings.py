@@ -11,7 +11,7 @@ class BoardConfig(Section):
     """The virtual board."""
 
     habits: Literal["ours", "original"] = "ours"
-    """How it does what the protocol leaves open: as ours, or as the boards of 2011 were seen to (txt1 board --as)."""
+    """Which board to imitate where the protocol is silent: `ours`, or the firmware of 2011 (`original`)."""
     link_timeout: Positive | None = 0.25
     """Age at which a command from the host is stale, s; null: only the link rule, as on original boards."""
     fault: LineFaults = LineFaults()

@@ -42,7 +42,7 @@ LINE: Final = {
     "--port": takes(
         "PORT",
         "where the board is: a device, socket://HOST:PORT, or a virtual one in this process "
-        f"({_OF_BOARDS}{_OF_CARS}); left out, the only device that is plugged in",
+        f"({_OF_BOARDS}{_OF_CARS}); left out: the plugged-in device, if there is only one",
     ),
     "--baud": takes("N", "bits a second of the line, 57600 by default (--hal serial)", int),
 }

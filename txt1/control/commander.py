@@ -6,9 +6,9 @@ It stands between those who command (keys, gamepad, web, ROS, programs) and the 
   lower priority. Of equal priorities the one that drives goes on; the other is refused and counted.
 * The wheel is held by commands that are not zero, and by requests, as long as the newest is fresh. Freshness is the age
   of the message's own origin. Zeros stop the robot; they hold nothing.
-* A source that lost the wheel to another, or was refused because of another, is overruled: it drives again only when,
-  after the other has released the wheel or gone stale, it has commanded zero once or asked anew. So letting go of a
-  gamepad never sets off the program that was driving before.
+* A source that lost the wheel to another, or was refused because of another, is *overruled*. It may drive again once
+  the other has let go and it has sent one zero or a new request. So letting go of a gamepad never starts the program
+  that drove before.
 
 Nothing here knows a clock: `now` is the present and `time` a message's origin, both s of the run.
 """
@@ -84,7 +84,7 @@ class Commander:
         self._sources[name] = _Source(name, rank, limit)
 
     def command(self, name: str, v: float, omega: float, time: float, now: float) -> bool:
-        """Take a source's command, m/s and rad/s; whether it is the set-point now: a zero is where nobody else drives.
+        """Take a command (m/s, rad/s). True if it is now the set-point; a zero only counts while nobody else drives.
 
         Raises ValueError: a number is not finite, or `time` lies in the future.
         """

@@ -28,6 +28,8 @@ PERSISTS: Final = 0.1  # time for which readings that the geometry forbids must 
 NOISE_COUNTS: Final = 3  # counts per period that a wheel at rest may show
 AHEAD: Final = 0.1  # s by which a command may seem to come from the future, as a late tick has an early time
 DISAGREEMENT: Final = 0.5  # difference between combined odometry and the encoders that slip does not explain, m/s
+WAY_BACK: Final = "arm it (m) and drive back"
+BLOCKED: Final = f"blocked: a wall or an obstacle, or dead encoders; {WAY_BACK}"
 
 
 class Fault(StrEnum):
@@ -164,7 +166,7 @@ class RunawayWatch:
             for s, p in zip(self._silent, self._passed, strict=True)
         ]
         if all(too_long):
-            return "both encoders are silent, or something blocks the robot"
+            return BLOCKED
         if any(too_long) and not self._pivots:
             return f"the {'right' if too_long[0] else 'left'} encoder is silent"
         return None
@@ -326,7 +328,7 @@ class Gate:
         if self.armed:
             reason = self._runaway.check(self._motor, right, left, v, v_combined, dt)
             if reason is not None:
-                self.disarm(f"runaway: {reason}", Fault.RUNAWAY)
+                self.disarm(reason if reason is BLOCKED else f"runaway: {reason}", Fault.RUNAWAY)
 
     def slept(self, duration: float, period: float) -> None:
         """Disarm when the computer was suspended for `duration` s, as long as too many cycles of `period` s take."""

@@ -12,10 +12,9 @@ it, some twenty times a second:
    not known is never taken for 0.
 3. *Does it move without a command?* Then somebody else moves it, and that is told.
 
-If the answer to the first is no, the next stronger means is taken: zeros, which are sent all the time; then a PWM test
-of zeros, which goes past the loops; then the ESC off. There is no way back from a means to a weaker one within a stop.
-Each has GRACE, the time to show an effect, before the next one is taken, and is judged anew from the speed at its own
-beginning. While nothing can be sent and nothing is heard, the time of a means does not run.
+If the answer to the first is no, the stop escalates: zeros, which are sent all the time; then a PWM test of zeros,
+which bypasses the loops; then the ESC off. Within a stop it never goes back to a weaker measure. Each measure gets
+GRACE to show an effect, and is judged from the speed at which it began. While the line is dead, this time does not run.
 
 A robot that stood and is no longer seen is `UNSEEN`, not standing. So is one whose speed fell faster than any vehicle
 can brake: its encoders have lost their power, or it stands at a wall, and nobody knows which.
@@ -28,9 +27,8 @@ From the instant t = 0 at which nothing moves it any more, a vehicle at v0 that 
     dv/dt = -(v + f) / tau        so that        v(t) = (v0 + f) exp(-(t - t0) / tau) - f,        not below 0
 
 with the friction f and the time constant tau of a vehicle without brakes; loops that brake are faster. That is the
-envelope. From 0.5 s on, a speed above it by 0.1 m/s, one that stays when it has come to 0, or none that is known, calls
-for the next stronger means: zeros, which are sent all the time, a PWM test of zeros, the ESC off. Each means has the
-same 0.5 s and an envelope of its own.
+envelope. From 0.5 s on the stop escalates if the speed is 0.1 m/s above the envelope, if it stays above STILL when the
+envelope has come to 0, or if it is unknown. Each measure gets the same 0.5 s and an envelope of its own.
 """
 
 from enum import StrEnum

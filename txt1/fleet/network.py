@@ -22,9 +22,9 @@ has answered that its gate is closed and that it was seen to stand, then a littl
 With a share p of all messages lost, one is still missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3.
 Whoever hears a stop obeys it, even one that is not signed.
 
-**Names** are unique: the one that came later gives way. When it joins it looks whether its name is there already. On a
-busy computer that look may end before the others are found, so for another half minute it also gives way to a state
-that is told in its name by one who has been there for longer. After that nobody's word turns it out.
+**Names** are unique. The peer that joined later leaves, and so does one that hears its own name in use. A peer looks
+for its name when it joins. On a busy computer the others may not be found by then. So for another half minute it also
+leaves when a peer that joined earlier sends a state under the same name. After that no message makes it leave.
 
 **Clocks.** Of the last pings the one with the shortest way there and back counts:
 offset = theirs - (sent + received) / 2, wrong by half of that way at most (as in NTP).

@@ -14,8 +14,8 @@ class Rewired:
         hal: underneath.
         channels: of the vehicle.
         skids: whether its sides run at two speeds.
-        unseen: whether its motion is kept from the tasks, whose rules on runaways would not let it move as long as
-            nobody knows which way its encoders count; `counts` are there for who wants to find out.
+        unseen: hide the encoders from the tasks. Calibration uses it while the encoders' signs are unknown, as the
+            runaway watch would disarm; `counts` still has them.
 
     """
 

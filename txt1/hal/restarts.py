@@ -2,18 +2,18 @@
 
 A board that restarts forgets its gains and its power switches, and its odometry begins anew. A host that went on as if
 nothing had happened would drive with loops that do not answer, and its own pose would leap. So four rules look at what
-comes: three at poses, one at battery levels. Each asks for something that driving cannot explain.
+arrives: three at poses, one at battery levels. Each rule looks for a change that driving cannot explain.
 
 Let a pose (x0, y0, theta0) with speeds v0 and omega0 be followed by (x1, y1, theta1) with v1 and omega1, and let dt be
 the time between their arrivals. A line may hold back what it carries, and then it brings several messages in a bunch.
 So the motion between two poses may have lasted longer than dt, by up to JUMP_TIME.
 
-1. **A leap.** The vehicle drove at about the speeds that it reports at both ends. It has restarted if
+1. **A leap.** A pose farther away than (speed + JUMP_SPEED) (dt + JUMP_TIME) means that the board restarted:
 
        hypot(x1 - x0, y1 - y0) > (max(|v0|, |v1|) + JUMP_SPEED) (dt + JUMP_TIME)           or
        |theta1 - theta0|       > max(|omega0|, |omega1|) (dt + JUMP_TIME) + JUMP_ANGLE
 
-   JUMP_SPEED and JUMP_ANGLE leave room for what the speeds at both ends do not show.
+   The speed is the larger of the two that were reported. JUMP_SPEED and JUMP_ANGLE allow for a speed in between.
 2. **Exactly 0, 0, 0, and at rest.** So a board begins. A vehicle comes there by driving only if it was close by: within
    NEAR, which is what rounding leaves, or as far as its speed carried it in dt and the period of its loops, AT_ONCE.
    Otherwise,
@@ -21,8 +21,8 @@ So the motion between two poses may have lasted longer than dt, by up to JUMP_TI
        hypot(x0, y0) > |v0| (dt + AT_ONCE) + NEAR       or       |theta0| > |omega0| (dt + AT_ONCE) + NEAR,
 
    it has restarted. This is much narrower than the first rule: it tells also of a board that had driven half a metre.
-3. **The same behind a pause** of PAUSE or more. A vehicle that had not left the origin shows no leap, and a restart
-   takes that long. Nothing tells it from a mere pause, so it counts as one.
+3. **Exactly 0, 0, 0 after a gap** of PAUSE or more may mean a restart. A vehicle that never left the origin shows no
+   leap, and a restart takes that long. The messages cannot tell a restart from a mere gap, so it counts as a restart.
 4. **A battery filter that begins anew.** Boards smooth a voltage u by y(k) = 0.6 y(k-1) + 0.4 u, from y = 0 at
    power-up. So the first level is 0.4 u, where the last one before was u. A pack that is pulled out leaves 0.6 of its
    level, hence STARTS_AGAIN lies around 0.4, and all packs have to agree.

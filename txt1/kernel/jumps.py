@@ -82,9 +82,9 @@ class Jumps:
         return self.clock.ns == target_ns or self.to(target_ns, self._loop.timers)
 
     def to(self, target_ns: int, timers: list[asyncio.TimerHandle]) -> bool:
-        """True after moving the clock to `target_ns`, if the loop itself would do just that next.
+        """Move the clock to `target_ns` if nothing else is due before; return whether it moved.
 
-        False, and nothing done, when anything else is ready or due first, or when it is time to poll.
+        It does not move either when a callback is ready, or when the loop has to poll its sockets.
         """
         if self._paced or self.threads_outstanding or self._ready:
             return False

@@ -15,10 +15,9 @@ priority, and among equals in the order they were added.
 How it works
 ------------
 
-*One queue.* The tasks are no asyncio tasks. The scheduler drives their coroutines itself: it sends each one the time,
-and the coroutine runs up to its next tick. All tasks wait in one heap. That costs a tenth of asyncio's way, and makes
-the order exact. The price is that between two ticks a task can await nothing else; what waits belongs in a coroutine of
-its own.
+*One queue.* One heap drives the coroutines; they are not asyncio tasks. The scheduler sends a coroutine the time, and
+the coroutine runs up to its next tick. That costs a tenth of what asyncio tasks cost, and it makes the order exact.
+The price: between two ticks a task cannot await anything else. Code that waits belongs in a coroutine of its own.
 
 *A place in the queue* is one integer: the due time in ns, shifted to the left, and the task's index in its lowest bits.
 Indices follow the priorities. So the smallest number is what is due first, and of that the most urgent.

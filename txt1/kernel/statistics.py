@@ -87,7 +87,7 @@ class TaskStatistics:
 
     @property
     def lateness(self) -> Histogram:
-        """How late the cycles started. Only late ones need be added: the others are what `cycles` has more."""
+        """Start lateness. Only late cycles are added; all others count as 0."""
         self._lateness.pad(self.cycles)
         return self._lateness
 

@@ -17,21 +17,21 @@ NEUTRAL_MAX: Final = 2400.0  # counts from the middle, 50 us, within which a mot
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """An output: counts on its wire are trim + direction * scale * counts that are meant, within +-24000."""
+    """An output. Its counts on the wire are trim + direction * scale * counts, within +-24000."""
 
     direction: Literal[1, -1] = 1
     """-1: it is the other way round."""
     trim: Annotated[float, Ge(-PWM_MAX), Le(PWM_MAX)] = 0.0
     """Counts on the wire at which the motor is in neutral, or the wheels point straight ahead."""
     scale: Positive = 1.0
-    """Counts on the wire for one that is meant: a steering's range is 18000 times that, either side of its trim."""
+    """Gain. Full lock is at trim +- 18000 * scale."""
 
     def wired(self, counts: float) -> float:
-        """Counts on the wire for those that are meant."""
+        """Return the counts on the wire for `counts` of the controller."""
         return min(max(self.trim + self.direction * self.scale * counts, -PWM_MAX), PWM_MAX)
 
     def meant(self, counts: float) -> float:
-        """Counts that are meant by those on the wire."""
+        """Return the controller's counts for `counts` on the wire; the inverse of `wired`."""
         return self.direction * (counts - self.trim) / self.scale
 
 

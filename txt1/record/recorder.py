@@ -1,8 +1,8 @@
-"""The recorder: whatever a robot's bus carries, in batches, to where it is kept or shown.
+"""The recorder writes every message of a robot's bus, in batches, to a file or to a live view.
 
-In the loop it only keeps references. Every batch goes to another thread, which makes bytes of it and writes them. On
-the real clock a writer that falls behind loses batches, which are counted. At full speed nobody is late, so the loop
-does all of it itself: taking turns with a thread for the interpreter would cost more.
+In the loop it only keeps references. Every batch goes to a thread, which encodes and writes it. In real time a writer
+that falls behind loses batches; they are counted. At full speed the loop itself encodes and writes, as no deadline
+has to be met and a second thread would only contend for the GIL.
 """
 
 import asyncio

@@ -176,7 +176,7 @@ class World:
     def _collide(self, here: _Whereabouts, there: _Whereabouts, after: Motion, until: float) -> Motion:
         """The vehicle's motion at `until`; if it runs into the other one, both are halted."""
         vehicle, other = here.vehicle, there.vehicle
-        # my time less the other's; who does not move yet has been looked at as late as I have
+        # vehicle's clock minus other's; a vehicle that has not started is compared at the same instant
         ahead = other.began - vehicle.began if other.running else vehicle.time - other.time
         its_until = until - ahead
         its_after = self._blocked(there, other.motion_at(its_until), its_until)

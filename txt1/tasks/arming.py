@@ -1,9 +1,14 @@
 """Whether the safety gate may be opened now."""
 
+from typing import Final
+
 from txt1.control.standstill import UNOBEYED
 from txt1.hal.base import Hal
 from txt1.tasks.standstill import Watch
 from txt1.tasks.state import State
+
+# s of the run: the mode task judges the link once a second, so none is alive before
+FIRST: Final = 1.0
 
 
 def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, now: float) -> str | None:
@@ -16,14 +21,18 @@ def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held
     if board is not None and not board.ready:
         return f"no link to the board yet: {board.text}"
     if not state.link.alive:
-        return "link lost: the host has not been heard for a second"
+        return (
+            f"the link is checked after {FIRST:g} s; try again then"
+            if now <= FIRST
+            else "no word from the host for a second; is the program that drives it still running?"
+        )
     if held:
         return (
             "control: host is experimental: an original board in manual mode keeps its last PWM when this host "
             "dies; with the wheels off the ground, put it into manual mode and set serial.allow_host=true"
         )
     if watch is not None and watch.standstill.stop in UNOBEYED:
-        return "it has not stopped yet"
+        return "it has not stopped yet; wait until it stands"
     if state.power.esc is False and not hal.capabilities.power_known:
         return "the ESC is off: switch it on first (e, or Robot.switch_power)"
     if state.power.atx is False:

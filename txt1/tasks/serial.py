@@ -30,9 +30,9 @@ from txt1.tasks.state import State
 
 INBOX_MAX: Final = 1000  # messages that may wait for the task; a host that floods it loses the oldest
 Inbox = deque[tuple[Message, float, int]]
-"""Messages that have arrived, each with the time its author gave it (s of the run) and the gate's epoch then.
+"""Messages from the host, each with the time its author gave it (s of the run) and the gate's epoch at that time.
 
-They are the host's; behind the wire, the board's answers to a PID set come in here, too.
+With a board behind a line, its answers to a PID set arrive here as well.
 """
 
 

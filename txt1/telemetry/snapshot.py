@@ -1,7 +1,7 @@
 """Everything the robot tells at one instant, by topic; and as one line of JSON, keyed and with a version.
 
-Reading a line follows the topics' types, one topic at a time when it is asked for: a topic or a field more is ignored,
-one that is missing is None or has its default. So no new field makes an older line unreadable.
+A topic is decoded when it is first asked for. Unknown topics and fields are ignored; missing ones are None or their
+default. So an older line stays readable when fields are added.
 """
 
 from __future__ import annotations

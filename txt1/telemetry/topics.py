@@ -41,7 +41,7 @@ class Topic(Generic[T]):
         paths: of the numbers in the message, such as "twist.linear.x", in the order in which they stand there.
         make: the numbers of a value, in the order of `paths`, those behind them left out; without paths, the message's
             fields as a nested mapping, or all behind its header as a named tuple.
-        in_snapshots: whether snapshots tell it, too: not what takes too long for that, or says the same once more.
+        in_snapshots: False for topics that are slow to read or that repeat another one.
 
     The message's first time stamp is filled in by whoever writes it.
 

@@ -67,7 +67,7 @@ class Workers(NamedTuple):
         return self.jobs > 1 or self.cluster is not None
 
     def each(self, work: Work, trials: Mapping[K, Any], ended: Ended) -> Iterator[tuple[K, Any]]:
-        """Each trial's key and result as it comes, until all are done or it is to end; what was begun then is lost.
+        """Yield (key, result) as trials finish. Once `ended()` is true, unfinished trials are dropped.
 
         Raises an error of a trial; Txt1Error: processes are killed again and again; ConfigError: the cluster is not
         there, unsafe, or has other code than ours; MissingExtra.

@@ -159,7 +159,7 @@ def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
         ("← →", "screen: " + ", ".join(installed())),
         ("↑ ↓", "scroll the table of gains"),
         ("c", "joystick centre: controller or manual mode"),
-        ("e", "ESC off, or on again: behind a line 3.2 s later, disarmed"),
+        ("e", "toggle the ESC; a real board must be disarmed and takes 3.2 s"),
         ("?", "this help, and back"),
         ("q", "quit: outputs neutral, terminal as it was"),
         ("", ""),

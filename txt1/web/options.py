@@ -31,7 +31,7 @@ WEB: Final = {
     ),
     "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", path),
     "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
-    "--web-key": takes("FILE", "... and its key, if that is another file", existing),
+    "--web-key": takes("FILE", "private key of --web-cert, if it is not in the same file", existing),
     "--web-speed": takes("V", "the fastest that visitors drive at first, m/s", positive, default=0.5),
     "--web-folder": takes("FOLDER", "of recordings that the page makes or plays", path, default=Path("out/recordings")),
     "--web-robot": takes(

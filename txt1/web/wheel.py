@@ -17,7 +17,7 @@ class PageClock:
     """The age of a page's messages, from messages that went there and back.
 
     A page that answered with its own time `page` to a message of `sent`, heard at `now`, has a clock that is between
-    sent - page and now - page behind. Of that the lower end counts: a message is never taken for younger than it is.
+    sent - page and now - page behind. The smaller offset is used, so that no message seems younger than it is.
     """
 
     def __init__(self) -> None:

@@ -358,7 +358,9 @@ def watch(*steps: tuple[int, int, int, int]) -> str | None:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_silence_counts_in_reverse_as_well(sign: int) -> None:
     assert watch((sign * 2001, 0, 0, 14)) is None
-    assert watch((sign * 2001, 0, 0, 15)) == "both encoders are silent, or something blocks the robot"
+    assert (
+        watch((sign * 2001, 0, 0, 15)) == "blocked: a wall or an obstacle, or dead encoders; arm it (m) and drive back"
+    )
     assert watch((sign * 500, sign * 10, 0, 15)) is None
     assert watch((sign * 500, sign * 10, 0, 15), (500, sign, 0, 1)) == "the left encoder is silent"
     assert watch((sign * 500, 0, sign * 10, 15)) is None

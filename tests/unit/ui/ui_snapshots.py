@@ -47,7 +47,15 @@ from txt1.telemetry.snapshot import Snapshot
 
 TEAM = (
     Member("txt01", True, pose=(-2.479, 1.136, 0.5), v=0.512, driver="program", battery=12.164),
-    Member("txt02", False, "runaway: both encoders are silent", (10.25, -3.5, 0.0), -0.31, battery=9.81, age=0.0385),
+    Member(
+        "txt02",
+        False,
+        "blocked: a wall or an obstacle, or dead encoders; arm it (m) and drive back",
+        (10.25, -3.5, 0.0),
+        -0.31,
+        battery=9.81,
+        age=0.0385,
+    ),
     Member("txt03", False, alive=False, pose=(0.75, 0.75, 0.0), battery=12.17, age=12.4, offset=0.00019),
     Member("txt04", True, pose=(0.5, -0.75, 0.0), battery=12.02, age=0.0412, offset=0.0013, silent="txt01"),
 )

@@ -199,7 +199,7 @@ const files = (know, panel) => {
   const now = know.topics["/recording"]
   const parts = [element("div", { className: "row" },
     element("button", { id: "record", className: now ? "" : "primary", onclick: () => know.send({ do: "record", on: !now }) }, now ? "stop recording" : "record"),
-    element("button", { onclick: () => know.send({ do: "files" }) }, "look again"),
+    element("button", { onclick: () => know.send({ do: "files" }) }, "Refresh"),
     now ? span(now, "dim") : null)]
   if (replay) {
     parts.push(title(`showing ${replay.name}`), element("div", { className: "row" },
