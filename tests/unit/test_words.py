@@ -21,7 +21,7 @@ def test_sentences_of_a_page_are_counted_without_its_code() -> None:
     found = list(sentences(markdown(PAGE)))
     assert found == [
         "The robot stops.",
-        "What it does then, nobody knows, eg behind a wall.",
+        "What it does then, nobody knows, e.g behind a wall.",
         "This item is one sentence, with CODE left out.",
     ]
     assert count(found)[1:] == (3, 3, 0)  # What, nobody, one
