@@ -27,6 +27,7 @@ from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
+from txt1.sensors.light import eyes
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
@@ -83,6 +84,7 @@ class Samples(NamedTuple):
     noise: Array  # a share of each reading, given, shape (samples, n, 4)
     lux: Array  # written, shape (samples, n, 4)
     seen_from: Array  # the odometry with each, written, shape (samples, n, 5)
+    poses: Array  # the true pose with each, written, shape (samples, n, 3)
 
 
 @partial(compiled, nogil=True)
@@ -93,7 +95,7 @@ def _advance(cars: Cars, commands: Array, first: int, drag: Array, samples: Samp
     odometry, in the order in which the running robot has them.
     """
     robots, odometry, frozen = cars.robots, cars.odometry, cars.frozen
-    noise, lux, seen_from = samples.noise, samples.lux, samples.seen_from
+    noise, lux, seen_from, poses = samples.noise, samples.lux, samples.seen_from, samples.poses
     light, mount, gains, faults = world.light, world.mount, world.gains, world.faults
     motor_max, schedule, linear, car, known = world.loops
     count_length, track_width = world.wheels
@@ -115,6 +117,7 @@ def _advance(cars: Cars, commands: Array, first: int, drag: Array, samples: Samp
                 turned -= 2.0 * pi * np.round(turned / (2.0 * pi))
                 x = before[0, i] + share * (robots[X, i] - before[0, i])
                 y = before[1, i] + share * (robots[Y, i] - before[1, i])
+                poses[sample, i, 0], poses[sample, i, 1], poses[sample, i, 2] = x, y, before[2, i] + share * turned
                 seen = _lux_at(x, y, before[2, i] + share * turned, light, mount)
                 for s in range(4):
                     reading = gains[s] * seen[s] * (1.0 + noise[sample, i, s])
@@ -152,16 +155,19 @@ class Lockstep:
         self.odometry: Array = np.zeros((3, len(poses)))
         self.frozen: Array = np.zeros((4, len(poses)))
         self.tick = 0
+        self._config = config
+        self._sees = [eyes(config, rng) for _ in poses] if by_eyes(config) else []
         self._rng = rng
         sim, light = config.sim, config.sim.light
         exponent = float(light.exponent)
-        self._noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
+        jitters = noise_for_jitter(exponent=exponent, height=light.height)
+        self._noise = jitters if light.noise is None else light.noise
         self._drag = sim.noise.drag
         self._world = Fixed(
             dynamics(powered(sim.vehicle, sim.battery), config.geometry),
             loops_of(config),
             wheels_of(config),
-            PointLight(*sim.room.light, light.intensity, exponent),
+            PointLight(*sim.room.light, light.intensity, exponent, light.height),
             light.mount,
             np.array(light.gains),
             np.array([CODES[fault] for fault in light.faults]),
@@ -173,6 +179,8 @@ class Lockstep:
             each[:, which] = 0.0
         self.robots[:3, which] = poses.T
         self.robots[PHASE : PHASE + 2, which] = self._rng.random((2, len(which)))
+        for k in which if self._sees else ():
+            self._sees[k] = eyes(self._config, self._rng)
 
     def advance(self, which: NDArray[np.intp], commands: Array, ticks: int) -> tuple[Array, Array]:
         """Let some drive on at commands (v, omega), shape (len(which), 2); their samples, and the odometry with each.
@@ -184,11 +192,20 @@ class Lockstep:
         shape = (end - begin, len(which))
         drag = self._drag * self._rng.standard_normal((ticks, len(which)))
         noise = self._noise * self._rng.standard_normal((*shape, 4))
-        samples = Samples(noise, np.empty((*shape, 4)), np.empty((*shape, 5)))
+        samples = Samples(noise, np.empty((*shape, 4)), np.empty((*shape, 5)), np.empty((*shape, 3)))
         _advance(cars, commands, self.tick, drag, samples, self._world)
+        if self._sees:
+            for k, index in enumerate(which):
+                see = self._sees[index]
+                samples.lux[:, k] = [see(pose) for pose in map(tuple, samples.poses[:, k].tolist())]
         self.robots[:, which], self.odometry[:, which], self.frozen[:, which] = cars
         self.tick += ticks
         return samples.lux, samples.seen_from
+
+
+def by_eyes(config: Config) -> bool:
+    """Whether the light has to be seen by the running robot's own sensors, one by one, which takes longer."""
+    return config.sim.light.true_bearing or config.sim.room.map is not None
 
 
 def loops_of(config: Config) -> Loops:

@@ -149,6 +149,8 @@ class LightConfig(Section):
     """Lux at 1 m: a 100 W lamp; assumed."""
     exponent: Literal[2, 4] = 2
     """The light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)."""
+    height: NotNegative = 0.0
+    """Of the light above the sensors' plane, m."""
     noise: NotNegative | None = None
     """Of a reading, as a share of it; null: as much as makes the direction jitter by the thesis's 45 degrees."""
     mount: Mount = MOUNT

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.config import Config, flatten
+from txt1.config import Config, completed, flatten
 from txt1.learning.trial import Start
 from txt1.sim.dynamics import VERSION
 
@@ -75,7 +75,9 @@ def known_floor(config: Config) -> Floor | None:
 
 def key_of(config: Config) -> str:
     """All that a floor depends on and that is not its default, and the version of our physics, as a hash."""
-    usual = dict(flatten(Config()))
-    told = {key: value for key, value in flatten(config) if key.startswith(DEPENDS) and usual.get(key) != value}
+    usual = dict(flatten(completed(Config())))
+    told = {
+        key: value for key, value in flatten(completed(config)) if key.startswith(DEPENDS) and usual.get(key) != value
+    }
     told["version of the physics"] = VERSION
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]

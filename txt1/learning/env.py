@@ -179,8 +179,8 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         self._task = task_of(one)
         light, (x, y) = one.sim.light, self._task.light
         exponent = float(light.exponent)
-        noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
-        source = PointLight(x, y, light.intensity, exponent)
+        noise = noise_for_jitter(exponent=exponent, height=light.height) if light.noise is None else light.noise
+        source = PointLight(x, y, light.intensity, exponent, light.height)
         vehicle = powered(one.sim.vehicle, one.sim.battery)
         self.robots = Batch(num_envs, source, noise, one.sim.noise.drag, vehicle, one.geometry, one.safety)
         self._commands = np.array(COMMANDS)

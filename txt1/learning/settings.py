@@ -43,10 +43,12 @@ class ThesisConfig(Section):
     """Factor on it from one episode to the next."""
     temperature_floor: Positive = 0.05
     """The lowest."""
+    cooling: Literal["episodes", "decisions"] = "episodes"
+    """What the temperature falls with."""
     filtered: bool = True
     """Whether its readings pass the filter (5.10)."""
-    direction: Literal["summed", "corrected"] = "summed"
-    """How it makes a direction of them: the thesis's sum (5.3), or the same without its compression."""
+    direction: Literal["summed", "diagonal", "corrected"] = "summed"
+    """How it makes a direction of them: the thesis's sum (5.3), with 45 degrees a sensor, or without compression."""
     training: Annotated[int, Field(ge=0)] | None = None
     """Episodes after which it chooses greedily; null: never."""
     learn_on: bool = True
@@ -73,9 +75,11 @@ class LearningConfig(Section):
     """It has failed when abs(x) or abs(y) is more, m; the simulated room is made large enough."""
     time_limit: Positive = 300.0
     """It has failed when it takes longer, s; not in the thesis."""
-    pose: Literal["truth", "odometry", "fused"] = "truth"
-    """Where the robot is, for goal and boundary: the simulation's truth, odometry from the start pose on, or by all
-    sensors together (estimation)."""
+    goal_period: Positive | None = None
+    """Time between two looks for the goal and the boundary, s; null: at the learner's decisions, as in the thesis."""
+    pose: Annotated[str, Field(min_length=1)] = "truth"
+    """Where the robot is, for goal and boundary: the simulation's truth, odometry from the start pose on, fused (by all
+    sensors together), or the name of a motion capture system among `sensors`."""
     sensor: Annotated[str, Field(min_length=1)] = "light"
     """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
     thesis: ThesisConfig = ThesisConfig()

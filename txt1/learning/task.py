@@ -10,7 +10,7 @@ from math import degrees, nan
 from typing import Final, NamedTuple
 
 from txt1.config.schema import SensorConfig
-from txt1.errors import HalError, NotArmed, Overruled
+from txt1.errors import ConfigError, HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
 from txt1.learning.agent import Agent
 from txt1.learning.settings import LearningConfig
@@ -19,11 +19,13 @@ from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
 from txt1.model.light_sensors import Readings
 from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
+from txt1.sensors.readings import TrackerReading, heading
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
 LEARNING_PRIORITY = 0
 SIMULATED: Final = "sim_light"  # the driver of simulated light sensors
+TRACKED: Final = 0.2  # s, the age at which a pose of motion capture is no longer believed
 TO_START: Final = 0.4  # m/s, the fastest on the way to a start
 EPISODES: Final = 10_000  # more than anybody will watch
 FROM_WALL: Final = 0.5  # the boundary is at least so far inside the simulated room's walls, m
@@ -75,7 +77,7 @@ class LearningTask:
         self._robot = robot
         self._light = robot.sensors[robot.config.section(LearningConfig).sensor]
         by = robot.config.section(LearningConfig).pose
-        self._given = fused_pose(robot) if pose is None and by == "fused" else pose
+        self._given = _told_pose(robot, by) if pose is None and by not in ("truth", "odometry") else pose
         self._stopped = stopped
         self._truth = by == "truth" and robot.hal.capabilities.pose
         self._pose = self._given or (true_pose(robot) if self._truth else wheel_pose(robot))
@@ -204,6 +206,26 @@ class LearningTask:
                 robot.tell(f"the start was missed by {arrival.distance:.2f} m, {degrees(arrival.turn):.0f} degrees")
         trial.placed(now)
         return True
+
+
+def _told_pose(robot: Robot, by: str) -> PoseSource:
+    """The pose by all sensors together, or as a motion capture system sees it; ConfigError: there is none."""
+    if by == "fused":
+        return fused_pose(robot)
+    if by not in robot.sensors:
+        there = ", ".join(["truth", "odometry", "fused", *robot.sensors])
+        raise ConfigError(f"learning.pose: there is no sensor '{by}'; there are: {there}")
+
+    def read() -> tuple[float, float, float] | None:
+        last = robot.sensors[by].last
+        if last is None or robot.now - last.time > TRACKED:
+            return None
+        seen = last.value
+        if not isinstance(seen, TrackerReading):
+            raise ConfigError(f"learning.pose: the sensor '{by}' tells no pose; use a motion capture system")
+        return seen.x, seen.y, heading(seen.orientation)
+
+    return PoseSource(by, read)
 
 
 def start(

@@ -18,6 +18,7 @@ from txt1.learning.light_direction import (
     SECTORS,
     LightFilter,
     corrected_direction,
+    diagonal_direction,
     direction,
     reward,
     sector,
@@ -33,6 +34,8 @@ from txt1.sim.lamp import PointLight, illuminances
 REACHED: Final = 0.15  # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
 SENSED: Final = 0.18  # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
 RATE_DECAY: Final = 0.9  # factor on a fading learning rate, from one episode to the next
+
+DIRECTIONS: Final = {"summed": direction, "diagonal": diagonal_direction, "corrected": corrected_direction}
 
 QRow = NDArray[np.floating[Any]]  # the Q-values of one state's actions
 
@@ -123,9 +126,10 @@ class ThesisAgent:
         self.q: Table = initial(rng, actions=len(commands))
         self.episode = 0
         self.visits = np.zeros(STATES, int)
+        self.decisions = 0
         self._rng = rng
         self._commands = commands
-        self._direction = direction if settings.direction == "summed" else corrected_direction
+        self._direction = DIRECTIONS[settings.direction]
         self.filter = LightFilter(spread_limit(exponent))
         self._sample: Readings | None = None  # where there is no filter
         self._before = (self.q.copy(), self.visits.copy())
@@ -187,6 +191,7 @@ class ThesisAgent:
         self._earned = self._learn(s_next, odometry)
         self._s = s_next
         self._a = self.choose(s_next)
+        self.decisions += 1
         self._due = now + self.settings.period
         self._reaching = self.settings.remedy == "hold"
         return self._a
@@ -214,7 +219,8 @@ class ThesisAgent:
             return int(self._rng.integers(len(self.q[0])))
         if one.policy == "greedy" or not self.training:
             return greedy_action(self.q[s], self._rng)
-        temperature = fading(self.episode, one.temperature, one.temperature_decay, one.temperature_floor)
+        steps = self.episode if one.cooling == "episodes" else self.decisions
+        temperature = fading(steps, one.temperature, one.temperature_decay, one.temperature_floor)
         return choose(boltzmann(self.q[s], temperature), self._rng)
 
     @property
@@ -269,13 +275,14 @@ class ThesisAgent:
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
         rng = self._rng.bit_generator.state
-        return {"q": self.q.tolist(), "visits": self.visits.tolist(), "episode": self.episode, "rng": rng}
+        counts = {"episode": self.episode, "decisions": self.decisions}
+        return {"q": self.q.tolist(), "visits": self.visits.tolist(), **counts, "rng": rng}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from what `memory` gave."""
         self.q = np.array(memory["q"], float)
         self.visits = np.array(memory["visits"], int)
-        self.episode = int(memory["episode"])
+        self.episode, self.decisions = int(memory["episode"]), int(memory.get("decisions", 0))
         self._rng.bit_generator.state = memory["rng"]
 
 
@@ -284,7 +291,7 @@ def courses(table: StoredTable, lights: Table) -> Table:
 
     `lights` has the shape (places, 2), m.
     """
-    seen = corrected_direction if table.about.get("direction") == "corrected" else direction
+    seen = DIRECTIONS.get(str(table.about.get("direction")), direction)
     commands = table.about.get("commands", COMMANDS)
     best = table.values.argmax(axis=1).tolist()
     sectors = [sector(seen(illuminances(0.0, 0.0, 0.0, PointLight(x, y)))) for x, y in lights.tolist()]

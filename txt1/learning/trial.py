@@ -46,6 +46,7 @@ class Task(NamedTuple):
     speed: float = SPEED  # the fastest of the actions, m/s
     radius_min: float = Geometry().radius_min  # of the sharpest turn among the actions, m
     delay: float = 0.0  # after which an action reaches the robot, s
+    goal_period: float | None = None  # between two looks for goal and boundary, s; None: at the agent's decisions
 
 
 class Start(NamedTuple):
@@ -124,6 +125,7 @@ def task_of(config: Config) -> Task:
         speed=speed,
         radius_min=radius_min,
         delay=one.delay,
+        goal_period=one.goal_period,
     )
 
 
@@ -169,6 +171,7 @@ class Trial:
 
     def __post_init__(self) -> None:
         self._began = 0.0
+        self._looks = 0.0  # when the goal is looked for next
         self._action = 0
         self._under_way: list[tuple[float, tuple[float, float]]] = []  # commands, and when each reaches the robot
         self._in_force = (0.0, 0.0)
@@ -211,15 +214,17 @@ class Trial:
             if now - self._began < self.task.settle - 1e-9 or not self.agent.ready:
                 return 0.0, 0.0
             self.phase = Phase.DRIVE
-            self._began = now
+            self._began = self._looks = now
         number = len(self.episodes) + 1
         if number in self.keep_paths:
             self.paths.setdefault(number, []).append((pose[0], pose[1]))
-        if not self.agent.waits(now, odometry):
+        decides = not self.agent.waits(now, odometry)
+        if self._looks_now(now, decides):
             ended = self._ended(now, pose)
             if ended is not None:
                 self._end(now, ended, odometry)
                 return 0.0, 0.0
+        if decides:
             self._action = self.agent.act(now, odometry)
             self.decided(self._action)
         return self._delayed(now, self.commands[self._action])
@@ -241,8 +246,18 @@ class Trial:
             self.paths.pop(len(self.episodes) + 1, None)
             self.phase = Phase.MOVE
 
+    def _looks_now(self, now: float, decides: bool) -> bool:
+        """Whether the goal is looked for: at decisions, as the original's learner did (O), or by the task's period."""
+        period = self.task.goal_period
+        if period is None:
+            return decides
+        if now < self._looks - 1e-9:
+            return False
+        self._looks += period
+        return True
+
     def _ended(self, now: float, pose: Pose) -> bool | None:
-        """Whether it has ended, True in success; asked at decisions only, as the original's learner did (O)."""
+        """Whether it has ended, True in success."""
         task = self.task
         x, y, _ = pose
         if hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius:

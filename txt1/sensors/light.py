@@ -62,8 +62,9 @@ def eyes(
     if light.true_bearing:
         return compass((x, y))
     exponent = float(light.exponent)
-    noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
-    source = PointLight(x, y, light.intensity, exponent)
+    height = light.height
+    noise = noise_for_jitter(exponent=exponent, height=height) if light.noise is None else light.noise
+    source = PointLight(x, y, light.intensity, exponent, height)
     lit, walls = None, config.sim.room.built().walls
     if walls is not None or config.sim.obstacles or config.sim.movers:
         from txt1.sim.shadow import lit_by

@@ -31,7 +31,7 @@ Lit = Callable[[float, float, float], Sequence[bool]]
 
 
 class PointLight(NamedTuple):
-    """A light that shines alike in all directions, at the height of the sensors.
+    """A light that shines alike in all directions.
 
     The default is the thesis's 100 W lamp: 1700 lm over the whole sphere are 135 lux at 1 m. So the sensors' three
     decades reach from 0.37 m, which is the last decimetre before the goal circle, to 11.6 m, which is farther than
@@ -42,6 +42,7 @@ class PointLight(NamedTuple):
     y: float = 0.0  # m, in the room
     intensity: float = 135.0  # lux at a distance of 1 m
     exponent: float = 2.0  # the light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)
+    height: float = 0.0  # above the sensors' plane, m
 
 
 class Range(NamedTuple):
@@ -64,7 +65,7 @@ def lux_at(
 ) -> tuple[float, float, float, float]:
     """The same as plain numbers, in the order of the sensors, which sit at `mount`."""
     c, s = cos(theta), sin(theta)
-    light_x, light_y, intensity, exponent = light
+    light_x, light_y, intensity, exponent, height = light
     dx, dy = light_x - x, light_y - y
     # the light in the vehicle's frame
     ahead = c * dx + s * dy
@@ -75,6 +76,9 @@ def lux_at(
     fr = (ahead - fr_x) * (ahead - fr_x) + (left - fr_y) * (left - fr_y)
     rl = (ahead - rl_x) * (ahead - rl_x) + (left - rl_y) * (left - rl_y)
     rr = (ahead - rr_x) * (ahead - rr_x) + (left - rr_y) * (left - rr_y)
+    if height:
+        up = height * height
+        fl, fr, rl, rr = fl + up, fr + up, rl + up, rr + up
     if fl < NEAREST or fr < NEAREST or rl < NEAREST or rr < NEAREST:
         fl, fr, rl, rr = max(fl, NEAREST), max(fr, NEAREST), max(rl, NEAREST), max(rr, NEAREST)
     if exponent != 2.0:
@@ -85,7 +89,11 @@ def lux_at(
 
 @cache
 def noise_for_jitter(
-    jitter: float = pi / 4.0, share: float = 0.95, distance: float = 1.25, exponent: float = 2.0
+    jitter: float = pi / 4.0,
+    share: float = 0.95,
+    distance: float = 1.25,
+    exponent: float = 2.0,
+    height: float = 0.0,
 ) -> float:
     """Standard deviation sigma of a reading's noise, as a share of it, for a direction that jitters so much.
 
@@ -114,10 +122,11 @@ def noise_for_jitter(
         share: of the samples inside it.
         distance: of the light from the robot's centre, m.
         exponent: of the light's fall.
+        height: of the light above the sensors' plane, m.
 
     Raises ValueError: no noise makes it jitter so.
     """
-    facing = illuminances(-distance, 0.0, 0.0, PointLight(exponent=exponent))
+    facing = illuminances(-distance, 0.0, 0.0, PointLight(exponent=exponent, height=height))
     front, rear = facing.front_left, facing.rear_left
     mean = 2.0 * SENSOR_X * (front - rear)
     per_sigma = sqrt(2.0 * front * front + 2.0 * rear * rear)

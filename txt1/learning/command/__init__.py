@@ -8,13 +8,14 @@ import numpy as np
 
 from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
 from txt1.commands import DISARMED, OK, add, count, flag, path, say, takes, unused
-from txt1.errors import MissingExtra, NotArmed, Txt1Error
+from txt1.errors import ConfigError, MissingExtra, NotArmed, Txt1Error
 from txt1.learning import experiment, plots
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.best_time import known_floor
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
 from txt1.learning.trial import Episode, task_of
+from txt1.learning.worlds import OWN, world_file
 from txt1.record.options import LOG
 from txt1.trials.run import progress
 from txt1.trials.workers import OPTIONS, workers_of
@@ -48,7 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--resume": flag("continue the results in DIR"),
             "--no-pictures": flag("draw no pictures; in a sweep of many trials they would take most of the time"),
             "--worlds": _moved("worlds DIR"),
-            "--world": _moved("worlds DIR --world NAMES"),
+            "--world": takes(
+                "NAME",
+                "a world of config/worlds by its name, or a .yaml; thesis learns in thesis-simulation by default",
+            ),
             "--compare": _moved("compare FILE"),
             "--floor": _moved("floor"),
         }
@@ -61,8 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Do the trials and write what came of them; the exit code."""
-    config = loaded(arguments).config
     name = arguments.agent or "thesis"
+    config = loaded(_in_world(arguments, name)).config
     make(name, config, np.random.default_rng(0))  # refuses a wrong name or options before anything begins
     speed = robot_speed(arguments, config)
     plan = Plan(
@@ -103,6 +107,20 @@ def main(arguments: argparse.Namespace) -> int:
     return OK if ended is None else 128 + ended
 
 
+def _in_world(arguments: argparse.Namespace, learner: str) -> argparse.Namespace:
+    """The arguments with the world's file as the configuration; a learner's own world is for simulations alone."""
+    name = arguments.world
+    if name is not None and arguments.config is not None:
+        raise ConfigError("--world: a world is a configuration file, and --config gives another; leave out one of them")
+    simulated = arguments.hal in (None, "sim") and arguments.port is None
+    if name is None and arguments.config is None and simulated:
+        name = OWN.get(learner)
+    if name is None:
+        return arguments
+    say(f"in the world {name}")
+    return argparse.Namespace(**{**vars(arguments), "config": world_file(name)})
+
+
 def _tell(metrics: dict[str, Any]) -> None:
     """Print the figures in a few lines."""
     for key, what in (("after_episode_7", "after episode 7"), ("last_10", "last 10 episodes")):
@@ -123,7 +141,7 @@ def _tell(metrics: dict[str, Any]) -> None:
             f"{'not known (python -m studies.learners floor)' if least is None else f'{least:.3f}'}"
         )
     if "thesis_mean_time_s" in metrics:
-        print(f"{'thesis':<20} mean {metrics['thesis_mean_time_s']} s after episode 7")
+        print(f"{'the thesis reports':<20} mean {metrics['thesis_mean_time_s']} s after episode 7, in simulation")
     known = {episode: ratio for episode, ratio in metrics.get("ratio_at_episode", {}).items() if ratio is not None}
     if known:
         print(f"{'ratio at episode':<20} {', '.join(f'{episode}: {ratio:.3f}' for episode, ratio in known.items())}")

@@ -1,0 +1,19 @@
+"""The worlds that come with the package (config/worlds): a configuration each, which `txt1 learn --world` takes."""
+
+from pathlib import Path
+from typing import Final
+
+from txt1.errors import ConfigError
+from txt1.resources import resource
+
+WORLDS: Final = "config/worlds"
+OWN: Final = {"thesis": "thesis-simulation"}  # the world in which a learner learns where nothing else is said
+
+
+def world_file(name: str) -> Path:
+    """Return the file of a world, by its name or its path; raises ConfigError: there is none."""
+    path = Path(name) if name.endswith(".yaml") else resource(WORLDS) / f"{name}.yaml"
+    if not path.is_file():
+        known = ", ".join(sorted(each.stem for each in resource(WORLDS).glob("*.yaml")))
+        raise ConfigError(f"--world {name}: there is no such world; give a .yaml file, or one of {known}")
+    return path
