@@ -11,8 +11,8 @@ from typing import Annotated, Final, Literal
 import yaml
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
+from txt1.config.safe_yaml import read_yaml
 from txt1.config.schema import Section
-from txt1.config.sources import read_yaml
 from txt1.errors import ConfigError
 from txt1.units import Positive
 

@@ -21,8 +21,9 @@ import yaml
 from pydantic import Field, ValidationError
 
 from txt1.config import Config
+from txt1.config.safe_yaml import read_yaml
 from txt1.config.schema import Section
-from txt1.config.sources import read_yaml, with_values
+from txt1.config.sources import with_values
 from txt1.errors import ConfigError
 
 APART: Final = 1.5  # m between two robots that nobody gave a start

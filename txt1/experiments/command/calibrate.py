@@ -17,7 +17,8 @@ from txt1.cli.app import App, get_ready
 from txt1.cli.options import ROBOT, loaded
 from txt1.commands import FAULT, OK, add, count, flag, path, takes
 from txt1.config import Config
-from txt1.config.sources import flatten, read_yaml, vehicle_file
+from txt1.config.safe_yaml import read_yaml
+from txt1.config.sources import flatten, vehicle_file
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
 from txt1.experiments.calibration import simulated_operator
