@@ -18,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
+from tests.any_json import JSON
 from tests.e2e.conftest import may_block, passing
 from tests.examples import examples
 from tests.patience import LIMIT, until
@@ -179,16 +180,6 @@ def text_of(snapshot: Snapshot) -> str:
     return str(console.file.getvalue())  # type: ignore[attr-defined]
 
 
-JSON = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers()
-    | st.floats()
-    | st.text(max_size=8)
-    | st.sampled_from([10**400, -(10**400), 1e308, "\x1b[2J", [], {}]),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=12,
-)
 NUMBERS = st.lists(st.floats() | JSON, min_size=2, max_size=4)
 FIELDS = {
     "go": {"points": st.lists(NUMBERS, max_size=3) | JSON, "speed": st.floats() | JSON},

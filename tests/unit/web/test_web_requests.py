@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.any_json import JSON
 from tests.examples import examples
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the extra 'web'")
@@ -126,16 +127,6 @@ async def test_a_stop_waits_for_few_messages_of_a_flood_that_has_come_before_it(
     await flooding
 
 
-JSON = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers()
-    | st.floats()
-    | st.text(max_size=8)
-    | st.sampled_from([10**400, -(10**400), 1e308, "1e999", "nan"]),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=12,
-)
 NAMES = (
     "n", "t", "v", "omega", "ping", "points", "speed", "linear", "angular", "on", "name", "topics", "to", "hold",
 )  # fmt: skip

@@ -1,0 +1,89 @@
+"""Nothing that a node of ROS, a pad or a viewer asks for ends what serves it, or moves what it may not."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import json
+from collections.abc import Callable
+from math import isfinite
+from typing import Any, Final
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.any_json import JSON
+from tests.examples import examples
+from txt1.bridges.registry import RobotEnd
+from txt1.kernel.loop import run
+from txt1.record.live import velocity
+from txt1.robot import Robot
+from txt1.ros.original import Ros1Desk
+from txt1.ros.robot_end import Ros2RobotEnd
+from txt1.sidecar import Request
+
+ENDS: Final[dict[str, Callable[[Robot], RobotEnd]]] = {
+    "ros": Ros2RobotEnd,
+    "ros1": Ros1Desk,
+    "gamepad": lambda robot: RobotEnd(robot, "gamepad", {}),
+}
+CALLED: Final = (
+    "disarm", "stop", "load_gains", "drive_to", "manual", "place", "set", "power",
+    "pid_load", "pwm_change", "switched_pwr", "shutdown_computer",
+)  # fmt: skip
+"""What a node calls for with an answer, but for "arm"."""
+ASKED: Final = (
+    "begin", "missing", "parent", "cancel", "drive", "combined", "servos", "release", "request", "stop", "disarm",
+    "press", "tell", "subscribe", "nothing",
+)  # fmt: skip
+NAMES: Final = (
+    "v", "omega", "age", "x", "y", "theta", "speed", "frame", "switch", "on", "values", "linear", "angular", "id",
+    "button", "text", "topics", "esc", "front", "rear", "pwm4", "pwm5", "source", "manual", "reason",
+)  # fmt: skip
+FIELDS = st.dictionaries(st.sampled_from(NAMES), JSON | st.floats(-2.0, 2.0) | st.sampled_from(["esc", "odom", 1, 2]))
+CALLS = st.builds(
+    lambda number, name, fields: ("call", {"id": number, "name": name, "fields": fields}),
+    st.integers(0, 9) | JSON,
+    st.sampled_from(CALLED) | JSON,
+    FIELDS | JSON,
+)
+REQUESTS = CALLS | st.tuples(st.sampled_from(ASKED), FIELDS)
+
+
+@pytest.mark.parametrize("end", ENDS)
+@settings(max_examples=examples(24), deadline=None)
+@given(asked=st.lists(REQUESTS, max_size=15), armed=st.booleans())
+def test_nothing_that_a_bridge_asks_for_ends_it_and_a_stop_is_obeyed_after_it(
+    end: str, asked: list[tuple[str, dict[str, Any]]], armed: bool
+) -> None:
+    async def main() -> None:
+        unexpected: list[object] = []
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: unexpected.append(context))
+        async with Robot.open(hal="sim", seed=1, settings=["safety.auto_arm=never"]) as robot:
+            await robot.load_gains()
+            desk = ENDS[end](robot)
+            if armed:
+                robot.arm()
+            for name, fields in asked:
+                desk.request(Request(name, fields, 0.0))
+                await asyncio.sleep(0.05)
+                desk.telemetry()
+                control = robot.runtime.state.control
+                assert armed or not robot.armed, "nobody asked it to arm"
+                assert robot.armed or control.outputs.motor == 0
+                assert isfinite(control.v) and abs(control.v) <= robot.config.safety.v_max
+            desk.request(Request("stop", {"why": [1]}, 0.0))
+            assert not robot.armed and robot.runtime.gate.stopped
+            desk.let_go()
+            gc.collect()
+        assert not unexpected
+
+    run(main(), speed="max")
+
+
+@settings(max_examples=examples(300), deadline=None)
+@given(st.binary(max_size=60) | JSON.map(lambda value: json.dumps(value).encode()))
+def test_whatever_a_viewer_publishes_is_a_velocity_or_nothing(data: bytes) -> None:
+    found = velocity(data)
+    assert found is None or all(isinstance(number, float) for number in found)
