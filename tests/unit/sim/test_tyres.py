@@ -131,6 +131,32 @@ def test_at_0_3_to_0_5_m_s_the_txt_1_s_figures_change_by_less_than_a_per_cent(v:
         assert one == pytest.approx(other, rel=0.01, abs=1e-4)
 
 
+def test_as_in_others_physics_an_f1tenth_spins_its_wheels_with_the_txt_1_s_loop_and_not_with_its_own() -> None:
+    def spun(*settings: str) -> float:
+        """How far the wheels slid along their way to either side, m, in three seconds at 0.5 m/s."""
+
+        async def drive() -> float:
+            given = load(None, ["vehicle=f1tenth", *ENDLESS, *settings], {}, {}).config
+            states: list[VehicleState] = []
+            async with Robot.open(config=given, arm=True) as robot:
+                await robot.load_gains()
+                robot.program.begin()
+                for _ in range(150):
+                    robot.program.insist(0.5, 0.0)
+                    await asyncio.sleep(0.02)
+                    states.append(robot.hal.vehicle.state)
+            return sum(abs(b.right - a.right - (b.x - a.x)) for a, b in pairwise(states))
+
+        return loop.run(drive(), speed="max")
+
+    thesis = ("car.known=false", "control.linear.kp=11", "control.linear.ki=18", "control.linear.kd=0.25")
+    assert spun() < 0.02
+    assert spun(*thesis) > 1.0
+    assert spun(*thesis, "sim.vehicle.speed_gain=0.0001", "sim.vehicle.grip=2") < 0.02, (
+        "a weak motor on tyres that hold"
+    )
+
+
 def test_a_change_of_the_equations_raises_their_version() -> None:
     """The learners' floors and other results that are kept stand for one version of the equations."""
     state = driven(VehicleState(), 4000.0, 9000.0, 1.0, P)[-1]
