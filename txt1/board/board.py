@@ -85,7 +85,7 @@ HABITS: Final = {
 
 
 class Board:
-    """A board on the desk, the `End` of its host's link; `manual`: it obeys PWM test instead of Velocity at first."""
+    """A virtual board, the `End` of its host's link; `manual`: it obeys PWM test instead of Velocity at first."""
 
     def __init__(self, config: Config, *, manual: bool = False) -> None:
         settings = config.section(BoardConfig)

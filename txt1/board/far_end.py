@@ -1,4 +1,4 @@
-"""The far end of a simulated line: a board's, or that of another device on the desk."""
+"""The far end of a simulated line: a virtual board or another virtual device."""
 
 from typing import Final
 

@@ -75,7 +75,7 @@ class SimulatedCar:
 
 
 class Controller(Station):
-    """A motor controller on the desk, with a simulated car behind it; `step` is its loops, `received` its ear."""
+    """A virtual motor controller, with a simulated car behind it; `step` is its loops, `received` its ear."""
 
     def __init__(self, config: Config) -> None:
         self.car = SimulatedCar(config)
@@ -120,7 +120,7 @@ class Controller(Station):
 
 
 class Powered(Protocol):
-    """A device on the desk that is powered up when a host opens its port."""
+    """A virtual device that is powered up when a host opens its port."""
 
     line: End
 

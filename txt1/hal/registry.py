@@ -11,8 +11,8 @@ imported when it is first asked for.
 The simulation takes no configuration, only values, so the function that makes it from one is here. Every other HAL is a
 text, and is imported when it is wanted: opening a simulated robot imports no line, and opening a board no simulation.
 
-An addition brings a HAL, its doubles on the desk, or both. A HAL at `serial.port` has its double at the port of its own
-name; one at an I2C bus has its double where `hal_options.bus` is DESK.
+An addition brings a HAL, its virtual device, or both. With a HAL at `serial.port`, the HAL's name is the port of its
+virtual device; with a HAL at an I2C bus, `hal_options.bus` is DESK.
 """
 
 from __future__ import annotations

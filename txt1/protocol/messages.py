@@ -1,6 +1,6 @@
 """The messages between computer and board (thesis 3.5), in SI units.
 
-On the desk they are handed over as they are; the wire carries them as frames.
+In simulation they are handed over as they are; the wire carries them as frames.
 """
 
 from dataclasses import dataclass

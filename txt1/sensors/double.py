@@ -1,4 +1,4 @@
-"""What the sensors' doubles on the desk have in common: a link, and readings that are told to the host over it."""
+"""The common part of the virtual sensors: a link, and readings that are sent to the host over it."""
 
 from collections.abc import Callable
 from typing import Any

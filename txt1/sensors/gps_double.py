@@ -1,4 +1,4 @@
-"""A GPS on the desk: NMEA sentences as a receiver sends them, and gpsd's JSON as gpsd does."""
+"""A virtual GPS: NMEA sentences as a receiver sends them, and gpsd's JSON as gpsd does."""
 
 import json
 from math import hypot, pi

@@ -131,7 +131,7 @@ class ImuDecoder(Framed[ImuReading]):
 
 
 SIGMA: Final = ImuSigma(rates=0.006, acceleration=1.0, attitude=0.005, heading=0.035)
-"""Assumed, as its twin's errors are, on a car at 1 m/s."""
+"""Assumed, as the simulated IMU's errors are, on a car at 1 m/s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""A 3DM-GX2 on the desk: answers its commands, and sends replies without end when it is told to."""
+"""A virtual 3DM-GX2: answers its commands, and sends replies without end when it is told to."""
 
 from typing import Final
 

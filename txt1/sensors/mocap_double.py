@@ -1,4 +1,4 @@
-"""A motion capture system on the desk: a VRPN server that tracks one subject, in millimetres as Vicon's."""
+"""A virtual motion capture system: a VRPN server that tracks one subject, in millimetres as Vicon's."""
 
 from txt1.errors import HalError
 from txt1.link.base import Link

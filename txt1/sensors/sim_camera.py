@@ -1,4 +1,4 @@
-"""The twins of a camera and of a depth camera: pictures drawn from the world, the lamp in it."""
+"""A simulated camera and depth camera: pictures drawn from the world, the lamp in it."""
 
 import asyncio
 from collections.abc import Callable, Sequence

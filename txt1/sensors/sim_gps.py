@@ -1,4 +1,4 @@
-"""The twin of a GPS: white noise, a slow error as of satellites and atmosphere, and outages; all assumed."""
+"""A simulated GPS: white noise, a slow error as of satellites and atmosphere, and outages; all assumed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The twin of an IMU: specific force with gravity and vibration, rates with bias and noise (assumed for a 3DM-GX2)."""
+"""A simulated IMU: specific force with gravity and vibration, rates with bias and noise (assumed for a 3DM-GX2)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The twin of a laser scanner: rays cast against walls, obstacles and other robots while the vehicle drives on."""
+"""A simulated laser scanner: rays cast against walls, obstacles and other robots while the vehicle drives on."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The twin of a motion capture system: small noise, and occlusions during which it sees nothing."""
+"""A simulated motion capture system, with small noise and occlusions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

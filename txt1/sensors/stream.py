@@ -122,7 +122,7 @@ class Streamed(Generic[T]):
         codec: makes a codec for a new connection.
         baud: of a serial device.
         latency: of the device, from measuring to sending, s.
-        fake: the command that serves such a device on the desk.
+        fake: the command that serves a virtual device of this kind.
 
     """
 

@@ -1,6 +1,6 @@
 """The serial task: takes the host's messages as they arrive. Priority 4 (thesis 3.3.3, 3.5).
 
-On the desk a message arrives as the object the host made; behind a wire a decoder makes the same objects from bytes.
+In simulation a message arrives as the object the host made; behind a wire a decoder makes the same objects from bytes.
 """
 
 from collections import deque

@@ -1,4 +1,4 @@
-"""R/C cars on a Raspberry Pi as an addition: the HAL, a bus on the desk, and what the doctor looks at."""
+"""R/C cars on a Raspberry Pi as an addition: the HAL, a virtual bus, and the doctor's checks."""
 
 from txt1.additions import Addition
 

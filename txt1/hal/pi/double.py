@@ -211,7 +211,7 @@ class Monostable:
 
 
 class PiDouble:
-    """A servo board on the desk with a simulated car behind it, in the same process and the same time."""
+    """A virtual servo board with a simulated car behind it, in the same process and the same time."""
 
     def __init__(self, config: Config, setup: GuardSetup) -> None:
         options = checked(PiOptions, config.hal_options, "hal_options")
@@ -307,5 +307,5 @@ class PiDouble:
 
 
 def desk(config: Config, setup: GuardSetup) -> PiDouble:
-    """A servo board on the desk: `hal_options.bus: desk`."""
+    """Return a virtual servo board: `hal_options.bus: desk`."""
     return PiDouble(config, setup)

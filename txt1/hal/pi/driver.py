@@ -61,7 +61,7 @@ class PiOptions:
     output: Literal["pca9685", "gpio"] = "pca9685"
     """A servo board on the I2C bus, or GPIO pins."""
     bus: int | str = 1
-    """Number of the I2C bus; desk: a servo board on the desk; or the file that holds the registers of one."""
+    """Number of the I2C bus; `desk`: a virtual servo board; or a file with the registers of a virtual one."""
     address: Annotated[int, Ge(3), Le(0x77)] = 0x40
     """Of the servo board."""
     frequency: Annotated[float, Ge(40.0), Le(200.0)] = 50.0

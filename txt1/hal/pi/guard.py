@@ -63,7 +63,7 @@ class I2cBus(Protocol):
 class GuardSetup(NamedTuple):
     """The guard's setup, as the host sends it."""
 
-    bus: int | str  # number of the I2C bus, or the file of a bus on the desk
+    bus: int | str  # number of the I2C bus, or the file of a virtual bus
     output: str  # "pca9685" or "gpio"
     address: int  # of the servo board
     frequency: float  # of the pulses, Hz
@@ -231,7 +231,7 @@ class Guarded:
 def bus_class(setup: GuardSetup) -> Callable[[Any], Any]:
     """Import what opens the I2C bus of a set-up."""
     if isinstance(setup.bus, str):
-        from txt1.hal.pi.double import FileBus  # on the desk only
+        from txt1.hal.pi.double import FileBus  # for a virtual bus only
 
         return FileBus
     from smbus2 import SMBus  # not on every host

@@ -1,4 +1,4 @@
-"""A VESC on the desk, with a simulated car behind it, and a servo that steers on its servo output.
+"""A virtual VESC, with a simulated car behind it, and a servo that steers on its servo output.
 
 It does what the firmware does: frames with anything wrong are dropped, values go out when they are asked for, speeds
 below a least one let the motor roll, and when no command has come for as long as its time-out, it lets the motor roll;

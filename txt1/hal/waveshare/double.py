@@ -1,4 +1,4 @@
-"""A Waveshare rover's board on the desk, with a simulated rover behind it.
+"""A Waveshare rover's virtual board, with a simulated rover behind it.
 
 It does what the firmware of the UGV rovers does: lines that are no JSON are dropped, speeds of the sides are held by
 loops of its own, paths go out in whole centimetres and voltages in hundredths, and when no set-point has come for as
