@@ -1,21 +1,27 @@
-"""Makes the pictures of docs/web.md from a live page: `python -m docs.web_pictures [NAME ...]`.
+"""Makes the pictures of docs/web.md and of the README from a live page: `python -m docs.web_pictures [NAME ...]`.
 
-A simulated robot drives in a room, and Debian's chromium, through playwright, looks at its page.
+A simulated robot drives in a room, and Debian's chromium, through playwright, looks at its page. "drive" is the moving
+picture: pictures of the page, one after the other, shown at about twice the robot's speed.
 """
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from collections.abc import Callable
 from functools import partial
+from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import sleep
 from typing import Any, Final
 
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from rigs.live_browser import CHROMIUM, FLAGS, Live, arrive, command, live
+from txt1.navigation import follow
 
 FOLDER: Final = Path(__file__).parent / "web"
 BOX: Final = "{kind: box, x: 1.6, y: 1.5, length: 0.6, width: 0.4, theta: 0.4}"
@@ -33,6 +39,10 @@ PICTURES: Final = {
     "tall-light": ((390, 844), "light", "events"),
     "tall-dark": ((390, 844), "dark", "events"),
 }
+
+ROUND: Final = ((0.8, 0.0), (1.4, 0.9), (3.0, 1.4), (4.6, 1.0), (5.0, -0.4), (4.4, -1.5), (3.0, -1.7), (1.2, -1.4))
+"""m: a way round the table in config/maps/laboratory.yaml."""
+FASTER: Final = 2.0  # times real time, in the moving picture
 
 FLEET: Final = """\
 all: {sim: {room: {length: 10, width: 7}}, safety: {missed_ticks_max: 100000}}
@@ -81,6 +91,31 @@ def shoot(browser: Any, car: Live, name: str) -> None:
     context.close()
 
 
+def shoot_drive(browser: Any) -> None:
+    """The moving picture: round the table of the laboratory's map, seen by the laser."""
+    settings = ("sim.room.map=laboratory", "sensors.laser.driver=sim_laser", "safety.missed_ticks_max=100000")
+    with live(settings) as car:
+        page = browser.new_page(viewport={"width": 960, "height": 600}, color_scheme="light")
+        arrive(page, car.url)
+        page.wait_for_timeout(1500)
+        way = asyncio.run_coroutine_threadsafe(follow(car.robot, ROUND, speed=0.6), car.loop)
+        pictures, times = [], []
+        while not way.done():
+            times.append(car.call(lambda robot: robot.now))
+            pictures.append(Image.open(BytesIO(page.screenshot())).convert("RGB"))
+        page.close()
+    shown = [round(1000 * (b - a) / FASTER) for a, b in pairwise(times)]
+    pictures[0].save(
+        FOLDER / "drive.webp",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=[*shown, 2000],  # the last one stays for a moment
+        loop=0,
+        quality=50,
+        method=4,
+    )
+
+
 def shoot_fleet(browser: Any) -> None:
     """Ten robots in one room, two of them on a circle, one driven from the page."""
     with TemporaryDirectory() as folder:
@@ -117,7 +152,7 @@ def shoot_learner(browser: Any) -> None:
 def main() -> None:
     """Make them all, or those named."""
     FOLDER.mkdir(exist_ok=True)
-    known = [*PICTURES, "fleet", "learner"]
+    known = [*PICTURES, "drive", "fleet", "learner"]
     names = sys.argv[1:] or known
     if strange := sorted(set(names) - set(known)):
         sys.exit(f"{strange[0]}: there is no such picture; there are: {', '.join(known)}")
@@ -128,6 +163,8 @@ def main() -> None:
                 sleep(1.5)
                 for name in some:
                     shoot(browser, car, name)
+        if "drive" in names:
+            shoot_drive(browser)
         if "fleet" in names:
             shoot_fleet(browser)
         if "learner" in names:
