@@ -4,9 +4,11 @@
                  contender and trial, with its code's hash, in the order they were done: see `run`
     NAME.md      the table, NAME.png the figure: both from that file alone
 
-All have the same starts, the same simulated robot, and look for the goal ten times a second. Those that learn while
-they drive (`txt1.learning.agents`) are judged by the episodes in which they learn. PPO and DQN are trained by several
-robots at once and judged at checkpoints, apart, by their best actions: the seconds of these tests are not counted.
+All have the same starts and the same simulated robot, and one rule holds for all: ten times a second it is looked
+whether the robot is at the goal or has left the boundary (`asked_alike`), whatever the learner's own rate. Those that
+learn while they drive (`txt1.learning.agents`) are judged by the episodes in which they learn. PPO and DQN are trained
+by several robots at once and judged at checkpoints, apart, by their best actions: the seconds of these tests are not
+counted.
 
 Failures are counted apart and are in no ratio; the time they took is among the seconds driven.
 """
@@ -18,15 +20,16 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from studies.learners import OWN
+from studies.learners import OWN, homing
 from studies.learners.contenders import COLUMNS, TRAINED, Line, draw, table
 from studies.learners.floor import floor_of
-from studies.learners.lockstep import trials
+from studies.learners.lockstep import asked_alike, trials
 from studies.learners.suite import Each
 from txt1.config import Config, completed
 from txt1.config.schema import RECORDED
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
+from txt1.learning.agent import Agent
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.best_time import known_floor
 from txt1.learning.qtable import replace_file
@@ -39,6 +42,7 @@ LONG: Final = 20  # trials of those, at most: they train long
 VARIANTS: Final[dict[str, tuple[str, dict[str, Any]]]] = {  # contenders that are a learner with other settings
     "thesis-10": ("thesis", {"learning.thesis.period": 0.1}),  # at the others' decision rate
 }
+RULES: Final[dict[str, Callable[[Config, Any], Agent]]] = {"homing": homing.create}  # contenders that learn nothing
 CHECKPOINTS: Final = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10_000.0, 20_000.0)  # s driven
 TRAIN, TEST = 7, 8  # mark streams of random values
 
@@ -71,9 +75,10 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
         sb3.train(name, config, int(stream(seed, number, TRAIN).integers(2**31)), CHECKPOINTS, check)
     else:
         agent, values = VARIANTS.get(name, (name, {}))
-        own = with_values(config, values) if values else config
+        own = asked_alike(with_values(config, values) if values else config)
+        maker = RULES.get(agent, lambda own, rng: make(agent, own, rng))
         try:
-            (trial,) = trials(own, lambda rng: make(agent, own, rng), [number], episodes, seed)
+            (trial,) = trials(own, lambda rng: maker(own, rng), [number], episodes, seed)
         except LightFault as fault:
             return {**line, "refused": str(fault), "curve": []}
         curve.append((0.0, rows([(one.time, one.success) for one in trial.episodes])))
@@ -109,7 +114,7 @@ def compare(
     for name in names:
         if name in TRAINED:
             from studies.learners import sb3  # noqa: F401 - says that the extra is missing
-        else:
+        elif name not in RULES:
             LEARNERS.place("agent", VARIANTS.get(name, (name, {}))[0])
     told = completed(config).model_dump(mode="json", exclude={"seed"})
     head = {"format": FORMAT, "version": 1, "seed": seed, "episodes": episodes, "columns": COLUMNS, "config": told}

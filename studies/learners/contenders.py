@@ -3,7 +3,7 @@
 A line has the `curve` of a contender's trial, a list of [seconds driven before, rows by COLUMNS]: one pair for who
 learns as he drives, one for each checkpoint of who is trained. An interval is of 95 % over trials: as many trials as
 there are, are drawn with replacement, `RESAMPLES` times, and the middle 95 % of what they come to is told. Failures are
-counted apart and are in no ratio; the time they took is among the seconds driven.
+counted apart and are in no ratio of successes; the columns "of all" have the time they took.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,18 @@ SKILL: Final = 10  # episodes in a row that have to succeed, in so many times th
 SKILLED: Final = 1.25
 RESAMPLES: Final = 1000  # of the trials, for an interval of 95 %
 TRAINED: Final = ("ppo", "dqn")  # of Stable-Baselines3
-ALL: Final = ("thesis", "thesis-10", "sweeps", "pilot", "neural", "taxis", *TRAINED)
+ALL: Final = ("thesis", "thesis-10", "sweeps", "pilot", "neural", "taxis", *TRAINED, "homing")
+TOLD: Final = {
+    "thesis": "places of the sensors, a reward",
+    "thesis-10": "places of the sensors, a reward",
+    "sweeps": "places of the sensors, a reward, odometry",
+    "pilot": "a point light, a power law, odometry",
+    "neural": "bright is good",
+    "taxis": "bright is good",
+    "ppo": "bright is good, seconds cost",
+    "dqn": "bright is good, seconds cost",
+    "homing": "places of the sensors, what the actions do; learns nothing",
+}
 Line = dict[str, Any]
 Episodes = NDArray[np.float64]  # by COLUMNS, shape (episodes, 4)
 COLUMNS: Final = ("time_s", "success", "optimal_time_s", "floor_s")
@@ -87,6 +98,9 @@ def figures(lines: Sequence[Line]) -> Line:
         "to_floor": float(won[:, 0].sum() / won[:, 3].sum()) if len(won) else None,
         "to_floor_95": _interval(ratios[np.isfinite(ratios)]) if len(won) else None,
         "to_optimum": float(won[:, 0].sum() / won[:, 2].sum()) if len(won) else None,
+        "seconds": float(won[:, 0].mean()) if len(won) else None,
+        "seconds_of_all": float(every[:, 0].mean()),
+        "all_to_floor": float(every[:, 0].sum() / every[:, 3].sum()),
         "skilled": int(np.isfinite(skill).sum()),
         "until_skill": float(np.median(skill)),
         "until_skill_95": _interval(np.array(medians)),
@@ -130,14 +144,15 @@ def table(head: Line, lines: Sequence[Line]) -> str:
         all_of, key=lambda name: (all_of[name].get("success", -1.0), -(all_of[name].get("to_floor") or inf))
     )
     rows = [
-        "| contender | trials | success | failures of episodes | time to the floor's, of successes | to the optimum | "
-        "seconds until skilled, median | skilled | seconds driven, median |",
-        "|---" * 9 + "|",
+        "| contender | is told | seconds, of successes | of all, failures with their time | success | failures of "
+        "episodes | to the floor, of successes | of all | to the optimum | seconds until skilled, median | skilled | "
+        "seconds driven, median | trials |",
+        "|---" * 13 + "|",
     ]
     for name in worst_first:
         one = all_of[name]
         if "episodes" not in one:
-            rows.append(f"| {name} | {one['trials']} | refuses the sensors" + " | -" * 6 + " |")
+            rows.append(f"| {name} | {TOLD.get(name, '-')} | refuses the sensors{' | -' * 9} | {one['trials']} |")
             continue
         ratio = "-"
         if one["to_floor"] is not None:
@@ -145,12 +160,13 @@ def table(head: Line, lines: Sequence[Line]) -> str:
         skill = "{} ({} to {})".format(_seconds(one["until_skill"]), *map(_seconds, one["until_skill_95"]))
         skill = "never" if one["until_skill_95"][0] == inf else skill
         cells = (
-            name, one["trials"], "{:.2f} % ({:.2f} to {:.2f})".format(
+            name, TOLD.get(name, "-"), "-" if one["seconds"] is None else f"{one['seconds']:.2f}",
+            f"{one['seconds_of_all']:.2f}", "{:.2f} % ({:.2f} to {:.2f})".format(
                 100.0 * one["success"], *(100.0 * share for share in one["success_95"])
             ),
-            f"{one['failures']} of {one['episodes']}", ratio,
+            f"{one['failures']} of {one['episodes']}", ratio, f"{one['all_to_floor']:.3f}",
             "-" if one["to_optimum"] is None else f"{one['to_optimum']:.3f}", skill,
-            f"{one['skilled']} of {one['trials'] - one['refused']}", f"{one['driven']:.0f}",
+            f"{one['skilled']} of {one['trials'] - one['refused']}", f"{one['driven']:.0f}", one["trials"],
         )  # fmt: skip
         rows.append("| " + " | ".join(map(str, cells)) + " |")
     made = head["provenance"]
@@ -213,8 +229,11 @@ def _band(values: NDArray[np.float64]) -> list[float]:
     return [float(x) for x in np.percentile(finite, (2.5, 97.5))] if len(finite) else [nan, nan]
 
 
-COLOURS: Final = ("#0072B2", "#56B4E9", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#000000", "#999999")  # Okabe, Ito
-MARKERS: Final = "os^vDPXp"  # as colours alone tell no line
+COLOURS: Final = (
+    *("#0072B2", "#56B4E9", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#000000", "#999999"),  # Okabe, Ito
+    "#8B4513",
+)
+MARKERS: Final = "os^vDPXp*"  # as colours alone tell no line
 
 
 def draw(picture: Path, lines: Sequence[Line]) -> None:

@@ -203,6 +203,13 @@ class Lockstep:
         return samples.lux, samples.seen_from
 
 
+def asked_alike(config: Config) -> Config:
+    """The configuration with the rule that all contenders are asked for the goal by, where it has none of its own."""
+    if config.section(LearningConfig).goal_period is not None:
+        return config
+    return with_values(config, {"learning.goal_period": DECISION_MS / 1000.0})
+
+
 def by_eyes(config: Config) -> bool:
     """Whether the light has to be seen by the running robot's own sensors, one by one, which takes longer."""
     return config.sim.light.true_bearing or config.sim.room.map is not None

@@ -8,6 +8,8 @@ How it goes: `run_all` lists what no file holds yet, by pair and block of trials
 block becomes a part as it comes. A pair whose blocks are all there becomes its file. The floor of each episode's world
 is computed beside the trials, once for each world that a process meets; a world that drifts has one for each stage.
 
+All learners are asked for the goal ten times a second.
+
 A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed.
 """
 
@@ -23,7 +25,7 @@ from numpy.typing import NDArray
 
 from studies.learners import OWN
 from studies.learners.floor import floor_of
-from studies.learners.lockstep import trials, world_at
+from studies.learners.lockstep import asked_alike, trials, world_at
 from txt1.config import Config, completed, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
@@ -127,7 +129,7 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
 
 def run(world: SuiteWorld, agent: str, first: int, count: int, episodes: int, seed: int) -> dict[str, Any]:
     """The raw result of a learner in a world, of so many trials from number `first` on: JSON values."""
-    config = world.config
+    config = asked_alike(world.config)
     refused = None
     try:
         every = trials(config, lambda rng: make(agent, config, rng), range(first, first + count), episodes, seed)

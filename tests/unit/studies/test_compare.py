@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from studies.learners import OWN, compare, contenders
-from txt1.config import load
+from txt1.config import Config, load
+from txt1.config.sources import with_values
 from txt1.errors import ConfigError
 from txt1.trials.provenance import provenance
 from txt1.trials.run import run
@@ -62,8 +63,8 @@ def test_who_is_skilled_has_ten_in_a_row_near_the_floor_and_the_seconds_before_c
 def test_who_never_reaches_the_light_has_no_ratio_and_comes_first_in_the_table(tmp_path: Path) -> None:
     head, lines = compare.read(raw(tmp_path / "a.jsonl", [line([QUICK] * 12), line([LOST] * 12, "thesis")]))
     rows = contenders.table(head, lines).splitlines()
-    assert rows[2].startswith("| thesis | 1 | 0.00 %") and "| - |" in rows[2] and "never" in rows[2]
-    assert rows[3].startswith("| pilot | 1 | 100.00 %") and "1.111" in rows[3]
+    assert rows[2].startswith("| thesis | ") and "| 0.00 % (" in rows[2] and "| - |" in rows[2] and "never" in rows[2]
+    assert rows[3].startswith("| pilot | ") and "| 100.00 % (" in rows[3] and "1.111" in rows[3]
 
 
 def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_done_without(tmp_path: Path) -> None:
@@ -72,7 +73,7 @@ def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_don
     lines, _ = compare.compare(file, ["pilot"], CONFIG, 2, 12, 1, here)
     assert [each["trial"] for each in lines] == [1, 2]
     table = file.with_suffix(".md").read_text()
-    assert "| pilot | 2 |" in table and "Code 0123 (pilot)" in table, "other code than this is told"
+    assert "| pilot | " in table and "| 2 |\n" in table and "Code 0123 (pilot)" in table, "other code than this is told"
     assert file.with_suffix(".png").stat().st_size > 10_000
     assert len(compare.read(file)[1]) == 2
 
@@ -123,3 +124,23 @@ def test_a_comparison_is_done_and_carried_on(tmp_path: Path) -> None:
     assert {(each["contender"], each["trial"]) for each in compare.read(tmp_path / "a.jsonl")[1]} == {
         (name, k) for name in ("sweeps", "thesis-10") for k in (1, 2)
     }
+
+
+def test_homing_is_a_contender_and_all_are_asked_for_the_goal_alike() -> None:
+    config = with_values(Config(), {"sim.light.noise": 0.0})
+    one = compare.run("homing", 1, config, 3, 1)
+    (_, rows) = one["curve"][0]
+    assert len(rows) == 3 and all(success for _, success, _, _ in rows)
+    times = [row[0] for row in compare.run("thesis", 1, config, 6, 1)["curve"][0][1]]
+    assert any(round(10.0 * time) % 5 for time in times)  # not at its own decisions alone, which are 0.5 s apart
+
+
+def test_the_table_has_seconds_first_failures_time_beside_and_what_each_was_told() -> None:
+    lines = [line([LOST] * 7 + [QUICK] * 3 + [LOST])]
+    head, _, row, *_ = contenders.table(
+        {"seed": 1, "episodes": 11, "provenance": {"platform": "x"}}, lines
+    ).splitlines()
+    names, cells = ([each.strip() for each in text.split("|")] for text in (head, row))
+    found = dict(zip(names, cells, strict=True))
+    assert names[2:5] == ["is told", "seconds, of successes", "of all, failures with their time"]
+    assert float(found["of all, failures with their time"]) > float(found["seconds, of successes"])
