@@ -15,6 +15,7 @@ Failures are counted apart and are in no ratio; the time they took is among the 
 
 import json
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,7 +77,7 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
     else:
         agent, values = VARIANTS.get(name, (name, {}))
         own = asked_alike(with_values(config, values) if values else config)
-        maker = RULES.get(agent, lambda own, rng: make(agent, own, rng))
+        maker = RULES.get(agent) or partial(make, agent)
         try:
             (trial,) = trials(own, lambda rng: maker(own, rng), [number], episodes, seed)
         except LightFault as fault:
