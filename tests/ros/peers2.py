@@ -511,7 +511,8 @@ def viewer():
         lambda told: names.update(s.name for s in told.status),
         100,
     )
-    peer.until(lambda: len(peer.last) == 3 and "car1/odom" in frames and "car1: cmd_vel" in names)
+    awaited = {"car1: cmd_vel", "car1: task controller"}
+    peer.until(lambda: len(peer.last) == 3 and "car1/odom" in frames and awaited <= names)
     scan, imu = peer.last["/car1/scan"], peer.last["/car1/imu/data"]
     return {
         "frames": frames,
