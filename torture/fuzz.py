@@ -1,4 +1,4 @@
-"""Random and hostile bytes for whatever reads bytes of strangers: the line, settings, recordings, the live view.
+"""Random and hostile bytes for whatever reads bytes of strangers: line, settings, files of all kinds, live view.
 
 A reader may refuse, in the words it has for that; it may not raise anything else, hang, or grow. With the package
 atheris (extra `fuzz`; `make torture` has it in an environment of its own) libFuzzer looks for inputs that reach new
@@ -22,7 +22,7 @@ from pathlib import Path
 from time import process_time_ns
 from typing import Final
 
-from torture import page
+from torture import files, page
 from txt1.board.original import Framer
 from txt1.config import load
 from txt1.errors import ConfigError
@@ -33,6 +33,7 @@ from txt1.protocol.messages import EncoderOdometry, PidSet, PwmTest, Velocity
 PENDING_MAX: Final = 241  # bytes that a decoder may hold back
 PIECE_MAX: Final = 600  # bytes of a read from the line
 ROUNDS: Final = 5  # of which the quickest counts
+LONGEST_NS: Final = 5_000_000_000  # of the processor, for one input
 SIZES: Final = (100_000, 400_000)  # bytes of an adversarial stream, for the comparison
 
 
@@ -203,7 +204,10 @@ TARGETS: Final[dict[str, Callable[[bytes], None]]] = {
     "file": _file,
     "recording": _recording,
     "view": _view,
+    **files.TARGETS,
 }
+SHARES: Final = {"recording": 100, "file": 10, "replay": 200, "table": 100, "map": 20, "policy": 20}
+"""One input of so many for a target that takes long."""
 VIEW_SEEDS: Final = (
     b'{"linear": {"x": 0.5, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0.1}}',
     b'{"twist": {"linear": {"x": NaN}, "angular": {"z": 1e999}}}',
@@ -216,7 +220,9 @@ def seeds(target: str) -> list[bytes]:
     """Inputs to begin with."""
     if target == "decoder":
         return [VELOCITY, FULL, NESTED, ODOMETRY, FULL[:9] + VELOCITY]
-    if target == "recording":
+    if target in ("table", "policy", "map"):
+        return files.seeds(target)
+    if target in ("recording", "replay"):
         with tempfile.TemporaryDirectory() as folder:
             return [make_recording(Path(folder), compression) for compression in ("zstd", "none")]
     if target == "view":
@@ -261,8 +267,10 @@ def inputs(target: str, count: int, seed: int) -> Iterator[bytes]:
 def attack(target: str, count: int, seed: int = 0) -> str | None:
     """Hand a target so many inputs; the one that it could not take, as a command that repeats it, or None."""
     for data in inputs(target, count, seed):
+        began = process_time_ns()
         try:
             TARGETS[target](data)
+            assert process_time_ns() - began < LONGEST_NS, "it took longer than 5 s of the processor"
         except Exception as error:
             place = Path("out/torture", f"{target}-{seed}.bin")
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -323,7 +331,9 @@ def main(words: Sequence[str] | None = None) -> int:
     """Hand random and hostile bytes to all readers; 1 if something broke."""
     parser = argparse.ArgumentParser(prog="python -m torture fuzz", description=__doc__)
     parser.add_argument("--bytes", type=int, default=10_000_000, help="random bytes for the decoders")
-    parser.add_argument("--inputs", type=int, default=100_000, help="for each of the others (a tenth for recordings)")
+    parser.add_argument(
+        "--inputs", type=int, default=100_000, help="for each of the others (fewer for files that take long)"
+    )
     parser.add_argument("--seconds", type=float, default=60.0, help="for each with libFuzzer, where atheris is there")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kept", type=Path, default=Path("out/torture/fuzz.json"), help="what came out so far")
@@ -376,7 +386,7 @@ def _steps(options: argparse.Namespace) -> Iterator[tuple[str, Step]]:
         lambda: told("decoder", feed_random(options.bytes, options.seed), None),
     )
     for target in TARGETS:
-        count = options.inputs // (100 if target == "recording" else 10 if target == "file" else 1)
+        count = options.inputs // SHARES.get(target, 1)
 
         def changed(target: str = target, count: int = count) -> tuple[str, str | None]:
             return told(target, f"{count} changed and random ones", attack(target, count, options.seed))

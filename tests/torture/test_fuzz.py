@@ -16,7 +16,19 @@ def test_every_hostile_stream_is_bounded_whatever_its_length() -> None:
 
 
 @pytest.mark.parametrize(
-    "target, count", [("decoder", 300), ("setting", 150), ("file", 60), ("recording", 8), ("view", 300)]
+    "target, count",
+    [
+        *(
+            ("decoder", 300),
+            ("setting", 150),
+            ("file", 60),
+            ("recording", 8),
+            ("view", 300),
+            ("policy", 60),
+            ("map", 60),
+        ),
+        *(pytest.param(target, 40, marks=pytest.mark.long) for target in ("table", "replay")),
+    ],
 )
 def test_changed_inputs_are_refused_and_nothing_else(target: str, count: int) -> None:
     assert attack(target, count, seed=1) is None
