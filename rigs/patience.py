@@ -45,6 +45,8 @@ STALLED: Final = (
     ("txt1.ui.terminal", "BACKLOG", LIMIT),
 )
 """After a stall odometry, host, board or bridge seem to be lost, and a key is too old: the numbers that decide it."""
+LEAVING: Final = ("txt1.sidecar", "END_PATIENCE", 10.0 * S)
+"""What the command gives a process beside its robot to end, such as a node that leaves its master."""
 
 
 async def until(condition: Callable[[], object], limit: float = LIMIT, look: float = LOOK) -> None:
@@ -102,7 +104,7 @@ def main() -> None:
     for each in command.SIGNALS:
         signal.signal(each, command.leave)  # before the imports, as the command does
     os.environ.setdefault(*MISSED)
-    for module, name, value in STALLED:
+    for module, name, value in (*STALLED, LEAVING):
         setattr(import_module(module), name, value)
     command.main()
 
