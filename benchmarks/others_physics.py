@@ -331,10 +331,10 @@ PROBES: Final[dict[str, tuple[Callable[[str, str, int], Shown], int]]] = {
     "runaway": (runaway, 10),
     "estimated": (estimated, 5),
     "stopped": (stopped, 5),
-    "tests": (tests, 1),
-    "thesis": (thesis, 1),
+    "tests": (tests, 5),
+    "thesis": (thesis, 3),
     "tuned": (tuned, 1),
-    "learned": (learned, 1),
+    "learned": (learned, 3),
     "practised": (practised, 1),
 }
 """What is looked at, and with how many seeds."""
@@ -407,24 +407,30 @@ def table_of_tests(kept: Kept, probe: str = "tests") -> list[str]:
     titles = "speed steps settled", "rise", "yaw steps settled", "circle 1 m", "laps apart"
     lines = head("car", "physics", *titles)
     for car in CARS:
-        [shown] = kept.get((probe, *car), [{}])
-        if not shown:
+        runs = [each for each in kept.get((probe, *car), []) if each]
+        if not runs:
             continue
         cells = []
         for name in ("linear-steps", "angular-steps"):
-            each = shown[name]
-            cells.append(each.get("failed") or f"{each['settled']} of {each['steps']}")
+            there = [each[name] for each in runs if "failed" not in each[name]]
+            cells.append(failures([each[name] for each in runs]) or among([each["settled"] for each in there]))
+            if there:
+                cells[-1] += f" of {there[0]['steps']}"
             if name == "linear-steps":
-                cells.append(f"{each['rise']:.2f} s" if "rise" in each else "-")
-        circle = shown["circle-fast"].get("circle")
-        cells += [f"{circle['radius']:.3f} m", laps(circle["lap_to_lap"])] if circle else ["no circle", "-"]
+                cells.append(among([each["rise"] for each in there], 2) + " s")
+        circles = [found for each in runs if (found := each["circle-fast"].get("circle"))]
+        apart = [1000.0 * each["lap_to_lap"] for each in circles if each["lap_to_lap"] is not None]
+        cells += [among([each["radius"] for each in circles], 3) + " m", among(apart) + " mm" if apart else "-"]
         lines.append(row(car[0], WORDS[car[1]], *cells))
     return lines
 
 
-def laps(apart: float | None) -> str:
-    """How far laps lie apart, for a cell."""
-    return "-" if apart is None else f"{1000.0 * apart:.0f} mm"
+def among(values: list[float], digits: int = 0) -> str:
+    """The median of some figures, and the range where they differ."""
+    if not values:
+        return "-"
+    least, mean, most = (f"{each:.{digits}f}" for each in (min(values), median(values), max(values)))
+    return mean if least == most else f"{mean} ({least} to {most})"
 
 
 def table_of_stops(kept: Kept) -> list[str]:

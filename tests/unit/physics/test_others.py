@@ -9,6 +9,7 @@ import pytest
 from txt1 import run
 from txt1.config import Config, load
 from txt1.errors import ConfigError, MissingExtra, TaskFault
+from txt1.experiments.calibration.simulated_operator import smallest_circle
 from txt1.hal.registry import PHYSICS, create_sim
 from txt1.physics.foreign import Foreign, MotorDrive
 from txt1.robot import Robot
@@ -262,3 +263,10 @@ def test_the_tyres_of_mujocos_car_do_not_chatter_in_a_curve() -> None:
         rates.append((motion[6] - before[6] - (motion[7] - before[7])) / 0.25 / 0.02)
     settled = rates[-50:]
     assert max(settled) - min(settled) < 0.02 < 0.3 < settled[-1]
+
+
+def test_a_calibrated_circle_is_judged_by_the_one_that_it_truly_drives() -> None:
+    sim = create_sim(config("mujoco")).vehicle
+    ours = create_sim(load(None, [], {}, {}).config).vehicle
+    assert smallest_circle(ours) == ours.body.radius_min
+    assert 1.02 < smallest_circle(sim) / sim.body.radius_min < 1.5, "its tyres scrub, and the linkage gives way"
