@@ -15,10 +15,10 @@ Failures are counted apart and are in no ratio; the time they took is among the 
 
 import json
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from pydantic import ValidationError
 
 from studies.learners import OWN, homing
@@ -77,9 +77,13 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
     else:
         agent, values = VARIANTS.get(name, (name, {}))
         own = asked_alike(with_values(config, values) if values else config)
-        maker = RULES.get(agent) or partial(make, agent)
+        rule = RULES.get(agent)
+
+        def maker(rng: np.random.Generator) -> Agent:
+            return make(agent, own, rng) if rule is None else rule(own, rng)
+
         try:
-            (trial,) = trials(own, lambda rng: maker(own, rng), [number], episodes, seed)
+            (trial,) = trials(own, maker, [number], episodes, seed)
         except LightFault as fault:
             return {**line, "refused": str(fault), "curve": []}
         curve.append((0.0, rows([(one.time, one.success) for one in trial.episodes])))

@@ -23,11 +23,13 @@ from txt1.control.pid import Gains
 from txt1.learning.agent import Agent
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode, only_ours
 from txt1.learning.best_time import DECISION_MS
+from txt1.learning.modelled import LOCKSTEP, refuse_others
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
 from txt1.sensors.light import eyes
+from txt1.sensors.sim_vicon import TrackerErrors
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
@@ -148,6 +150,7 @@ class Lockstep:
 
     def __init__(self, config: Config, poses: Array, rng: np.random.Generator) -> None:
         only_ours(config)
+        refuse_others(config, LOCKSTEP, "trials in lockstep")
         self.robots: Array = np.zeros((ROWS, len(poses)))
         self.robots[:3] = poses.T
         self.robots[PHASE : PHASE + 2] = rng.random((2, len(poses)))
@@ -156,6 +159,7 @@ class Lockstep:
         self.frozen: Array = np.zeros((4, len(poses)))
         self.tick = 0
         self._config = config
+        self._tracked = config.section(LearningConfig).pose != "truth"
         self._sees = [eyes(config, rng) for _ in poses] if by_eyes(config) else []
         self._rng = rng
         sim, light = config.sim, config.sim.light
@@ -172,6 +176,15 @@ class Lockstep:
             np.array(light.gains),
             np.array([CODES[fault] for fault in light.faults]),
         )
+
+    def told(self) -> Array:
+        """The poses by which goal and boundary are judged: the truth, or as motion capture sees it; shape (3, n)."""
+        poses: Array = self.robots[:3]
+        if not self._tracked:
+            return poses
+        errors = TrackerErrors()
+        noise = np.array([[errors.noise], [errors.noise], [errors.angle_noise]])
+        return poses + noise * self._rng.standard_normal(poses.shape)
 
     def place(self, which: NDArray[np.intp], poses: Array) -> None:
         """Put some down at poses (m, rad), at rest, as new; shape (len(which), 3)."""
@@ -212,7 +225,7 @@ def asked_alike(config: Config) -> Config:
 
 def by_eyes(config: Config) -> bool:
     """Whether the light has to be seen by the running robot's own sensors, one by one, which takes longer."""
-    return config.sim.light.true_bearing or config.sim.room.map is not None
+    return config.sim.light.true_bearing
 
 
 def loops_of(config: Config) -> Loops:
@@ -276,7 +289,7 @@ def _episode(world: Config, every: Sequence[Trial], rng: np.random.Generator) ->
         lux, seen_from = cars.advance(which, commands, ticks)
         ticks = DECISION_MS // TICK_MS
         now = cars.tick * TICK_MS / 1000.0
-        poses = cars.robots[:3, which].T.tolist()
+        poses = cars.told().T[which].tolist()
         velocities = cars.robots[SENSED : SENSED + 2, which].T.tolist()
         places = cars.odometry[:, which].T.tolist()
         driving, given = [], []

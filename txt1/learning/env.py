@@ -14,7 +14,7 @@ One step is one decision of the thesis's learner, 0.5 s.
 extra `fast`.
 """
 
-from math import log, pi
+from math import inf, log, pi
 from typing import Any, Final
 
 import numpy as np
@@ -24,14 +24,16 @@ from txt1.config import Config, load
 from txt1.control.car import loops_for
 from txt1.control.limits import clip
 from txt1.control.pid import at_rest
-from txt1.errors import ConfigError, MissingExtra, NoDirection
+from txt1.errors import LightFault, MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
 from txt1.learning.batch import TICK_MS, Batch, only_ours
 from txt1.learning.light_direction import LightFilter, direction, reward, sector
-from txt1.learning.trial import COMMANDS, Start, ready_to_learn, task_of
-from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y
+from txt1.learning.modelled import BATCH, ONE, refuse_others
+from txt1.learning.settings import LearningConfig
+from txt1.learning.trial import Start, ready_to_learn, task_of
+from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y, Readings
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.sensors.light import See, eyes
 from txt1.sim.batch import powered
@@ -102,10 +104,14 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as gymnasium declares it
 
     def __init__(self, config: Config | None = None) -> None:
+        one = load().config if config is None else config
+        refuse_others(one, ONE, "environments")
+        self._commands = one.section(LearningConfig).actions
         self.observation_space = SPACE
-        self.action_space = Discrete(len(COMMANDS))
-        self._config = ready_to_learn(load().config if config is None else config)
+        self.action_space = Discrete(len(self._commands))
+        self._config = ready_to_learn(one)
         self._task = task_of(self._config)
+        self._under_way: list[tuple[int, tuple[float, float]]] = []  # when each command reaches the robot, ms
         self._car: EpisodeCar
         self._see: See
         self._ms = 0
@@ -123,14 +129,17 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         self._car = EpisodeCar(rewired(hal, self._config.channels, skids), self._config)
         self._see = eyes(self._config, self.np_random, movers=hal.movers)
         self._filter = LightFilter(spread=float("inf"))
+        self._under_way = []
         self._ms = 0
         self._run(REST_MS)
         self.sector = self._state(0)
         return self._observation(), {"optimal_time": start.optimal_time(self._task)}
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Observation, reward, terminated, truncated and `success`, one decision later."""
-        self._car.command = COMMANDS[int(action)]
+        """Observation, reward, terminated, truncated and `success`, one decision later; ValueError: no such action."""
+        if not self.action_space.contains(action):
+            raise ValueError(f"action {action!r} is none of {self.action_space}")
+        self._under_way.append((self._ms + round(1000.0 * self._task.delay), self._commands[int(action)]))
         self._run(DECISION_MS)
         before, self.sector = self.sector, self._state(self.sector)
         x, y, _ = self._car.pose(self._ms / 1000.0)
@@ -144,17 +153,23 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
     def _run(self, duration_ms: int) -> None:
         """Let the robot go on."""
         for ms in range(self._ms, self._ms + duration_ms):
+            while self._under_way and self._under_way[0][0] <= ms:
+                self._car.command = self._under_way.pop(0)[1]
             if ms % TICK_MS == 0:
                 self._car.control(ms / 1000.0)
             if ms % LIGHT_MS == 0:
-                self._filter.step(self._see(self._car.pose(ms / 1000.0)))
+                self._look(self._see(self._car.pose(ms / 1000.0)))
         self._ms += duration_ms
+
+    def _look(self, sample: Readings) -> None:
+        """Take in a sample; a sensor that tells no number reads as dark, as a learner has to live with it."""
+        self._filter.step(Readings(*(lux if 0.0 <= lux < inf else 0.0 for lux in sample)))
 
     def _state(self, otherwise: int) -> int:
         assert self._filter.readings is not None
         try:
             return sector(direction(self._filter.readings))
-        except NoDirection:
+        except (NoDirection, LightFault):  # of a dead sensor, too
             return otherwise
 
     def _observation(self) -> Observation:
@@ -169,11 +184,11 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
 
     def __init__(self, num_envs: int = 1, config: Config | None = None) -> None:
         one = load().config if config is None else config
-        if one.sim.room.map is not None:
-            raise ConfigError(f"sim.room.map: {one.sim.room.map}: many robots at once know no walls; take the map out")
         only_ours(one)
+        refuse_others(one, BATCH, "environments of many robots at once")
+        commands = one.section(LearningConfig).actions
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = SPACE, Discrete(len(COMMANDS))
+        self.single_observation_space, self.single_action_space = SPACE, Discrete(len(commands))
         self.observation_space = batch_space(SPACE, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._task = task_of(one)
@@ -183,20 +198,44 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         source = PointLight(x, y, light.intensity, exponent, light.height)
         vehicle = powered(one.sim.vehicle, one.sim.battery)
         self.robots = Batch(num_envs, source, noise, one.sim.noise.drag, vehicle, one.geometry, one.safety)
-        self._commands = np.array(COMMANDS)
+        self._commands = np.array(commands)
         self.sectors = np.zeros(num_envs, int)
         self.steps = np.zeros(num_envs, int)
         self._over = np.ones(num_envs, bool)
+        self._own: list[np.random.Generator] = []  # of each robot's starts, where each was given a seed
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """The first observations, at rest on random starts."""
-        super().reset(seed=seed[0] if isinstance(seed, list) else seed, options=options)
-        self._over[:] = True
+        """The first observations, at rest on random starts.
+
+        A list of seeds gives each robot's starts one of its own, None drawn at random, and all of them together the
+        noise. The option `reset_mask`, shape (num_envs,), has only those robots begin anew, while the others go on.
+        """
+        if isinstance(seed, list):
+            if len(seed) != self.num_envs:
+                raise ValueError(f"{len(seed)} seeds for {self.num_envs} robots; give one for each")
+            drawn = [np.random.SeedSequence(each) for each in seed]
+            self._own = [np.random.default_rng(each) for each in drawn]
+            self.np_random = np.random.default_rng(
+                np.random.SeedSequence([int(each.generate_state(1)[0]) for each in drawn])
+            )
+        else:
+            super().reset(seed=seed, options=options)
+            if seed is not None:
+                self._own = []
+        mask = (options or {}).get("reset_mask")
+        which = np.ones(self.num_envs, bool) if mask is None else np.asarray(mask)
+        if which.shape != (self.num_envs,) or which.dtype != bool or not which.any():
+            raise ValueError(f"reset_mask: give {self.num_envs} of true and false, at least one of them true")
+        others, over = self.robots.robots[:, ~which].copy(), self._over & ~which
+        self._over = which
         self._begin()
-        self._over[:] = False
-        self.sectors = self.states()
+        if others.size:  # they stay as they are while those that begin rest
+            self.robots.run(REST_MS // TICK_MS, self.np_random)
+            self.robots.robots[:, ~which] = others
+        self._over = over
+        self.sectors = np.where(which, self.states(), self.sectors)
         return self._observations(), {}
 
     def _begin(self) -> None:
@@ -205,6 +244,8 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         if not count:
             return
         bearing, heading = self.np_random.uniform(-pi, pi, (2, count))
+        if self._own:
+            bearing, heading = np.array([self._own[k].uniform(-pi, pi, 2) for k in np.flatnonzero(self._over)]).T
         x, y = self._task.light
         radius = self._task.start_radius
         poses = np.stack([x + radius * np.cos(bearing), y + radius * np.sin(bearing), heading], axis=1)
@@ -217,7 +258,12 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Observations, rewards, terminated, truncated and `success` of each, one decision later."""
+        """Observations, rewards, terminated, truncated and `success` of each, one decision later.
+
+        Raises ValueError: actions outside the space.
+        """
+        if not self.action_space.contains(np.asarray(actions)):
+            raise ValueError(f"actions {actions!r} are not in {self.action_space}")
         fresh = self._over.copy()
         self.robots.commands[:] = self._commands[actions]
         self._begin()  # and their command is 0: the first step is the rest on the start

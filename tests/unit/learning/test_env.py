@@ -137,3 +137,54 @@ def test_the_vector_forms_sectors_are_the_learners() -> None:
     many.reset(seed=2)
     expected = [sector(direction(Readings(*row))) for row in many.robots.readings.tolist()]
     assert many.states().tolist() == expected
+
+
+def test_actions_outside_the_space_are_refused() -> None:
+    one, many = env.LightSeekingEnv(), env.LightSeekingVectorEnv(2)
+    one.reset(seed=1)
+    many.reset(seed=1)
+    for wrong in (-1, 3, 1.7):
+        with pytest.raises(ValueError, match="none of"):
+            one.step(wrong)  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="not in"):
+            many.step(np.array([wrong, 0]))
+
+
+def test_the_environment_has_the_configured_actions_and_delay() -> None:
+    slow = env.LightSeekingEnv(load(None, ["learning.actions=[[0.3, 0.0], [0.3, 0.5]]", "learning.delay=0.5"]).config)
+    slow.reset(seed=1)
+    assert slow.action_space == gymnasium.spaces.Discrete(2)
+    first, *_ = slow.step(np.int64(0))
+    second, *_ = slow.step(np.int64(0))
+    assert first[4] == 0.0 and second[4] > 0.1
+
+
+def test_a_dead_sensor_is_lived_with() -> None:
+    dead = env.LightSeekingEnv(load(None, ["sim.light.faults=[dead, nan, none, none]"]).config)
+    seen, _ = dead.reset(seed=1)
+    assert seen[0] == 0.0 and np.isfinite(seen).all()
+    assert np.isfinite(dead.step(np.int64(1))[0]).all()
+
+
+def test_a_mask_begins_some_robots_anew_and_leaves_the_others_as_they_are() -> None:
+    many = env.LightSeekingVectorEnv(3)
+    many.reset(seed=1)
+    many.step(np.array([1, 1, 1]))
+    before = many.robots.robots.copy()
+    many.reset(options={"reset_mask": np.array([False, True, False])})
+    assert (many.robots.robots[:, [0, 2]] == before[:, [0, 2]]).all()
+    assert (many.robots.poses[1] != before[:3, 1]).any() and list(many.steps) == [1, 0, 1]
+    with pytest.raises(ValueError, match="reset_mask"):
+        many.reset(options={"reset_mask": [1, 2]})
+
+
+def test_a_list_of_seeds_gives_each_robot_a_start_of_its_own() -> None:
+    many = env.LightSeekingVectorEnv(2)
+    starts = []
+    for seeds in ([1, 2], [1, 3], [2, 2]):
+        many.reset(seed=list(seeds))
+        starts.append(many.robots.poses.copy())
+    assert (starts[0][0] == starts[1][0]).all() and (starts[0][1] != starts[1][1]).any()
+    assert starts[2][0] == pytest.approx(starts[2][1])
+    with pytest.raises(ValueError, match="3 seeds for 2 robots"):
+        many.reset(seed=[1, 2, 3])

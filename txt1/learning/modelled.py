@@ -1,0 +1,97 @@
+"""What simulations of many trials model, so that a setting without effect is refused by its name.
+
+The running robot (`txt1 learn`) models everything. Trials in lockstep, floors and environments leave the rest of the
+robot out: the settings that they read are listed here, by key or by what a key begins with. Any other that differs
+from the default of the vehicle is refused. What a vehicle's own file sets came with the vehicle, and stays.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import Any, Final
+
+from txt1.config import Config, completed, flatten, load
+from txt1.errors import ConfigError
+from txt1.learning.settings import LearningConfig
+
+NAMES: Final = ("hal", "vehicle", "name", "seed", "calibrated", "sim.physics")  # refused elsewhere, or no physics
+CAR: Final = ("geometry.radius_min", "geometry.wheelbase", "geometry.track_width", "geometry.steering")
+WHEELS: Final = ("geometry.circumference", "geometry.counts_per_rev")
+LOOPS: Final = ("control.linear", "control.angular", "car", "safety.motor_max")
+TASK: Final = ("learning.actions", "learning.start_radius", "learning.goal_radius", "learning.boundary")
+STEERED: Final = ("motor", "front", "rear", "right_encoder", "left_encoder", "encoders_swapped")
+LEARNERS: Final = tuple(
+    f"learning.{name}" for name in ("thesis", "sweeps", "pilot", "neural", "taxis", "ppo", "dqn", "options")
+)
+VEHICLE: Final = (
+    *(f"sim.vehicle.{name}" for name in ("speed_gain", "dead_band", "speed_time_constant", "coast_time_constant")),
+    *(f"sim.vehicle.{name}" for name in ("coast_friction", "servo_rate", "scrub", "slip", "understeer")),
+    "sim.noise.drag",
+)
+LOCKSTEP: Final = (
+    *NAMES, *CAR, *WHEELS, *LOOPS, *VEHICLE, *TASK, *LEARNERS, "sim.light", "sim.room.light", "sensors",
+    "learning.delay", "learning.changes", "learning.drift", "learning.time_limit", "learning.goal_period",
+    "learning.pose",
+)  # fmt: skip
+BATCH: Final = (
+    *NAMES, *CAR, *WHEELS, *VEHICLE, *TASK, "safety.motor_max", "sim.room.light", "sim.light.intensity",
+    "sim.light.exponent", "sim.light.height", "sim.light.noise", "learning.time_limit",
+)  # fmt: skip
+ONE: Final = (
+    *NAMES, *CAR, *WHEELS, *LOOPS, *VEHICLE, *TASK, "learning.delay", "learning.time_limit", "sim.light",
+    "sim.room.light", "sim.room.map", "sim.obstacles", "sim.movers", "sim.faults.right_encoder",
+    "sim.faults.left_encoder",
+    *(f"{wired}.{name}" for wired in ("channels", "sim.channels") for name in STEERED),
+)  # fmt: skip
+
+
+@cache
+def _usual(vehicle: str) -> dict[str, Any]:
+    """Every value of a vehicle for which nothing else was set."""
+    return dict(flatten(completed(load(options={"vehicle": vehicle}).config)))
+
+
+def differing(config: Config) -> Iterator[tuple[str, Any]]:
+    """Every value that is not the default of its vehicle, by dotted key."""
+    usual = _usual(config.vehicle)
+    for key, value in flatten(completed(config)):
+        if usual.get(key) != value:
+            yield key, value
+
+
+def refuse_others(config: Config, modelled: Sequence[str], who: str) -> None:
+    """Refuse what `who`, a simulation in words, does not model; ConfigError names the key."""
+    body = config.geometry
+    if config.hal != "sim":
+        raise ConfigError(f"hal: {config.hal}: {who} know the simulated robot alone; set hal=sim")
+    if modelled is not ONE and (body.steering == "skid" or not body.counts_per_rev):
+        lacks = "geometry.steering: skid" if body.steering == "skid" else "geometry.counts_per_rev: 0"
+        raise ConfigError(f"{lacks}: {who} model cars that steer, with encoders; take txt1 learn")
+    for key, value in differing(config):
+        why = "do not model it"
+        if key.startswith("car.") and key != "car.known" and not config.car.known:
+            why = "have no use for it while car.known is false"
+        elif key.startswith(("sensors", "learning.pose")) and _among(key, modelled):
+            if _sees_plainly(config, key):
+                continue
+            why = "know plain light sensors, and motion capture that learning.pose names, without options"
+        elif _among(key, modelled):
+            continue
+        raise ConfigError(f"{key}: {value}: {who} {why}, so it would have no effect; take it out, or take txt1 learn")
+
+
+def _among(key: str, modelled: Sequence[str]) -> bool:
+    """Whether a key, or what it is below of, is among others."""
+    return any(key == each or key.startswith(f"{each}.") for each in modelled)
+
+
+def _sees_plainly(config: Config, key: str) -> bool:
+    """Whether a setting of a sensor, or of the pose, is what trials in lockstep model."""
+    learning = config.section(LearningConfig)
+    if key == "learning.pose":
+        told = config.sensors.get(learning.pose)
+        return told is not None and told.driver == "sim_vicon"
+    name = key.split(".")[1]
+    one = config.sensors[name]
+    drivers = {learning.sensor: "sim_light", learning.pose: "sim_vicon"}
+    plain = not (one.period or one.delay or one.drop_out or one.options)
+    return plain and drivers.get(name) == one.driver
