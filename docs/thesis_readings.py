@@ -1,0 +1,25 @@
+"""`python -m docs.thesis_readings`: the table in docs/results/thesis.md, from out/readings.jsonl.
+
+`python -m studies.learners thesis out/readings --trials 100 --seed 39` makes that file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from rigs import page_parts
+from studies.learners import thesis
+
+HERE: Final = Path(__file__).parent
+RAW: Final = HERE.parent / "out" / "readings.jsonl"
+PAGE: Final = HERE / "results" / "thesis.md"
+
+
+def main() -> None:
+    """Write the table."""
+    page_parts.write(PAGE, "readings", thesis.table(RAW), "docs.thesis_readings")
+
+
+if __name__ == "__main__":
+    main()
