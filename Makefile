@@ -21,7 +21,7 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel torture bench docs docs-version docs-links clean
+.PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel torture bench docs docs-serve docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -82,9 +82,13 @@ bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, besi
 
 docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link checked
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict
+	@echo "open build/site/index.html; make docs-serve has the search, too"
+
+docs-serve: $(DOCS)/.installed  ## the pages with search at http://127.0.0.1:8000, made anew when a file changes
+	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs serve --quiet
 
 docs-version: docs  ## keep the pages as VERSION, beside the others, on the branch gh-pages; MIKE=--push publishes it
-	NO_MKDOCS_2_WARNING=1 COLUMNS=100 PATH="$(CURDIR)/$(DOCS)/bin:$$PATH" mike deploy $(MIKE) $(VERSION) $(ALIAS)
+	TXT1_DOCS_VERSIONS=mike NO_MKDOCS_2_WARNING=1 COLUMNS=100 PATH="$(CURDIR)/$(DOCS)/bin:$$PATH" mike deploy $(MIKE) $(VERSION) $(ALIAS)
 
 docs-links: docs  ## the links that lead out of the pages, tried one by one; needs a network
 	$(DOCS)/bin/python docs/links.py build/site

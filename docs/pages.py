@@ -4,6 +4,7 @@
 config/txt1.yaml, topics from the table.
 """
 
+import argparse
 import re
 from collections.abc import Iterator
 from importlib import import_module
@@ -16,7 +17,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 import txt1
-from txt1.cli import COMMANDS, helps
+from txt1.cli import COMMANDS, parsers
 from txt1.config import Config
 from txt1.errors import Txt1Error
 from txt1.telemetry.topics import TOPICS
@@ -74,11 +75,39 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
 
 
 def commands() -> str:
-    """The help of every command, as it is printed."""
-    lines = ["# Commands", "", "As `txt1 COMMAND --help` prints it.", ""]
-    for name, help_of in helps():
-        lines += [f"{'##' if name in COMMANDS else '###'} txt1 {name}", "", "```text", help_of.rstrip(), "```", ""]
+    """The options of every command, as tables; `txt1 COMMAND --help` prints the same."""
+    lines = ["# Commands", "", "`txt1 COMMAND --help` prints the same in a terminal.", ""]
+    for name, parser in parsers():
+        lines += [f"{'##' if name in COMMANDS else '###'} txt1 {name}", ""]
+        lines += [_cell(parser.description or ""), ""]
+        for group in parser._action_groups:  # noqa: SLF001 -- argparse tells its groups nowhere else
+            rows = [each for each in group._group_actions if each.help and "-h" not in each.option_strings]  # noqa: SLF001
+            if not rows:
+                continue
+            title = (group.title or "options").replace("positional arguments", "words")
+            lines += [f"| {title} | |", "|---|---|"]
+            lines += [f"| `{_said(each)}` | {_cell(each.help % _values(each))} |" for each in rows]
+            lines.append("")
     return "\n".join(lines)
+
+
+def _said(action: argparse.Action) -> str:
+    """An option or word as it is typed."""
+    shown = action.metavar if action.metavar is not None else "\\|".join(map(str, action.choices or ()))
+    value = " ".join(shown) if isinstance(shown, tuple) else shown
+    if not action.option_strings:
+        return value or action.dest
+    value = "" if action.nargs == 0 else value or action.dest.upper()
+    return f"{action.option_strings[-1]} {f'[{value}]' if action.nargs == '?' else value}".rstrip()
+
+
+def _values(action: argparse.Action) -> dict[str, Any]:
+    return {name: value for name, value in vars(action).items() if name != "help"} | {"prog": "txt1"}
+
+
+def _cell(text: str) -> str:
+    """A help text within a table."""
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
 
 
 def settings() -> str:

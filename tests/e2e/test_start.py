@@ -369,4 +369,4 @@ def test_the_readme_of_a_wheel_has_no_link_that_leads_nowhere() -> None:
     assert not links.search(absolute) and not links.search(plain)
     assert f"[Start]({address}/blob/main/docs/start.md)" in absolute
     assert f"]({address}/raw/main/docs/web/drive.webp)" in absolute
-    assert "- Start (docs/start.md): " in plain and "learns.gif" not in plain
+    assert "Start (docs/start.md)" in plain and "drive.webp" not in plain

@@ -135,12 +135,12 @@ def parser(named: Collection[str] | None = None) -> argparse.ArgumentParser:
     """
     if named is None:
         additions.strangers()
-    whole = Parser(prog="txt1", description="The runtime of the TXT-1 laboratory robot.", epilog=EPILOG)
+    whole = Parser(prog="txt1", description="txt1 runs a robot car, simulated or real.", epilog=EPILOG)
     whole.add_argument("--version", action="version", version=f"txt1 {__version__}")
     owners = {command: addition.name for addition in additions.known().values() for command in addition.commands}
     parsers = whole.add_subparsers(required=True, metavar="COMMAND")
     for name, (place, about) in commands().items():
-        command = parsers.add_parser(name, help=about, epilog=EPILOG)
+        command = parsers.add_parser(name, help=about, description=f"{about[0].upper()}{about[1:]}.", epilog=EPILOG)
         if named is None or name in named:
             with additions.blamed(owners.get(name, name), place):
                 module = import_module(place)
@@ -180,12 +180,18 @@ def find_strangers() -> bool:
     return bool(additions.strangers().found)
 
 
+def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """The words of every command and of every action of it, with the parser."""
+    for name, command in parser().get_default("parsers").items():
+        yield name, command
+        for action, each in (command.get_default("parsers") or {}).items():
+            yield f"{name} {action}", each
+
+
 def helps() -> Iterator[tuple[str, str]]:
     """The words of every command and of every action of it, with the help."""
-    for name, command in parser().get_default("parsers").items():
-        yield name, command.format_help()
-        for action, each in (command.get_default("parsers") or {}).items():
-            yield f"{name} {action}", each.format_help()
+    for name, each in parsers():
+        yield name, each.format_help()
 
 
 def _joined(argv: Sequence[str]) -> list[str]:
