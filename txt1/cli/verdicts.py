@@ -7,9 +7,11 @@ from txt1.conformance import BROKEN
 
 
 def print_verdicts(found: Iterable[tuple[str, str]]) -> int:
-    """Print each promise of a conformance suite and its verdict; the exit code."""
-    kept = True
+    """Print each promise of a conformance suite and its verdict, then the verdict on all; return the exit code."""
+    broken = tried = 0
     for text, verdict in found:
-        kept = kept and not verdict.startswith(BROKEN)
+        tried += 1
+        broken += verdict.startswith(BROKEN)
         print(f"{text}: {verdict}")
-    return OK if kept else FAULT
+    print(f"FAILED: {broken} of {tried} broken; see the lines with '{BROKEN}'" if broken else f"PASSED: {tried} checks")
+    return FAULT if broken else OK

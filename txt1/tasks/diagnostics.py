@@ -122,6 +122,8 @@ TASKS: Final = declare(
         in_snapshots=False,
     )
 )
+LIMITED: Final = ("speed_clipped", "yaw_rate_clipped", "pwm_clipped", "motor_limited", "steering_limited")
+"""Counted among the faults, but no faults: the gate kept a value within its limits. Screens leave them out."""
 FAULTS: Final = declare(
     Topic[dict[str, int]](
         "/faults",

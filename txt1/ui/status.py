@@ -12,7 +12,7 @@ from txt1.hal.base import Capabilities
 from txt1.tasks import fields
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import SETPOINT
-from txt1.tasks.diagnostics import FAULTS
+from txt1.tasks.diagnostics import FAULTS, LIMITED
 from txt1.tasks.fields import BatteryState, Control, GainTable, Power, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.standstill import STOP
@@ -192,8 +192,8 @@ def _in_a_line(faults: Sequence[tuple[str, ...]], room: int) -> str:
 
 
 def _faults(snapshot: Snapshot, room: int) -> tuple[tuple[str, ...], ...]:
-    """The counters that are not zero in at most `room` rows."""
-    counted = [(clean(name), count) for name, count in snapshot.get(FAULTS, {}).items() if count]
+    """The counters of faults that are not zero, in at most `room` rows."""
+    counted = [(clean(name), n) for name, n in snapshot.get(FAULTS, {}).items() if n and name not in LIMITED]
     if len(counted) > room:
         hidden = counted[room - 1 :]
         counted = [*counted[: room - 1], (f"and {len(hidden)} more", sum(count for _, count in hidden))]

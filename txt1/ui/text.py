@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.panel import Panel
 from rich.segment import Segment
 from rich.table import Table
+from rich.text import Text
 
 DASH: Final = "–"  # stands for a value that this HAL cannot know
 LABEL: Final = "cyan"
@@ -135,7 +136,9 @@ def table(
     """
     grid = Table.grid(padding=(0, gap))
     grid.show_header, grid.header_style = any(column.heading for column in columns), LABEL
-    for heading, style, right, fold, least in columns:
+    for index, (heading, style, right, fold, least) in enumerate(columns):
+        if style == LABEL and least is None:  # a long value never takes the room of the names
+            least = max((Text.from_markup(row[index]).cell_len for row in rows if index < len(row)), default=0)
         grid.add_column(
             heading,
             style=style,

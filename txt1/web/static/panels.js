@@ -36,8 +36,11 @@ export function leaves(value, path = "", found = []) {
   return found
 }
 
+// counted among the faults, but no faults: the gate kept a value within its limits (txt1/tasks/diagnostics.py)
+const LIMITED = new Set(["speed_clipped", "yaw_rate_clipped", "pwm_clipped", "motor_limited", "steering_limited"])
+
 const events = (know, panel) => {
-  const faults = Object.entries(know.topics["/faults"] ?? {})
+  const faults = Object.entries(know.topics["/faults"] ?? {}).filter(([name]) => !LIMITED.has(name))
   const said = (know.topics["/events"] ?? []).slice(-60).reverse()
   panel.replaceChildren(
     ...(faults.length ? [title("faults"), table(null, faults.map(([name, count]) => [name, span(count, "warn")]), [1]), title("events")] : []),
