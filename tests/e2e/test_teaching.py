@@ -192,6 +192,11 @@ def test_a_source_that_is_no_policy_is_refused(tmp_path: Path, capsys: Capture) 
     assert "bad.onnx" in capsys.readouterr().err
 
 
+def test_a_file_that_is_not_there_is_a_mistake_in_the_command(capsys: Capture) -> None:
+    assert execute(["run", "--headless", "--speed", "max", "--duration", "1", "--source", "nosuch.onnx"]) == 2
+    assert "there is no file 'nosuch.onnx'; check the name" in capsys.readouterr().err
+
+
 async def rolled(robot: Robot, seconds: float) -> list[tuple[str, float]]:
     """Who drives and how fast, ten times a second."""
     found = []

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from txt1.additions import Options
+from txt1.errors import ConfigError
 
 if TYPE_CHECKING:
     from txt1.config import Config
@@ -16,10 +17,15 @@ SUFFIX: Final = ".onnx"
 
 
 def asked(arguments: Namespace, config: Config) -> Policy | None:
-    """Return the policy that --source names, None where it names none; raises PolicyError, MissingExtra."""
+    """Return the policy that --source names, None where it names none.
+
+    Raises ConfigError: there is no such file; PolicyError, MissingExtra.
+    """
     source = getattr(arguments, "source", None)
     if source is None or not source.endswith(SUFFIX):
         return None
+    if not Path(source).exists():
+        raise ConfigError(f"--source: there is no file '{source}'; check the name")
     from txt1.commands import need
     from txt1.teaching.policy import load
 
