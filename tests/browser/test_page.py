@@ -324,7 +324,7 @@ def test_a_recording_is_begun_fetched_and_shown(page: Any, car: Live) -> None:
     page.wait_for_timeout(1500 * S)
     page.locator("#record").click()
     page.wait_for_function("() => document.getElementById('record').textContent === 'record'")
-    page.get_by_role("button", name="Refresh").click()
+    page.wait_for_function("() => document.querySelectorAll('#panel a[download]').length")  # without Refresh
     link = page.locator("#panel a[download]").first
     with page.expect_download() as fetched:
         link.click()
@@ -335,8 +335,20 @@ def test_a_recording_is_begun_fetched_and_shown(page: Any, car: Live) -> None:
     page.wait_for_timeout(300 * S)
     assert setpoint(car) == (0.0, 0.0), "a page that shows a recording does not drive"
     page.mouse.up()
+    page.wait_for_function("() => document.getElementById('state').textContent === 'end'")
+    assert page.locator("#lost").is_hidden()
+    assert not page.locator("#record").count()
     page.locator("#live").click()
     page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
+
+
+def test_path_and_tab_outlive_a_reload(page: Any, car: Live) -> None:
+    drives_by_keys(page, car, "w", fast)
+    page.locator("[data-tab=tasks]").click()
+    page.wait_for_function("() => document.querySelector('[data-tab=tasks]').ariaSelected === 'true'")
+    page.reload()
+    page.wait_for_function("() => document.querySelector('[data-tab=tasks]').ariaSelected === 'true'", timeout=9000)
+    assert page.evaluate("JSON.parse(sessionStorage.getItem('view')).map.path.length") > 2
 
 
 def test_any_topic_can_be_plotted(page: Any, car: Live) -> None:

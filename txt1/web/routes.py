@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterable, Awaitable, Callable
+from io import BytesIO
 from typing import Final
 
 from aiohttp import WSMessage, WSMsgType, web
@@ -132,10 +133,10 @@ class Routes:
             raise web.HTTPForbidden(text="only the operator invites\n")
         import segno
 
+        picture = BytesIO()  # with its name space, without which a browser shows no picture
         code = segno.make(f"{request.scheme}://{request.host}/#token={token}", error="m")
-        return web.Response(
-            body=code.svg_inline(scale=4, border=2, light="white").encode(), content_type="image/svg+xml"
-        )
+        code.save(picture, kind="svg", scale=4, border=2, light="white")
+        return web.Response(body=picture.getvalue(), content_type="image/svg+xml")
 
     async def _recording(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]

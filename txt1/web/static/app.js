@@ -155,12 +155,19 @@ function show() {
   const replay = know.page.replay
   const state = $("state")
   state.className = "pill"
-  if (silent || !mode) state.textContent = link.open ? "no news" : "connecting"
+  const ended = silent && link.open && replay  // a recording that was shown to its end sends nothing more
+  if (ended) state.textContent = "end"
+  else if (silent || !mode) state.textContent = link.open ? "no news" : "connecting"
   else if (replay) state.textContent = "recording"
   else if (mode.stopped) state.textContent = "stopped", state.classList.add("stopped")
   else if (mode.armed) state.textContent = "armed", state.classList.add("armed")
   else state.textContent = "disarmed", state.classList.add("closed")
-  $("lost").hidden = !silent
+  $("lost").hidden = !silent || ended
+  const recording = topics["/recording"] ?? ""
+  if (recording !== know.recording) {  // begun or ended: the list of files is another
+    know.recording = recording
+    if (link.open) link.send({ do: "files" })
+  }
   const reason = !silent && !replay && mode && !mode.armed ? mode.reason : ""
   $("reason").hidden = !reason
   $("reason").textContent = reason
@@ -169,7 +176,8 @@ function show() {
   $("warnings").textContent = warnings.join("; ")
   const driver = topics["/driver"]?.name ?? ""
   const holder = know.page.wheel, mine = holder && holder === know.page.number
-  $("driver").textContent = driver === "web" ? (mine ? "this page" : `page ${holder}`) : driver || "nobody"
+  $("driver").textContent = driver === "web" ? (mine ? "this page" : `page ${holder}`)
+    : driver || (mine ? "this page" : holder ? `page ${holder}` : "nobody")
   $("battery").textContent = battery(topics["/battery1"], topics["/range_left"])
   $("link").textContent = !link.open ? "lost" : silent ? "silent" : mode?.link.alive === false ? "board lost"
     : know.page.round_trip == null ? "alive" : `${Math.round(1000 * know.page.round_trip)} ms`
@@ -332,3 +340,12 @@ setInterval(() => {
   map.frames = 0
   if (sensorTopics().length !== know.drawn) know.drawn = sensorTopics().length, subscribe()
 }, 1000)
+
+const KEPT = "view"  // of the map, and the tab: they outlive a reload
+addEventListener("pagehide", () => sessionStorage.setItem(KEPT, JSON.stringify({ map: map.kept(), tab })))
+const kept = JSON.parse(sessionStorage.getItem(KEPT) ?? "null")
+if (kept) {
+  map.restore(kept.map)
+  $("follow").setAttribute("aria-pressed", String(map.follow))
+  $("tabs").querySelector(`[data-tab="${kept.tab}"]:not([hidden])`)?.click()
+}

@@ -16,6 +16,7 @@ export class Map2d {
   follow = false
   #robot = null  // {pose, v, omega, at}
   #zoom = 1
+  #before = 0  // s of the run at which the path ended before a reload
   #view = { scale: 100, x: 0, y: 0, width: 1, height: 1 }
   #colours = null
 
@@ -35,6 +36,18 @@ export class Map2d {
   }
 
   repaint() { this.#colours = null }
+
+  // What outlives a reload of the page; `restore` takes it again.
+  kept() {
+    return { path: this.path.slice(-2000), zoom: this.#zoom, follow: this.follow, time: this.#poses.at(-1)?.[0] ?? 0 }
+  }
+
+  restore({ path, zoom, follow, time }) {
+    this.path = path
+    this.#zoom = zoom
+    this.follow = follow
+    this.#before = time
+  }
 
   clear() {
     this.path = []
@@ -56,6 +69,8 @@ export class Map2d {
     }
     this.frame = topics["/pose"] ? "room" : estimate ? "estimate" : "odometry"
     this.#robot = { pose, v: odometry?.v ?? 0, omega: odometry?.omega ?? 0, at: performance.now() }
+    if (time < this.#before) this.path = []  // the run is another one
+    this.#before = 0
     const elapsed = time - (this.#poses.at(-1)?.[0] ?? time)
     if (elapsed <= 0) this.#poses = []
     this.#poses.push([time, pose])

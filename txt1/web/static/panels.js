@@ -201,7 +201,7 @@ const files = (know, panel) => {
   panel.dataset.files = text
   const now = know.topics["/recording"]
   const parts = [element("div", { className: "row" },
-    element("button", { id: "record", className: now ? "" : "primary", onclick: () => know.send({ do: "record", on: !now }) }, now ? "stop recording" : "record"),
+    replay ? null : element("button", { id: "record", className: now ? "" : "primary", onclick: () => know.send({ do: "record", on: !now }) }, now ? "stop recording" : "record"),
     element("button", { onclick: () => know.send({ do: "files" }) }, "Refresh"),
     now ? span(now, "dim") : null)]
   if (replay) {
