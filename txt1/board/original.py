@@ -1,8 +1,12 @@
 """The original laboratory's board as it was observed to work: its framer and its tasks (thesis 3.3.3, 3.5).
 
-Hosts have to live with its habits; ours has none of them. The controller runs at 20 Hz and takes a whole outage for its
-first period; speeds read 6.3 % low and slow ones 0; no safety gate, and the link rule of 1 to 2 s is its only watch; in
-manual mode the last PWM stays for ever; a PWM test is obeyed in every mode; neither mode nor switches are reported.
+Hosts have to live with its habits; ours has none of them. They are:
+
+- The controller runs at 20 Hz. After an outage its first period is the whole outage.
+- Speeds read 6.3 % low, and slow speeds read 0.
+- There is no safety gate. The only watch is the link rule, which takes 1 to 2 s.
+- In manual mode the last PWM stays for ever. A PWM test is obeyed in every mode.
+- Neither the mode nor the switches are reported.
 """
 
 from collections import deque

@@ -92,9 +92,9 @@ class _PtyLink(Link):
 def listen_pty(path: str, end: End) -> Listener:
     """A pseudo-terminal that hosts open at `path`, which becomes a symbolic link to it.
 
-    All hosts, one after the other, are one link to `end`: it is up until it is closed, and what is written while no
-    host has it open is lost, as on a line nobody listens to. Making and removing the symbolic link touches the file
-    system from the loop. A HalError when there is something else at `path`, or it cannot be made, says what to do.
+    Hosts may come and go; `end` sees a single link, which is up until it is closed. Bytes that are written while no
+    host has it open are lost, as on an unplugged line. Making and removing the symbolic link touches the file system
+    from the loop. Raises HalError with a remedy: another file is at `path`, or the link cannot be made.
     """
     try:
         master, slave_fd = os.openpty()

@@ -3,10 +3,14 @@
 The car drives forward at a constant speed v and turns by at most v / R. It has arrived when its centre is on the goal
 circle, of radius g around the light, whatever its heading. The time is the length of the shortest such path over v.
 
-The shortest is one of six, three kinds that begin to either side: an arc that runs into the goal circle by itself (C);
-an arc, and a straight line from its end towards the light, g short of it (CS); an arc, and one turning the other way,
-whose two ends and the light are on one line (CC'). docs/results/least_time.md derives this from Pontryagin's
-maximum principle, and their lengths; the tests show by Bellman's inequality that no path is shorter.
+The shortest path is of one of three kinds, and begins to the left or to the right:
+
+- C: an arc that runs into the goal circle by itself;
+- CS: an arc, then a straight line towards the light, which ends g before it;
+- CC': an arc, then an arc that turns the other way. The ends of the second arc and the light are on a straight line.
+
+docs/results/least_time.md derives the kinds and their lengths from Pontryagin's maximum principle. The tests show by
+Bellman's inequality that no path is shorter.
 """
 
 from typing import Final

@@ -1,8 +1,8 @@
 """A virtual VESC, with a simulated car behind it, and a servo that steers on its servo output.
 
-It does what the firmware does: frames with anything wrong are dropped, values go out when they are asked for, speeds
-below a least one let the motor roll, and when no command has come for as long as its time-out, it lets the motor roll;
-the servo stays where it is. Neither asking for values nor the servo's command puts that off.
+It behaves as the firmware does. It drops damaged frames and sends values on request. Below its least speed the motor
+rolls. Without a command for the length of the time-out, the motor rolls and the servo keeps its angle. A request for
+values or a servo command does not restart the time-out.
 """
 
 from math import inf
