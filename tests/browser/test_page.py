@@ -575,6 +575,7 @@ def test_the_door_opens_by_the_token_typed_or_by_the_code_and_the_pad_has_a_secu
             assert TOKEN not in page.url
             assert page.evaluate("isSecureContext && 'getGamepads' in navigator")
         typed.locator("[data-tab=page]").click()
+        typed.wait_for_function("() => document.getElementById('invitation').naturalWidth > 0")
         typed.get_by_role("button", name="sign out").click()
         typed.wait_for_selector("#token")
         for page in (typed, scanned):
