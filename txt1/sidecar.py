@@ -205,7 +205,13 @@ class Sidecar:
             with theirs:
                 # in a thread: starting a process takes milliseconds, and virtual time waits for a thread
                 self._child = await asyncio.to_thread(
-                    _start, theirs.fileno(), self.program, words, self.on_terminal, self.environment, self.niceness
+                    start_beside,
+                    theirs.fileno(),
+                    self.program,
+                    words,
+                    self.on_terminal,
+                    self.environment,
+                    self.niceness,
                 )
         except BaseException:
             ours.close()
@@ -349,7 +355,7 @@ class Sidecar:
 
     async def _reap(self, patience: float) -> None:
         if self._child is not None:
-            self.returncode = await asyncio.to_thread(_end, self._child, patience)
+            self.returncode = await asyncio.to_thread(end_beside, self._child, patience)
             self._child = None
 
     async def _live(self) -> Reason:
@@ -400,7 +406,7 @@ class Sidecar:
         self.tell(trouble)
 
 
-def _start(
+def start_beside(
     fd: int,
     program: Sequence[str],
     words: Sequence[str],
@@ -431,7 +437,7 @@ def _start(
     return child
 
 
-def _end(child: subprocess.Popen[bytes], patience: float) -> int:
+def end_beside(child: subprocess.Popen[bytes], patience: float) -> int:
     """The exit code of a process that is given `patience` s to end and is killed then; in a thread."""
     try:
         return child.wait(patience)

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from txt1.cli.options import ONE_ROBOT
 from txt1.commands import FAULT, OK, add, existing, flag, need, path, takes
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from txt1.mapping.mapper import Mapper
 
 T = TypeVar("T")
-SUFFIXES: Final = (".graph", ".pgm", ".svg", ".yaml")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,6 +56,8 @@ class ScanLog(NamedTuple):
 def main(arguments: argparse.Namespace) -> int:
     """Make a map, or extend one, and tell what it is like."""
     need("txt1 map", "mapping", "scipy")
+    from txt1.mapping import stored
+
     if not 0.01 <= arguments.resolution <= 1.0:
         raise ConfigError(f"--resolution {arguments.resolution:g}: a cell's side is 0.01 to 1 m")
     output = arguments.output or arguments.file.with_name(arguments.file.name.split(".")[0])
@@ -69,7 +70,7 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError(
             f"{arguments.file}: this drive fits nowhere on the map {output}.yaml, which stays; --new begins a new one"
         )
-    files = _files(mapper, output, arguments.resolution, [*drives, arguments.file.name])
+    files = stored.files_of(mapper, output, arguments.resolution, [*drives, arguments.file.name])
     if arguments.again:
         return compared(files)
     write(files)
@@ -141,29 +142,15 @@ def _shown(items: list[T], text: str) -> Iterable[T]:
     return track(items, text, console=Console(stderr=True), transient=True)
 
 
-def _files(mapper: Mapper, output: Path, resolution: float, drives: list[str]) -> dict[Path, bytes]:
-    """Return the contents of a map's files; raises ConfigError: it is too large."""
-    from txt1.mapping import drawing, stored
-
-    try:
-        grid = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
-    except ValueError as error:
-        raise ConfigError(f"--resolution {resolution:g}: {error}") from None
-    contents = drawing.contents(grid, output.name, [("#d04010", mapper.poses)])
-    contents[".graph"] = stored.content(mapper, {"drives": drives})
-    # the .yaml comes last: whoever finds it finds all the others
-    return {output.with_name(output.name + suffix): contents[suffix] for suffix in SUFFIXES}
-
-
 def write(files: dict[Path, bytes]) -> None:
     """Write a map's files; raises ConfigError: one cannot be written, and what was there stays."""
     from txt1.mapping.drawing import put
 
-    for file, content in files.items():
-        try:
-            put(file, content)
-        except OSError as error:
-            raise ConfigError(f"{file}: {error.strerror}; the file that was there stays") from None
+    try:
+        put(files)
+    except OSError as error:
+        file = str(error.filename or next(iter(files))).removesuffix(".new")
+        raise ConfigError(f"{file}: {error.strerror}; the files that were there stay") from None
 
 
 def compared(files: dict[Path, bytes]) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import floor
 from pathlib import Path
 from typing import Final
@@ -45,10 +45,14 @@ def grid_of(clouds: Sequence[Cloud], poses: Array, loops: Kernels, resolution: f
     for end, pose in zip(ends, poses, strict=True):
         x, y = pose[0] / resolution - left, pose[1] / resolution - bottom
         loops.carve(hits, passes, end / resolution - (left, bottom), x, y)
+    return Grid(occupancy(hits, passes), resolution, (left * resolution, bottom * resolution, 0.0))
+
+
+def occupancy(hits: NDArray[np.int32], passes: NDArray[np.int32]) -> NDArray[np.int8]:
+    """Return the cells of a grid from how many rays end in each and how many pass it."""
     seen = hits + passes
     solid = hits >= SOLID * np.maximum(seen, 1)
-    cells = np.where(seen == 0, UNKNOWN, np.where(solid, OCCUPIED, FREE)).astype(np.int8)
-    return Grid(cells, resolution, (left * resolution, bottom * resolution, 0.0))
+    return np.where(seen == 0, UNKNOWN, np.where(solid, OCCUPIED, FREE)).astype(np.int8)
 
 
 def picture(grid: Grid) -> bytes:
@@ -107,16 +111,22 @@ def save(grid: Grid, name: Path, ways: Iterable[tuple[str, Array]] = ()) -> list
 
     Raises OSError: the disk is full, or the folder cannot be written; what was there stays.
     """
-    return [put(name.with_name(name.name + suffix), text) for suffix, text in contents(grid, name.name, ways).items()]
+    files = {name.with_name(name.name + suffix): text for suffix, text in contents(grid, name.name, ways).items()}
+    put(files)
+    return list(files)
 
 
-def put(file: Path, content: bytes) -> Path:
-    """Write a file beside itself, and put it in its place when it is whole; raises OSError."""
-    new = file.with_name(file.name + ".new")
+def put(files: Mapping[Path, bytes]) -> None:
+    """Write files beside themselves, and put them in their places when all are whole.
+
+    Raises OSError: one cannot be written, and all that were there stay.
+    """
+    new = {file.with_name(file.name + ".new"): file for file in files}
     try:
-        new.write_bytes(content)
-        new.replace(file)
-    except OSError:
-        new.unlink(missing_ok=True)
-        raise
-    return file
+        for (beside, _), content in zip(new.items(), files.values(), strict=True):
+            beside.write_bytes(content)
+        for beside, file in new.items():
+            beside.replace(file)
+    finally:
+        for beside in new:
+            beside.unlink(missing_ok=True)

@@ -144,6 +144,9 @@ class Mapper:
         self._looked = 0
         self._unsettled = 0
         self._old, self._found = 0, False
+        self._seen: Array | None = None
+        self.covariance = FLOOR.copy()
+        """Of the newest pose against the map round it, (3, 3), m^2 and rad^2: along a corridor it grows."""
 
     def resume(self, keys: list[KeyScan], poses: Array, edges: Iterable[Any]) -> None:
         """Go on with the keyframes of earlier drives; where the next drive begins is found when it fits somewhere."""
@@ -174,12 +177,14 @@ class Mapper:
         step = difference(self._before, odometry)
         self._before = odometry
         score, information = 0.0, None
+        self._seen = None
         predicted = composed(self._pose, step)
         deviation = self._odometry.deviation(step)
         if self._local is None or len(cloud.points) < 10:
             self._pose = predicted
         else:
             score, self._pose, information = self._matched(cloud, predicted, deviation)
+        self._spread(deviation)
         since = difference(self.graph.poses[-1], self._pose)
         if hypot(since[0], since[1]) < self._matching.key_way and abs(since[2]) < self._matching.key_turn:
             self._owners.append(len(self.keys) - 1)
@@ -193,6 +198,12 @@ class Mapper:
         self.graph.optimise()
         self._pose = composed(self.graph.poses[self._owners[-1]], self._steps[-1])
         self._rebuild()
+
+    def try_loop(self) -> None:
+        """Compare the newest keyframes with the oldest, and link nothing: so that all loops are compiled."""
+        new = len(self.keys) - 1
+        query = sparse(self._cloud(range(max(0, new - self._matching.query + 1), new + 1), self.graph.poses[new]), 200)
+        self._closed(0, query, 9.0)
 
     def _begin(self, time: float, cloud: Cloud, odometry: Array) -> Match:
         self._pose = odometry
@@ -234,7 +245,18 @@ class Mapper:
         moved_by = difference(found, pose)
         if hypot(moved_by[0], moved_by[1]) > 0.5 or abs(moved_by[2]) > radians(10.0):
             pose = found
+        self._seen = information / matching.noise**2
         return score, composed(self._origin, pose), (information + prior) / matching.noise**2
+
+    def _spread(self, deviation: tuple[float, float]) -> None:
+        """Let the covariance grow by a step, and shrink by what the scan said of each direction."""
+        position, angle = deviation
+        self.covariance = self.covariance + np.diag([position, position, angle]) ** 2
+        if self._seen is not None:
+            cosine, sine = np.cos(self._origin[2]), np.sin(self._origin[2])
+            turned = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+            seen = np.linalg.inv(self.covariance) + turned @ self._seen @ turned.T
+            self.covariance = np.asarray(np.linalg.inv(seen) + FLOOR)
 
     def _keyed(self, time: float, cloud: Cloud, since: Array, score: float, information: Array | None) -> Match:
         """Make the scan a keyframe, and look for loops."""

@@ -1,4 +1,4 @@
-"""`txt1 run --in room --at X,Y,THETA`: short for two settings, so that a recording holds them and can be run again."""
+"""`txt1 run --map room`, `--in room --at X,Y,THETA`: short for settings, so that a recording holds them."""
 
 from __future__ import annotations
 
@@ -49,18 +49,31 @@ def asked(arguments: Namespace, config: Config) -> object | None:
     from txt1.mapping.settings import MappingConfig
 
     settings = config.section(MappingConfig)
-    if settings.room is not None:
-        need("--in", "mapping", "scipy")
-        from txt1.mapping.placing import checked
+    if (settings.room, settings.make, settings.at) == (None, None, None):
+        return None
+    need("--in" if settings.make is None else "--map", "mapping", "scipy")
+    from txt1.mapping.placing import checked
+    from txt1.mapping.works import warm
 
-        with busy("reading the map, and compiling for it"):
-            checked(settings, config).warm()
+    checked(settings)
+    with busy("compiling for the map"):
+        # the process of the map finds the results on the disk
+        warm()
     return None
 
 
 OPTIONS: Final = Options(
     "a map",
     {
+        "--map": {
+            "metavar": "NAME",
+            "help": "make the map NAME.yaml while driving, or extend the one that is there",
+            "type": _name,
+            "action": SetWithMap,
+            "const": "make",
+            "default": None,
+            "dest": "make_map",
+        },
         "--in": {
             "metavar": "MAP",
             "help": "tell where the robot is on a map of txt1 map or map_server: the sensor map",

@@ -1,198 +1,264 @@
-"""The sensor ``map``: where the robot is on a map, from a laser's scans and odometry.
+"""The sensors ``mapping`` and ``map``: what a laser's scans and odometry tell of the map, and where the robot is on it.
 
 How it works
 ------------
 
-The laser's readings and odometry go to a `Sweeper`, whose scans go to a `Locator`. In virtual time the filter works at
-once, and its pose is told a fixed time after the scan. On the real clock it works in a thread, which takes the newest
-scan when it is ready; numba lets go of the interpreter while it computes. The filter's poses are readings of a sensor,
-so a recording holds each of them and when it took effect, and a replay gives them again without computing them.
+The laser's readings and odometry go to a `Sweeper`, whose scans are worked on beside the robot (`worker`): a filter
+finds the robot on a map, or a mapper makes one. What comes of a scan are `MapNews`, a reading of the sensor
+``mapping``. In virtual time they are told a fixed time after the scan, on the real clock when they are there. The
+sensor ``map`` has the pose alone, as other sensors of poses do; while the robot is lost, it tells nothing, so nobody
+drives by it.
 
-While the filter is lost, the sensor tells nothing, so nobody drives by it.
+News are readings of a sensor, so a recording holds each of them and when it took effect, and a replay gives them again
+without computing them. All else follows from them in the same step (`OnMap`): the map, the transform, what is told.
 """
 
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections import deque
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from math import cos, pi, sin, sqrt
-from typing import Any, Final, NamedTuple
+from pathlib import Path
+from typing import Any, Final
 
-import numpy as np
-
-from txt1.config import Config
+from txt1.commands import say
 from txt1.config.schema import SensorConfig
-from txt1.errors import ConfigError, HalError, MissingExtra
+from txt1.errors import CommandRefused, ConfigError, HalError, MissingExtra
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.mapping.drive import Sweep, Sweeper
-from txt1.mapping.locate import Located, Locator
-from txt1.mapping.poses import composed, difference
+from txt1.mapping.drive import Sweeper
+from txt1.mapping.poses import composed
 from txt1.mapping.settings import MappingConfig
-from txt1.maps import files
-from txt1.maps.grid import Grid
+from txt1.mapping.telling import (
+    MAP,
+    MAP_POSE,
+    MAP_TRANSFORM,
+    PARTICLES,
+    WALLS_ON_MAP,
+    MapNews,
+    MapPose,
+    MapSheet,
+    Pose,
+    news_topic,
+)
+from txt1.mapping.worker import Far, Near
+from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
 from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
 
-NAME: Final = "map"
-ENDING: Final = 3.0
-"""s that the thread has to end."""
+POSE: Final = "map"
+NEWS: Final = "mapping"
+"""The sensors' names."""
 
 
-class PlaceOnMap(NamedTuple):
-    """A checked map, and where the robot begins on it."""
-
-    grid: Grid
-    at: tuple[float, float, float] | None
-    seed: int
-
-    def warm(self) -> None:
-        """Compile, so that no cycle waits for it."""
-        from txt1.maps.rays import prepare as prepare_rays
-
-        prepare_rays()
-        locator = Locator(self.grid, 0, count=10)
-        points = np.column_stack((np.linspace(-1.0, 1.0, 60), np.full(60, 1.0)))
-        locator.update(0.0, points, (0.0, 0.0, 0.0))
-        locator.place((0.0, 0.0, 0.0))
-        locator.update(0.1, points, (0.0, 0.0, 0.0))
-
-
-def checked(settings: MappingConfig, config: Config) -> PlaceOnMap:
-    """Return the map of the settings; raises ConfigError: there is none, or the start is no place on it."""
-    assert settings.room is not None
-    name = settings.room
-    room = name if name.endswith((".yaml", ".yml")) else f"{name}.yaml"
-    grid = files.read(room).grid
-    if settings.at is not None and not grid.is_free(*settings.at[:2]):
-        x, y, _ = settings.at
-        raise ConfigError(f"mapping.at: ({x:g}, {y:g}) is no free floor on the map {room}; look at its picture")
-    return PlaceOnMap(grid, settings.at, config.own_seed)
+def checked(settings: MappingConfig) -> None:
+    """Look whether the settings fit one another; raises ConfigError: they do not, or there is no such map."""
+    if settings.room is not None and settings.make is not None:
+        raise ConfigError("mapping.make, mapping.room (--map, --in): a map is made, or driven in; give one of them")
+    if settings.at is not None:
+        if settings.room is None:
+            raise ConfigError("mapping.at (--at) is a place on a map: give the map, with --in MAP")
+        if not map_of(settings.room).is_free(*settings.at[:2]):
+            x, y, _ = settings.at
+            raise ConfigError(
+                f"mapping.at: ({x:g}, {y:g}) is no free floor on the map {settings.room}: see its picture"
+            )
+    elif settings.room is not None:
+        map_of(settings.room)
+    if settings.make is not None:
+        output = Path(settings.make)
+        if output.suffix in (".yaml", ".pgm", ".graph"):
+            raise ConfigError(f"mapping.make: {output}: give the name without {output.suffix}")
+        if not output.absolute().parent.is_dir():
+            raise ConfigError(f"mapping.make: there is no folder {output.absolute().parent}; make it first")
 
 
-class MapSensor:
-    """The filter as a sensor; `connect` gives it its laser and odometry."""
+class NewsSensor:
+    """The work on scans as a sensor; `connect` gives it its laser and odometry."""
 
-    # at each cycle it notes odometry; poses come as often as scans
+    # at each cycle it notes odometry; news come as often as scans
     period, simulated = 0.02, True
 
     def __init__(self, setup: Setup) -> None:
-        self.topic = tracker_topic(setup.name)
+        self.topic = news_topic(setup.name)
         self._settings = setup.config.section(MappingConfig)
-        if self._settings.room is None:
-            raise ConfigError(f"sensors.{setup.name}: mapping.room names no map; give one, or --in MAP")
-        try:
-            self._locator = Locator(*_begun(checked(self._settings, setup.config)))
-        except ImportError:
-            raise MissingExtra("locating on a map", "mapping") from None
+        self._seed = setup.config.own_seed
         self._place = self._settings.at
         self._sweeper = Sweeper()
         self._odometry: Any = None
         self._mount = Mount()
-        self._done: deque[tuple[Located, Mount]] = deque(maxlen=8)
+        self._worker: Near | Far | None = None
+        self._wait = 0.0
         self._last = -1.0
-        self._todo: Sweep | None = None
-        self._wake = threading.Condition()
-        self._over = False
-        self._failure = ""
-        self._thread: threading.Thread | None = None
 
-    def connect(self, odometry: Any) -> Any:
+    def connect(self, odometry: Any) -> Callable[[Reading[Scan]], None]:
         """Take what returns odometry and its time; return what is to be told of the laser's readings."""
         self._odometry = odometry
         return self._seen
 
+    def place(self, pose: Pose) -> None:
+        """Begin anew at a pose on the map, with the next scan."""
+        self._place = pose
+
     def _seen(self, reading: Reading[Scan]) -> None:
-        mount = reading.value.mount
-        if self._place is not None:
-            self._locator.place(composed(self._place, (mount.x, mount.y, mount.yaw)))
-            self._place = None
-        self._mount = mount
+        self._mount = reading.value.mount
         self._sweeper.seen(reading.time, reading.value)
 
     async def open(self) -> None:
-        """Begin the thread, on the real clock."""
-        self._over = False
-        if not isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
-            self._thread = threading.Thread(target=self._work, daemon=True, name="map")
-            self._thread.start()
+        """Begin to work: in virtual time here, else in a process of its own, which is waited for."""
+        settings = self._settings
+        checked(settings)
+        if isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+            self._worker, self._wait = Near(self._made), settings.delay
+        elif settings.room is not None:
+            self._worker = Far({"room": settings.room, "seed": self._seed})
+        else:
+            self._worker = Far({"make": settings.make, "resolution": settings.resolution})
+        try:
+            await self._worker.open()
+        except ImportError:
+            raise MissingExtra("a map", "mapping") from None
+
+    def _made(self) -> Work:
+        settings = self._settings
+        if settings.room is not None:
+            return locating(settings.room, self._seed)
+        return Mapping(Path(settings.make or ""), settings.resolution)
 
     async def close(self) -> None:
-        """End the thread."""
-        thread, self._thread = self._thread, None
-        if thread is not None:
-            with self._wake:
-                self._over = True
-                self._wake.notify()
-            await asyncio.to_thread(thread.join, ENDING)
+        """Do nothing: a map takes its time to be written, so `finish` does it."""
+
+    async def finish(self) -> list[str]:
+        """End the work, and return what is to be told."""
+        worker, self._worker = self._worker, None
+        return [] if worker is None else await worker.finish()
+
+    def read(self, now: float) -> Reading[MapNews] | None:
+        """Return the oldest news that are due, None where there are none."""
+        worker = self._worker
+        if worker is None:
+            return None
+        if worker.failure:
+            raise HalError(worker.failure)
+        odometry, time = self._odometry()
+        mount = self._mount
+        for sweep in self._sweeper.moved(time, odometry.x, odometry.y, odometry.theta):
+            place, self._place = self._place, None
+            worker.give(ScanTask(sweep, (mount.x, mount.y, mount.yaw), place))
+        while worker.done and worker.done[0].time + self._wait <= now:
+            news = worker.done.popleft()
+            if self._last < news.time <= now:
+                self._last = news.time
+                return Reading(news.time, news)
+        return None
+
+
+class MapSensor:
+    """The pose on the map as a sensor; it is told the news."""
+
+    period, simulated = 0.02, True
+
+    def __init__(self, setup: Setup) -> None:
+        self.topic = tracker_topic(setup.name)
+        settings = setup.config.section(MappingConfig)
+        if settings.room is None and settings.make is None:
+            raise ConfigError(f"sensors.{setup.name}: mapping.room names no map; give one, or --in MAP")
+        self._news: deque[MapNews] = deque(maxlen=1)
+
+    async def open(self) -> None:
+        """Have nothing to open."""
+
+    async def close(self) -> None:
+        """Have nothing to close."""
+
+    def heard(self, reading: Reading[MapNews]) -> None:
+        """Take news."""
+        if not reading.value.lost:
+            self._news.append(reading.value)
 
     def read(self, now: float) -> Reading[TrackerReading] | None:
-        """Return the newest pose, None where there is no new one or the filter is lost."""
-        if self._failure:
-            raise HalError(self._failure)
-        odometry, time = self._odometry()
-        for sweep in self._sweeper.moved(time, odometry.x, odometry.y, odometry.theta):
-            if self._thread is None:
-                self._done.append((self._located(sweep), self._mount))
-            else:
-                with self._wake:
-                    self._todo = sweep
-                    self._wake.notify()
-        told = None
-        wait = self._settings.delay if self._thread is None else 0.0
-        while self._done and self._done[0][0].time + wait <= now:
-            located, mount = self._done.popleft()
-            if not located.lost and self._last < located.time <= now:
-                told = Reading(located.time, _reading(located, mount))
-        if told is not None:
-            self._last = told.time
-        return told
-
-    def _located(self, sweep: Sweep) -> Located:
-        return self._locator.update(sweep.time, sweep.points, sweep.odometry)
-
-    def _work(self) -> None:
-        """In the thread: take the newest scan, and put its pose down."""
-        while True:
-            with self._wake:
-                while self._todo is None and not self._over:
-                    self._wake.wait()
-                if self._over:
-                    return
-                sweep, self._todo = self._todo, None
-            assert sweep is not None
-            try:
-                self._done.append((self._located(sweep), self._mount))
-            except Exception as error:  # told by the sensor, which is then not healthy
-                self._failure = f"the filter on the map failed: {type(error).__name__}: {error}"
-                return
+        """Return the newest pose, None where there is no new one or the robot is lost."""
+        del now
+        if not self._news:
+            return None
+        news = self._news.popleft()
+        x, y, theta = news.pose
+        sigma_x, sigma_y, sigma_theta = (sqrt(news.covariance[k]) for k in (0, 4, 8))
+        turn = (0.0, 0.0, sin(0.5 * theta), cos(0.5 * theta))
+        reading = TrackerReading(
+            x, y, 0.0, turn, subject=POSE, sigma_x=sigma_x, sigma_y=sigma_y, sigma_theta=min(sigma_theta, pi)
+        )
+        return Reading(news.time, reading)
 
 
-def _begun(place: PlaceOnMap) -> tuple[Grid, int]:
-    return place.grid, place.seed
+class OnMap:
+    """The robot on its map: found by `Runtime.part`."""
+
+    def __init__(self, runtime: Runtime, making: bool, sensor: NewsSensor | None) -> None:
+        self._runtime, self._sensor = runtime, sensor
+        self.making = making
+        """Whether the map is in the making."""
+        self.news: MapNews | None = None
+        """The newest."""
+        self.sheet: MapSheet | None = None
+        """The map; None: none is known yet."""
+        self._trouble = ""
+        bus = runtime.bus
+        bus.offer(MAP_POSE, self.pose)
+        bus.offer(WALLS_ON_MAP, lambda: None if self.sheet is None else self.sheet.walls)
+        bus.offer(PARTICLES, lambda: (self.news.particles or None) if self.news is not None else None)
+
+    def heard(self, reading: Reading[MapNews]) -> None:
+        """Take news, and tell what follows from them."""
+        runtime, before, news = self._runtime, self.news, reading.value
+        bus, time = runtime.bus, reading.time
+        self.news = news
+        if news.sheet is not None:
+            self.sheet = news.sheet
+            bus.publish(MAP, news.sheet, time)
+        if not news.lost:
+            bus.publish(MAP_TRANSFORM, news.origin, time)
+        if news.particles:
+            bus.publish(PARTICLES, news.particles, time)
+        if before is not None and before.lost is not news.lost:
+            self._tell("the robot is lost on the map" if news.lost else "the robot knows where it is on the map")
+        if before is not None and before.closed < news.closed:
+            self._tell(f"the map closes a loop, the {news.closed}. so far")
+        if news.trouble != self._trouble:
+            self._trouble = news.trouble
+            if news.trouble:
+                self._tell(news.trouble)
+
+    def _tell(self, text: str) -> None:
+        runtime = self._runtime
+        runtime.state.tell(runtime.now, text)
+
+    def pose(self) -> MapPose | None:
+        """Return where the robot is now, by the last scan and odometry since; None before the first."""
+        news = self.news
+        if news is None:
+            return None
+        x, y, theta = map(float, composed(news.origin, self._runtime.state.odometry[:3]))
+        sigma = sqrt(news.covariance[0] + news.covariance[4])
+        return MapPose(x, y, theta, sigma, sqrt(news.covariance[8]), news.fit, news.lost)
+
+    def place(self, x: float, y: float, theta: float) -> None:
+        """Say where the robot is on the map, m and rad; raises CommandRefused: there is no free floor on the map."""
+        if self.making or self._sensor is None:
+            raise CommandRefused("the map is in the making, and begins where the robot began: no place can be given")
+        if self.sheet is not None and not self.sheet.grid.is_free(x, y):
+            raise CommandRefused(f"({x:.2f} m, {y:.2f} m) is no free floor on the map: give a place that is")
+        self._sensor.place((float(x), float(y), float(theta)))
 
 
-def _reading(located: Located, mount: Mount) -> TrackerReading:
-    """Return the robot's pose of the laser's."""
-    back = difference((mount.x, mount.y, mount.yaw), (0.0, 0.0, 0.0))
-    x, y, theta = map(float, composed(located.pose, back))
-    sigma_x, sigma_y, sigma_theta = (sqrt(float(located.covariance[k, k])) for k in range(3))
-    turn = (0.0, 0.0, sin(0.5 * theta), cos(0.5 * theta))
-    return TrackerReading(
-        x, y, 0.0, turn, subject=NAME, sigma_x=sigma_x, sigma_y=sigma_y, sigma_theta=min(sigma_theta, pi)
-    )
-
-
-create = MapSensor
-
-
-async def prepare(runtime: Runtime, settings: MappingConfig) -> MapSensor | None:
-    """Open the sensor ``map``, and give it the laser; None where there is no map, or a replay gives the readings.
+async def prepare(runtime: Runtime, settings: MappingConfig) -> OnMap | None:
+    """Open the sensors, and give them the laser; None where there is no map.
 
     Raises ConfigError: there is no laser.
     """
-    if settings.room is None:
+    if settings.room is None and settings.make is None:
         return None
     lasers = [name for name, each in runtime.sensors.items() if each.sensor.topic.type is Scan]
     if not lasers:
@@ -200,10 +266,39 @@ async def prepare(runtime: Runtime, settings: MappingConfig) -> MapSensor | None
     laser = lasers[0] if settings.laser is None and len(lasers) == 1 else settings.laser
     if laser not in lasers:
         raise ConfigError(f"mapping.laser: {laser}; there are: {', '.join(lasers)}")
-    await runtime.open_sensor(NAME, SensorConfig(driver="map"))
-    sensor = runtime.sensors[NAME].sensor
-    if not isinstance(sensor, MapSensor):
-        return None
-    state = runtime.state
-    runtime.sensors[laser].listeners.append(sensor.connect(lambda: (state.odometry, state.odometry_time)))
-    return sensor
+    await runtime.open_sensor(NEWS, SensorConfig(driver="map_news"))
+    await runtime.open_sensor(POSE, SensorConfig(driver="map"))
+    news, pose = (runtime.sensors[name].sensor for name in (NEWS, POSE))
+    # in a replay the readings of both are given again
+    real = news if isinstance(news, NewsSensor) else None
+    there = OnMap(runtime, settings.make is not None, real)
+    runtime.sensors[NEWS].listeners.append(there.heard)
+    if real is not None:
+        state = runtime.state
+        runtime.sensors[laser].listeners.append(real.connect(lambda: (state.odometry, state.odometry_time)))
+    if isinstance(pose, MapSensor):
+        runtime.sensors[NEWS].listeners.append(pose.heard)
+    return there
+
+
+@asynccontextmanager
+async def watch(runtime: Runtime, settings: MappingConfig) -> AsyncIterator[None]:
+    """When all is over, end the work: a map is written then, which may take its time."""
+    del settings
+    try:
+        yield
+    finally:
+        polled = runtime.sensors.get(NEWS)
+        if polled is not None and isinstance(polled.sensor, NewsSensor):
+            for line in await polled.sensor.finish():
+                say(line)
+
+
+def create_news(setup: Setup) -> NewsSensor:
+    """Return the sensor ``mapping``."""
+    return NewsSensor(setup)
+
+
+def create(setup: Setup) -> MapSensor:
+    """Return the sensor ``map``."""
+    return MapSensor(setup)

@@ -1,16 +1,24 @@
 """The section ``mapping`` of the configuration."""
 
+from typing import Annotated
+
+from pydantic import Field
+
 from txt1.config.schema import Section
 from txt1.units import NotNegative
 
 
 class MappingConfig(Section):
-    """Where the robot is on a map: the sensor ``map``, a particle filter of a laser's scans."""
+    """A map in use, or in the making: the sensors ``map`` and ``mapping``, by a laser's scans."""
 
     room: str | None = None
-    """The map, its .yaml or the name without it; null: none."""
+    """The map that the robot drives in, its .yaml or the name without it; null: none."""
     at: tuple[float, float, float] | None = None
-    """Where the robot is at the start: x, y (m), theta (rad); null: it finds that out."""
+    """Where the robot is on it at the start: x, y (m), theta (rad); null: it finds that out."""
+    make: str | None = None
+    """Name of the map that is made, or extended, while the robot drives; null: none."""
+    resolution: Annotated[float, Field(ge=0.01, le=1.0)] = 0.05
+    """Side of a cell of the map that is made, m."""
     laser: str | None = None
     """The laser's name; null: the only one."""
     delay: NotNegative = 0.1

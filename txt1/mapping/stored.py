@@ -14,11 +14,14 @@ from zipfile import BadZipFile
 import numpy as np
 
 from txt1.errors import ConfigError
+from txt1.mapping import drawing
 from txt1.mapping.graph import EDGE
 from txt1.mapping.mapper import KeyScan, Mapper
 from txt1.mapping.matcher import Cloud
 
 VERSION: Final = 1
+SUFFIXES: Final = (".graph", ".pgm", ".svg", ".yaml")
+"""Of a map's files; the .yaml comes last: whoever finds it finds all the others."""
 
 
 def content(mapper: Mapper, about: dict[str, Any]) -> bytes:
@@ -69,3 +72,14 @@ def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
     except (OSError, ValueError, KeyError, IndexError, BadZipFile, EOFError) as error:
         raise ConfigError(f"{path}: no graph of a map, or a damaged one ({error}); map anew with --new") from None
     return mapper, told
+
+
+def files_of(mapper: Mapper, output: Path, resolution: float, drives: list[str]) -> dict[Path, bytes]:
+    """Return the contents of a map's files, which begin with `output`; raises ConfigError: it is too large."""
+    try:
+        grid = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
+    except ValueError as error:
+        raise ConfigError(f"a map of cells of {resolution:g} m: {error}") from None
+    contents = drawing.contents(grid, output.name, [("#d04010", mapper.poses)])
+    contents[".graph"] = content(mapper, {"drives": drives})
+    return {output.with_name(output.name + suffix): contents[suffix] for suffix in SUFFIXES}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from txt1.cli import execute
-from txt1.mapping import drawing, placing
+from txt1.mapping import drawing, works
 from txt1.mapping.locate import Locator
 from txt1.maps.grid import FREE, OCCUPIED, Grid
 from txt1.record.reading import Decoding, FilePass
@@ -29,7 +29,7 @@ def quick(monkeypatch):
         def __init__(self, grid, seed=0, form="numpy", count=150):
             super().__init__(grid, seed, "numpy", min(count, 150))
 
-    monkeypatch.setattr(placing, "Locator", Few)
+    monkeypatch.setattr(works, "Locator", Few)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,165 @@
+"""`txt1 run --map`: a map is made while a simulated robot drives; files, recordings, replays, and what is refused."""
+
+import asyncio
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.unit.mapping.rooms import drive, room, scan
+from txt1.cli import execute
+from txt1.errors import HalError
+from txt1.mapping import drawing, stored, works
+from txt1.mapping.drive import Sweep
+from txt1.mapping.growing import GrowingGrid
+from txt1.mapping.mapper import Mapper
+from txt1.mapping.worker import Far
+from txt1.maps import files
+from txt1.record.reading import FilePass
+
+RUN = (
+    *("run", "--hal", "sim", "--headless", "--speed", "max", "--drive", "0.5,0.45"),
+    *("--set", "sensors.laser.driver=sim_laser"),
+)
+MOUNT = (0.0, 0.0, 0.0)
+
+
+class Plain(Mapper):
+    """By NumPy: numba would compile first."""
+
+    def __init__(self, matching=None, odometry=None, form="numpy"):
+        super().__init__(matching, odometry, "numpy")
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    monkeypatch.setattr(works, "Mapper", Plain)
+    monkeypatch.setattr(works, "warm", lambda form="": None)
+
+
+def tasks(count: int) -> list[works.ScanTask]:
+    rng, there = np.random.default_rng(1), room()
+    return [
+        works.ScanTask(Sweep(0.1 * k, scan(there, pose, rng), np.array(pose)), MOUNT)
+        for k, pose in enumerate(drive(1.0)[:count])
+    ]
+
+
+def test_a_map_is_made_while_driving_and_the_run_verifies(plain, tmp_path, capsys):
+    file, name = tmp_path / "drive.mcap", tmp_path / "room"
+    assert execute([*RUN, "--duration", "4", "--seed", "1", "--map", str(name), "--log", str(file)]) == 0
+    assert "keyframes" in capsys.readouterr().err
+    assert {each.suffix for each in tmp_path.glob("room.*")} == set(stored.SUFFIXES)
+    assert files.read(f"{name}.yaml").grid.is_free(1.0, 0.0)
+    topics = {item.name for item in FilePass(file)}
+    assert {"/map", "/tf_map", "/sensors/map", "/sensors/mapping"} <= topics
+    before = {each: each.read_bytes() for each in tmp_path.glob("room.*")}
+    assert execute(["replay", "--verify", str(file)]) == 0
+    assert "no difference" in capsys.readouterr().out
+    # a replay computes no map and writes none
+    assert {each: each.read_bytes() for each in tmp_path.glob("room.*")} == before
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--map", "room", "--in", "flat"], "give one of them"),
+        (["--map", "room", "--at", "0,0,0"], "give the map, with --in"),
+        (["--map", "room.yaml"], "without .yaml"),
+        (["--map", "nowhere/room"], "there is no folder"),
+    ],
+)
+def test_what_is_wrong_is_told(plain, tmp_path, monkeypatch, capsys, options, word):
+    monkeypatch.chdir(tmp_path)
+    assert execute([*RUN, "--duration", "1", *options]) == 2
+    assert word in capsys.readouterr().err
+
+
+def test_a_map_that_grows_is_that_of_all_scans_at_once():
+    mapper, growing = Mapper(form="numpy"), GrowingGrid()
+    for k, each in enumerate(tasks(25)):
+        mapper.add(each.sweep.time, each.sweep.points, each.sweep.odometry)
+        if k % 6 == 4 and k < 24:
+            growing.update(mapper)
+    grown = growing.update(mapper)
+    assert grown is not None
+    whole = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops)
+    x, y = np.meshgrid(np.arange(-3.9, 3.9, 0.1) + 0.02, np.arange(-2.9, 2.9, 0.1) + 0.02)
+    assert np.array_equal(grown.is_free(x, y), whole.is_free(x, y))
+
+
+def test_a_full_disk_keeps_the_map_elsewhere(plain, tmp_path, monkeypatch):
+    other = tmp_path / "other"
+    other.mkdir()
+    monkeypatch.setattr(works, "gettempdir", lambda: str(other))
+    making, put = works.Mapping(tmp_path / "room", 0.05), drawing.put
+
+    def full(files):
+        if next(iter(files)).parent == tmp_path:
+            raise OSError(28, "No space left on device")
+        put(files)
+
+    monkeypatch.setattr(drawing, "put", full)
+    for each in tasks(4):
+        making.take(each)
+    lines = " ".join(making.finish())
+    assert "No space left on device" in lines and str(other / "room") in lines
+    assert (other / "room.yaml").exists() and not (tmp_path / "room.yaml").exists()
+
+
+def test_a_map_is_extended_and_a_drive_without_its_place_leaves_it(plain, tmp_path):
+    first = works.Mapping(tmp_path / "room", 0.05)
+    for each in tasks(30):
+        first.take(each)
+    first.finish()
+    before = (tmp_path / "room.graph").read_bytes()
+    again = works.Mapping(tmp_path / "room", 0.05)
+    assert again.take(tasks(1)[0]).lost
+    assert "fits nowhere" in again.finish()[0]
+    assert (tmp_path / "room.graph").read_bytes() == before
+
+
+@pytest.mark.long
+def test_a_process_makes_the_map_and_keeps_it_when_the_robot_is_gone(tmp_path):
+    async def work(finish: bool, name: str) -> list[str]:
+        far = Far({"make": str(tmp_path / name), "resolution": 0.05, "form": "numpy"})
+        await far.open()
+        told = []
+        for each in tasks(6):
+            far.give(each)
+            while not far.done:
+                assert not far.failure
+                await asyncio.sleep(0.01)
+            told.append(far.done.popleft())
+        assert [each.time for each in told] == [each.sweep.time for each in tasks(6)]
+        assert told[0].sheet is not None
+        if finish:
+            return await far.finish()
+        # as if the robot's process had been killed
+        far._line.shutdown(2)  # noqa: SLF001
+        await asyncio.to_thread(far._child.wait)  # noqa: SLF001
+        return []
+
+    assert "6 scans" in asyncio.run(work(True, "room"))[0]
+    asyncio.run(work(False, "kept"))
+    assert {each.name for each in tmp_path.glob("*.yaml")} == {"room.yaml", "kept.yaml"}
+
+
+@pytest.mark.long
+def test_a_process_that_cannot_begin_says_why(tmp_path):
+    (tmp_path / "room.graph").write_bytes(b"nonsense")
+    far = Far({"make": str(tmp_path / "room"), "resolution": 0.05, "form": "numpy"})
+    with pytest.raises(HalError, match="damaged"):
+        asyncio.run(far.open())
+
+
+def test_news_go_through_the_line_whole():
+    from txt1.mapping.telling import MapNews
+    from txt1.telemetry import exact
+
+    making = works.Mapping(Path("nowhere/room"), 0.05, "numpy")
+    for each in tasks(3):
+        again = exact.decode(works.ScanTask, exact.encode(each))
+        assert np.array_equal(again.sweep.points, each.sweep.points) and again.mount == each.mount
+        news = making.take(again)
+        assert exact.decode(MapNews, exact.encode(news)) == news

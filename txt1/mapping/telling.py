@@ -1,0 +1,205 @@
+"""What mapping tells: the news of each scan, and the topics that are made of them."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from functools import lru_cache
+from math import cos, sin
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from txt1.maps.grid import Grid
+from txt1.maps.outlines import Outline, outlines
+from txt1.sensors.base import reading_topic
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
+
+Pose = tuple[float, float, float]
+
+FRAME: Final = "map"
+
+
+class MapSheet(NamedTuple):
+    """A map at one instant, as it is told."""
+
+    resolution: float
+    """m."""
+    origin: Pose
+    """Of its lower left corner: x, y (m), yaw (rad)."""
+    rows: int
+    columns: int
+    cells: bytes
+    """int8, row by row from the lowest y: 0 free, 100 wall, -1 unknown; compressed (zlib)."""
+    walls: tuple[Outline, ...]
+    """The borders of the free floor, closed lines, m."""
+
+    @property
+    def grid(self) -> Grid:
+        """The map as a grid."""
+        return _grid(self)
+
+
+@lru_cache(maxsize=2)
+def _grid(sheet: MapSheet) -> Grid:
+    cells = np.frombuffer(zlib.decompress(sheet.cells), np.int8).reshape(sheet.rows, sheet.columns)
+    return Grid(cells, sheet.resolution, sheet.origin)
+
+
+def sheet_of(grid: Grid) -> MapSheet:
+    """Return a grid as it is told."""
+    rows, columns = grid.cells.shape
+    packed = zlib.compress(np.ascontiguousarray(grid.cells).tobytes(), 1)
+    x, y, yaw = (float(each) for each in grid.origin)
+    return MapSheet(float(grid.resolution), (x, y, yaw), rows, columns, packed, outlines(grid))
+
+
+class MapNews(NamedTuple):
+    """What a scan has led to."""
+
+    time: float
+    """Of the scan, s of the run."""
+    pose: Pose
+    """Of the robot on the map, m and rad."""
+    covariance: tuple[float, float, float, float, float, float, float, float, float]
+    """Of the pose, row by row, m^2 and rad^2."""
+    origin: Pose
+    """Of the odometry's origin on the map: map -> odom."""
+    fit: float
+    """Share of the scan that fits the map, 0 to 1."""
+    lost: bool
+    """Whether the pose is not to be used."""
+    closed: int = 0
+    """Loops that were closed so far."""
+    sheet: MapSheet | None = None
+    """The map, where it is another one than before."""
+    particles: tuple[Pose, ...] = ()
+    """Some of the filter's particles, as poses of the laser."""
+    trouble: str = ""
+    """What went wrong beside; empty for nothing."""
+
+
+def in_the_plane(pose: Pose) -> tuple[float, float, float, float]:
+    """Return x, y, and z and w of the quaternion of a pose."""
+    return pose[0], pose[1], sin(0.5 * pose[2]), cos(0.5 * pose[2])
+
+
+def as_pose(pose: Pose) -> Mapping[str, Any]:
+    """Return a pose as geometry_msgs/Pose."""
+    x, y, z, w = in_the_plane(pose)
+    return {"position": {"x": x, "y": y}, "orientation": {"z": z, "w": w}}
+
+
+_PLACES: Final = (0, 1, 5, 6, 7, 11, 30, 31, 35)
+"""Of a planar covariance in one of 6 x 6."""
+_NEWS: Final = define(
+    "geometry_msgs/PoseWithCovarianceStamped", "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose"
+)
+_QUATERNION: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
+
+
+def news_topic(name: str) -> Topic[MapNews]:
+    """Return the topic ``/sensors/NAME`` of the news; its message has the pose, as AMCL's ``/amcl_pose``."""
+    return reading_topic(
+        name,
+        MapNews,
+        "m, rad",
+        "what each scan has led to on the map",
+        _NEWS,
+        (*(f"pose.pose.{each}" for each in _QUATERNION), *(f"pose.covariance.{place}" for place in _PLACES)),
+        lambda news: (*in_the_plane(news.pose), *news.covariance),
+        {"header": {"frame_id": FRAME}},
+    )
+
+
+define(
+    "nav_msgs/MapMetaData",
+    "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\ngeometry_msgs/Pose origin",
+)
+define("nav_msgs/OccupancyGrid", "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data")
+define("geometry_msgs/PoseArray", "std_msgs/Header header\ngeometry_msgs/Pose[] poses")
+
+_HEADER: Final = {"header": {"frame_id": FRAME}}
+
+MAP: Final = declare(
+    Topic(
+        "/map",
+        MapSheet,
+        "m",
+        "nav_msgs/OccupancyGrid",
+        Rule.EVENT,
+        "the map that the robot makes, or drives in",
+        _HEADER,
+        make=lambda sheet: {
+            "info": {
+                "resolution": sheet.resolution,
+                "width": sheet.columns,
+                "height": sheet.rows,
+                "origin": as_pose(sheet.origin),
+            },
+            "data": zlib.decompress(sheet.cells),
+        },
+    )
+)
+MAP_TRANSFORM: Final = declare(
+    Topic[Pose](
+        "/tf_map",
+        tuple,
+        "m",
+        "tf2_msgs/TFMessage",
+        Rule.EVENT,
+        "where the odometry began on the map",
+        {"transforms": [{"header": {"frame_id": FRAME}, "child_frame_id": "odom"}]},
+        tuple(
+            f"transforms.0.transform.{name}" for name in ("translation.x", "translation.y", "rotation.z", "rotation.w")
+        ),
+        in_the_plane,
+    )
+)
+PARTICLES: Final = declare(
+    Topic[tuple[Pose, ...]](
+        "/particles",
+        tuple,
+        "m, rad",
+        "geometry_msgs/PoseArray",
+        Rule.EVENT,
+        "some of the particles of the filter on the map",
+        _HEADER,
+        make=lambda poses: {"poses": [as_pose(pose) for pose in poses]},
+    )
+)
+WALLS_ON_MAP: Final = declare(
+    Topic[tuple[Outline, ...]](
+        "/map_walls",
+        tuple[Outline, ...],
+        "m",
+        "std_msgs/String",
+        Rule.SNAPSHOT,
+        "the borders of the free floor on the map, for screens",
+    )
+)
+
+
+class MapPose(NamedTuple):
+    """Where the robot is on the map now: the pose of the last scan, and odometry since."""
+
+    x: float
+    """m."""
+    y: float
+    """m."""
+    theta: float
+    """rad."""
+    sigma: float
+    """Standard deviation of the position, m."""
+    turn: float
+    """Standard deviation of theta, rad."""
+    fit: float
+    """Share of the last scan that fits the map, 0 to 1."""
+    lost: bool
+    """Whether the pose is not to be used."""
+
+
+MAP_POSE: Final = declare(
+    Topic("/map_pose", MapPose, "m, rad", "std_msgs/String", Rule.SNAPSHOT, "where the robot is on the map now")
+)

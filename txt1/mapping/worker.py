@@ -1,0 +1,242 @@
+"""Where the work on scans is done: in the event loop in virtual time, else in a process of its own.
+
+How it works
+------------
+
+*In virtual time* nobody is late, so `Near` works at once, and the same drive gives the same results to the bit.
+
+*On the real clock* `Far` starts a process and gives it one scan at a time; what comes meanwhile waits, and only the
+newest of it. A thread of the robot's waits for each answer: it holds the interpreter for some microseconds only. The
+process is compiled and ready before the robot drives, has a lower priority, and hears no Ctrl-C.
+
+*The line* between the two is a socket pair. Each message is its length (4 bytes), and the exact bytes of a value
+(`txt1.telemetry.exact`). When the robot's process is gone, however it went, the other one finds its line closed, saves
+the map and ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from txt1.errors import HalError, Txt1Error
+from txt1.mapping import works
+from txt1.mapping.telling import MapNews
+from txt1.mapping.works import ScanTask, Work
+from txt1.sidecar import NICENESS, end_beside, start_beside
+from txt1.telemetry import exact
+
+LENGTH: Final = struct.Struct("<I")
+MESSAGE_MAX: Final = 1 << 28
+"""Bytes."""
+ENDING: Final = 2.0
+"""s that the process has to end when it has said all."""
+
+
+class Ready(NamedTuple):
+    """The process can begin."""
+
+    error: str = ""
+
+
+class Finished(NamedTuple):
+    """The process has ended its work."""
+
+    lines: tuple[str, ...] = ()
+
+
+class Near:
+    """Works in the event loop."""
+
+    def __init__(self, make: Callable[[], Work]) -> None:
+        self._make = make
+        self._work: Work | None = None
+        self.done: deque[MapNews] = deque()
+        """The results, oldest first; whoever reads them takes them away."""
+        self.failure = ""
+        """Why it works no more; empty while it does."""
+
+    async def open(self) -> None:
+        """Begin."""
+        self._work = self._make()
+
+    def give(self, task: ScanTask) -> None:
+        """Work on a scan."""
+        assert self._work is not None
+        self.done.append(self._work.take(task))
+
+    async def finish(self) -> list[str]:
+        """End, and return what is to be told."""
+        work, self._work = self._work, None
+        return [] if work is None else work.finish()
+
+
+class Far:
+    """Works in a process of its own; `options` are those of `main`."""
+
+    def __init__(self, options: Mapping[str, Any]) -> None:
+        self._options = options
+        self.done: deque[MapNews] = deque()
+        """The results, oldest first; whoever reads them takes them away."""
+        self.failure = ""
+        """Why it works no more; empty while it does."""
+        self._todo: ScanTask | None = None
+        self._wake = threading.Condition()
+        self._over = False
+        self._lines: list[str] = []
+        self._thread: threading.Thread | None = None
+        self._child: subprocess.Popen[bytes] | None = None
+
+    async def open(self) -> None:
+        """Start the process, and wait until it is ready; raises HalError."""
+        ours, theirs = socket.socketpair()
+        program = (sys.executable, "-m", "txt1.mapping.worker")
+        try:
+            with theirs:
+                words = [json.dumps(dict(self._options))]
+                self._child = await asyncio.to_thread(
+                    start_beside, theirs.fileno(), program, words, False, None, NICENESS
+                )
+            self._line = ours
+            told = await asyncio.to_thread(receive, ours, Ready)
+        except OSError as error:
+            ours.close()
+            raise HalError(f"the process that works on the map cannot be started: {error}") from None
+        if told is None or told.error:
+            ours.close()
+            await asyncio.to_thread(end_beside, self._child, ENDING)
+            raise HalError(f"the process that works on the map has ended: {told.error if told else 'see above'}")
+        self._over = False
+        self._thread = threading.Thread(target=self._serve, daemon=True, name="map")
+        self._thread.start()
+
+    def give(self, task: ScanTask) -> None:
+        """Have a scan worked on when the one before is done; one that waits already is dropped."""
+        with self._wake:
+            if self._todo is not None and task.place is None:
+                task = task._replace(place=self._todo.place)
+            self._todo = task
+            self._wake.notify()
+
+    async def finish(self) -> list[str]:
+        """Let it end, however long that takes, and return what is to be told."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return []
+        with self._wake:
+            self._over = True
+            self._wake.notify()
+        await asyncio.to_thread(thread.join)
+        self._line.close()
+        if self._child is not None:
+            await asyncio.to_thread(end_beside, self._child, ENDING)
+        return self._lines if not self.failure else [*self._lines, self.failure]
+
+    def _serve(self) -> None:
+        """In the thread: give the newest scan, and take what has come of it."""
+        line = self._line
+        try:
+            while True:
+                with self._wake:
+                    while self._todo is None and not self._over:
+                        self._wake.wait()
+                    if self._over:
+                        break
+                    task, self._todo = self._todo, None
+                send(line, task)
+                news = receive(line, MapNews)
+                if news is None:
+                    raise EOFError
+                self.done.append(news)
+            line.shutdown(socket.SHUT_WR)
+            told = receive(line, Finished)
+            self._lines = [] if told is None else list(told.lines)
+        except (OSError, EOFError, ValueError) as error:
+            said = "" if isinstance(error, EOFError) else f": {error}"
+            self.failure = f"the process that works on the map has ended{said}"
+
+
+def send(line: socket.socket, value: object) -> None:
+    """Send a value; raises OSError."""
+    data = exact.encode(value)
+    line.sendall(LENGTH.pack(len(data)) + data)
+
+
+def receive(line: socket.socket, kind: type[Any]) -> Any:
+    """Return the next value, None where the other end is gone; raises OSError, ValueError."""
+    head = _bytes(line, LENGTH.size)
+    if head is None:
+        return None
+    (length,) = LENGTH.unpack(head)
+    if length > MESSAGE_MAX:
+        raise ValueError(f"a message of {length} bytes")
+    data = _bytes(line, length)
+    return None if data is None else exact.decode(kind, data)
+
+
+def _bytes(line: socket.socket, count: int) -> bytes | None:
+    data = bytearray()
+    while len(data) < count:
+        try:
+            part = line.recv(min(count - len(data), 1 << 20))
+        except ConnectionError:
+            return None
+        if not part:
+            return None
+        data += part
+    return bytes(data)
+
+
+# -- in the other process ----------------------------------------------------------------------------------------
+
+
+def made(options: Mapping[str, Any]) -> Work:
+    """Return the work that is asked for; raises Txt1Error."""
+    form = options.get("form", "")
+    if "room" in options:
+        return works.locating(options["room"], options["seed"], form)
+    return works.Mapping(Path(options["make"]), options["resolution"], form, saves=True)
+
+
+def main(fd: str, options: str) -> None:
+    """Work on scans that come through the socket `fd` until it is closed."""
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # the robot's process says when it is over; without it, the line is closed
+        signal.signal(each, signal.SIG_IGN)
+    with socket.socket(fileno=int(fd)) as line:
+        asked = json.loads(options)
+        try:
+            works.warm(asked.get("form", ""))
+            work = made(asked)
+        except (Txt1Error, ImportError) as error:
+            send(line, Ready(str(error)))
+            return
+        send(line, Ready())
+        while (task := receive(line, ScanTask)) is not None:
+            try:
+                send(line, work.take(task))
+            except ConnectionError:
+                break
+        lines = tuple(work.finish())
+        try:
+            send(line, Finished(lines))
+        except OSError:
+            # nobody is there to be told
+            return
+
+
+if __name__ == "__main__":
+    # under the module's own name, which is how values know their types
+    from txt1.mapping.worker import main as begin
+
+    begin(*sys.argv[1:])

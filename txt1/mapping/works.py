@@ -1,0 +1,236 @@
+"""What is done with each scan beside a robot: its place on a map is found, or the map is made.
+
+Each works on scans alone and knows no robot. In virtual time it works in the event loop, on the real clock in a process
+of its own (`txt1.mapping.worker`).
+"""
+
+from __future__ import annotations
+
+from math import ceil, pi, radians
+from pathlib import Path
+from tempfile import gettempdir
+from typing import Any, Final, NamedTuple, Protocol
+
+import numpy as np
+
+from txt1.errors import ConfigError
+from txt1.mapping import drawing, stored
+from txt1.mapping.drive import Sweep
+from txt1.mapping.growing import GrowingGrid
+from txt1.mapping.locate import Locator
+from txt1.mapping.mapper import Mapper
+from txt1.mapping.poses import Array, composed, difference, placed
+from txt1.mapping.telling import MapNews, MapSheet, Pose, sheet_of
+from txt1.maps import files
+from txt1.maps.grid import Grid
+
+SHOWN: Final = 60
+"""Particles that are told."""
+TOLD_EVERY: Final = 1.0
+"""s of driving from one map that is told to the next, at least; larger maps are told less often."""
+TOLD_CELLS: Final = 200_000
+"""Cells of a map that are told in each of these."""
+SAVED_EVERY: Final = 30.0
+"""s of driving from one save of the map so far to the next."""
+UNSURE: Final = 0.5
+"""m of standard deviation from which on a pose of the map in the making is not to be used."""
+
+
+class ScanTask(NamedTuple):
+    """A scan that is to be worked on."""
+
+    sweep: Sweep
+    mount: Pose
+    """Of the laser on the robot."""
+    place: Pose | None = None
+    """Where somebody says that the robot is on the map."""
+
+
+class Work(Protocol):
+    """What is done with scans."""
+
+    def take(self, task: ScanTask) -> MapNews:
+        """Work on a scan."""
+
+    def finish(self) -> list[str]:
+        """End, and return what is to be told, a line each."""
+
+
+class Locating:
+    """Finds the robot on a map."""
+
+    def __init__(self, grid: Grid, seed: int, form: str = "") -> None:
+        self.locator = Locator(grid, seed, form)
+        self._sheet: MapSheet | None = sheet_of(grid)
+
+    def take(self, task: ScanTask) -> MapNews:
+        """Move the particles, and weigh them."""
+        locator, sweep = self.locator, task.sweep
+        if task.place is not None:
+            locator.place(composed(task.place, task.mount))
+        found = locator.update(sweep.time, sweep.points, sweep.odometry)
+        particles = locator.particles
+        chosen = particles[np.linspace(0, len(particles) - 1, min(SHOWN, len(particles))).astype(int)]
+        sheet, self._sheet = self._sheet, None
+        return _news(
+            task,
+            found.pose,
+            found.covariance,
+            fit=found.fit,
+            lost=found.lost,
+            sheet=sheet,
+            particles=tuple(_pose(each) for each in np.round(chosen, 3)),
+        )
+
+    def finish(self) -> list[str]:
+        """Do nothing: the map stays as it was."""
+        return []
+
+
+class Mapping:
+    """Makes a map, or extends the one that is there."""
+
+    def __init__(self, output: Path, resolution: float, form: str = "", saves: bool = False) -> None:
+        self._output, self._resolution, self._saves = output, resolution, saves
+        graph = output.with_name(f"{output.name}.graph")
+        self.drives: list[str] = []
+        self.mapper = Mapper(form=form)
+        if graph.exists():
+            self.mapper, told = stored.load(graph, form)
+            self.drives = list(told.get("drives", []))
+        self._grid = GrowingGrid(resolution)
+        self._closed = 0
+        self._told = self._saved = -1e9
+        self._saved_keys = 0
+        self._every = TOLD_EVERY
+        self._trouble = ""
+        self._scans = 0
+
+    def take(self, task: ScanTask) -> MapNews:
+        """Match the scan."""
+        mapper, sweep = self.mapper, task.sweep
+        self._scans += 1
+        match = mapper.add(sweep.time, sweep.points, sweep.odometry)
+        self._closed += match.closed
+        unsure = float(np.sqrt(mapper.covariance[0, 0] + mapper.covariance[1, 1])) > UNSURE
+        sheet = self._sheet(sweep.time)
+        if self._saves and sweep.time - self._saved > SAVED_EVERY and len(mapper.keys) > self._saved_keys:
+            if self._saved > 0.0:
+                self._save()
+            self._saved, self._saved_keys = sweep.time, len(mapper.keys)
+        lost = unsure or not mapper.placed
+        return _news(task, match.pose, mapper.covariance, match.score, lost, self._closed, sheet, (), self._trouble)
+
+    def _sheet(self, time: float) -> MapSheet | None:
+        """Return the map when it is time, and it has changed."""
+        if time - self._told < self._every or not self.mapper.placed:
+            return None
+        grid = self._grid.update(self.mapper)
+        if self._grid.full:
+            self._trouble = f"the map has become too large to be shown at {self._resolution:g} m a cell"
+        if grid is None:
+            return None
+        self._told, self._every = time, TOLD_EVERY * ceil(grid.cells.size / TOLD_CELLS)
+        return sheet_of(grid)
+
+    def _save(self) -> bool:
+        """Write the map so far; whether that was done."""
+        if not self.mapper.placed:
+            return False
+        try:
+            drawing.put(stored.files_of(self.mapper, self._output, self._resolution, [*self.drives, "live"]))
+        except (OSError, ConfigError) as error:
+            self._trouble = f"the map {self._output} cannot be saved: {_reason(error)}; it is kept, and tried again"
+            return False
+        self._trouble = ""
+        return True
+
+    def finish(self) -> list[str]:
+        """Optimise, and write the map; where that is impossible, write it elsewhere."""
+        if not self._scans:
+            return [f"no map {self._output}: no scan came"]
+        mapper, output = self.mapper, self._output
+        mapper.finish()
+        if not mapper.placed:
+            return [f"this drive fits nowhere on the map {output}.yaml, which stays; name a new map"]
+        if not self._save():
+            lines = [self._trouble.removesuffix("; it is kept, and tried again")]
+            self._output = Path(gettempdir(), output.name)
+            if self._save():
+                lines.append(f"it is in {self._output}.yaml and .graph instead")
+            else:
+                lines.append("nor there: make it from the recording, with txt1 map")
+            return lines
+        return [f"{output}.yaml: {self._scans} scans, {len(mapper.keys)} keyframes, {self._closed} loops closed"]
+
+
+def _reason(error: OSError | ConfigError) -> str:
+    return error.strerror or str(error) if isinstance(error, OSError) else str(error)
+
+
+def _pose(pose: Any) -> Pose:
+    x, y, theta = pose
+    return float(x), float(y), float(theta)
+
+
+def _news(
+    task: ScanTask,
+    pose: Array,
+    covariance: Array,
+    fit: float,
+    lost: bool,
+    closed: int = 0,
+    sheet: MapSheet | None = None,
+    particles: tuple[Pose, ...] = (),
+    trouble: str = "",
+) -> MapNews:
+    """Return the news of a scan, by the laser's pose on the map."""
+    back = difference(task.mount, (0.0, 0.0, 0.0))
+    robot, wheels = composed(pose, back), composed(task.sweep.odometry, back)
+    a, b, c, d, e, f, g, h, i = (float(each) for each in np.asarray(covariance).ravel())
+    return MapNews(
+        float(task.sweep.time),
+        _pose(robot),
+        (a, b, c, d, e, f, g, h, i),
+        _pose(composed(robot, difference(wheels, (0.0, 0.0, 0.0)))),
+        float(fit),
+        bool(lost),
+        int(closed),
+        sheet,
+        particles,
+        trouble,
+    )
+
+
+def locating(room: str, seed: int, form: str = "") -> Locating:
+    """Return what finds a robot on a map of this name; raises ConfigError: there is no such map."""
+    return Locating(map_of(room), seed, form)
+
+
+def map_of(room: str) -> Grid:
+    """Return a map by its .yaml, or the name without it; raises ConfigError: there is none."""
+    return files.read(room if room.endswith((".yaml", ".yml")) else f"{room}.yaml").grid
+
+
+def warm(form: str = "") -> None:
+    """Compile all that a mapper and a filter call, on a room that is not there."""
+    angles = np.linspace(-pi, pi, 120)
+    mapper = Mapper(form=form)
+    for k in range(32):
+        # it turns in the middle of a room, so each scan becomes a keyframe
+        turned = radians(20.0 * k)
+        with np.errstate(divide="ignore"):
+            ranges = np.minimum(2.0 / np.abs(np.cos(angles + turned)), 1.5 / np.abs(np.sin(angles + turned)))
+        points = np.column_stack((ranges * np.cos(angles), ranges * np.sin(angles)))
+        mapper.add(0.1 * k, points, (0.0, 0.0, turned))
+    mapper.try_loop()
+    mapper.finish()
+    grid = GrowingGrid().update(mapper)
+    assert grid is not None
+    from txt1.maps.rays import prepare
+
+    prepare()
+    locator = Locator(grid, 0, form, count=10)
+    locator.place((0.0, 0.0, 0.0))
+    for k in range(3):
+        locator.update(0.1 * k, placed((0.0, 0.0, pi * radians(k)), points), (0.0, 0.0, 0.0))
