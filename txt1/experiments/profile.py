@@ -37,8 +37,8 @@ class Waypoints(Section):
     laps: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 1.0  # times round; .inf: until the batteries are empty
     speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5  # m/s, the fastest
     look_ahead: Positive = 1.0  # m
-    pose: Literal["odometry", "true", "fused"] = "odometry"  # the robot goes by; "true" in simulation only, "fused" by
-    # all sensors together (estimation)
+    pose: Literal["odometry", "true", "fused", "map"] = "odometry"  # the robot goes by; "true" in simulation only,
+    # "fused" by all sensors together (estimation), "map" by the map that it drives in (mapping)
     earth: str = ""  # name of the GPS on whose grid the points are, which are latitude and longitude then; empty: m
 
     @model_validator(mode="after")

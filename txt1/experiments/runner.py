@@ -13,7 +13,7 @@ from txt1.experiments.recording import Instant, Recording
 from txt1.kernel.ticks import Ticks
 from txt1.model.battery import CUT_OFF_V
 from txt1.model.reeds_shepp import Pose
-from txt1.navigation import PoseSource, follow, fused_pose, true_pose, wheel_pose
+from txt1.navigation import PoseSource, follow, fused_pose, map_pose, true_pose, wheel_pose
 from txt1.navigation.source import located, places_on_earth, step_between
 from txt1.navigation.waypoints import Point
 from txt1.robot import Robot
@@ -130,11 +130,13 @@ class Experiment:
 
     async def _drive_waypoints(self, waypoints: Waypoints) -> None:
         robot = self.robot
-        source = {"true": true_pose, "fused": fused_pose, "odometry": wheel_pose}[waypoints.pose](robot)
+        source = {"true": true_pose, "fused": fused_pose, "odometry": wheel_pose, "map": map_pose}[waypoints.pose](
+            robot
+        )
         points = waypoints.points
         if waypoints.earth:
             points = await places_on_earth(robot, waypoints.earth, points)
-        if waypoints.pose == "fused":
+        if waypoints.pose in ("fused", "map"):
             await located(robot, source)
 
         def read() -> Pose | None:

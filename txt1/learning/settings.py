@@ -79,7 +79,7 @@ class LearningConfig(Section):
     """Time between two looks for the goal and the boundary, s; null: at the learner's decisions, as in the thesis."""
     pose: Annotated[str, Field(min_length=1)] = "truth"
     """Where the robot is, for goal and boundary: the simulation's truth, odometry from the start pose on, fused (by all
-    sensors together), or the name of a motion capture system among `sensors`."""
+    sensors together), map (on the map that it drives in), or the name of a motion capture system among `sensors`."""
     sensor: Annotated[str, Field(min_length=1)] = "light"
     """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
     thesis: ThesisConfig = ThesisConfig()

@@ -17,7 +17,7 @@ from txt1.learning.settings import LearningConfig
 from txt1.learning.sharing import Sharing
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
 from txt1.model.light_sensors import Readings
-from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, true_pose, wheel_pose
+from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, map_pose, true_pose, wheel_pose
 from txt1.robot import Robot
 from txt1.sensors.readings import TrackerReading, heading
 from txt1.telemetry.messages import define
@@ -209,11 +209,11 @@ class LearningTask:
 
 
 def _told_pose(robot: Robot, by: str) -> PoseSource:
-    """The pose by all sensors together, or as a motion capture system sees it; ConfigError: there is none."""
-    if by == "fused":
-        return fused_pose(robot)
+    """The pose by all sensors together, on the map, or as a motion capture system sees it; ConfigError: there is none."""
+    if by in ("fused", "map"):
+        return fused_pose(robot) if by == "fused" else map_pose(robot)
     if by not in robot.sensors:
-        there = ", ".join(["truth", "odometry", "fused", *robot.sensors])
+        there = ", ".join(["truth", "odometry", "fused", "map", *robot.sensors])
         raise ConfigError(f"learning.pose: there is no sensor '{by}'; there are: {there}")
 
     def read() -> tuple[float, float, float] | None:

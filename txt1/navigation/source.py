@@ -49,6 +49,21 @@ def fused_pose(robot: Robot) -> PoseSource:
     return PoseSource("fused pose", read)
 
 
+def map_pose(robot: Robot) -> PoseSource:
+    """The pose on the map by a laser, and odometry since its last scan; NotCapable: there is no map."""
+    from txt1.mapping.placing import OnMap
+
+    there = robot.runtime.part(OnMap)
+    if there is None:
+        raise NotCapable("there is no map: give --in MAP, or --map NAME")
+
+    def read() -> Pose | None:
+        found = there.pose()
+        return None if found is None or found.lost else found[:3]
+
+    return PoseSource("pose on the map", read)
+
+
 async def located(robot: Robot, source: PoseSource, speed: float = 0.4, patience: float = 60.0) -> None:
     """Drive in a wide curve until a pose source knows where the robot is: positions tell no heading at rest.
 
