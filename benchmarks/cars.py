@@ -1,16 +1,21 @@
 """Cars on paper, for cooperation over many hours: kinematics with R_min and a speed that follows with a lag.
 
-They drive by the very laws of `txt1.fleet`, 20 steps a second, and hear one another one step late. What is left out:
-the velocity loops, encoders, batteries, the floor's drag and the safety gate.
+They drive by the very laws and guard of `txt1.fleet`, 20 steps a second, and hear one another one step late; each is
+a TXT-1, or of the vehicles' files. What is left out: the velocity loops, encoders, batteries, the floor's drag and the
+safety gate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
-from math import atan2, exp, hypot
-from typing import Final
+from math import atan2, cos, exp, hypot, sin
+from typing import Final, NamedTuple
 
+from txt1.config import load
+from txt1.fleet.body import Body
+from txt1.fleet.cooperation import body_of
+from txt1.fleet.guard import Guard, Room
 from txt1.fleet.law import Law
 from txt1.fleet.radio import Pose, Said
 from txt1.model.kinematics import move_along_arc
@@ -19,10 +24,24 @@ from txt1.sim.parameters import Box
 
 STEP: Final = 0.05  # s
 LAG: Final = 0.35  # s, of the speed behind its set-point: loop and motors of the simulated vehicle
-CURVATURE_MAX: Final = 1.0 / 0.56  # 1/m
-LENGTH: Final = 0.510  # m
-WIDTH: Final = 0.385  # m
 _LEFT: Final = exp(-STEP / LAG)
+
+
+class Shape(NamedTuple):
+    """A kind of car: what the others know of it, and its body's length and width, m."""
+
+    body: Body
+    length: float
+    width: float
+
+
+def shape_of(vehicle: str) -> Shape:
+    """Return a vehicle's shape, by the name of its file."""
+    config = load(None, [f"vehicle={vehicle}"], {}, {}).config
+    return Shape(body_of(config), config.geometry.length, config.geometry.width)
+
+
+TXT1: Final = shape_of("txt1")
 
 Hears = Callable[[float, str, str], bool]
 
@@ -36,12 +55,19 @@ class Cars:
         laws: Mapping[str, Law],
         hears: Hears = lambda time, one, other: True,
         light: tuple[float, float, float] | None = None,
+        room: Room | None = None,
+        shapes: Mapping[str, Shape] | None = None,
     ) -> None:
         self.time = 0.0
-        self.said = {name: Said(*pose) for name, pose in starts.items()}
+        self.shapes = dict(shapes or dict.fromkeys(starts, TXT1))
+        self.said = {name: Said(*pose, body=self.shapes[name].body) for name, pose in starts.items()}
         self.laws = laws
+        self.guards = {name: Guard(shape.body, room) for name, shape in self.shapes.items()}
+        self.room = room
         self.lost: set[str] = set()
         """Those who have fallen silent; they go on as they were told last."""
+        self.wants: set[str] = set()
+        """Those whose laws want to drive."""
         self._hears, self._light = hears, light
         self._asked: dict[str, tuple[float, float]] = dict.fromkeys(starts, (0.0, 0.0))
 
@@ -63,19 +89,40 @@ class Cars:
             if law.needs - heard.keys():
                 self._asked[name] = 0.0, 0.0
             elif name not in self.lost:
-                self._asked[name] = law.step(before[name], heard, self._seen(before[name]))
+                me = before[name]
+                wanted = law.step(me, heard, self._seen(me))
+                (self.wants.add if wanted != (0.0, 0.0) else self.wants.discard)(name)
+                self._asked[name] = self.guards[name].step(me, heard, *wanted)
         self.time += STEP
         for name, (v, omega) in self._asked.items():
-            x, y, theta, speed, _, _, _ = self.said[name]
-            curvature = min(max(omega / v if v else 0.0, -CURVATURE_MAX), CURVATURE_MAX)
+            x, y, theta, speed = self.said[name][:4]
+            body = self.said[name].body
+            sharpest = 1.0 / body.radius
+            curvature = min(max(omega / v if v else 0.0, -sharpest), sharpest)
             after = v + (speed - v) * _LEFT
             pose = move_along_arc(x, y, theta, 0.5 * (speed + after) * STEP, curvature, 0.0)
-            self.said[name] = Said(*pose, after, curvature * after, self.time, self.laws[name].data)
+            turned = omega if body.pivots and v == 0.0 else curvature * after
+            if body.pivots and v == 0.0:
+                pose = pose[0], pose[1], pose[2] + omega * STEP
+            self.said[name] = Said(*pose, after, turned, self.time, self.laws[name].data, body)
 
     def touching(self) -> list[tuple[str, str]]:
-        """Those whose bodies overlap."""
-        near = [(a, b) for a, b in combinations(self.said, 2) if self._centres(a, b) < 0.64]
-        return [(a, b) for a, b in near if gap(_body(self.said[a]), _body(self.said[b])) < 0.0]
+        """Those whose bodies overlap, and those that stick in a wall."""
+        near = [(a, b) for a, b in combinations(self.said, 2) if self._centres(a, b) < 1.5]
+        walls = [] if self.room is None else [(name, "a wall") for name in self.said if self._in_wall(name, self.room)]
+        return [(a, b) for a, b in near if gap(self._box(a), self._box(b)) < 0.0] + walls
+
+    def _box(self, name: str) -> Box:
+        said, shape = self.said[name], self.shapes[name]
+        on = shape.body.centre
+        x, y = said.x + on * cos(said.theta), said.y + on * sin(said.theta)
+        return Box(x=x, y=y, theta=said.theta, length=shape.length, width=shape.width)
+
+    def _in_wall(self, name: str, room: Room) -> bool:
+        box = self._box(name)
+        c, s = abs(cos(box.theta)), abs(sin(box.theta))
+        half_x, half_y = 0.5 * (c * box.length + s * box.width), 0.5 * (s * box.length + c * box.width)
+        return abs(box.x) + half_x > 0.5 * room[0] or abs(box.y) + half_y > 0.5 * room[1]
 
     def nearest(self) -> float:
         """The smallest distance between two centres, m."""
@@ -90,10 +137,6 @@ class Cars:
         lux, x, y = self._light
         dx, dy = x - me.x, y - me.y
         return lux / max(dx * dx + dy * dy, 1e-4), atan2(dy, dx) - me.theta
-
-
-def _body(said: Said) -> Box:
-    return Box(x=said.x, y=said.y, theta=said.theta, length=LENGTH, width=WIDTH)
 
 
 def in_line(names: Sequence[str], spacing: float) -> dict[str, Pose]:

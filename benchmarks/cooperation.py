@@ -23,7 +23,7 @@ from benchmarks import cars as paper
 from benchmarks.cars import Cars, in_line
 from benchmarks.rounds import table
 from txt1.experiments.figures import COLOURS, LOOKS
-from txt1.fleet import radio, steering
+from txt1.fleet import guard, radio, steering
 from txt1.fleet.convoy import GAIN, GAP, HEADWAY, Follower, Leader
 from txt1.fleet.coverage import Coverage
 from txt1.fleet.plan import names
@@ -60,7 +60,7 @@ def convoy(seed: int, leader_lost: bool = False) -> tuple[list[float], int, floa
     random, team = Random(seed), names(10)
     radius, swing = random.choice([0.0, 6.0, 8.0]), random.uniform(0.05, 0.2)
     course = {"radius": radius, "swing": swing, "period": random.uniform(6.0, 30.0)}
-    laws = {name: Follower(team[at - 1]) if at else Leader(0.5, **course) for at, name in enumerate(team)}
+    laws = {name: Follower(team[at - 1]) if at else Leader(speed=0.5, **course) for at, name in enumerate(team)}
     cars = Cars(in_line(team, GAP + random.uniform(0.0, 0.2)), laws)
     errors: list[list[float]] = [[] for _ in team[1:]]
     touched = 0
@@ -115,7 +115,7 @@ def coverage(seed: int, hours: float = SHIFT, count: int = 4) -> tuple[float, in
     team = names(count)
     starts = dict(zip(team, apart(Random(seed), count, 2.2), strict=True))
     laws = {name: Coverage(name, team, ROOM) for name in team}
-    cars, least, touched, nearest = Cars(starts, laws), 1.0, 0, 9.0
+    cars, least, touched, nearest = Cars(starts, laws, room=ROOM), 1.0, 0, 9.0
     for step, time in enumerate(cars.run(3600.0 * hours)):
         if step % 2 == 0:
             nearest = min(nearest, cars.nearest())
@@ -133,7 +133,7 @@ def search(seed: int, count: int, limit: float = 600.0) -> float:
         if hypot(x, y) > 3.5:
             break
     starts = {name: (1.2 * (at % 4) - 1.8, 1.2 * (at // 4), random.uniform(-3.1, 3.1)) for at, name in enumerate(team)}
-    cars = Cars(starts, {name: Search(name, team, HALL) for name in team}, light=(135.0, x, y))
+    cars = Cars(starts, {name: Search(name, team, HALL) for name in team}, light=(135.0, x, y), room=HALL)
     for time in cars.run(limit):
         if min(hypot(said.x - x, said.y - y) for said in cars.said.values()) < FOUND:
             return time
@@ -148,9 +148,16 @@ class Kept:
         lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
         self._known = {(row["run"], row["law"], tuple(row["given"])): row["came"] for row in map(json.loads, lines)}
 
-    def each(self, run: Callable[..., Any], laws: Sequence[type], given: Sequence[tuple[Any, ...]]) -> list[Any]:
+    @property
+    def over(self) -> bool:
+        """Whether time is over."""
+        return self._minutes is not None and stopwatch_ns() - self._began > 60.0 * self._minutes * NS_PER_S
+
+    def each(
+        self, run: Callable[..., Any], laws: Sequence[type | ModuleType], given: Sequence[tuple[Any, ...]]
+    ) -> list[Any]:
         """What comes of a run by these laws with each of the arguments, of those begun before time is over."""
-        origins: list[type | ModuleType] = [*laws, steering, radio, paper]
+        origins = [*laws, guard, steering, radio, paper]
         files = [Path(str(inspect.getsourcefile(one))) for one in origins]
         sources = [inspect.getsource(run).encode(), *(file.read_bytes() for file in files)]
         code = hashlib.sha256(b"".join(sources)).hexdigest()[:12]
@@ -158,7 +165,7 @@ class Kept:
         for arguments in given:
             key = run.__name__, code, arguments
             if key not in self._known:
-                if self._minutes is not None and stopwatch_ns() - self._began > 60.0 * self._minutes * NS_PER_S:
+                if self.over:
                     continue
                 self._known[key] = run(*arguments)
                 self._file.parent.mkdir(parents=True, exist_ok=True)

@@ -21,8 +21,9 @@ from tests.e2e.conftest import may_block
 from tests.patience import TXT1, until
 from txt1.bridges.registry import bridge
 from txt1.cli import execute
+from txt1.config import Config, load
 from txt1.errors import ConfigError
-from txt1.fleet.command import line
+from txt1.fleet.command import line, verdict
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.key import fleet_key
 from txt1.fleet.link import STOPS, STOPS_MAX, FleetLink
@@ -206,6 +207,39 @@ async def test_a_convoy_of_robots_follows_and_stands_when_its_leader_falls_silen
         assert fleet.cooperations["txt02"].silent == "txt01"
         assert any("cooperates no more: txt01 not heard" in event.text for event in robots[1].runtime.state.events)
         assert "waits for txt01" in _text(Selection(fleet).snapshot)
+
+
+async def test_a_robot_that_its_guard_holds_for_long_says_so_and_the_run_does_not_end_well() -> None:
+    plan = FleetPlan(
+        robots={"txt01": MemberPlan(start=(1.0, 0.0, 0.0))},
+        all={"sim": {"room": {"length": 4, "width": 4}}},
+        cooperate={"law": "convoy"},
+    )
+    async with Fleet.open(plan) as fleet:
+        fleet.begin_tasks()
+        await asyncio.sleep(30.0)
+        robot = fleet.robots["txt01"]
+        assert robot.pose is not None and robot.pose[0] < 1.7 and robot.armed
+        assert "stuck: a wall" in _text(Selection(fleet).snapshot) and "stuck: a wall" in line(fleet)
+        assert verdict(fleet) == (1, "txt01 is stuck; in its way: a wall")
+        assert any("in the way: a wall" in event.text for event in robot.runtime.state.events)
+
+
+def test_each_robot_of_a_mixed_team_is_a_car_of_its_own() -> None:
+    mine = {
+        "f": {"vehicle": "f1tenth"},
+        "r": {"vehicle": "rover", "safety.v_max": 0.7},
+        "t": {"vehicle": "txt1"},
+        "d": {},
+    }
+    plan = FleetPlan(robots={name: MemberPlan(set=each) for name, each in mine.items()})
+    configs = plan.configs(load(None, ["vehicle=donkeycar"], {}, {}).config)
+    assert configs["f"].geometry == load(None, ["vehicle=f1tenth"], {}, {}).config.geometry
+    assert configs["r"].geometry.steering == "skid" and configs["r"].safety.v_max == 0.7
+    assert configs["t"].geometry == Config().geometry and configs["t"].control == Config().control
+    assert configs["d"].geometry.counts_per_rev == 0
+    with pytest.raises(ConfigError, match=r"robots\.a: vehicle: there is none 'tank'"):
+        FleetPlan(robots={"a": MemberPlan(set={"vehicle": "tank"})}).configs(Config())
 
 
 def _text(snapshot: Snapshot) -> str:

@@ -90,7 +90,7 @@ def main(
             if any(event["topic"] == "/fleet_order" for event in telemetry.get("events", ())):
                 peer.stop_all()
             now = peer.now
-            heard = ((who, [*said[:5], now - said.time, said.data]) for who, said in peer.heard().items())
+            heard = ((who, [*said[:5], now - said.time, said.data, said.body]) for who, said in peer.heard().items())
             members = sorted(fitting(sorted(peer.members(), key=lambda one: not one.alive)))
             robot.request("fleet", members=members, heard=dict(fitting(heard)), stop=_stop(peer))
             _pass_on(robot, peer, passed)
@@ -165,5 +165,5 @@ def fitting(values: Iterable[T]) -> Iterator[T]:
 def _state(topics: dict[str, Any]) -> dict[str, Any]:
     """The part of the robot's telemetry that the others are told."""
     said, member = topics.get("/said") or {}, topics.get("/member") or {}
-    told = ("armed", "reason", "driver", "battery", "silent")
+    told = ("armed", "reason", "driver", "battery", "silent", "stuck", "hand")
     return {**{key: value for key, value in said.items() if key != "time"}, **{key: member.get(key) for key in told}}

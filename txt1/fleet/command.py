@@ -106,7 +106,7 @@ def main(arguments: argparse.Namespace) -> int:
     app.run(_operate(app, arguments, plan, configs, page, reports))
     if arguments.json and reports:
         print(json.dumps(reports))
-    if app.code == DISARMED:
+    if app.code in (DISARMED, FAULT) and app.reason:
         say(app.reason)
     return app.code
 
@@ -184,7 +184,9 @@ def _console(arguments: argparse.Namespace) -> int:
         console = Console(peer)
 
         async def watch() -> None:
-            async with Terminal(console, console, shown=CONSOLE_KEYS, more={"n": console.next}) as terminal:
+            async with Terminal(
+                console, console, teleop=console.teleop, shown=CONSOLE_KEYS, more={"n": console.next}
+            ) as terminal:
                 await terminal.wait()
 
         App().run(watch())
@@ -244,7 +246,8 @@ def line(fleet: Fleet) -> str:
     moving = sum(abs(robot.odometry.v) > 0.05 for robot in robots)
     apart = min((dist(a[:2], b[:2]) for a, b in combinations([r.pose for r in robots if r.pose], 2)), default=None)
     near = "" if apart is None else f"  nearest two {apart:.2f} m apart"
-    warned = "".join(f"; {each}" for each in robots[0].runtime.state.warned())
+    held = "".join(f"; {name} is stuck: {part.stuck}" for name, part in fleet.cooperations.items() if part.stuck)
+    warned = held + "".join(f"; {each}" for each in robots[0].runtime.state.warned())
     return f"t={fleet.now:8.2f} s  {len(robots)} robots, {armed} armed, {moving} moving{near}{warned}"
 
 
@@ -254,4 +257,9 @@ def verdict(fleet: Fleet) -> tuple[int, str]:
         gate = robot.runtime.gate
         if any(gate.counts[fault] for fault in DISARMING):
             return DISARMED, f"{name} was stopped: {gate.reason}"
+    for name, part in fleet.cooperations.items():
+        if part.stuck:
+            return FAULT, f"{name} is stuck; in its way: {part.stuck}"
+        if part.silent:
+            return FAULT, f"{name} waits for {part.silent}"
     return OK, ""

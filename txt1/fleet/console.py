@@ -13,6 +13,7 @@ from txt1.tasks.fields import VEHICLES, Panel
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.screens import installed
+from txt1.ui.teleop import Teleop
 
 KEYS: Final[Mapping[str, str]] = {
     "SPACE": "stop all", "q": "quit", "?": "help", "n": "next robot", "wasd": "drive it", "+-": "speed", "←→": "screen",
@@ -28,6 +29,8 @@ class Console:
         self._at = ""
         self._screen = list(installed()).index("FLEET")
         self._driving = False
+        self.teleop = Teleop()
+        """The driving keys, as the car at hand obeys them."""
 
     @property
     def robot(self) -> Member | None:
@@ -40,11 +43,18 @@ class Console:
         self.release()
         names = [one.name for one in self._peer.members()]
         self._at = names[(names.index(self._at) + 1) % len(names)] if self._at in names else "".join(names[:1])
+        self._take_hand(self.robot)
+
+    def _take_hand(self, robot: Member | None) -> None:
+        """Drive by the hand rule that the robot at hand tells."""
+        if robot is not None and robot.hand is not None:
+            self.teleop.hand = robot.hand
 
     @property
     def snapshot(self) -> Snapshot:
         """The fleet, and the robot at hand on the map."""
         robot, members = self.robot, self._peer.members()
+        self._take_hand(robot)
         name = "fleet" if robot is None else f"fleet, at {robot.name}"
         standing, _ = self._peer.standing() or ("", 0.0)
         values: dict[str, object] = {

@@ -12,7 +12,10 @@ H. Nijmeijer, "Lp string stability of cascaded systems: application to vehicle p
 
 Across it: pure pursuit of a point of the track that the one ahead has driven, so nobody cuts its corners.
 
-Limits: odometry drifts, so followers drive beside the track after long curves; the law knows no obstacles.
+The leader drives no faster and no sharper than all that it hears can, and each follower as fast as its own car does.
+
+Limits: odometry drifts, so followers drive beside the track after long curves; the law knows no obstacles, and a leader
+whose course ends at a wall is stopped there by the guard (`txt1.fleet.guard`).
 """
 
 from collections import deque
@@ -20,32 +23,48 @@ from collections.abc import Mapping
 from math import atan2, cos, hypot, pi, sin
 from typing import Final
 
+from txt1.errors import ConfigError
+from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.radio import Said
-from txt1.fleet.steering import DEFAULT_BODY, Body
 from txt1.model.kinematics import wrap_angle
 
-GAP: Final = 0.9  # d: between two centres at rest, m; a body is 0.51 m long
+SLACK: Final = 0.26  # m by which d, the distance of two centres at rest, is more than the circles of both
+GAP: Final = 2.0 * DEFAULT_BODY.reach + SLACK  # d of two TXT-1s, m
 HEADWAY: Final = 0.8  # h, s; with k and tau below the condition asks for 0.35 s, and hearing late for some more
 GAIN: Final = 0.8  # k, 1/s
 LOOK_AHEAD: Final = 0.6  # m, of the pursuit
 TRACK_STEP: Final = 0.05  # m between two points of the track
 TRACK_MAX: Final = 1000  # points of the track
-SPEED_MAX: Final = 1.0  # m/s, of a follower that catches up, if its car goes as fast
+CATCHING_UP: Final = 2.0 / 3.0  # of a follower's fastest, when it catches up
+LEADING: Final = 1.0 / 3.0  # of the slowest car's fastest, where no speed is given
+RESERVE: Final = 0.6  # of the slowest car's fastest, which the leader does not pass: others must be able to catch up
+WIDER: Final = 1.1  # times the largest turning circle, the leader's smallest
 CREEP: Final = 0.08  # m/s: a slower set-point is rest, as the motors' dead band makes it uneven
 
 
 class Leader:
     """Drives a course of its own: so many m/s, in a circle of `radius` m or, with 0, straight on.
 
-    Its speed swings by `swing` m/s with a period of `period` s, and begins after `rest` s.
+    Its speed swings by `swing` m/s with a period of `period` s, and begins after `rest` s. Raises ConfigError: the
+    circle is smaller than its own.
     """
 
     needs: frozenset[str] = frozenset()
 
     def __init__(
-        self, speed: float = 0.5, radius: float = 0.0, swing: float = 0.0, period: float = 20.0, rest: float = 0.0
+        self,
+        body: Body = DEFAULT_BODY,
+        *,
+        speed: float | None = None,
+        radius: float = 0.0,
+        swing: float = 0.0,
+        period: float = 20.0,
+        rest: float = 0.0,
     ) -> None:
+        if 0.0 < abs(radius) < body.radius:
+            raise ConfigError(f"cooperate.radius: {radius:g} m; the leader's smallest is {body.radius:g} m")
         self._speed, self._radius, self._swing, self._period, self._rest = speed, radius, swing, period, rest
+        self._body = body
         self._began: float | None = None
         self.data: tuple[float, ...] = ()
 
@@ -56,8 +75,17 @@ class Leader:
         time = me.time - self._began - self._rest
         if time < 0.0:
             return 0.0, 0.0
-        v = self._speed + self._swing * sin(2.0 * pi * time / self._period)
-        return v, v / self._radius if self._radius else 0.0
+        bodies = [self._body, *(one.body for one in heard.values())]
+        slowest = min(body.v_max for body in bodies)
+        least = max(body.least for body in bodies)
+        most = max(RESERVE * slowest, least)
+        v = (LEADING * slowest if self._speed is None else self._speed) + self._swing * sin(
+            2.0 * pi * time / self._period
+        )
+        v = min(max(v, -most), most)
+        sharpest = 1.0 / (WIDER * max(body.radius for body in bodies)) if heard else 1.0 / self._body.radius
+        curvature = 1.0 / self._radius if self._radius else 0.0
+        return v, v * min(max(curvature, -sharpest), sharpest)
 
 
 class Follower:
@@ -68,6 +96,8 @@ class Follower:
         self.data: tuple[float, ...] = ()
         self.spacing: float | None = None
         """Distance to the one ahead along its track, m."""
+        self.gap = GAP
+        """Distance that it keeps to the one ahead at rest, m."""
         self._ahead, self._body = ahead, body
         self._track: deque[tuple[float, float]] = deque(maxlen=TRACK_MAX)
 
@@ -93,9 +123,10 @@ class Follower:
         along = (x - me.x) * cos(me.theta) + (y - me.y) * sin(me.theta)
         tail = hypot(ahead.x - track[-1][0], ahead.y - track[-1][1])
         self.spacing = left + along + tail
-        v = ahead.v + GAIN * (self.spacing - GAP - HEADWAY * max(me.v, 0.0))
-        v = min(max(v, 0.0), SPEED_MAX, self._body.v_max)
-        if v < CREEP:
+        self.gap = self._body.reach + ahead.body.reach + SLACK + self._body.centre - ahead.body.centre
+        v = ahead.v + GAIN * (self.spacing - self.gap - HEADWAY * max(me.v, 0.0))
+        v = min(max(v, 0.0), CATCHING_UP * self._body.v_max)
+        if v < max(CREEP, self._body.least):
             return 0.0, 0.0
         goal = next((p for p in track if hypot(p[0] - me.x, p[1] - me.y) >= LOOK_AHEAD), (ahead.x, ahead.y))
         alpha = wrap_angle(atan2(goal[1] - me.y, goal[0] - me.x) - me.theta)

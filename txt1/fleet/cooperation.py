@@ -2,40 +2,54 @@
 
 import asyncio
 from collections.abc import Callable
-from math import atan2
+from math import atan2, hypot, inf, isfinite
+from typing import Final
 
 from txt1.config import Config
 from txt1.driver import REFRESH
+from txt1.fleet.body import Body
+from txt1.fleet.guard import Guard, Room
 from txt1.fleet.law import Law
-from txt1.fleet.radio import SILENCE, Medium, Said, placed
-from txt1.fleet.steering import Body
+from txt1.fleet.radio import SILENCE, Medium, Pose, Said, placed
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
+from txt1.sensors.readings import TrackerReading
 
 See = Callable[[Robot], tuple[float, float] | None]
 
+STUCK_AFTER: Final = 20.0  # s in which a robot that is to drive ...
+STUCK_WITHIN: Final = 0.25  # ... comes no further than so many m
+
 
 class Cooperation:
-    """A robot that cooperates."""
+    """A robot that cooperates: what its law proposes goes through its guard."""
 
-    def __init__(self, robot: Robot, medium: Medium, law: Law, see: See = lambda robot: None) -> None:
+    def __init__(
+        self, robot: Robot, medium: Medium, law: Law, room: Room | None, see: See = lambda robot: None
+    ) -> None:
         self.law = law
         """Its part."""
         self.silent = ""
         """Whom it cannot do without and does not hear: it stands until then."""
+        self.stuck = ""
+        """What holds it, where it is to drive and has not moved for long; "" where nothing does."""
         self._robot, self._medium, self._see = robot, medium, see
         self._source = robot.source("team")
         self._start = robot.config.sim.start
+        self._body = body_of(robot.config)
+        self._guard = Guard(self._body, room if room is not None and all(map(isfinite, room)) else None)
+        self._moved = 0.0, 0.0, -inf  # where it was when it had moved last, m, and when that was, s of the loop
 
     def begin(self) -> None:
         """Set the robot to it."""
         self._robot.add_task("team", REFRESH, self._cooperate)
 
     def said(self) -> Said:
-        """Where the robot is by its odometry, from where it started, and how it moves."""
-        odometry = self._robot.odometry
-        pose = placed(self._start, odometry.x, odometry.y, odometry.theta)
-        return Said(*pose, odometry.v, odometry.omega, asyncio.get_running_loop().time(), self.law.data)
+        """Where the robot is in the room, and how it moves."""
+        robot, odometry = self._robot, self._robot.odometry
+        pose = pose_in_room(robot) or placed(self._start, odometry.x, odometry.y, odometry.theta)
+        time = asyncio.get_running_loop().time()
+        return Said(*pose, odometry.v, odometry.omega, time, self.law.data, self._body)
 
     async def _cooperate(self, ticks: Ticks) -> None:
         robot = self._robot
@@ -43,9 +57,12 @@ class Cooperation:
             me = self.said()
             heard = {name: one for name, one in self._medium.heard().items() if me.time - one.time <= SILENCE}
             self._listen(", ".join(sorted(self.law.needs - heard.keys())))
+            wanted = 0.0, 0.0
             if not self.silent and robot.armed:
-                self._source.command(*self.law.step(me, heard, self._see(robot)))
+                wanted = self.law.step(me, heard, self._see(robot))
+                self._source.command(*self._guard.step(me, heard, *wanted))
                 me = me._replace(data=self.law.data)
+            self._watch(me, wants=wanted != (0.0, 0.0))
             self._medium.say(me)
 
     def _listen(self, silent: str) -> None:
@@ -56,10 +73,35 @@ class Cooperation:
         self._source.release()
         self._robot.tell(f"cooperates no more: {silent} not heard for {SILENCE:g} s" if silent else "cooperates")
 
+    def _watch(self, me: Said, *, wants: bool) -> None:
+        """Notice whether the robot gets on, where it is to."""
+        x, y, since = self._moved
+        if not wants or hypot(me.x - x, me.y - y) > STUCK_WITHIN:
+            self._moved = me.x, me.y, me.time
+            if self.stuck:
+                self.stuck = ""
+                self._robot.tell("is stuck no more")
+        elif not self.stuck and me.time - since > STUCK_AFTER:
+            self.stuck = self._guard.by or "nothing that it knows of"
+            self._robot.tell(f"stuck: has not moved {STUCK_WITHIN:g} m in {STUCK_AFTER:g} s; in the way: {self.stuck}")
+
+
+def pose_in_room(robot: Robot) -> Pose | None:
+    """Return where a robot is in the room by motion capture, or in simulation truly; None where nobody knows.
+
+    A pose that motion capture gave more than `SILENCE` ago counts no more. In simulation without it the true pose
+    stands for motion capture.
+    """
+    for polled in robot.sensors.values():
+        last = polled.last
+        if last is not None and isinstance(last.value, TrackerReading) and robot.now - last.time <= SILENCE:
+            return last.value.x, last.value.y, last.value.theta
+    return robot.pose
+
 
 def body_of(config: Config) -> Body:
     """Return a robot's own body."""
-    return Body.of(config.geometry, config.safety.v_max)
+    return Body.of(config.geometry, config.safety)
 
 
 def see_simulated(robot: Robot) -> tuple[float, float] | None:

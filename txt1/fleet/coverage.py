@@ -2,25 +2,28 @@
 
 Each keeps, for every square of the floor, when somebody of the team was last near it, and drives to the square whose
 age is worth the way best: age / (way + a turn), less where another robot is nearer (after the idleness of patrolling,
-Y. Chevaleyre, "Theoretical analysis of the multi-agent patrolling problem", IAT 2004). Avoidance is of
-`txt1.fleet.steering`.
+Y. Chevaleyre, "Theoretical analysis of the multi-agent patrolling problem", IAT 2004). The guard keeps it clear of the
+others and of the walls (`txt1.fleet.guard`).
 
-Limits: a square counts as visited when a robot's centre is within 0.5 m; the room has four walls and nothing in it.
-Avoidance goes by the poses that robots tell, so odometry's drift eats up its margin in the end.
+Limits: a square counts as visited when a robot is within 0.5 m, or within what it needs to see a corner; the room has
+four walls and nothing in it.
 """
 
 from collections.abc import Mapping
-from math import cos, hypot, sin
+from math import cos, hypot, sin, sqrt
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.fleet.body import DEFAULT_BODY, Body
+from txt1.fleet.guard import WALL
 from txt1.fleet.radio import Said
-from txt1.fleet.steering import DEFAULT_BODY, Body, Helmsman
+from txt1.fleet.steering import NEAR_BORDER, Helmsman, inside
 
 SQUARE: Final = 0.25  # m, side of a square
-SEEN: Final = 0.5  # m from a robot's centre, within which a square is visited
+SEEN: Final = 0.5  # m from a robot's pose, within which a square is visited
+SPEED_SHARE: Final = 4.0 / 15.0  # of the fastest; the TXT-1's 0.4 m/s
 TURN: Final = 1.0  # m that a target costs at least
 BEHIND: Final = 2.0  # m that it costs more to drive back
 WITHIN: Final = 4.0  # m that it costs more to make room first
@@ -30,19 +33,31 @@ LOOK: Final = 5  # steps between two looks at who is where; nobody comes further
 
 
 class Coverage:
-    """One robot's part; `speed` in m/s. It cannot do without any of the team: who is not heard cannot be avoided."""
+    """One robot's part; `speed` in m/s, None: a share of its fastest.
+
+    It cannot do without any of the team: who is not heard cannot be avoided.
+    """
 
     def __init__(
-        self, name: str, team: list[str], room: tuple[float, float], speed: float = 0.4, body: Body = DEFAULT_BODY
+        self,
+        name: str,
+        team: list[str],
+        room: tuple[float, float],
+        speed: float | None = None,
+        body: Body = DEFAULT_BODY,
     ) -> None:
         self.needs = frozenset(team) - {name}
         self.data: tuple[float, ...] = ()
-        self._room, self._speed, self._body = room, speed, body
+        self._room, self._speed, self._body = room, body.speed(SPEED_SHARE, speed), body
+        corner = sqrt(2.0) * (body.reach + abs(body.centre) + WALL + NEAR_BORDER - 0.5 * SQUARE)
+        self._seen = max(SEEN, corner + 0.05)
         xs, ys = (np.arange(-0.5 * side + 0.5 * SQUARE, 0.5 * side, SQUARE) for side in room)
         self._x, self._y = np.meshgrid(xs, ys, indexing="ij")
         self.visited: NDArray[np.float64] = np.full(self._x.shape, -np.inf)
         """When each square was visited last, s of the listener; -inf: never."""
+        self._tried = self.visited.copy()  # when each was given up, or reached as nearly as the walls allow
         self._goal: tuple[float, float] | None = None
+        self._square: tuple[int, ...] = 0, 0
         self._steps = 0
         self._looked = 0  # steps until the next look
         self._helmsman = Helmsman(sorted(team).index(name), body, room)
@@ -60,21 +75,23 @@ class Coverage:
                 self._visit(one, me.time)
         goal = self._goal
         if goal is None or hypot(goal[0] - me.x, goal[1] - me.y) < REACHED or self._steps > TARGET_STEPS:
+            if goal is not None:
+                self._tried[self._square] = me.time
             goal, self._steps = self._choose(me, heard), 0
         self._goal, self._steps = goal, self._steps + 1
-        return self._helmsman.steer(me, *goal, self._speed, heard.values())
+        return self._helmsman.steer(me, *goal, self._speed)
 
     def _visit(self, one: Said, now: float) -> None:
         low_x, low_y = (
-            int((at + 0.5 * side - SEEN) / SQUARE) for at, side in zip((one.x, one.y), self._room, strict=True)
+            int((at + 0.5 * side - self._seen) / SQUARE) for at, side in zip((one.x, one.y), self._room, strict=True)
         )
-        n = int(2.0 * SEEN / SQUARE) + 2
+        n = int(2.0 * self._seen / SQUARE) + 2
         area = np.s_[max(low_x, 0) : low_x + n, max(low_y, 0) : low_y + n]
-        near = (self._x[area] - one.x) ** 2 + (self._y[area] - one.y) ** 2 <= SEEN * SEEN
+        near = (self._x[area] - one.x) ** 2 + (self._y[area] - one.y) ** 2 <= self._seen * self._seen
         self.visited[area][near] = now
 
     def _choose(self, me: Said, heard: Mapping[str, Said]) -> tuple[float, float]:
-        age = np.minimum(me.time - self.visited, 1e4)
+        age = np.minimum(me.time - np.maximum(self.visited, self._tried), 1e4)
         dx, dy = self._x - me.x, self._y - me.y
         way = np.hypot(dx, dy)
         ahead, side = dx * cos(me.theta) + dy * sin(me.theta), dy * cos(me.theta) - dx * sin(me.theta)
@@ -82,7 +99,5 @@ class Coverage:
         worth = age / (way + TURN + BEHIND * (ahead < 0.0) + WITHIN * within)
         for other in heard.values():
             worth[np.hypot(self._x - other.x, self._y - other.y) < way] *= 0.3
-        best = np.unravel_index(int(worth.argmax()), worth.shape)
-        borders = (0.5 * side - self._body.clear - 0.02 for side in self._room)
-        x, y = (min(max(float(at[best]), -b), b) for at, b in zip((self._x, self._y), borders, strict=True))
-        return x, y
+        self._square = best = tuple(map(int, np.unravel_index(int(worth.argmax()), worth.shape)))
+        return inside(float(self._x[best]), float(self._y[best]), self._body, self._room)

@@ -121,7 +121,7 @@ class Fleet:
         room, team = (self.world.room.length, self.world.room.width), list(self.robots)
         for name, robot in self.robots.items():
             law = make_law(name, team, room, settings, body_of(robot.config))
-            self.cooperations[name] = Cooperation(robot, air.voice(name), law, see_simulated)
+            self.cooperations[name] = Cooperation(robot, air.voice(name), law, room, see_simulated)
         for each in self.cooperations.values():
             each.begin()
 

@@ -1,5 +1,7 @@
 """A law of cooperation: from what a robot knows of itself and hears of the others to its velocity.
 
+A law proposes; the guard (`txt1.fleet.guard`) decides how much of it the car drives.
+
 The rule of silence: a law names those it cannot do without. When one of them is not heard for `TIMEOUT`, the robot lets
 go of the wheel, says so, and stands; when it is heard again, it goes on.
 """
@@ -9,12 +11,12 @@ from math import isfinite
 from typing import Any, Final, Protocol
 
 from txt1.errors import ConfigError
+from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.convoy import Follower, Leader
 from txt1.fleet.coverage import Coverage
 from txt1.fleet.radio import Said
 from txt1.fleet.rendezvous import Rendezvous
 from txt1.fleet.search import Search
-from txt1.fleet.steering import DEFAULT_BODY, Body
 
 Rooms = tuple[float, float]  # length and width of the room, m
 
@@ -35,12 +37,12 @@ class Law(Protocol):
 
 def _convoy(name: str, team: list[str], room: Rooms, body: Body, **settings: Any) -> Law:
     at = team.index(name)
-    return Leader(**settings) if at == 0 else Follower(team[at - 1], body)
+    return Leader(body, **settings) if at == 0 else Follower(team[at - 1], body)
 
 
 LAWS: Final[Mapping[str, Callable[..., Law]]] = {
     "convoy": _convoy,
-    "rendezvous": lambda name, team, room, body, **settings: Rendezvous(name, team, body=body, **settings),
+    "rendezvous": lambda name, team, room, body, **settings: Rendezvous(name, team, room, body=body, **settings),
     "coverage": lambda name, team, room, body, **settings: Coverage(name, team, room, body=body, **settings),
     "search": lambda name, team, room, body, **settings: Search(name, team, room, body=body, **settings),
 }

@@ -7,8 +7,10 @@ from contextlib import suppress
 from math import inf
 from typing import Any, Final
 
+from txt1.control.hand import Hand
 from txt1.errors import ConfigError
-from txt1.fleet.cooperation import Cooperation, body_of, see_simulated
+from txt1.fleet.body import Body
+from txt1.fleet.cooperation import Cooperation, body_of, pose_in_room, see_simulated
 from txt1.fleet.law import make_law
 from txt1.fleet.members import FLEET, FLEET_STOP, NEW, Member, member_of
 from txt1.fleet.radio import Said
@@ -77,7 +79,7 @@ class FleetLink:
         config, given = self._robot.config, {"law": law, **settings}
         room = config.sim.room.length, config.sim.room.width
         made = make_law(config.name, list(team), room, given, body_of(config))
-        self._cooperation = Cooperation(self._robot, self, made, see_simulated)
+        self._cooperation = Cooperation(self._robot, self, made, room, see_simulated)
         self._cooperation.begin()
 
     def stop_all(self) -> None:
@@ -123,10 +125,9 @@ class FleetLink:
             if stop:
                 self._robot.tell(f"stop of all: {stop}")
         for name, said in heard.items():
-            x, y, theta, v, omega, age, data = said
-            self._heard[name] = Said(x, y, theta, v, omega, now - age, tuple(data))
-        placed = ((Member._make(each), each[3]) for each in members)
-        self._members = tuple(one._replace(pose=None if pose is None else tuple(pose)) for one, pose in placed)
+            x, y, theta, v, omega, age, data, body = said
+            self._heard[name] = Said(x, y, theta, v, omega, now - age, tuple(data), Body(*body))
+        self._members = tuple(_member(each) for each in members)
 
     def _stop(self, who: str = "somebody", stop: str = "") -> None:
         """Stop at another's word, once for each identity: it is said again and again, and must not undo an arming."""
@@ -156,8 +157,16 @@ class FleetLink:
 
     def _own(self) -> Said:
         odometry = self._robot.odometry
-        x, y, theta = self._robot.pose or (odometry.x, odometry.y, odometry.theta)
-        return Said(x, y, theta, odometry.v, odometry.omega)
+        x, y, theta = pose_in_room(self._robot) or (odometry.x, odometry.y, odometry.theta)
+        return Said(x, y, theta, odometry.v, odometry.omega, body=body_of(self._robot.config))
 
     def _member(self) -> Member:
-        return member_of(self._robot, "" if self._cooperation is None else self._cooperation.silent)
+        part = self._cooperation
+        return member_of(self._robot) if part is None else member_of(self._robot, part.silent, part.stuck)
+
+
+def _member(told: Sequence[Any]) -> Member:
+    """Return a line of the others', of which JSON has made lists."""
+    one = Member._make(told)
+    pose = None if one.pose is None else (one.pose[0], one.pose[1], one.pose[2])
+    return one._replace(pose=pose, hand=None if one.hand is None else Hand(*one.hand))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from txt1.control.hand import Hand
 from txt1.control.standstill import Stop
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -19,8 +20,8 @@ class Member(NamedTuple):
 
     Its name, whether it may drive and else why not, its pose in the room (m, rad) and velocities (m/s, rad/s), who
     drives it, its battery (V); how long ago it was heard (s), how its clock stands to ours (s), whether those it
-    cooperates with are heard: the name of one that is not; and how its last stop goes, as it has seen itself. None is
-    what nobody knows.
+    cooperates with are heard: the name of one that is not; how its last stop goes, as it has seen itself; what holds it
+    where it is to drive and does not get on; and its hand rule. None is what nobody knows.
     """
 
     name: str
@@ -36,6 +37,8 @@ class Member(NamedTuple):
     alive: bool = True
     silent: str = ""
     stop: str = ""
+    stuck: str = ""
+    hand: Hand | None = None
 
 
 FLEET: Final[Topic[tuple[Member, ...]]] = declare(
@@ -48,8 +51,8 @@ FLEET_STOP: Final = declare(
 )
 
 
-def member_of(robot: Robot, silent: str = "") -> Member:
-    """A robot's own line, as it is now; `silent` names the robot that it waits for."""
+def member_of(robot: Robot, silent: str = "", stuck: str = "") -> Member:
+    """A robot's own line, as it is now; `silent` names the robot that it waits for, `stuck` what holds it."""
     odometry = robot.odometry
     pose = robot.pose or (odometry.x, odometry.y, odometry.theta)
     return Member(
@@ -63,6 +66,8 @@ def member_of(robot: Robot, silent: str = "") -> Member:
         robot.battery.battery1,
         silent=silent,
         stop=_stop_of(robot),
+        stuck=stuck,
+        hand=robot.config.hand(),
     )
 
 

@@ -10,10 +10,14 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
+from txt1.control.hand import DEFAULT_HAND, Hand
+from txt1.fleet.body import DEFAULT_BODY, Body
+
 MESSAGE_SIZE: Final = 1 << 15  # bytes of the longest message that is read
 MEMBER_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")  # of a robot or a console
 LARGEST: Final = 1e6  # of a number: m, rad, m/s, rad/s, V
 DATA_MAX: Final = 16  # numbers of a law
+SIZE_MAX: Final = 100.0  # of a car's lengths and speeds: m, m/s, rad/s
 TEXT_MAX: Final = 100  # letters of a reason; of a longer one the rest is cut off
 TIME_MAX: Final = 1 << 63  # ns of a clock
 STOP: Final = re.compile(r"[0-9a-f]{32}")  # the identity of a stop of all
@@ -33,6 +37,9 @@ class MemberState(NamedTuple):
     driver: str
     battery: float | None
     silent: str
+    body: Body = DEFAULT_BODY
+    stuck: str = ""
+    hand: Hand = DEFAULT_HAND
 
 
 class StopAnswer(NamedTuple):
@@ -80,7 +87,37 @@ def state_of(message: Mapping[str, Any]) -> MemberState:
         text(message, "driver"),
         None if message.get("battery") is None else number(message, "battery"),
         text(message, "silent"),
+        body_of(message.get("body")),
+        text(message, "stuck"),
+        hand_of(message.get("hand")),
     )
+
+
+def body_of(told: object) -> Body:
+    """Return the body that a robot tells of; an older one, which tells of none, is taken for a TXT-1."""
+    if not isinstance(told, dict):
+        return DEFAULT_BODY
+    radius, v_max, reach = (_size(told, name) for name in ("radius", "v_max", "reach"))
+    centre, least = number(told, "centre"), number(told, "least")
+    if not (abs(centre) <= SIZE_MAX and 0.0 <= least <= v_max):
+        raise ValueError("body: centre or least is out of range")
+    return Body(radius, v_max, reach, centre, least, told.get("pivots") is True)
+
+
+def hand_of(told: object) -> Hand:
+    """Return the hand rule of a robot; one that tells none has the TXT-1's."""
+    if not isinstance(told, dict):
+        return DEFAULT_HAND
+    v_max, omega_max, radius, turn = (_size(told, name) for name in ("v_max", "omega_max", "radius", "turn"))
+    return Hand(v_max, omega_max, radius, told.get("pivots") is True, min(turn, 1.0))
+
+
+def _size(message: Mapping[str, Any], name: str) -> float:
+    """Return a length or speed of a car."""
+    value = number(message, name)
+    if not 0.0 < value <= SIZE_MAX:
+        raise ValueError(f"{name}: it is not between 0 and {SIZE_MAX:g}")
+    return value
 
 
 def drive_of(message: Mapping[str, Any]) -> tuple[float, float]:

@@ -282,7 +282,7 @@ class Peer:
         with self._lock:
             known = {name: (other.state, other.heard) for name, other in self._others.items()}
         return {
-            name: Said(state.x, state.y, state.theta, state.v, state.omega, heard, state.data)
+            name: Said(state.x, state.y, state.theta, state.v, state.omega, heard, state.data, state.body)
             for name, (state, heard) in known.items()
             if state is not None
         }
@@ -538,4 +538,6 @@ def _member(name: str, other: _Other, now: float) -> Member:
         offset,
         alive,
         state.silent,
+        stuck=state.stuck,
+        hand=state.hand,
     )

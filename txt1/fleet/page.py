@@ -99,7 +99,7 @@ def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], ti
         "/driver": {"name": one.driver},
         "/vehicles": [other.pose for other in there if other is not one],
         "/fleet": plain(members),
-        "/hand": DEFAULT_HAND._asdict(),  # nobody tells what another's car is like
+        "/hand": (one.hand or DEFAULT_HAND)._asdict(),
         "/capabilities": None,  # marks what is all that there is
     }
     return {"name": one.name, "time": time, "topics": topics}

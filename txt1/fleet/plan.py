@@ -23,7 +23,7 @@ from pydantic import Field, ValidationError
 from txt1.config import Config
 from txt1.config.safe_yaml import read_yaml
 from txt1.config.schema import Section
-from txt1.config.sources import with_values
+from txt1.config.sources import vehicle_file, vehicles, with_values
 from txt1.errors import ConfigError
 
 APART: Final = 1.5  # m between two robots that nobody gave a start
@@ -70,10 +70,41 @@ class FleetPlan(Section):
         for (name, member), place in zip(self.robots.items(), places(len(self.robots)), strict=True):
             own = {"sim.start": list(place if member.start is None else member.start), **member.set, "name": name}
             try:
-                configs[name] = with_values(base, own)
+                configs[name] = with_values(base, _of_another(base, member.set) | own)
             except ConfigError as error:
                 raise ConfigError(f"robots.{name}: {error}") from None
         return configs
+
+
+def _of_another(base: Config, own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what makes a robot another vehicle than all are: its file's values, and defaults for what theirs gave."""
+    name = own.get("vehicle", base.vehicle)
+    if name == base.vehicle or not isinstance(name, str):
+        return {}
+    defaults = _flat(Config().model_dump())
+    theirs, mine = (_flat(_vehicle_values(each)) for each in (base.vehicle, name))
+    return {key: defaults.get(key) for key in theirs} | mine
+
+
+def _vehicle_values(name: str) -> Mapping[str, Any]:
+    file = vehicle_file(name)
+    if file is None:
+        return {}
+    if not file.is_file():
+        raise ConfigError(f"vehicle: there is none '{name}'; there are: {', '.join([Config().vehicle, *vehicles()])}")
+    values = read_yaml(file.read_text(encoding="utf-8"))
+    return values if isinstance(values, dict) else {}
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the values of a nested mapping by dotted key."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict) and value:
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
 
 
 def places(count: int) -> Iterator[tuple[float, float, float]]:

@@ -11,6 +11,8 @@ from typing import Final, NamedTuple, Protocol
 
 from numpy.random import Generator
 
+from txt1.fleet.body import DEFAULT_BODY, Body
+
 SILENCE: Final = 0.5  # s after which one who was heard is silent
 
 Pose = tuple[float, float, float]
@@ -19,7 +21,7 @@ Pose = tuple[float, float, float]
 class Said(NamedTuple):
     """Where a robot is in the common frame (m, rad), how it moves (m/s, rad/s), and when that was, s of the listener.
 
-    `data` is what its law tells besides.
+    `data` is what its law tells besides, `body` what the others have to know of the car.
     """
 
     x: float
@@ -29,6 +31,7 @@ class Said(NamedTuple):
     omega: float = 0.0
     time: float = 0.0
     data: tuple[float, ...] = ()
+    body: Body = DEFAULT_BODY
 
 
 class Medium(Protocol):

@@ -78,6 +78,8 @@ def _line(one: Member) -> RobotLine:
         state, style = "gone", BAD
     elif one.silent:
         state, style = f"waits for {one.silent}", "yellow"
+    elif one.armed and one.stuck:
+        state, style = f"stuck: {one.stuck}", BAD
     else:
         state, style = ("armed", GOOD) if one.armed else (one.reason or "disarmed", "red")
     x, y, _ = one.pose or (None, None, None)

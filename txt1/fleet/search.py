@@ -5,6 +5,8 @@ own place along the measured bearing, as far as an inverse-square law with a lam
 believe the brightest report they have heard (source seeking by shared measurements, after P. Ogren, E. Fiorelli and
 N. E. Leonard, "Cooperative control of mobile sensor networks", IEEE TAC 49, 2004, with one report, no gradient).
 
+There is no room at the light for all: whoever finds others nearer to it stands further away, by half a body for each.
+
 Limits: one light, and none of the team lies.
 """
 
@@ -12,30 +14,34 @@ from collections.abc import Mapping
 from math import cos, hypot, sin, sqrt
 from typing import Final
 
+from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.coverage import Coverage
+from txt1.fleet.guard import MARGIN
 from txt1.fleet.radio import Said
-from txt1.fleet.steering import DEFAULT_BODY, Body, Helmsman
+from txt1.fleet.steering import Helmsman, inside
 
 SEES: Final = 30.0  # lux: with the lamp of 135 lux at 1 m that is 2.1 m away
 LAMP: Final = 135.0  # lux at 1 m
 FOUND: Final = 0.5  # m from the light, the goal of the thesis's episodes
+SPEED_SHARE: Final = 0.2  # of the fastest; the TXT-1's 0.3 m/s
 
 
 class Search:
-    """One robot's part; `speed` in m/s, the light is seen from `sees` lux on."""
+    """One robot's part; `speed` in m/s, None: a share of its fastest; the light is seen from `sees` lux on."""
 
     def __init__(
         self,
         name: str,
         team: list[str],
         room: tuple[float, float],
-        speed: float = 0.3,
+        speed: float | None = None,
         sees: float = SEES,
         body: Body = DEFAULT_BODY,
     ) -> None:
-        self._cover = Coverage(name, team, room, speed, body)
+        self._speed, self._sees = body.speed(SPEED_SHARE, speed), sees
+        self._cover = Coverage(name, team, room, self._speed, body)
         self.needs = self._cover.needs
-        self._speed, self._sees = speed, sees
+        self._body, self._room = body, room
         self._helmsman = Helmsman(sorted(team).index(name), body, room)
         self._told: tuple[float, float, float] | None = None  # lux, and where: m
 
@@ -54,7 +60,10 @@ class Search:
                 self._told = other.data[0], other.data[1], other.data[2]
         if self._told is None:
             return self._cover.step(me, heard, light)
-        _, x, y = self._told
-        if hypot(x - me.x, y - me.y) < 0.8 * FOUND:
+        x, y = inside(*self._told[1:], self._body, self._room)
+        mine = hypot(x - me.x, y - me.y)
+        nearer = [one for one in heard.values() if hypot(x - one.x, y - one.y) < mine]
+        widest = max((one.body.reach for one in nearer), default=0.0) + self._body.reach + MARGIN
+        if mine < 0.8 * FOUND + 0.5 * widest * len(nearer):
             return 0.0, 0.0
-        return self._helmsman.steer(me, x, y, self._speed, heard.values())
+        return self._helmsman.steer(me, x, y, self._speed)

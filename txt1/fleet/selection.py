@@ -34,8 +34,8 @@ class Selection:
     @property
     def snapshot(self) -> Snapshot:
         """The snapshot of the robot at hand, with a line for each of the fleet."""
-        waits = {name: each.silent for name, each in self._fleet.cooperations.items()}
-        members = tuple(member_of(robot, waits.get(robot.config.name, "")) for robot in self._robots)
+        parts = {name: (each.silent, each.stuck) for name, each in self._fleet.cooperations.items()}
+        members = tuple(member_of(robot, *parts.get(robot.config.name, ())) for robot in self._robots)
         return self._robots[self._at].snapshot.replaced({FLEET: members})
 
     @property

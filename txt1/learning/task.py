@@ -209,7 +209,7 @@ class LearningTask:
 
 
 def _told_pose(robot: Robot, by: str) -> PoseSource:
-    """The pose by all sensors together, on the map, or as a motion capture system sees it; ConfigError: there is none."""
+    """The pose by all sensors, on the map, or as a motion capture system sees it; ConfigError: there is none."""
     if by in ("fused", "map"):
         return fused_pose(robot) if by == "fused" else map_pose(robot)
     if by not in robot.sensors:

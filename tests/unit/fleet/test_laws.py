@@ -1,26 +1,29 @@
 """The laws of cooperation, with cars on paper: kinematics, R_min and a lag, no robot."""
 
 from itertools import pairwise
-from math import cos, hypot, isfinite, pi, sin
+from math import hypot, isfinite, pi
+from random import Random
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.cars import Cars
+from benchmarks.cars import Cars, Shape, shape_of
 from benchmarks.cooperation import amplification, convoy, coverage, rendezvous
 from tests.examples import examples
-from txt1.config import load
 from txt1.errors import ConfigError
+from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.convoy import TRACK_MAX, Follower
+from txt1.fleet.guard import MARGIN, RATE, Guard
 from txt1.fleet.law import LAWS, make_law
 from txt1.fleet.radio import Radio, Said
 from txt1.fleet.rendezvous import agree, slot
-from txt1.fleet.steering import DEFAULT_BODY, Body, allowed, toward
+from txt1.fleet.steering import toward
 
 PLACES = st.floats(-3.0, 3.0)
 SAID = st.builds(Said, PLACES, PLACES, st.floats(-pi, pi))
 TEAM = ["txt01", "txt02", "txt03"]
+VEHICLES = ("txt1", "f1tenth", "donkeycar", "rover")
 FREQUENCIES = st.floats(0.001, 100.0)
 
 
@@ -55,7 +58,9 @@ def test_an_estimate_of_the_middle_stays_among_those_it_was_made_of(places: list
 @given(st.integers(2, 12))
 def test_slots_are_far_enough_apart_for_cars(count: int) -> None:
     places = [slot((0.0, 0.0), number, count) for number in range(count)]
-    assert min(hypot(a[0] - b[0], a[1] - b[1]) for a in places for b in places if a != b) > 2.0 * DEFAULT_BODY.apart
+    assert min(hypot(a[0] - b[0], a[1] - b[1]) for a in places for b in places if a != b) > 2.0 * (
+        2.0 * DEFAULT_BODY.reach + MARGIN
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -70,28 +75,58 @@ def test_a_room_is_covered_without_contact() -> None:
     assert least >= 0.95 and touched == 0 and nearest > 0.64
 
 
-@given(SAID, st.lists(SAID, max_size=4), st.floats(-0.5, 0.5))
-def test_the_allowed_speed_is_no_more_than_was_asked_and_never_turns_round(
-    me: Said, others: list[Said], v: float
+@given(SAID, st.lists(SAID, max_size=4), st.floats(-0.5, 0.5), st.floats(-1.0, 1.0))
+def test_the_guard_lets_a_share_through_and_says_who_holds_back(
+    me: Said, others: list[Said], v: float, omega: float
 ) -> None:
-    limited = allowed(me, v, others, DEFAULT_BODY, (6.0, 6.0))
-    assert abs(limited) <= abs(v) + 1e-12 and limited * v >= 0.0
+    guard = Guard(DEFAULT_BODY, (6.0, 6.0))
+    left, turn = guard.step(me, dict(zip("abcd", others, strict=False)), v, omega)
+    assert abs(left) <= abs(v) + 1e-12 and left * v >= 0.0
+    assert left * omega == pytest.approx(turn * v, abs=1e-9), "the curvature stays"
+    assert (guard.by != "") is (left != v or turn != omega)
 
 
-@settings(max_examples=examples(50))
-@given(SAID, SAID, st.floats(0.1, 0.5), st.floats(0.1, 0.5))
-def test_two_that_drive_at_one_another_each_take_half_of_the_room(one: Said, other: Said, v: float, w: float) -> None:
-    for _ in range(100):
-        before = hypot(one.x - other.x, one.y - other.y)
-        if before < DEFAULT_BODY.apart:
-            return
-        a, b = allowed(one, v, [other], DEFAULT_BODY), allowed(other, w, [one], DEFAULT_BODY)
-        one, other = _moved(one, a), _moved(other, b)
-        assert hypot(one.x - other.x, one.y - other.y) >= min(before, DEFAULT_BODY.apart) - 1e-3
+BODIES = [shape_of(each).body for each in VEHICLES]
 
 
-def _moved(said: Said, v: float) -> Said:
-    return said._replace(x=said.x + 0.02 * v * cos(said.theta), y=said.y + 0.02 * v * sin(said.theta))
+@settings(max_examples=examples(40), deadline=None)
+@given(st.sampled_from(BODIES), st.sampled_from(BODIES), st.integers(0, 2**32))
+def test_two_guarded_cars_whose_law_is_chance_touch_neither_each_other_nor_a_wall(
+    one: Body, other: Body, seed: int
+) -> None:
+    class Chance:
+        needs: frozenset[str] = frozenset()
+        data: tuple[float, ...] = ()
+
+        def __init__(self, body: Body, seed: int) -> None:
+            self._random, self._body, self._left, self._wants = Random(seed), body, 0, (0.0, 0.0)
+
+        def step(self, *_: object) -> tuple[float, float]:
+            self._left -= 1
+            if self._left < 0:
+                v = self._random.uniform(-0.8, 0.8)
+                self._left, self._wants = (
+                    self._random.randint(1, 40),
+                    (v, self._random.uniform(-1, 1) * v / self._body.radius),
+                )
+            return self._wants
+
+    bodies = {"a": one, "b": other}
+    laws = {name: Chance(body, seed + at) for at, (name, body) in enumerate(bodies.items())}
+    shapes = {name: Shape(body, 1.4 * body.reach, 1.4 * body.reach) for name, body in bodies.items()}
+    cars = Cars({"a": (-0.7, 0.0, 0.0), "b": (0.7, 0.0, 3.0)}, laws, room=(3.5, 3.5), shapes=shapes)
+    for _ in cars.run(30.0):
+        assert cars.touching() == []
+
+
+def test_a_guard_holds_one_that_a_law_drives_at_a_wall_or_at_one_that_stands() -> None:
+    for at in (Said(2.0, 0.0, 0.0, 1.0), Said(-2.0, 0.0, 0.0, -1.0)):
+        guard = Guard(DEFAULT_BODY, (5.0, 5.0))
+        assert guard.step(at, {}, at.v, 0.0) == (0.0, 0.0) and guard.by == "a wall"
+    free = Said(0.0, 0.0, 0.0)
+    assert Guard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0)[0] == pytest.approx(RATE * 0.02)
+    assert Guard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, -0.5, 0.0) == (-0.5, 0.0)
+    assert Guard(DEFAULT_BODY._replace(least=0.15)).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0) == (0.0, 0.0)
 
 
 @given(SAID, PLACES, PLACES, st.floats(0.1, 2.0))
@@ -117,8 +152,24 @@ def test_each_law_drives_within_the_robot_s_own_circle_and_speed(
 
 
 def test_a_body_reaches_to_its_farthest_corner() -> None:
-    assert DEFAULT_BODY == (0.56, 1.5, 0.32)
-    assert Body.of(load(None, ["vehicle=f1tenth"], {}, {}).config.geometry, 3.0) == (0.742, 3.0, 0.49)
+    assert DEFAULT_BODY == (0.56, 1.5, 0.32, 0.0, 0.0, False)
+    assert shape_of("f1tenth").body == (0.742, 3.0, 0.33, 0.165, 0.0, False)
+    assert shape_of("rover").body.pivots and shape_of("donkeycar").body.least == 0.15
+
+
+def test_each_car_s_own_speed_is_a_share_of_its_fastest_and_not_less_than_it_can() -> None:
+    assert DEFAULT_BODY.speed(0.2) == pytest.approx(0.3)
+    slow = shape_of("donkeycar").body
+    assert slow.speed(0.01) == slow.least and slow.speed(0.2, 5.0) == slow.v_max
+
+
+def test_a_leader_drives_as_the_slowest_and_the_widest_of_its_convoy_can() -> None:
+    leader = make_law("txt01", TEAM, (10.0, 8.0), {"law": "convoy", "radius": 0.6})
+    wide = Said(-2.0, 0.0, 0.0, body=DEFAULT_BODY._replace(v_max=0.3, radius=1.0))
+    v, omega = leader.step(Said(0.0, 0.0, 0.0), {"txt02": wide}, None)
+    assert v == pytest.approx(0.1) and omega == pytest.approx(v / 1.1)
+    with pytest.raises(ConfigError, match=r"cooperate\.radius: 0\.3 m; the leader's smallest is 0\.56 m"):
+        make_law("txt01", TEAM, (10.0, 8.0), {"law": "convoy", "radius": 0.3})
 
 
 def test_who_is_silent_for_one_law_is_waited_for() -> None:
@@ -149,7 +200,7 @@ def test_a_law_that_is_wrong_is_refused() -> None:
 
 FAR = 1e6  # m: the largest number that is heard
 NUMBER = st.floats(-FAR, FAR) | st.floats(-20.0, 20.0)
-DATA = st.lists(NUMBER, max_size=6).map(tuple) | st.tuples(*[NUMBER] * 5)
+DATA = st.lists(NUMBER, max_size=6).map(tuple) | st.tuples(*[NUMBER] * 6)
 HEARD = st.builds(Said, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, data=DATA)
 
 
@@ -179,6 +230,6 @@ def test_a_leader_that_leaps_makes_its_follower_s_track_no_longer_than_memory_ha
 
 def test_strangers_who_claim_every_slot_leave_the_team_its_own() -> None:
     mine = make_law("txt02", TEAM, (10.0, 8.0), {"law": "rendezvous"})
-    strangers = {name: Said(3.0, 3.0, 0.0, data=(0.0, 0.0, float(at), 1.0, -9.0)) for at, name in enumerate("abc")}
+    strangers = {name: Said(3.0, 3.0, 0.0, data=(0.0, 0.0, float(at), 1.0, -9.0, 0.3)) for at, name in enumerate("abc")}
     for step in range(3):
         assert all(map(isfinite, mine.step(Said(0.5, 0.5, 0.1, time=0.05 * step), strangers, None)))

@@ -11,6 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.examples import examples
+from txt1.control.hand import DEFAULT_HAND, Hand
+from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.bridge import fitting
 from txt1.fleet.messages import (
     LARGEST,
@@ -39,7 +41,7 @@ JSON = st.recursive(
 )
 FIELDS = (
     "from", "sent", "began", "x", "y", "theta", "v", "omega", "data", "armed", "reason", "driver", "battery", "silent",
-    "stop", "number", "closed", "why",
+    "stop", "number", "closed", "why", "body", "hand", "stuck",
 )  # fmt: skip
 MESSAGES = st.dictionaries(st.sampled_from(FIELDS), JSON).map(lambda given: {**PROPER, **given}) | JSON
 
@@ -76,7 +78,19 @@ def test_a_proper_state_comes_through() -> None:
     told = {**PROPER, "data": [1, 2.5], "armed": True, "reason": "", "driver": "team", "battery": 12.1, "silent": None}
     message = message_of(json.dumps(told).encode())
     assert message is not None
-    assert state_of(message) == (1.0, 2.0, 0.5, 0.3, -0.1, (1.0, 2.5), True, "", "team", 12.1, "")
+    known = (1.0, 2.0, 0.5, 0.3, -0.1, (1.0, 2.5), True, "", "team", 12.1, "")
+    assert state_of(message) == (*known, DEFAULT_BODY, "", DEFAULT_HAND)
+    body, hand = Body(0.7, 3.0, 0.33, 0.165), Hand(3.0, 6.0, 0.7)
+    assert state_of({**message, "body": body._asdict(), "hand": hand._asdict()})[11:] == (body, "", hand)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"reach": -1.0}, {"v_max": 1e9}, {"centre": 200.0}, {"least": 4.0}, {"radius": None}]
+)
+def test_a_body_that_no_car_has_is_refused(wrong: dict[str, object]) -> None:
+    body = {**Body(0.7, 3.0, 0.33)._asdict(), **wrong}
+    with pytest.raises(ValueError, match=r"it is no|between 0|out of range"):
+        state_of({**PROPER, "body": body})
 
 
 @pytest.mark.parametrize(
