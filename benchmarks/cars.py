@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from txt1.config import load
 from txt1.fleet.body import Body
 from txt1.fleet.cooperation import body_of
-from txt1.fleet.guard import Guard, Room
+from txt1.fleet.guard import Room, TeamGuard
 from txt1.fleet.law import Law
 from txt1.fleet.radio import Pose, Said
 from txt1.model.kinematics import move_along_arc
@@ -27,7 +27,7 @@ LAG: Final = 0.35  # s, of the speed behind its set-point: loop and motors of th
 _LEFT: Final = exp(-STEP / LAG)
 
 
-class Shape(NamedTuple):
+class CarShape(NamedTuple):
     """A kind of car: what the others know of it, and its body's length and width, m."""
 
     body: Body
@@ -35,10 +35,10 @@ class Shape(NamedTuple):
     width: float
 
 
-def shape_of(vehicle: str) -> Shape:
+def shape_of(vehicle: str) -> CarShape:
     """Return a vehicle's shape, by the name of its file."""
     config = load(None, [f"vehicle={vehicle}"], {}, {}).config
-    return Shape(body_of(config), config.geometry.length, config.geometry.width)
+    return CarShape(body_of(config), config.geometry.length, config.geometry.width)
 
 
 TXT1: Final = shape_of("txt1")
@@ -56,13 +56,13 @@ class Cars:
         hears: Hears = lambda time, one, other: True,
         light: tuple[float, float, float] | None = None,
         room: Room | None = None,
-        shapes: Mapping[str, Shape] | None = None,
+        shapes: Mapping[str, CarShape] | None = None,
     ) -> None:
         self.time = 0.0
         self.shapes = dict(shapes or dict.fromkeys(starts, TXT1))
         self.said = {name: Said(*pose, body=self.shapes[name].body) for name, pose in starts.items()}
         self.laws = laws
-        self.guards = {name: Guard(shape.body, room) for name, shape in self.shapes.items()}
+        self.guards = {name: TeamGuard(shape.body, room) for name, shape in self.shapes.items()}
         self.room = room
         self.lost: set[str] = set()
         """Those who have fallen silent; they go on as they were told last."""

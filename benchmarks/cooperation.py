@@ -59,7 +59,7 @@ def convoy(seed: int, leader_lost: bool = False) -> tuple[list[float], int, floa
     """The spread of each follower's spacing error (m), contacts, and the fastest robot's speed at the end (m/s)."""
     random, team = Random(seed), names(10)
     radius, swing = random.choice([0.0, 6.0, 8.0]), random.uniform(0.05, 0.2)
-    course = {"radius": radius, "swing": swing, "period": random.uniform(6.0, 30.0)}
+    course: dict[str, Any] = {"radius": radius, "swing": swing, "period": random.uniform(6.0, 30.0)}
     laws = {name: Follower(team[at - 1]) if at else Leader(speed=0.5, **course) for at, name in enumerate(team)}
     cars = Cars(in_line(team, GAP + random.uniform(0.0, 0.2)), laws)
     errors: list[list[float]] = [[] for _ in team[1:]]

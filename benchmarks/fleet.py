@@ -27,6 +27,8 @@ from txt1.fleet.plan import FleetPlan, MemberPlan
 from txt1.fleet.radio import Pose
 from txt1.kernel.loop import run
 from txt1.sim import world
+from txt1.sim.dynamics import Motion
+from txt1.sim.vehicle import Vehicle
 
 KINDS: Final = ("txt1", "f1tenth", "donkeycar", "rover")
 TEAMS: Final = {**{kind: (kind,) * 4 for kind in KINDS}, "mixed": KINDS}
@@ -91,10 +93,10 @@ def robots(law: str, team: str, seed: int) -> tuple[int, int]:
     )
     touched, plain = 0, world.halted
 
-    def halted(*given: Any) -> Any:
+    def halted(vehicle: Vehicle, before: Motion, after: Motion) -> Motion:
         nonlocal touched
         touched += 1
-        return plain(*given)
+        return plain(vehicle, before, after)
 
     async def drive() -> int:
         async with Fleet.open(plan, seed=seed) as team:

@@ -8,7 +8,7 @@ from typing import Final
 from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.fleet.body import Body
-from txt1.fleet.guard import Guard, Room
+from txt1.fleet.guard import Room, TeamGuard
 from txt1.fleet.law import Law
 from txt1.fleet.radio import SILENCE, Medium, Pose, Said, placed
 from txt1.kernel.ticks import Ticks
@@ -37,7 +37,7 @@ class Cooperation:
         self._source = robot.source("team")
         self._start = robot.config.sim.start
         self._body = body_of(robot.config)
-        self._guard = Guard(self._body, room if room is not None and all(map(isfinite, room)) else None)
+        self._guard = TeamGuard(self._body, room if room is not None and all(map(isfinite, room)) else None)
         self._moved = 0.0, 0.0, -inf  # where it was when it had moved last, m, and when that was, s of the loop
 
     def begin(self) -> None:

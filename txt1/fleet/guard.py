@@ -46,7 +46,7 @@ WALL: Final = 0.08  # m between a circle and a wall
 Room = tuple[float, float]  # length and width, m
 
 
-class Guard:
+class TeamGuard:
     """One car's guard; `room` is None where there are no walls."""
 
     def __init__(self, body: Body, room: Room | None = None) -> None:

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.cars import Cars, Shape, shape_of
+from benchmarks.cars import Cars, CarShape, shape_of
 from benchmarks.cooperation import amplification, convoy, coverage, rendezvous
 from tests.examples import examples
 from txt1.errors import ConfigError
 from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.convoy import TRACK_MAX, Follower
-from txt1.fleet.guard import MARGIN, RATE, Guard
+from txt1.fleet.guard import MARGIN, RATE, TeamGuard
 from txt1.fleet.law import LAWS, make_law
 from txt1.fleet.radio import Radio, Said
 from txt1.fleet.rendezvous import agree, slot
@@ -79,7 +79,7 @@ def test_a_room_is_covered_without_contact() -> None:
 def test_the_guard_lets_a_share_through_and_says_who_holds_back(
     me: Said, others: list[Said], v: float, omega: float
 ) -> None:
-    guard = Guard(DEFAULT_BODY, (6.0, 6.0))
+    guard = TeamGuard(DEFAULT_BODY, (6.0, 6.0))
     left, turn = guard.step(me, dict(zip("abcd", others, strict=False)), v, omega)
     assert abs(left) <= abs(v) + 1e-12 and left * v >= 0.0
     assert left * omega == pytest.approx(turn * v, abs=1e-9), "the curvature stays"
@@ -113,7 +113,7 @@ def test_two_guarded_cars_whose_law_is_chance_touch_neither_each_other_nor_a_wal
 
     bodies = {"a": one, "b": other}
     laws = {name: Chance(body, seed + at) for at, (name, body) in enumerate(bodies.items())}
-    shapes = {name: Shape(body, 1.4 * body.reach, 1.4 * body.reach) for name, body in bodies.items()}
+    shapes = {name: CarShape(body, 1.4 * body.reach, 1.4 * body.reach) for name, body in bodies.items()}
     cars = Cars({"a": (-0.7, 0.0, 0.0), "b": (0.7, 0.0, 3.0)}, laws, room=(3.5, 3.5), shapes=shapes)
     for _ in cars.run(30.0):
         assert cars.touching() == []
@@ -121,12 +121,12 @@ def test_two_guarded_cars_whose_law_is_chance_touch_neither_each_other_nor_a_wal
 
 def test_a_guard_holds_one_that_a_law_drives_at_a_wall_or_at_one_that_stands() -> None:
     for at in (Said(2.0, 0.0, 0.0, 1.0), Said(-2.0, 0.0, 0.0, -1.0)):
-        guard = Guard(DEFAULT_BODY, (5.0, 5.0))
+        guard = TeamGuard(DEFAULT_BODY, (5.0, 5.0))
         assert guard.step(at, {}, at.v, 0.0) == (0.0, 0.0) and guard.by == "a wall"
     free = Said(0.0, 0.0, 0.0)
-    assert Guard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0)[0] == pytest.approx(RATE * 0.02)
-    assert Guard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, -0.5, 0.0) == (-0.5, 0.0)
-    assert Guard(DEFAULT_BODY._replace(least=0.15)).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0) == (0.0, 0.0)
+    assert TeamGuard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0)[0] == pytest.approx(RATE * 0.02)
+    assert TeamGuard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, -0.5, 0.0) == (-0.5, 0.0)
+    assert TeamGuard(DEFAULT_BODY._replace(least=0.15)).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0) == (0.0, 0.0)
 
 
 @given(SAID, PLACES, PLACES, st.floats(0.1, 2.0))
