@@ -622,9 +622,9 @@ def test_a_subclass_without_make_is_told_what_to_override() -> None:
 
 def test_the_command_checks_a_registered_hal(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["hal", "check", "sim", "--set", "seed=3"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    *lines, verdict = capsys.readouterr().out.splitlines()
     assert len(lines) == len(promises(HalConformance))
-    assert "closing twice is harmless: ok" in lines
+    assert "closing twice is harmless: ok" in lines and verdict.startswith("PASSED: ")
 
 
 def test_the_command_fails_for_a_broken_hal(
@@ -632,8 +632,9 @@ def test_the_command_fails_for_a_broken_hal(
 ) -> None:
     monkeypatch.setattr("txt1.cli.hal.create", lambda config: mutant(indicate=refuse)())
     assert execute(["hal", "check", "sim"]) == 1
-    broken = [line for line in capsys.readouterr().out.splitlines() if "BROKEN" in line]
-    assert len(broken) == 1
+    *lines, verdict = capsys.readouterr().out.splitlines()
+    broken = [line for line in lines if "BROKEN" in line]
+    assert len(broken) == 1 and verdict.startswith("FAILED: 1 of ")
     assert broken[0].startswith("indicators are set or ignored: BROKEN: Hal.indicate does nothing")
 
 

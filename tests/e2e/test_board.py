@@ -361,7 +361,7 @@ async def test_after_a_wall_the_board_obeys_again_when_the_host_has_let_go_for_a
         await host.drive(Velocity(0.5, 0.0), 6.0)
         assert not desk.armed
         if isinstance(desk.end, Board):
-            assert desk.end.runtime.gate.reason.endswith("blocks the robot: it is at a wall of the 3 x inf m room")
+            assert desk.end.runtime.gate.reason.startswith("blocked: a wall of the 3 x inf m room")
         await host.drive(Velocity(-0.3, 0.0), 1.0)
         assert desk.speed == 0.0, "the host still asks for motion"
         await host.drive(Velocity(0.0, 0.0), 1.2)

@@ -112,7 +112,7 @@ def test_a_wall_is_told_apart_from_the_end() -> None:
     profile = load_profile("linear-steps")
     outcome, code = drive(load(None, ["sim.room.length=3"], {}).config, profile, "max")
     assert outcome is not None
-    assert outcome.stopped_by.startswith("the safety gate: runaway")
+    assert outcome.stopped_by.startswith("the safety gate: blocked: a wall")
     assert code == 3
 
 

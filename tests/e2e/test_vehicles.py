@@ -117,7 +117,7 @@ async def test_the_body_lies_ahead_of_the_rear_axle() -> None:
     settings = ("vehicle=f1tenth", "sim.room.length=3", "sim.room.width=3")
     async with driven(settings) as robot:
         length, _, centre = robot.snapshot[SURROUNDINGS].body
-        with pytest.raises(NotArmed, match="it is at a wall"):
+        with pytest.raises(NotArmed, match="blocked: a wall"):
             await robot.drive(0.5, 0.0, 4.0)
         nose = (robot.pose or (0.0,))[0] + centre + 0.5 * length
         assert nose == pytest.approx(1.5, abs=0.03)

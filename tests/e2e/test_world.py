@@ -53,7 +53,7 @@ async def drive(robot: Robot, seconds: float) -> None:
     try:
         await robot.drive(0.5, 0.0, seconds)
     except NotArmed as error:
-        assert "runaway" in str(error), "whoever stands against something is stopped by the gate"
+        assert "blocked: obstacle" in str(error), "whoever stands against something is stopped by the gate"
 
 
 @pytest.mark.usefixtures("patient")
