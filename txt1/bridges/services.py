@@ -17,7 +17,7 @@ from txt1.driver import finite
 from txt1.errors import CommandRefused, NotArmed, Overruled, Txt1Error
 from txt1.kernel.loop import Speed
 from txt1.kernel.ticks import Ticks
-from txt1.navigation import follow, true_pose, wheel_pose
+from txt1.navigation import best_pose, follow
 from txt1.record.session import dated, recording
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -90,7 +90,7 @@ class Services:
     # -- routes ------------------------------------------------------------------------------------------------
 
     def _go(self, points: Sequence[Sequence[float]], speed: float = 0.5) -> None:
-        """Drive along points, m in the room or from where odometry began, as long as `hold` is said often enough."""
+        """Drive along points, m on the map, in the room or of odometry, as long as `hold` is said often enough."""
         self._halt()
         robot = self._robot
         if not robot.armed:
@@ -102,7 +102,8 @@ class Services:
             raise CommandRefused(f"go: {shown(points)}; give a list of pairs in m") from None
         if not speed > 0.0:
             raise CommandRefused(f"go: a speed of {speed:g}; give more than 0 m/s")
-        source = true_pose(robot) if robot.hal.capabilities.pose else wheel_pose(robot)
+        source = best_pose(robot)
+        source.pose()
         self._held = robot.now
         self._points = way
         if not self._watched:

@@ -32,18 +32,16 @@ from txt1.mapping.poses import composed
 from txt1.mapping.settings import MappingConfig
 from txt1.mapping.telling import (
     MAP,
-    MAP_POSE,
     MAP_TRANSFORM,
     PARTICLES,
-    WALLS_ON_MAP,
     MapNews,
-    MapPose,
     MapSheet,
     Pose,
     news_topic,
 )
 from txt1.mapping.worker import Far, Near
 from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
+from txt1.maps.shown import MAP_POSE, WALLS_ON_MAP, MapInUse, MapPose
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
 from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
@@ -193,13 +191,12 @@ class MapSensor:
         return Reading(news.time, reading)
 
 
-class OnMap:
+class OnMap(MapInUse):
     """The robot on its map: found by `Runtime.part`."""
 
     def __init__(self, runtime: Runtime, making: bool, sensor: NewsSensor | None) -> None:
         self._runtime, self._sensor = runtime, sensor
         self.making = making
-        """Whether the map is in the making."""
         self.news: MapNews | None = None
         """The newest."""
         self.sheet: MapSheet | None = None

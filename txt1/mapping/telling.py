@@ -169,37 +169,3 @@ PARTICLES: Final = declare(
         make=lambda poses: {"poses": [as_pose(pose) for pose in poses]},
     )
 )
-WALLS_ON_MAP: Final = declare(
-    Topic[tuple[Outline, ...]](
-        "/map_walls",
-        tuple[Outline, ...],
-        "m",
-        "std_msgs/String",
-        Rule.SNAPSHOT,
-        "the borders of the free floor on the map, for screens",
-    )
-)
-
-
-class MapPose(NamedTuple):
-    """Where the robot is on the map now: the pose of the last scan, and odometry since."""
-
-    x: float
-    """m."""
-    y: float
-    """m."""
-    theta: float
-    """rad."""
-    sigma: float
-    """Standard deviation of the position, m."""
-    turn: float
-    """Standard deviation of theta, rad."""
-    fit: float
-    """Share of the last scan that fits the map, 0 to 1."""
-    lost: bool
-    """Whether the pose is not to be used."""
-
-
-MAP_POSE: Final = declare(
-    Topic("/map_pose", MapPose, "m, rad", "std_msgs/String", Rule.SNAPSHOT, "where the robot is on the map now")
-)

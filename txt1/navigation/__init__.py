@@ -10,7 +10,7 @@
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation.goto import Arrival, go_to
 from txt1.navigation.plan import NoPath, plan
-from txt1.navigation.source import PoseSource, fused_pose, map_pose, true_pose, wheel_pose
+from txt1.navigation.source import PoseSource, best_pose, fused_pose, map_pose, true_pose, wheel_pose
 from txt1.navigation.waypoints import follow
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "NoPath",
     "Pose",
     "PoseSource",
+    "best_pose",
     "follow",
     "fused_pose",
     "go_to",

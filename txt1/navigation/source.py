@@ -8,6 +8,7 @@ from typing import NamedTuple
 from txt1.driver import REFRESH
 from txt1.errors import CommandRefused, NotCapable
 from txt1.estimation.task import Estimator
+from txt1.maps.shown import MapInUse
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.model.vehicle import Geometry
@@ -49,11 +50,16 @@ def fused_pose(robot: Robot) -> PoseSource:
     return PoseSource("fused pose", read)
 
 
+def best_pose(robot: Robot) -> PoseSource:
+    """The pose on the map where the robot has one, else the true one where that is known, else the wheels'."""
+    if robot.runtime.part(MapInUse) is not None:
+        return map_pose(robot)
+    return true_pose(robot) if robot.hal.capabilities.pose else wheel_pose(robot)
+
+
 def map_pose(robot: Robot) -> PoseSource:
     """The pose on the map by a laser, and odometry since its last scan; NotCapable: there is no map."""
-    from txt1.mapping.placing import OnMap
-
-    there = robot.runtime.part(OnMap)
+    there = robot.runtime.part(MapInUse)
     if there is None:
         raise NotCapable("there is no map: give --in MAP, or --map NAME")
 

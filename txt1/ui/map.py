@@ -13,6 +13,7 @@ from typing import Final
 from rich.panel import Panel
 from rich.text import Text
 
+from txt1.maps.shown import MAP_POSE, WALLS_ON_MAP
 from txt1.tasks.battery import RANGE
 from txt1.tasks.encoder import POSE
 from txt1.tasks.fields import MOVERS, SURROUNDINGS, VEHICLES, WALLS, Surroundings
@@ -41,9 +42,10 @@ _kept: dict[tuple[int, int], tuple[object, Kept]] = {}  # by size: all that was 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
     """MAP for a body, or a part of one, of width x rows cells; one that is as before is not drawn again."""
     path = viewer.path
+    snapshot = on_map(snapshot)
     about, walls, others = snapshot.get(SURROUNDINGS), snapshot.get(WALLS), snapshot.get(VEHICLES)
     left = snapshot.get(RANGE)
-    place = pose_of(snapshot), snapshot.get(POSE) is None
+    place = pose_of(snapshot), _frame(snapshot)
     key = (place, about, walls, snapshot.get(MOVERS), others, len(path), path[:1], path[-1:], viewer.spacing, left)
     known, picture = _kept.get((width, rows), (None, None))
     if picture is None or known != key:
@@ -132,6 +134,7 @@ def fitting_scale(bounds: Bounds, columns: int, rows: int) -> float:
 
 def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> list[Text]:
     """The map and, as its last row, the legend with the scale."""
+    snapshot = on_map(snapshot)
     rows = max(1, rows - 1)
     about = snapshot.get(SURROUNDINGS, Surroundings())
     walls = snapshot.get(WALLS, ())
@@ -161,6 +164,23 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
     if about.light is not None:
         canvas.mark(about.light, "✶", "bold bright_yellow")
     return [*canvas.lines(), _legend(snapshot, canvas.scale)]
+
+
+def on_map(snapshot: Snapshot) -> Snapshot:
+    """The snapshot of a robot that has a map: its walls are the map's, and nothing is told of the simulated room."""
+    if snapshot.get(MAP_POSE) is None:
+        return snapshot
+    body = snapshot.get(SURROUNDINGS, Surroundings()).body
+    walls = snapshot.get(WALLS_ON_MAP)
+    return snapshot.replaced({SURROUNDINGS: Surroundings(body=body), WALLS: walls, MOVERS: None, VEHICLES: None})
+
+
+def _frame(snapshot: Snapshot) -> str:
+    """Where the pose that is drawn is in."""
+    there = snapshot.get(MAP_POSE)
+    if there is not None:
+        return "lost on the map" if there.lost else "map"
+    return "odometry" if snapshot.get(POSE) is None else "room"
 
 
 def around(snapshot: Snapshot, viewer: Viewer) -> Bounds:
@@ -206,8 +226,9 @@ def _legend(snapshot: Snapshot, scale: float) -> Text:
     if light is not None:
         legend.append("✶", "bold bright_yellow").append(" light  ", DIM)
     legend.append("⣀", _STYLES[PATH]).append(" path  ", DIM)
-    legend.append("room" if snapshot.get(POSE) is not None else "odometry", "cyan")
-    legend.append(f" x {x:.2f} y {y:.2f} m θ {degrees(theta):.0f}°")
+    legend.append(_frame(snapshot), "cyan")
+    if isfinite(x):
+        legend.append(f" x {x:.2f} y {y:.2f} m θ {degrees(theta):.0f}°")
     if light is not None:
         legend.append(f"  to light {dist((x, y), light):.2f} m", DIM)
     return legend

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import dist, isfinite
+from math import dist, isfinite, nan
 from typing import Final
 
+from txt1.maps.shown import MAP_POSE
 from txt1.model.odometry import Odometry
 from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.telemetry.snapshot import Snapshot
@@ -13,6 +14,7 @@ PATH_MAX: Final = 4000  # points kept; when they are used up every other one goe
 SPACING: Final = 0.02  # m between points, to begin with
 JUMP: Final = 0.5  # m from one snapshot to the next that tell that the robot was lifted ...
 REACH: Final = 2.0  # ... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart
+NOWHERE: Final = (nan, nan, nan)
 DRIVING: Final = {
     "SPACE": "stop",
     "q": "quit",
@@ -28,7 +30,12 @@ DRIVING: Final = {
 
 
 def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
-    """The pose (x, y, theta) to draw: in the room where it is known, else odometry's."""
+    """The pose (x, y, theta) to draw: on the map where there is one, in the room where it is known, else odometry's.
+
+    A robot that is lost on its map is nowhere: nan.
+    """
+    if (there := snapshot.get(MAP_POSE)) is not None:
+        return NOWHERE if there.lost else there[:3]
     x, y, theta, _, _ = snapshot.get(ODOMETRY, Odometry())
     return snapshot.get(POSE) or (x, y, theta)
 

@@ -26,7 +26,17 @@ OVERRUNS: Final = 4000.0  # a second, beyond the budgets, of all pages together;
 SLOW: Final = 10.0  # s in which a page must have taken what it was sent
 PAGE_RATE: Final = 20.0  # telemetry a second
 UNSEEN: Final = 0.1  # the same of a robot that no page shows, of several
-FAST: Final = ("/odom", "/odometry/filtered", "/setpoint", "/pose", "/vehicles", "/movers", "/mode", "/driver")
+FAST: Final = (
+    "/odom",
+    "/odometry/filtered",
+    "/setpoint",
+    "/pose",
+    "/map_pose",
+    "/vehicles",
+    "/movers",
+    "/mode",
+    "/driver",
+)
 FULL: Final = "/capabilities"  # is told with everything else, once a second
 
 _clock: Final = RealClock()

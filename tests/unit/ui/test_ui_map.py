@@ -7,6 +7,7 @@ from math import inf, nan
 import pytest
 from ui_snapshots import blind, full
 
+from txt1.maps.shown import MAP_POSE, WALLS_ON_MAP, MapPose
 from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Post
 from txt1.tasks.encoder import ODOMETRY, POSE
@@ -200,3 +201,18 @@ def test_a_map_that_is_as_before_is_not_drawn_again() -> None:
     viewer.path.append((0.5, 0.5))
     assert screen(other, viewer, 80, 20) is not picture
     assert screen(other, viewer, 90, 20) is not screen(other, viewer, 80, 20)
+
+
+def test_a_robot_with_a_map_of_its_own_is_drawn_on_it_and_nothing_of_the_room_is() -> None:
+    ring = ((-1.0, -1.0), (5.0, -1.0), (5.0, 3.0), (-1.0, 3.0))
+    there = MapPose(4.0, 2.0, 0.0, 0.02, 0.01, 0.9, lost=False)
+    told = Snapshot.decode(full().replaced({WALLS_ON_MAP: (ring,), MAP_POSE: there}).encode())
+    legend = drawn(told)[-1]
+    assert "map x 4.00 y 2.00 m" in legend and "light" not in legend
+    other = told.replaced({SURROUNDINGS: Surroundings((9.0, 9.0)), VEHICLES: ((1.0, 1.0, 0.0),), POSE: None})
+    assert drawn(other)[:-1] == drawn(told)[:-1]
+    grown = told.replaced({WALLS_ON_MAP: (ring, ((1.0, 1.0), (2.0, 1.0), (2.0, 2.0)))})
+    assert dots(drawn(grown)[:-1]) - dots(drawn(told)[:-1])
+    lost = told.replaced({MAP_POSE: there._replace(lost=True)})
+    assert "lost on the map" in drawn(lost)[-1] and drawn(lost)[:-1] != drawn(told)[:-1]
+    assert screen(told, Viewer(), 80, 20) is not screen(grown, Viewer(), 80, 20)

@@ -8,7 +8,7 @@ import { element, leaves, panels } from "./panels.js"
 
 const SILENT = 700  // ms without telemetry after which it is said
 const TOAST = 5000  // ms
-const NO_PLOT = ["/capabilities", "/hand", "/surroundings", "/walls", "/movers", "/events", "/gain_table"]
+const NO_PLOT = ["/capabilities", "/hand", "/surroundings", "/walls", "/map_walls", "/movers", "/events", "/gain_table"]
 
 const $ = (id) => document.getElementById(id)
 

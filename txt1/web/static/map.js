@@ -56,18 +56,22 @@ export class Map2d {
   }
 
   take(time, topics, about) {
-    this.about = about
-    this.others = topics["/vehicles"] ?? []
-    this.movers = topics["/movers"] ?? []
+    // of a robot with a map of its own, nothing of the simulated room is drawn
+    const there = topics["/map_pose"]
+    this.about = there ? { "/surroundings": { body: about["/surroundings"]?.body }, "/walls": about["/map_walls"] } : about
+    this.others = there ? [] : topics["/vehicles"] ?? []
+    this.movers = there ? [] : topics["/movers"] ?? []
     this.route = about["/route"] ?? []
-    const odometry = topics["/odom"], estimate = topics["/odometry/filtered"], best = estimate ?? odometry
-    const pose = topics["/pose"] ?? (best && [best.x, best.y, best.theta])
-    this.estimate = estimate && (estimate.located || !topics["/pose"]) ? estimate : null
-    if (!pose || !pose.every(Number.isFinite)) {
+    const odometry = topics["/odom"], estimate = topics["/odometry/filtered"], best = there ?? estimate ?? odometry
+    const pose = (!there && topics["/pose"]) || (best && [best.x, best.y, best.theta])
+    this.estimate = estimate && (estimate.located || !(there ?? topics["/pose"])) ? estimate : null
+    const frame = there ? "map" : topics["/pose"] ? "room" : estimate ? "estimate" : "odometry"
+    if (frame !== this.frame) this.path = this.#before ? this.path : []
+    this.frame = frame
+    if (there?.lost || !pose || !pose.every(Number.isFinite)) {
       this.#robot = null
       return
     }
-    this.frame = topics["/pose"] ? "room" : estimate ? "estimate" : "odometry"
     this.#robot = { pose, v: odometry?.v ?? 0, omega: odometry?.omega ?? 0, at: performance.now() }
     if (time < this.#before) this.path = []  // the run is another one
     this.#before = 0
