@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rigs.live_browser import Live, live
-from tests.browser.conftest import opened
+from tests.browser.conftest import fresh, opened
 
 pytestmark = pytest.mark.browser
 # how wide and how high is what is drawn in the colour of walls, pixels of the canvas
@@ -37,3 +37,19 @@ def car(folder: Path) -> Iterator[Live]:
 def test_the_map_on_the_page_shows_the_whole_flat(browser: Any, car: Live) -> None:
     for page in opened(browser, car):
         page.wait_for_function(f"() => {{ const [x, y] = ({EXTENT})(); return Math.abs(x / y - 11.0 / 8.5) < 0.02 }}")
+
+
+@pytest.fixture(scope="module")
+def mapper(folder: Path) -> Iterator[Live]:
+    pytest.importorskip("numba", reason="a map is made by the extra 'mapping'")
+    make = f"mapping.make={folder / 'made'}"
+    with live(("sensors.laser.driver=sim_laser", make), folder=folder) as here:
+        yield here
+
+
+def test_the_map_in_the_making_is_drawn_with_the_robot_on_it(browser: Any, mapper: Live) -> None:
+    page = fresh(browser)
+    page.goto(mapper.url)
+    page.wait_for_function("() => /^map  x/.test(document.getElementById('where').textContent)")
+    page.wait_for_function(f"() => {{ const [x, y] = ({EXTENT})(); return x > 100 && y > 100 }}")
+    page.context.close()
