@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from math import hypot
 from pathlib import Path
 
@@ -11,11 +11,16 @@ import pytest
 
 from txt1.bridges.services import Services
 from txt1.errors import CommandRefused
+from txt1.kernel.ticks import Ticks
 from txt1.mapping.placing import OnMap
-from txt1.mapping.telling import MapNews
+from txt1.mapping.poses import composed, difference
+from txt1.mapping.telling import MapNews, sheet_of
+from txt1.maps.files import read
 from txt1.robot import Robot
 from txt1.sensors.base import Reading
+from txt1.sim.room import clearance
 
+ENDLESS = ("sim.battery.used_1=null",)
 SURE = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4)
 
 
@@ -53,4 +58,67 @@ async def test_a_lost_robot_goes_nowhere_by_a_click(robot: Robot, there: OnMap, 
     there.heard(news(robot, lost=True))
     with pytest.raises(CommandRefused, match="does not know where the robot is"):
         services.requests["go"]([[4.5, 0.0]], 0.5)
+    await services.close()
+
+
+@pytest.fixture
+async def flat() -> AsyncIterator[Robot]:
+    async with Robot.open("sim", seed=1, settings=(*ENDLESS, "sim.room.map=flat")) as robot:
+        assert await robot.load_gains()
+        yield robot
+
+
+def known(robot: Robot) -> OnMap:
+    """The robot on the map of the flat; its pose is the true one, told as scans would tell it."""
+    there = OnMap(robot.runtime, False, None)
+    robot.runtime.parts.append(there)
+    sheet = sheet_of(read("flat").grid)
+
+    def tell() -> None:
+        assert robot.pose is not None
+        pose = robot.pose
+        back = difference(robot.odometry[:3], (0.0, 0.0, 0.0))
+        x, y, theta = map(float, composed(pose, back))
+        there.heard(Reading(robot.now, MapNews(robot.now, pose, SURE, (x, y, theta), 0.9, False, sheet=sheet)))
+
+    tell()
+    robot.add_task("news", 0.1, lambda ticks: each(ticks, tell))
+    return there
+
+
+async def each(ticks: Ticks, do: Callable[[], None]) -> None:
+    async for _ in ticks:
+        do()
+
+
+async def test_a_click_behind_a_wall_is_reached_round_it(flat: Robot, tmp_path: Path) -> None:
+    services = Services(flat, flat.config, "max", tmp_path)
+    there, body, least = known(flat), flat.config.geometry, 1.0
+    room = there.floor()
+    assert room is not None and room.walls is not None and flat.pose is not None
+    goal = (5.39, 3.0)
+    x, y, _ = flat.pose
+    straight = [(x + k / 50.0 * (goal[0] - x), y + k / 50.0 * (goal[1] - y)) for k in range(51)]
+    assert min(room.walls.distance(*place) for place in straight) < 0.0, "a wall is between them"
+    flat.add_task("hold", 0.05, lambda ticks: each(ticks, lambda: services.requests["hold"](0.0)))  # type: ignore[arg-type,return-value]
+    services.requests["go"]([goal], 0.4)
+    for _ in range(1200):
+        await asyncio.sleep(0.1)
+        least = min(least, clearance(*flat.pose, room, body))
+        if "the route has been driven" in [event.text for event in flat.runtime.state.events]:
+            break
+    assert hypot(flat.pose[0] - goal[0], flat.pose[1] - goal[1]) < 0.05
+    assert least > 0.0
+    await services.close()
+
+
+async def test_a_goal_in_a_wall_is_refused_and_the_robot_stays(flat: Robot, tmp_path: Path) -> None:
+    services = Services(flat, flat.config, "max", tmp_path)
+    known(flat)
+    before = flat.pose
+    flat.add_task("hold", 0.05, lambda ticks: each(ticks, lambda: services.requests["hold"](0.0)))  # type: ignore[arg-type,return-value]
+    services.requests["go"]([[20.0, 20.0]], 0.4)
+    await asyncio.sleep(1.0)
+    assert any("no path leads to" in event.text for event in flat.runtime.state.events)
+    assert flat.pose == before and flat.driver.name != "route"
     await services.close()

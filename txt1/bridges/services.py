@@ -17,7 +17,7 @@ from txt1.driver import finite
 from txt1.errors import CommandRefused, NotArmed, Overruled, Txt1Error
 from txt1.kernel.loop import Speed
 from txt1.kernel.ticks import Ticks
-from txt1.navigation import best_pose, follow
+from txt1.navigation import NoPath, best_pose, follow, go_to_places, map_floor
 from txt1.record.session import dated, recording
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -109,9 +109,12 @@ class Services:
         if not self._watched:
             self._watched = True
             robot.add_task("route", SERVICES_PERIOD, self._watch)
-        self._route = self._start(
-            follow(robot, way, closed=False, speed=speed, pose_source=source, source=self._source)
-        )
+        room = map_floor(robot)
+        if room is None:
+            drive = follow(robot, way, closed=False, speed=speed, pose_source=source, source=self._source)
+        else:
+            drive = go_to_places(robot, way, speed=speed, pose_source=source, room=room, source=self._source)
+        self._route = self._start(drive)
         self._route.add_done_callback(self._arrived)
 
     def _hold(self, age: float = 0.0) -> None:
@@ -139,7 +142,7 @@ class Services:
             self._route, self._points = None, ()
         if not route.cancelled():
             error = route.exception()
-            if isinstance(error, NotArmed | Overruled | CommandRefused):
+            if isinstance(error, NotArmed | Overruled | CommandRefused | NoPath):
                 self._robot.tell(f"the route was ended: {error}")
             elif error is None:
                 self._robot.tell("the route has been driven")

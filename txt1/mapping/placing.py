@@ -41,10 +41,13 @@ from txt1.mapping.telling import (
 )
 from txt1.mapping.worker import Far, Near
 from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
+from txt1.maps.files import Map
 from txt1.maps.shown import MAP_POSE, WALLS_ON_MAP, MapInUse, MapPose
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
 from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
+from txt1.sim.room import Room
+from txt1.sim.walls import Walls
 
 POSE: Final = "map"
 NEWS: Final = "mapping"
@@ -202,6 +205,7 @@ class OnMap(MapInUse):
         self.sheet: MapSheet | None = None
         """The map; None: none is known yet."""
         self._trouble = ""
+        self._floor: tuple[MapSheet, Room] | None = None
         bus = runtime.bus
         bus.offer(MAP_POSE, self.pose)
         bus.offer(WALLS_ON_MAP, lambda: None if self.sheet is None else self.sheet.walls)
@@ -240,6 +244,15 @@ class OnMap(MapInUse):
         x, y, theta = map(float, composed(news.origin, self._runtime.state.odometry[:3]))
         sigma = sqrt(news.covariance[0] + news.covariance[4])
         return MapPose(x, y, theta, sigma, sqrt(news.covariance[8]), news.fit, news.lost)
+
+    def floor(self) -> Room | None:
+        """Return the walls of the map that the robot drives in; None: it is not known yet, or in the making."""
+        sheet = self.sheet
+        if sheet is None or self.making:
+            return None
+        if self._floor is None or self._floor[0] is not sheet:
+            self._floor = sheet, Room(walls=Walls(Map("map", Path(), sheet.grid, "")))
+        return self._floor[1]
 
     def place(self, x: float, y: float, theta: float) -> None:
         """Say where the robot is on the map, m and rad; raises CommandRefused: there is no free floor on the map."""

@@ -3,9 +3,14 @@
 Nothing here reads a map, so screens load it in no time.
 """
 
-from typing import Final, NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from txt1.telemetry.topics import Rule, Topic, declare
+
+if TYPE_CHECKING:
+    from txt1.sim.room import Room
 
 Line = tuple[tuple[float, float], ...]
 """Corners (x, y), m, the last one joined to the first."""
@@ -53,6 +58,10 @@ class MapInUse:
 
     def pose(self) -> MapPose | None:
         """Return where the robot is now; None: nothing is known yet."""
+        raise NotImplementedError
+
+    def floor(self) -> Room | None:
+        """Return the walls to plan round, in the frame of the pose; None: they are not known, or not yet."""
         raise NotImplementedError
 
     def place(self, x: float, y: float, theta: float) -> None:

@@ -8,9 +8,9 @@
 """
 
 from txt1.model.reeds_shepp import Pose
-from txt1.navigation.goto import Arrival, go_to
+from txt1.navigation.goto import Arrival, go_to, go_to_places
 from txt1.navigation.plan import NoPath, plan
-from txt1.navigation.source import PoseSource, best_pose, fused_pose, map_pose, true_pose, wheel_pose
+from txt1.navigation.source import PoseSource, best_pose, fused_pose, map_floor, map_pose, true_pose, wheel_pose
 from txt1.navigation.waypoints import follow
 
 __all__ = [
@@ -22,6 +22,8 @@ __all__ = [
     "follow",
     "fused_pose",
     "go_to",
+    "go_to_places",
+    "map_floor",
     "map_pose",
     "plan",
     "true_pose",

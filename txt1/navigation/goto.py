@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Sequence
 from math import cos, degrees, hypot, inf, radians, sin, sqrt
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from txt1.control.limits import clip
 from txt1.control.schedule import Schedule
 from txt1.driver import REFRESH, CommandSource
 from txt1.errors import CommandRefused
+from txt1.kernel.loop import VirtualTimeLoop
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.navigation.pace import pace
 from txt1.navigation.plan import plan, plan_with_run_up, stretches
+from txt1.navigation.search import heading_at
 from txt1.navigation.source import PoseSource, encoders_view, wheel_pose
 from txt1.robot import Robot
 from txt1.sim.room import Room
+
+T = TypeVar("T")
 
 POSITION: Final = 0.035  # m from the goal that is near enough; 5 cm are asked for, and the pose source has an error
 HEADING: Final = radians(3.5)  # rad likewise; 5 degrees are asked for
@@ -82,12 +87,38 @@ async def go_to(
         start = poses.pose()
         far = _miss(start, pose)[0] > CORRECTION
         make = plan if plans == 1 or far else plan_with_run_up
-        await _drive(robot, wheel, poses, start, make(start, pose, room, body), speed)
+        await _drive(robot, wheel, poses, start, await _beside(room, make, start, pose, room, body), speed)
         reached = poses.pose()
         arrival = Arrival(reached, *_miss(reached, pose), plans)
         if arrival.distance <= POSITION and arrival.turn <= HEADING:
             break
     return arrival
+
+
+async def go_to_places(
+    robot: Robot,
+    places: Sequence[tuple[float, float]],
+    *,
+    pose_source: PoseSource,
+    room: Room,
+    speed: float | str = 0.4,
+    source: CommandSource | None = None,
+) -> None:
+    """Drive round the walls of a map from place to place (m), each with the heading with which the way leads to it.
+
+    Raises what `go_to` does.
+    """
+    body = robot.config.geometry
+    for place in places:
+        heading = await _beside(room, heading_at, pose_source.pose(), place, room, body)
+        await go_to(robot, (*place, heading), pose_source=pose_source, room=room, speed=speed, source=source)
+
+
+async def _beside(room: Room | None, do: Callable[..., T], *args: Any) -> T:
+    """Return what a function returns; on the real clock a search round a map's walls runs in a thread of its own."""
+    if room is None or room.walls is None or isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+        return do(*args)
+    return await asyncio.to_thread(do, *args)
 
 
 async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float) -> None:

@@ -10,10 +10,12 @@ from txt1.errors import Txt1Error
 from txt1.model.kinematics import move_along_arc
 from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
 from txt1.model.vehicle import Geometry
+from txt1.navigation.search import round_walls
 from txt1.sim.room import Room, clearance
 
 MARGINS: Final = (1.1, 1.35)  # planned radii over R_min: one that leaves room to correct, one for want of a path
 ROOMS: Final = (0.06, 0.03, 0.0)  # m that the body is to keep from the walls: the most with which there is a path
+BY_WALLS: Final = (0.12, 0.06, 0.03, 0.0)  # the same of a map's walls, which are as uncertain as the pose
 GEAR_CHANGE: Final = 0.1  # m of path that stopping to change gear is worth
 SHORT: Final = 0.15  # m; a shorter stretch in one gear ends before the steering has come round
 SHORT_STRETCH: Final = 0.3  # m of path that such a stretch is worth
@@ -42,13 +44,15 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
     """The path to drive from one pose to another; room None: no walls.
 
     The cheapest by length and gear changes of the Reeds-Shepp paths that stay inside; where all of them touch a wall,
-    the cheapest of those that lead over some place in between. Raises NoPath: none stays inside.
+    the cheapest of those that lead over some place in between, or a way round the walls of a map. Raises NoPath: none
+    stays inside.
     """
     body = Geometry() if body is None else body
     if room is not None and clearance(*goal, room, body) < 0.0:
         raise NoPath(goal)
-    for search in (_cheapest_inside, _over_a_place):
-        for keep_clear in ROOMS:
+    walls = room is not None and room.walls is not None
+    for search in (_cheapest_inside, _round_walls if walls else _over_a_place):
+        for keep_clear in BY_WALLS if walls else ROOMS:
             path = search(start, goal, room, body, keep_clear)
             if path is not None:
                 return path
@@ -69,7 +73,7 @@ def stretches(path: Path) -> list[Path]:
 
 def stays_inside(start: Pose, path: Path, room: Room | None, body: Geometry, keep_clear: float = 0.0) -> bool:
     """Whether the body keeps `keep_clear` m from the walls all along a path, looked at every 5 cm."""
-    if room is None or not (isfinite(room.length) or isfinite(room.width)):
+    if room is None or not (isfinite(room.length) or isfinite(room.width) or room.walls is not None):
         return True
     return all(clearance(*pose, room, body) >= keep_clear for pose in along(start, path, LOOK_EVERY))
 
@@ -103,6 +107,15 @@ def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Ge
 def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
     every = (path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min))
     return next((path for path in sorted(every, key=cost) if stays_inside(start, path, room, body, keep_clear)), None)
+
+
+def _round_walls(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
+    assert room is not None
+
+    def last(pose: Pose) -> Path | None:
+        return _cheapest_inside(pose, goal, room, body, keep_clear)
+
+    return round_walls(start, goal, room, body, MARGINS[0] * body.radius_min, keep_clear, last)
 
 
 def _over_a_place(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:

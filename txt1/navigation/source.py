@@ -15,6 +15,7 @@ from txt1.model.vehicle import Geometry
 from txt1.robot import Robot
 from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.readings import FixReading
+from txt1.sim.room import Room
 
 
 class PoseSource(NamedTuple):
@@ -55,6 +56,12 @@ def best_pose(robot: Robot) -> PoseSource:
     if robot.runtime.part(MapInUse) is not None:
         return map_pose(robot)
     return true_pose(robot) if robot.hal.capabilities.pose else wheel_pose(robot)
+
+
+def map_floor(robot: Robot) -> Room | None:
+    """The walls of the map that the robot drives in, in the frame of `map_pose`; None: there are none to plan round."""
+    there = robot.runtime.part(MapInUse)
+    return None if there is None else there.floor()
 
 
 def map_pose(robot: Robot) -> PoseSource:

@@ -11,7 +11,9 @@ from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose, Segment
 from txt1.model.vehicle import Geometry
 from txt1.navigation.plan import NoPath, along, cost, plan, plan_with_run_up, stays_inside, stretches
+from txt1.navigation.search import heading_at
 from txt1.sim.room import Room
+from txt1.sim.walls import walls_of
 
 ROOM = Room(5.0, 5.0)
 BODY = Geometry()
@@ -54,3 +56,15 @@ def test_poses_along_a_path_are_as_close_as_asked() -> None:
     start = (0.0, 0.0, 0.0)
     found = [start, *along(start, (Segment(1.0, 1.0), Segment(0.0, -0.3)), 0.05)]
     assert all(hypot(b[0] - a[0], b[1] - a[1]) <= 0.05 + 1e-9 for a, b in pairwise(found))
+
+
+def test_a_way_round_the_walls_of_a_map_keeps_clear_of_them() -> None:
+    room, start = Room(walls=walls_of("flat")), (-0.42, -0.92, 0.0)
+    for place in ((5.39, 3.0), (-0.95, 4.13)):
+        goal = (*place, heading_at(start, place, room, BODY))
+        path = plan(start, goal, room, BODY)
+        *_, (x, y, _) = along(start, path, inf)
+        assert hypot(x - goal[0], y - goal[1]) < 1e-6
+        assert stays_inside(start, path, room, BODY, 0.03)
+    with pytest.raises(NoPath):
+        plan(start, (20.0, 3.0, 0.0), room, BODY)

@@ -1,0 +1,175 @@
+"""Paths round walls: a search over the poses that a car reaches by short arcs in both gears.
+
+How it works. Dijkstra's search from the goal over a lattice of places tells how far each is from it, for a point that
+keeps half the car's width from walls. These distances lead a best-first search over poses (x, y, theta), each in a
+cell of its own, whose steps are arcs of the planned radius and straight lines (hybrid A*: Dolgov, Thrun, Montemerlo and
+Diebel, "Path planning for autonomous vehicles in unknown semi-structured environments", IJRR 29, 2010). Every few poses
+it is tried whether a Reeds-Shepp path leads on to the goal; the first that stays clear ends the search. The distances
+are weighted, so the path is a good one and not the best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from heapq import heappop, heappush
+from itertools import count
+from math import atan2, floor, hypot, inf, pi
+from typing import Any, Final
+
+from txt1.model.kinematics import move_along_arc, wrap_angle
+from txt1.model.reeds_shepp import Path, Pose, Segment
+from txt1.model.vehicle import Geometry
+from txt1.sim.room import Room, clearance
+
+LATTICE: Final = 0.1  # m between two places of the lattice
+PLACES_MAX: Final = 400_000  # of the lattice that are looked at: 4000 m^2
+CELL: Final = 0.2  # m, side of a cell of poses
+TURN: Final = pi / 9.0  # rad likewise
+STEP: Final = 0.3  # m of a step: longer than a cell's diagonal, so that it leaves it
+LOOK: Final = 0.05  # m of a step after which the body is looked at again
+GREED: Final = 1.5  # what a metre to the goal is worth, to a metre driven
+BACKWARD: Final = 1.3  # what a metre backward is worth, to one forward
+CHANGE: Final = 0.5  # m that a change of gear is worth: one costs time
+BEND: Final = 0.03  # m that a step at full lock is worth more
+POSES_MAX: Final = 6000  # that are looked at before it gives up
+NEAR: Final = 2.0  # m from the goal within which each pose is tried, and else every so many:
+EVERY: Final = 10
+
+Place = tuple[int, int]
+Way = tuple[Segment, Any] | None
+"""The last step of a way, and the way before it."""
+Last = Callable[[Pose], Path | None]
+_AROUND: Final = tuple((i, j, hypot(i, j)) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
+
+
+def distances_to(
+    goal: tuple[float, float], room: Room, body: Geometry, start: tuple[float, float]
+) -> dict[Place, float]:
+    """Metres to the goal from the places of the lattice round it, `place_of` their keys; start not in it: no way."""
+    walls = room.walls
+    assert walls is not None
+    least = 0.5 * body.width
+    first, end = place_of(*goal), place_of(*start)
+    found: dict[Place, float] = {}
+    best = {first: 0.0}
+    heap = [(0.0, first)]
+    enough = inf
+    while heap and len(found) < PLACES_MAX:
+        far, place = heappop(heap)
+        if place in found:
+            continue
+        if far > enough:
+            break
+        found[place] = far
+        if place == end:
+            # places farther off than that are detours
+            enough = far + 3.0
+        for i, j, step in _AROUND:
+            other = place[0] + i, place[1] + j
+            there = far + LATTICE * step
+            if there < best.get(other, inf) and (
+                other == end or walls.distance(LATTICE * other[0], LATTICE * other[1]) > least
+            ):
+                best[other] = there
+                heappush(heap, (there, other))
+    return found
+
+
+def place_of(x: float, y: float) -> Place:
+    """The place of the lattice nearest to one in the room, m."""
+    return round(x / LATTICE), round(y / LATTICE)
+
+
+def heading_at(start: Pose, goal: tuple[float, float], room: Room, body: Geometry) -> float:
+    """The heading, rad, with which the shortest way round walls comes to a place, or near it if the body needs that."""
+    back = distances_to(start[:2], room, body, goal)
+    place = place_of(*goal)
+    for _ in range(6):
+        ways = [(back[other], other) for i, j, _ in _AROUND if (other := (place[0] + i, place[1] + j)) in back]
+        place = min(ways, default=(0.0, place))[1]
+    dx, dy = goal[0] - LATTICE * place[0], goal[1] - LATTICE * place[1]
+    along = atan2(dy, dx) if hypot(dx, dy) > LATTICE else start[2]
+    # the nearest with room to spare, else the one with most
+    turns = sorted((wrap_angle(k * pi / 8.0) for k in range(16)), key=abs)
+    left = [(min(0.1, clearance(*goal, along + turn, room, body)), turn) for turn in turns]
+    return wrap_angle(along + max(left, key=lambda each: each[0])[1])
+
+
+def round_walls(
+    start: Pose, goal: Pose, room: Room, body: Geometry, radius: float, clear: float, last: Last
+) -> Path | None:
+    """A path between two poses whose body keeps `clear` m from walls, its arcs of so many m; None: none was found.
+
+    `last` returns a path from a pose to the goal that stays clear, None where there is none.
+    """
+    left = distances_to(goal[:2], room, body, start[:2])
+    if place_of(*start[:2]) not in left:
+        return None
+    steps = [(bend / radius, gear) for gear in (1.0, -1.0) for bend in (0.0, 1.0, -1.0)]
+    number = count()
+    # a pose's path is the chain of steps that led to it
+    heap: list[tuple[float, int, float, Pose, Way]] = [(0.0, 0, 0.0, start, None)]
+    closed: set[tuple[int, int, int, bool]] = set()
+    for looked in range(POSES_MAX):
+        pose, way, spent = None, None, 0.0
+        while heap:
+            _, _, spent, pose, way = heappop(heap)
+            cell = _cell(pose, way is None or way[0].distance > 0.0)
+            if cell not in closed:
+                closed.add(cell)
+                break
+            pose = None
+        if pose is None:
+            return None
+        if looked % EVERY == 0 or left.get(place_of(*pose[:2]), inf) < NEAR:
+            end = last(pose)
+            if end is not None:
+                return (*_unrolled(way), *end)
+        for curvature, gear in steps:
+            after = _after(pose, curvature, gear, room, body, clear)
+            if after is None or (far := left.get(place_of(*after[:2]))) is None:
+                continue
+            if _cell(after, gear > 0.0) in closed:
+                continue
+            changed = way is not None and (way[0].distance > 0.0) is not (gear > 0.0)
+            price = STEP * (1.0 if gear > 0.0 else BACKWARD) + CHANGE * changed + BEND * (curvature != 0.0)
+            total = spent + price
+            segment = Segment(curvature, gear * STEP)
+            heappush(heap, (total + GREED * far, next(number), total, after, (segment, way)))
+    return None
+
+
+def _after(pose: Pose, curvature: float, gear: float, room: Room, body: Geometry, clear: float) -> Pose | None:
+    """The pose after a step; None where the body comes too close to a wall on it."""
+    pieces = round(STEP / LOOK)
+    after = move_along_arc(*pose, gear * STEP, curvature, 0.0)
+    # the end first: most steps that touch a wall touch it there
+    for k in (pieces, *range(1, pieces)):
+        if clearance(*move_along_arc(*pose, gear * STEP * k / pieces, curvature, 0.0), room, body) < clear:
+            return None
+    return after
+
+
+def _cell(pose: Pose, forward: bool) -> tuple[int, int, int, bool]:
+    x, y, theta = pose
+    return floor(x / CELL), floor(y / CELL), floor(wrap_angle(theta) / TURN), forward
+
+
+def _unrolled(way: Way) -> list[Segment]:
+    """The steps of a way from its start, those of one arc as one segment."""
+    steps: list[Segment] = []
+    while way is not None:
+        steps.append(way[0])
+        way = way[1]
+    found: list[Segment] = []
+    for step in reversed(steps):
+        before = found[-1] if found else None
+        if (
+            before is not None
+            and before.curvature == step.curvature
+            and (before.distance > 0.0) == (step.distance > 0.0)
+        ):
+            found[-1] = Segment(step.curvature, before.distance + step.distance)
+        else:
+            found.append(step)
+    return found
