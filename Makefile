@@ -21,7 +21,7 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel torture bench docs docs-serve docs-version docs-links clean
+.PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench docs docs-serve docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -68,6 +68,12 @@ lint: $(VENV)/.dev  ## style, types, and who imports whom
 wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to three times as fast; takes a minute
 	rm -rf build dist
 	COMPILE_TXT1=1 $(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
+
+release: lint test wheel  ## dist/ as a release has it: wheels, sdist, constraints.txt of the tested versions, SHA256SUMS
+	$(BIN)/python -m rigs.release constraints dist/constraints.txt
+	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
+	$(BIN)/python -c "from setuptools.build_meta import build_sdist; build_sdist('dist')" > build/sdist.txt
+	$(BIN)/python -m rigs.release sums dist
 
 torture: $(VENV)/.dev $(FUZZ)/.dev  ## faults, mutants and random bytes in great numbers, into docs/results/reliability.md; hours, and it can be ended and goes on
 	$(BIN)/python -m torture campaign --page
