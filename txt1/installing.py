@@ -1,7 +1,13 @@
-"""The command that installs an optional dependency into the environment in which this program runs."""
+"""The command that installs an optional dependency into the environment in which this program runs.
+
+txt1 is on no package index, so the command names the place that it was installed from: a checkout, a wheel, an address.
+Where that is gone or not known, it names the packages that the extra consists of.
+"""
 
 import json
 import os
+import re
+import shutil
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
@@ -11,35 +17,61 @@ from urllib.parse import unquote, urlsplit
 
 
 def installs(extras: str) -> str:
-    """Return the command that installs extras, which works from the current directory.
+    """Return the command that installs extras, such as "record,plots"; it works from the current directory.
 
-    By this environment's own pip; where it has none, by who made the environment: pipx or uv, also for one run alone.
+    By the interpreter's own pip; where it has none, by who made the environment: pipx or uv, also for one run alone.
     """
-    what = f"'txt1[{extras}]'"
-    folder = os.path.dirname(sys.executable)
-    own = os.path.join(folder, "pip")
-    if os.access(own, os.X_OK):
-        first = next((each for each in os.get_exec_path() if os.access(os.path.join(each, "pip"), os.X_OK)), folder)
-        if first == folder:
-            return f"pip install {what}"
-        inside = os.path.relpath(own)
-        return f"{quote(own if inside.startswith('..') else inside)} install {what}"
-    if sys.prefix == sys.base_prefix:
-        return f"pip install {what}"
     parts = Path(sys.prefix).parts
-    if "pipx" in parts:
-        return f"pipx inject txt1 {what}" if "venvs" in parts else f"pipx run --spec {_source(extras)} txt1"
-    if "archive-v0" in parts:  # where uv keeps environments of one run
-        return f"uvx --from {_source(extras)} txt1"
-    if find_spec("pip") is not None:
-        return f"{quote(sys.executable)} -m pip install {what}"
-    return f"uv pip install --python {quote(sys.executable)} {what}"
+    if sys.prefix != sys.base_prefix:
+        if "pipx" in parts:
+            if "venvs" in parts:
+                return f"pipx runpip txt1 install {_source(extras)}"
+            return f"pipx run --spec {_source(extras)} txt1"
+        # where uv keeps environments of one run
+        if "archive-v0" in parts:
+            return f"uvx --from {_source(extras)} txt1"
+        if find_spec("pip") is None:
+            return f"uv pip install --python {quote(sys.executable)} {_source(extras)}"
+    return f"{interpreter()} -m pip install {_source(extras)}"
+
+
+def interpreter() -> str:
+    """Return this Python's name in a shell in the current directory: as short as leads to it, ready to be typed."""
+    for name in ("python", "python3"):
+        if shutil.which(name) == sys.executable:
+            return name
+    return quote(_near(sys.executable))
+
+
+def _near(path: str) -> str:
+    """Return a path as it is seen from the current directory, where it lies inside."""
+    inside = os.path.relpath(path)
+    return path if inside.startswith("..") else inside
 
 
 def _source(extras: str) -> str:
-    """Return where txt1 was installed from, with extras: a file, else its name on the package index."""
+    """Return what pip is to install for extras, quoted: a folder or wheel that is there, an address, or packages."""
+    requires: list[str] = []
+    told: dict[str, dict[str, bool]] = {}
+    address = ""
     try:
-        url = urlsplit(json.loads(distribution("txt1").read_text("direct_url.json") or "{}").get("url", ""))
+        txt1 = distribution("txt1")
+        requires = txt1.requires or []
+        told = json.loads(txt1.read_text("direct_url.json") or "{}")
+        address = str(told.get("url", ""))
     except PackageNotFoundError:
-        url = urlsplit("")
-    return quote(f"{unquote(url.path) if url.scheme == 'file' else 'txt1'}[{extras}]")
+        pass
+    if address and not address.startswith("file:"):
+        return quote(f"txt1[{extras}] @ {address}")
+    path = unquote(urlsplit(address).path) or str(Path(__file__).parents[1])
+    if os.path.isfile(path) or os.path.isfile(os.path.join(path, "pyproject.toml")):
+        near = _near(path)
+        near = near if near == "." or os.path.isabs(near) else f"./{near}"
+        return f"{'-e ' if told.get('dir_info', {}).get('editable') else ''}{quote(f'{near}[{extras}]')}"
+    return " ".join(quote(each) for extra in extras.split(",") for each in _packages(extra, requires)) or extras
+
+
+def _packages(extra: str, requires: list[str]) -> list[str]:
+    """Return an extra's requirements without the words that make them optional, as pip takes them in a command."""
+    own = re.compile(rf"""\s*;?\s*(?:\band\s+)?extra == ["']{re.escape(extra)}["']$""")
+    return [re.sub(r"; \((.*)\)$", r"; \1", own.sub("", each)) for each in requires if own.search(each)]

@@ -533,7 +533,7 @@ def test_a_taught_policy_says_what_it_would_do_and_how_sure_it_is(browser: Any, 
 
 
 def test_a_camera_s_picture_is_on_the_page(browser: Any, tmp_path: Path) -> None:
-    av = pytest.importorskip("av", reason="PyAV is not installed: pip install 'txt1[camera]'")
+    av = pytest.importorskip("av", reason="PyAV is not installed: the extra 'camera'")
     film = tmp_path / "film.mp4"
     with av.open(str(film), "w") as container:
         stream = container.add_stream("mpeg4", rate=10)

@@ -21,6 +21,7 @@ from txt1.experiments.identify import Hold, identify, try_out
 from txt1.experiments.metrics import QUANTUM, difference, measure
 from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run
+from txt1.installing import installs
 from txt1.kernel.loop import run
 from txt1.model.battery import pack_voltage
 from txt1.robot import Robot
@@ -194,7 +195,7 @@ def test_a_mistake_is_told_in_one_line(words: list[str], complaint: str, capsys:
 def test_without_matplotlib_it_names_the_extra(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.setattr(figures, "find_spec", lambda name: None)
     assert execute(["experiment", "circle-fast"]) == 2
-    assert "pip install 'txt1[plots]'" in capsys.readouterr().err
+    assert installs("plots") in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])

@@ -14,7 +14,7 @@ from txt1.bridges.registry import BRIDGES, bridge
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 
-pytest.importorskip("pygame", reason="pygame-ce is not installed: pip install 'txt1[gamepad]'")
+pytest.importorskip("pygame", reason="pygame-ce is not installed: the extra 'gamepad'")
 
 ROOT = Path(__file__).parents[2]
 

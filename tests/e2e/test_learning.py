@@ -27,6 +27,7 @@ from txt1.config import load
 from txt1.errors import LightFault, TaskFault
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
+from txt1.installing import installs
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.command.trials import conduct
@@ -366,7 +367,7 @@ def test_phidgets_without_their_driver_name_the_extra(
     monkeypatch.setitem(__import__("sys").modules, "Phidget22.Devices.VoltageRatioInput", None)
     words = ["run", "--json", "--duration", "1", "--set", "sensors.light.driver=phidgets_light"]
     assert execute(words) == 2
-    assert "pip install 'txt1[phidgets]'" in capsys.readouterr().err
+    assert installs("phidgets") in capsys.readouterr().err
 
 
 def test_without_matplotlib_everything_but_the_pictures_is_there(
@@ -374,7 +375,7 @@ def test_without_matplotlib_everything_but_the_pictures_is_there(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
     assert learn(tmp_path, "--trials", "1", "--episodes", "1") == 0
-    assert "pip install 'txt1[plots]'" in capsys.readouterr().err
+    assert installs("plots") in capsys.readouterr().err
     assert (tmp_path / "metrics.json").exists()
     assert not list(tmp_path.glob("*.png"))
 

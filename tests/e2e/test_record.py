@@ -6,6 +6,7 @@ import csv
 import errno
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ from tests.e2e.recordings import spoil_second_chunk
 from txt1.cli import execute
 from txt1.commands import need
 from txt1.errors import MissingExtra
+from txt1.installing import installs
 from txt1.record import mcap_file, recorder
 from txt1.record.reading import FilePass
 from txt1.record.recover import recover
@@ -354,7 +356,7 @@ def test_log_recover_makes_a_complete_file(minute: Path, tmp_path: Path, capsys:
 
 
 def test_a_missing_extra_is_one_line_that_names_it() -> None:
-    with pytest.raises(MissingExtra, match=r"recording needs the extra 'record': .*pip install 'txt1\[record\]'"):
+    with pytest.raises(MissingExtra, match=f"recording needs the extra 'record': {re.escape(installs('record'))}"):
         need("recording", "record", "mcap", "no_such_module")
 
 
@@ -366,4 +368,4 @@ def test_a_command_on_a_recording_names_the_extra_that_it_lacks(
     assert execute([*words, str(tmp_path / "run.mcap")]) == 2
     told = capsys.readouterr().err
     assert told.startswith("txt1: reading a recording needs the extra 'record': ") and told.count("\n") == 1
-    assert told.endswith("pip install 'txt1[record]'\n")
+    assert told.endswith(f"{installs('record')}\n")

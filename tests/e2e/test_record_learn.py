@@ -24,6 +24,7 @@ from tests.e2e.conftest import may_block
 from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import RecordingError
+from txt1.installing import installs
 from txt1.kernel import loop
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
@@ -285,4 +286,4 @@ def test_without_the_extra_it_is_said_before_the_robot_moves(
 ) -> None:
     monkeypatch.setattr("txt1.commands.find_spec", lambda name: None)
     assert learn(tmp_path / "out", tmp_path / "run.mcap") == 2
-    assert "pip install 'txt1[record]'" in capsys.readouterr().err
+    assert installs("record") in capsys.readouterr().err

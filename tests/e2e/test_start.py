@@ -6,6 +6,7 @@ import json
 import os
 import random
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -13,8 +14,8 @@ import time
 import warnings
 from ast import literal_eval
 from collections.abc import Callable, Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -317,34 +318,69 @@ def test_the_environment_without_gymnasium_names_the_extra() -> None:
         "except txt1.Txt1Error as error: print(error)"
     )
     told = python("-c", code)
-    assert told.startswith("txt1.learning.env needs the extra 'gym': ") and told.endswith("pip install 'txt1[gym]'\n")
+    assert told.startswith("txt1.learning.env needs the extra 'gym': ") and told.endswith(f"{installs('gym')}\n")
 
 
-def test_an_extra_is_installed_by_the_pip_of_the_python_that_lacks_it(
+class Installed:
+    """A distribution of txt1 that was installed from somewhere."""
+
+    requires: ClassVar = ['mcap>=1.6; extra == "record"', 'lgpio; (python_version < "4") and extra == "pi"', "numpy"]
+
+    def __init__(self, told: dict[str, object]) -> None:
+        self.told = told
+
+    def read_text(self, name: str) -> str | None:
+        return json.dumps(self.told) if self.told else None
+
+
+def test_an_extra_is_installed_from_where_txt1_came_by_the_python_that_lacks_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other, own = tmp_path / "other", tmp_path / ".venv" / "bin"
-    for folder in (other, own):
-        folder.mkdir(parents=True)
-        (folder / "pip").touch(mode=0o755)
+    own = tmp_path / ".venv" / "bin"
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "pyproject.toml").touch()
     monkeypatch.setattr(sys, "executable", str(own / "python"))
     monkeypatch.setattr(sys, "prefix", str(own.parent))
-    monkeypatch.setenv("PATH", f"{other}:{own}")
-    assert installs("record") == ".venv/bin/pip install 'txt1[record]'"
-    monkeypatch.setenv("PATH", f"{own}:{other}")
-    assert installs("record,plots") == "pip install 'txt1[record,plots]'"
-    (own / "pip").unlink()
-    if find_spec("pip") is not None:
-        assert installs("record") == f"{own / 'python'} -m pip install 'txt1[record]'"
+    came: dict[str, object] = {"url": tmp_path.as_uri(), "dir_info": {"editable": True}}
+    monkeypatch.setattr("txt1.installing.distribution", lambda name: Installed(came))
+    assert installs("record") == ".venv/bin/python -m pip install -e '.[record]'"
+    monkeypatch.setattr("txt1.installing.shutil.which", lambda name: str(own / "python"))
+    assert installs("record,plots") == "python -m pip install -e '.[record,plots]'"
+    wheel = tmp_path / "a folder" / "txt1-0.2.0-py3-none-any.whl"
+    came = {"url": wheel.as_uri(), "archive_info": {}}
+    assert installs("record") == "python -m pip install 'mcap>=1.6'", "the wheel is gone"
+    assert installs("pi,record") == """python -m pip install 'lgpio; python_version < "4"' 'mcap>=1.6'"""
+    wheel.parent.mkdir()
+    wheel.touch()
+    assert installs("record") == f"python -m pip install './a folder/{wheel.name}[record]'"
     monkeypatch.setattr("txt1.installing.find_spec", lambda name: None)
-    assert installs("record") == f"uv pip install --python {own / 'python'} 'txt1[record]'"
+    assert installs("record") == f"uv pip install --python {own / 'python'} './a folder/{wheel.name}[record]'"
+    came = {"url": "https://example.org/txt1.whl"}
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "pipx" / "venvs" / "txt1"))
-    assert installs("record") == "pipx inject txt1 'txt1[record]'"
+    assert installs("record") == "pipx runpip txt1 install 'txt1[record] @ https://example.org/txt1.whl'"
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "pipx" / ".cache" / "1234"))
-    assert re.fullmatch(r"pipx run --spec '\S*\[record\]' txt1", installs("record"))
+    assert installs("record") == "pipx run --spec 'txt1[record] @ https://example.org/txt1.whl' txt1"
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "uv" / "archive-v0" / "1234"))
-    assert re.fullmatch(r"uvx --from '\S*\[record\]' txt1", installs("record"))
+    assert installs("record") == "uvx --from 'txt1[record] @ https://example.org/txt1.whl' txt1"
+
+
+def test_pip_accepts_the_command_for_a_missing_extra() -> None:
+    words = shlex.split(installs("record,plots"))
+    done = subprocess.run(
+        [sys.executable, *words[1:], "--dry-run", "--no-deps", "--no-build-isolation", "--no-index"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert words[1:4] == ["-m", "pip", "install"] and done.returncode == 0, done.stderr
+
+
+def test_nothing_says_that_txt1_is_installed_by_its_name() -> None:
+    root = Path(__file__).parents[2]
+    files = [root / "README.md", *(root / "docs").rglob("*.md"), *(root / "examples").rglob("*.py")]
+    files += [*(root / "txt1").rglob("*.py"), *(root / "image").rglob("*.yaml"), root / "CONTRIBUTING.md"]
+    by_name = re.compile(r"""pipx? (?:install|inject)\b[^\n`;#,]* '?"?txt1(?:\[[\w,]*\])?(?! @)['"\s]""")
+    assert [f"{file}: {found[0]}" for file in files for found in by_name.finditer(file.read_text("utf-8"))] == []
 
 
 def test_a_missing_extra_ends_with_the_exit_code_of_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ import sys
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
+from shlex import quote
 from string import Template
 from typing import Final
 
@@ -16,6 +17,7 @@ from txt1.errors import ConfigError
 from txt1.hal.base import Hal
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
+from txt1.installing import interpreter
 from txt1.resources import PACKAGE
 from txt1.sim.parameters import LineFaults
 
@@ -85,5 +87,5 @@ def new_hal(arguments: argparse.Namespace) -> int:
         text = Template((SKELETON / f"{file}.txt").read_text()).substitute(words)
         (folder / written).write_text(text)
         print(folder / written)
-    print(f"pip install -e {folder}, then txt1 hal check {name}")
+    print(f"{interpreter()} -m pip install -e {quote(str(folder))}, then txt1 hal check {name}")
     return OK

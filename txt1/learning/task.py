@@ -269,7 +269,7 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None) -> None:
     if not robot.hal.capabilities.pose:
         raise HalError(
             f"learning needs four light sensors, and with the HAL '{robot.hal.name}' there are none: plug in a "
-            f"Phidgets Interface Kit and set sensors.{name}.driver=phidgets_light (pip install 'txt1[phidgets]')"
+            f"Phidgets Interface Kit and set sensors.{name}.driver=phidgets_light, which needs the extra 'phidgets'"
         )
     options = {} if seed is None else {"seed": list(seed)}
     sensor = robot.runtime.make_sensor(name, SensorConfig(driver=SIMULATED, options=options))

@@ -8,7 +8,7 @@ from random import Random
 
 import pytest
 
-pytest.importorskip("pygame", reason="pygame-ce is not installed: pip install 'txt1[gamepad]'")
+pytest.importorskip("pygame", reason="pygame-ce is not installed: the extra 'gamepad'")
 
 from tests.unit.gamepad.test_pad import by_chance, does_what_the_manual_says
 from tests.unit.gamepad.virtual_pad import VirtualPad

@@ -11,6 +11,7 @@ import pytest
 from txt1.config import load
 from txt1.errors import HalError
 from txt1.hal.registry import create
+from txt1.installing import installs
 
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 OTHERS = {
@@ -48,7 +49,7 @@ def test_the_extra_of_a_raspberry_pi_is_named_where_it_is_missing() -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("txt1: the HAL 'pi' needs the extra 'pi': ")
-    assert done.stderr.endswith("pip install 'txt1[pi]'\n")
+    assert done.stderr.endswith(f"{installs('pi')}\n")
 
 
 def test_the_extra_is_small() -> None:

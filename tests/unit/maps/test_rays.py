@@ -1,5 +1,6 @@
 """Rays against an occupancy grid: compiled and as arrays, beside what geometry says."""
 
+import re
 from math import cos, inf, nan, pi, sin
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from txt1.installing import installs
 from txt1.maps import rays
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Floats, Grid
 from txt1.maps.rays import cast, prepare
@@ -81,7 +83,7 @@ def test_without_numba_it_is_told_once_how_to_get_it(monkeypatch: pytest.MonkeyP
     without_numba(monkeypatch)
     prepare.cache_clear()
     with pytest.warns(
-        RuntimeWarning, match=r"rays against a map take long without numba: .*pip install 'txt1\[fast\]'"
+        RuntimeWarning, match=f"rays against a map take long without numba: {re.escape(installs('fast'))}"
     ):
         assert not prepare()
     assert not prepare()

@@ -1,6 +1,7 @@
 """Vehicles of other people under the simulated robot."""
 
 import asyncio
+import re
 import sys
 from math import nan, pi
 
@@ -11,13 +12,14 @@ from txt1.config import Config, load
 from txt1.errors import ConfigError, MissingExtra, TaskFault
 from txt1.experiments.calibration.simulated_operator import smallest_circle
 from txt1.hal.registry import PHYSICS, create_sim
+from txt1.installing import installs
 from txt1.physics.foreign import Foreign, MotorDrive
 from txt1.robot import Robot
 from txt1.sim.dynamics import Motion
 from txt1.sim.world import World
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'txt1[physics]'")
-pytest.importorskip("vehiclemodels", reason="commonroad's models are not installed: pip install 'txt1[physics]'")
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: the extra 'physics'")
+pytest.importorskip("vehiclemodels", reason="commonroad's models are not installed: the extra 'physics'")
 
 CARS = {"single-track-drift": "f1tenth", "multi-body": "f1tenth", "mujoco": "txt1"}
 AT_REST: Motion = (0.0,) * 8
@@ -238,7 +240,7 @@ def test_a_missing_package_is_told_with_the_command_that_installs_it(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(
-        MissingExtra, match=rf"sim\.physics={name} .* needs the extra 'physics': .*pip install 'txt1\[physics"
+        MissingExtra, match=rf"sim\.physics={name} .* needs the extra 'physics': {re.escape(installs('physics'))}"
     ):
         create_sim(config(name))
 

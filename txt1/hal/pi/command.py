@@ -30,7 +30,7 @@ def remarks(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
     gpio = options.get("output") == "gpio"
     for module, needed, get in (
         ("smbus2", not gpio or options.get("battery", "none") != "none", installs("pi")),
-        ("lgpio", gpio or bool(options.get("encoders")), GET_LGPIO),
+        ("lgpio", gpio or bool(options.get("encoders")), f"{installs('pi')}; {GET_LGPIO}"),
     ):
         if needed:
             yield judged("extra", module, find_spec(module) is not None, f"it is missing: {get}")

@@ -46,7 +46,7 @@ NOT_NEUTRAL: Final = (
 )
 PULSES: Final = (500.0, 2500.0)  # us, which no output leaves
 GET_LGPIO: Final = (
-    "pip install 'txt1[pi]'; or, from Python 3.13 on, where it has no wheel: sudo apt install python3-lgpio, and an "
+    "from Python 3.13 on, where lgpio has no wheel: sudo apt install python3-lgpio, and an "
     "environment made with --system-site-packages"
 )
 
@@ -287,7 +287,7 @@ def explain(setup: GuardSetup, error: str) -> str:
     elif "busy" in error:
         remedy = "another program has the pins: end it"
     elif "No module" in error:
-        remedy = GET_LGPIO if "lgpio" in error else installs("pi")
+        remedy = f"{installs('pi')}; {GET_LGPIO}" if "lgpio" in error else installs("pi")
     return f"the outputs on {where} cannot be opened ({error}): {remedy}"
 
 
