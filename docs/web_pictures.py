@@ -95,7 +95,8 @@ def shoot_drive(browser: Any) -> None:
     """The moving picture: round the table of the laboratory's map, seen by the laser."""
     settings = ("sim.room.map=laboratory", "sensors.laser.driver=sim_laser", "safety.missed_ticks_max=100000")
     with live(settings) as car:
-        page = browser.new_page(viewport={"width": 960, "height": 600}, color_scheme="light")
+        # at this width, the speed's legend has its place beside the speed
+        page = browser.new_page(viewport={"width": 1120, "height": 640}, color_scheme="light")
         arrive(page, car.url)
         page.wait_for_timeout(1500)
         way = asyncio.run_coroutine_threadsafe(follow(car.robot, ROUND, speed=0.6), car.loop)

@@ -110,6 +110,13 @@ def test_every_block_of_yaml_on_a_page_is_valid(page: Path, tmp_path: Path) -> N
                 checked(getattr(driver, f"{config.hal.title()}Options"), config.hal_options, "hal_options")
 
 
+def test_the_moving_picture_has_room_for_its_legends_and_loads_quickly() -> None:
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed: the extra 'camera'")
+    file = ROOT / "docs" / "web" / "drive.webp"
+    with image.open(file) as picture:
+        assert picture.width >= 1100 and file.stat().st_size <= 1_500_000
+
+
 def run_page(page: Path, folder: Path, without: tuple[str, ...] = ()) -> None:
     """Write the page's files, then run its commands there, one after the other, as a reader without a terminal does."""
     for name, text in FILE.findall(page.read_text("utf-8")):
