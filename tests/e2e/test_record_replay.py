@@ -162,6 +162,20 @@ def test_the_report_is_a_picture_and_one_page_that_needs_nothing_else(
         assert told in page
 
 
+def test_the_report_begins_with_a_summary_and_fits_a_phone(circle: Path, tmp_path: Path) -> None:
+    assert execute(["report", str(circle), "-o", str(tmp_path / "report")]) == 0
+    page = (tmp_path / "report.html").read_text()
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
+    before, _, after = page.partition("<img ")
+    assert re.search(r"<li>\d+\.\d\d m in \d+\.\d s by odometry, at most \d\.\d\d m/s\.</li>", before)
+    assert re.search(r"<li>Disarmed once, at [\d.]+ s \([^<]+\)\.</li>|<li>It was never disarmed\.</li>", before)
+    assert "<li>Faults: none.</li>" in before, "values within their limits are no faults"
+    # every table is folded up until it is asked for
+    assert after.count("<details><summary>") == after.count("</details>") == 7 and "<details open" not in after
+    faults = after.partition("<summary>Faults (")[2].partition("</details>")[0]
+    assert "motor_limited" not in faults
+
+
 def test_the_terminals_keys_are_the_players(circle: Path) -> None:
     play, clock = player(circle)
     terminal = Terminal(play, teleop=play)

@@ -21,7 +21,7 @@ from txt1.record.reading import Decoding, FilePass, Item, robot_in, robots_in, t
 from txt1.record.summary import TopicSummary
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import PWM, SETPOINT
-from txt1.tasks.diagnostics import FAULTS, TASKS
+from txt1.tasks.diagnostics import FAULTS, LIMITED, TASKS
 from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.tasks.fields import LOG
 from txt1.tasks.mode import MODE
@@ -182,6 +182,7 @@ def page(name: str, content: Content, picture: bytes) -> str:
         name,
         picture,
         "path, velocities, PWM, battery, timing",
+        summary(content),
         ("The run", ("", ""), [*_facts(content), ("file", "complete" if content.complete else "breaks off")]),
         ("Topics", ("topic", "messages", "rate / Hz", "longest gap / s", "lost"), topics),
         (
@@ -189,10 +190,43 @@ def page(name: str, content: Content, picture: bytes) -> str:
             ("task", *next(iter(content.tasks.values()), {})),
             [(task, *values.values()) for task, values in content.tasks.items()],
         ),
-        ("Faults", ("what", "how often"), list(content.faults.items())),
+        ("Faults", ("what", "how often"), [each for each in content.faults.items() if each[0] not in LIMITED]),
+        (
+            "Values kept within their limits",
+            ("what", "how often"),
+            [each for each in content.faults.items() if each[0] in LIMITED],
+        ),
         ("Events", ("t / s", "what"), [(f"{time:.2f}", text) for time, text in content.events]),
         ("Configuration", ("key", "value"), _changed(content.metadata.get("txt1", {}).get("config", "{}"))),
     )
+
+
+def summary(content: Content) -> list[str]:
+    """Return the drive in sentences, the most important first: how far, how it stopped, what was wrong."""
+    odometry = content.columns("odometry")
+    seconds = float(np.ptp(odometry[0]))
+    fastest = float(np.abs(odometry[3]).max())
+    lines = [f"{_travelled(content):.2f} m in {seconds:.1f} s by odometry, at most {fastest:.2f} m/s."]
+    if content.disarms:
+        told = [text for _, text in content.events if text.startswith("disarmed: ")]
+        count = "once," if len(content.disarms) == 1 else f"{len(content.disarms)} times, the last time"
+        why = f" ({told[-1].removeprefix('disarmed: ')})" if told else ""
+        lines.append(f"Disarmed {count} at {content.disarms[-1]:.2f} s{why}.")
+    else:
+        lines.append("It was never disarmed.")
+    lines.append(f"Faults: {_counted(content)}.")
+    lost = {topic: each.lost for topic, each in content.topics.items() if each.lost}
+    if lost:
+        lines.append("Lost messages: " + ", ".join(f"{topic} {count}" for topic, count in lost.items()) + ".")
+    if not content.complete:
+        lines.append("The file breaks off: txt1 log recover repairs it.")
+    return lines
+
+
+def _counted(content: Content) -> str:
+    """Return the faults in a line; values that the gate kept within their limits are none."""
+    counted = [f"{what} {count}" for what, count in content.faults.items() if what not in LIMITED]
+    return ", ".join(counted) or "none"
 
 
 def _facts(content: Content) -> list[tuple[str, str]]:
@@ -200,22 +234,30 @@ def _facts(content: Content) -> list[tuple[str, str]]:
     return [(key, value) for key, value in about.items() if key not in ("config", "plan", "robots")]
 
 
-def _page(name: str, picture: bytes, shown: str, *parts: Part) -> str:
+def _page(name: str, picture: bytes, shown: str, first: Sequence[str], *parts: Part) -> str:
+    """Return a page: title, summary, picture, and each part folded up below its title, a screen long at most."""
     encoded = base64.b64encode(picture).decode("ascii")
     lines = [
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{html.escape(name)}</title><style>{_STYLE}</style></head><body>",
         f"<h1>{html.escape(name)}</h1>",
+        "<ul>" + "".join(f"<li>{html.escape(each)}</li>" for each in first) + "</ul>",
         f'<img alt="{shown}" src="data:image/png;base64,{encoded}">',
     ]
     for title, heads, rows in parts:
-        lines += f"<h2>{title}</h2>", *_table(heads, rows)
+        count = f" ({len(rows)})" if heads[0] else ""
+        lines += f"<details><summary>{title}{count}</summary><div>", *_table(heads, rows), "</div></details>"
     return "\n".join((*lines, "</body></html>\n"))
 
 
 _STYLE: Final = (
     "body{font:15px/1.4 sans-serif;max-width:80rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
+    "h1{overflow-wrap:anywhere}summary{font-size:1.2em;font-weight:bold;padding:.5rem 0;cursor:pointer}"
+    "details div{max-height:85vh;overflow:auto}"
     "table{border-collapse:collapse}td,th{padding:.15rem .8rem;text-align:left;border-bottom:1px solid #ddd}"
+    "td{overflow-wrap:anywhere;min-width:4rem}"
+    "@media(max-width:40rem){body{margin:1rem auto}td,th{padding:.15rem .4rem}}"
 )
 
 
@@ -284,7 +326,7 @@ def page_together(name: str, contents: Mapping[str, Content], picture: bytes) ->
         (
             robot,
             f"{_travelled(each):.2f}",
-            ", ".join(f"{what} {count}" for what, count in each.faults.items()) or "none",
+            _counted(each),
         )
         for robot, each in contents.items()
     ]
@@ -293,10 +335,27 @@ def page_together(name: str, contents: Mapping[str, Content], picture: bytes) ->
         name,
         picture,
         "paths, speeds, distances",
+        _together(contents),
         ("The run", ("", ""), _facts(next(iter(contents.values())))),
         ("Robots", ("robot", "driven / m", "faults"), robots),
         ("Events", ("t / s", "robot", "what"), [(f"{time:.2f}", robot, text) for time, robot, text in events]),
     )
+
+
+def _together(contents: Mapping[str, Content]) -> list[str]:
+    """Return the summary of several robots: how far, how near, who was disarmed."""
+    _, nearest = distances([pose for pose in map(_pose, contents.values()) if pose.shape[1] > 1])
+    lines = [f"{len(contents)} robots drove {sum(map(_travelled, contents.values())):.2f} m together."]
+    if nearest.size:
+        lines.append(f"The smallest distance between two centres was {float(nearest.min()):.2f} m.")
+    disarmed = [robot for robot, each in contents.items() if each.disarms]
+    lines.append(f"Disarmed during the run: {', '.join(disarmed)}." if disarmed else "None was ever disarmed.")
+    return lines
+
+
+def _pose(content: Content) -> NDArray[np.float64]:
+    """The true pose in the room over time, as columns."""
+    return content.columns("pose")
 
 
 def _travelled(content: Content) -> float:
