@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from math import hypot
+from math import hypot, nan
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,7 +17,9 @@ from txt1.mapping.placing import OnMap
 from txt1.mapping.poses import composed, difference
 from txt1.mapping.telling import MapNews, sheet_of
 from txt1.maps.files import read
+from txt1.model.reeds_shepp import Pose
 from txt1.robot import Robot
+from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sensors.base import Reading
 from txt1.sim.room import clearance
 
@@ -122,3 +125,26 @@ async def test_a_goal_in_a_wall_is_refused_and_the_robot_stays(flat: Robot, tmp_
     assert any("no path leads to" in event.text for event in flat.runtime.state.events)
     assert flat.pose == before and flat.driver.name != "route"
     await services.close()
+
+
+async def test_rviz_goals_and_places_are_meant_on_the_map(flat: Robot) -> None:
+    there, end = known(flat), Ros2RobotEnd(flat)
+    where: list[Pose] = []
+    there._sensor = SimpleNamespace(place=where.append)  # type: ignore[assignment] # noqa: SLF001
+    x, y, _ = flat.pose or (nan, nan, nan)
+    end._calls.call(1, "initial_pose", {"frame": "map", "x": x, "y": y, "theta": 0.5})  # noqa: SLF001
+    end._calls.call(2, "initial_pose", {"frame": "odom", "x": x, "y": y, "theta": 0.5})  # noqa: SLF001
+    end._calls.call(3, "initial_pose", {"frame": "map", "x": 20.0, "y": y, "theta": 0.5})  # noqa: SLF001
+    end._calls.call(4, "goal_pose", {"frame": "map", "x": 2.41, "y": 3.09, "theta": -2.0})  # noqa: SLF001
+    await asyncio.sleep(0.1)
+    assert where == [(x, y, 0.5)]
+    told = " ".join(event.text for event in flat.runtime.state.events)
+    assert "/initialpose: frame_id 'odom': give map" in told and "is no free floor on the map" in told
+    for _ in range(900):
+        await asyncio.sleep(0.1)
+        if any("/goal_pose: " in event.text for event in flat.runtime.state.events):
+            break
+    assert flat.pose is not None and hypot(flat.pose[0] - 2.41, flat.pose[1] - 3.09) < 0.06
+    end._calls.call(5, "goal_pose", {"frame": "map", "x": 20.0, "y": 0.0, "theta": 0.0})  # noqa: SLF001
+    await asyncio.sleep(0.2)
+    assert any("/goal_pose: no path leads to" in event.text for event in flat.runtime.state.events)

@@ -29,7 +29,7 @@ ENDS: Final[dict[str, Callable[[Robot], RobotEnd]]] = {
     "gamepad": lambda robot: RobotEnd(robot, "gamepad", {}),
 }
 CALLED: Final = (
-    "disarm", "stop", "load_gains", "drive_to", "manual", "place", "set", "power",
+    "disarm", "stop", "load_gains", "drive_to", "goal_pose", "initial_pose", "manual", "place", "set", "power",
     "pid_load", "pwm_change", "switched_pwr", "shutdown_computer",
 )  # fmt: skip
 """What a node calls for with an answer, but for "arm"."""

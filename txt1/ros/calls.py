@@ -71,6 +71,10 @@ class Caller:
         self._ids = count(1)
         self._waiting: dict[int, tuple[threading.Event, list[Any]]] = {}
 
+    def ask(self, name: str, **fields: Any) -> None:
+        """Have the robot do something, and wait for no answer."""
+        self._robot.request("call", id=next(self._ids), name=name, fields=fields)
+
     def call(self, name: str, **fields: Any) -> tuple[bool, str]:
         """Have the robot do something; whether it did, and if not why, else what it says."""
         return self._call(name, fields, ANSWER_PATIENCE, None)

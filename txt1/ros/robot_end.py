@@ -12,8 +12,10 @@ from typing import Any, Final
 from txt1.bridges.registry import RobotEnd
 from txt1.config.sources import with_values
 from txt1.control.limits import clip
+from txt1.driver import finite
 from txt1.errors import ConfigError, Txt1Error
-from txt1.navigation import PoseSource, fused_pose, go_to, true_pose, wheel_pose
+from txt1.maps.shown import MapInUse
+from txt1.navigation import PoseSource, fused_pose, go_to, map_floor, map_pose, true_pose, wheel_pose
 from txt1.protocol.messages import Switch
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
@@ -51,6 +53,8 @@ class Ros2RobotEnd(RobotEnd):
                 "stop": robot.stop,
                 "load_gains": self._load_gains,
                 "drive_to": self._drive_to,
+                "goal_pose": self._goal_pose,
+                "initial_pose": self._initial_pose,
                 "manual": robot.set_manual,
                 "place": robot.place,
                 "set": self._set,
@@ -99,10 +103,13 @@ class Ros2RobotEnd(RobotEnd):
     async def _drive_to(self, frame: str, x: float, y: float, theta: float, speed: float) -> str:
         """Drive to a pose (m, rad) in odom, room or map; how it ended, as JSON. One goal at a time: the newest."""
         robot, config, frame = self.robot, self._config, frame.removeprefix(self._prefix)
-        sources = {"odom": wheel_pose, "room": true_pose, "map": fused_pose}
+        on_map = robot.runtime.part(MapInUse) is not None
+        sources = {"odom": wheel_pose, "room": true_pose, "map": map_pose if on_map else fused_pose}
         if frame not in sources:
-            raise ConfigError(f"frame_id '{frame}': give odom, room (where the true pose is known) or map (estimation)")
-        room = config.sim.room.built() if frame == "room" else None
+            raise ConfigError(
+                f"frame_id '{frame}': give odom, room (where the true pose is known) or map (--in, or estimation)"
+            )
+        room = config.sim.room.built() if frame == "room" else map_floor(robot) if frame == "map" else None
         if self._goal is not None:
             self._goal.cancel()
         source = sources[frame](robot)
@@ -122,6 +129,27 @@ class Ros2RobotEnd(RobotEnd):
             self.let_go()
         told = f"{arrival.distance:.3f} m and {arrival.turn:.3f} rad from the goal, {arrival.plans} paths planned"
         return json.dumps({"arrived": arrival.arrived, "reached": arrival.pose, "told": told})
+
+    async def _goal_pose(self, frame: str, x: float, y: float, theta: float) -> None:
+        """Drive to a pose as `_drive_to`, for somebody who waits for no answer: how it ends is an event."""
+        try:
+            x, y, theta = finite("pose", x=x, y=y, theta=theta)
+            told = json.loads(await self._drive_to(frame, x, y, theta, 0.0))["told"]
+        except Txt1Error as error:
+            told = str(error)
+        self.robot.tell(f"/goal_pose: {told}")
+
+    def _initial_pose(self, frame: str, x: float, y: float, theta: float) -> None:
+        """Say where the robot is on its map, m and rad; why that is not taken is an event."""
+        there, frame = self.robot.runtime.part(MapInUse), frame.removeprefix(self._prefix)
+        try:
+            if there is None:
+                raise ConfigError("there is no map: give --in MAP")
+            if frame != "map":
+                raise ConfigError(f"frame_id '{frame}': give map")
+            there.place(*finite("/initialpose", x=x, y=y, theta=theta))
+        except Txt1Error as error:
+            self.robot.tell(f"/initialpose: {error}")
 
     def _feedback(self) -> tuple[float, ...] | None:
         """The distance (m) from the goal and the pose (m, rad), five times a second while there is one."""

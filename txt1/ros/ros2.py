@@ -15,6 +15,7 @@ from base64 import b64decode
 from collections import deque
 from collections.abc import Callable, Collection
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from math import atan2
 from typing import Any, Final
@@ -49,6 +50,11 @@ QUALITIES: Final = {
     "latched": QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL),
     "clock": QoSProfile(depth=1, reliability=_BEST_EFFORT),
 }
+
+
+def heading(turn: Any) -> float:
+    """The heading of a quaternion, rad."""
+    return atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
 
 
 class Bridge:
@@ -163,7 +169,7 @@ class Bridge:
     # -- commands ----------------------------------------------------------------------------------------------
 
     def _subscribe(self, stamped: bool) -> None:
-        from geometry_msgs.msg import Twist, TwistStamped
+        from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
         from nav_msgs.msg import Odometry
         from std_msgs.msg import Int32MultiArray
 
@@ -178,6 +184,12 @@ class Bridge:
             Odometry, "odom_comb", self._combined, QUALITIES["sensor"], callback_group=self.driving
         )
         self._node.create_subscription(Int32MultiArray, "~/servos", self._servos, 10, callback_group=self.driving)
+        for kind, topic, name in (
+            (PoseStamped, "goal_pose", "goal_pose"),
+            (PoseWithCovarianceStamped, "initialpose", "initial_pose"),
+        ):
+            take = partial(self._posed, name)
+            self._node.create_subscription(kind, topic, take, 10, callback_group=self.driving)
 
     def _subscribe_to_commands(self, kind: type) -> None:
         """Take commands of this type: a topic has one."""
@@ -210,6 +222,12 @@ class Bridge:
     def _servos(self, message: Any) -> None:
         if len(message.data) == 2:
             self._robot.request("servos", pwm4=message.data[0], pwm5=message.data[1])
+
+    def _posed(self, name: str, message: Any) -> None:
+        """Hand on a pose that was clicked, stamped or with a covariance, too, which is not used."""
+        pose = getattr(message.pose, "pose", message.pose)
+        frame = message.header.frame_id.lstrip("/")
+        self._caller.ask(name, frame=frame, x=pose.position.x, y=pose.position.y, theta=heading(pose.orientation))
 
     # -- services ----------------------------------------------------------------------------------------------
 
@@ -247,8 +265,7 @@ class Bridge:
 
         def drive(goal: Any) -> Any:
             asked, told = goal.request.pose, 0
-            place, turn = asked.pose.position, asked.pose.orientation
-            theta = atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+            place = asked.pose.position
 
             def look() -> bool:
                 nonlocal told
@@ -264,7 +281,7 @@ class Bridge:
                 frame=asked.header.frame_id.lstrip("/"),
                 x=place.x,
                 y=place.y,
-                theta=theta,
+                theta=heading(asked.pose.orientation),
                 speed=goal.request.speed,
             )
             result = DriveTo.Result(message=text)
