@@ -8,16 +8,21 @@ from math import hypot, nan
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from txt1.bridges.services import Services
 from txt1.errors import CommandRefused
 from txt1.kernel.ticks import Ticks
+from txt1.mapping.drive import Sweep
 from txt1.mapping.placing import OnMap
-from txt1.mapping.poses import composed, difference
+from txt1.mapping.poses import composed, difference, placed
 from txt1.mapping.telling import MapNews, sheet_of
 from txt1.maps.files import read
 from txt1.model.reeds_shepp import Pose
+from txt1.navigation import go_to, map_pose, plan
+from txt1.navigation.goto import Blocked
+from txt1.navigation.plan import along
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sensors.base import Reading
@@ -130,7 +135,7 @@ async def test_a_goal_in_a_wall_is_refused_and_the_robot_stays(flat: Robot, tmp_
 async def test_rviz_goals_and_places_are_meant_on_the_map(flat: Robot) -> None:
     there, end = known(flat), Ros2RobotEnd(flat)
     where: list[Pose] = []
-    there._sensor = SimpleNamespace(place=where.append)  # type: ignore[assignment] # noqa: SLF001
+    there._sensor = SimpleNamespace(place=where.append, newest=None)  # type: ignore[assignment] # noqa: SLF001
     x, y, _ = flat.pose or (nan, nan, nan)
     end._calls.call(1, "initial_pose", {"frame": "map", "x": x, "y": y, "theta": 0.5})  # noqa: SLF001
     end._calls.call(2, "initial_pose", {"frame": "odom", "x": x, "y": y, "theta": 0.5})  # noqa: SLF001
@@ -148,3 +153,35 @@ async def test_rviz_goals_and_places_are_meant_on_the_map(flat: Robot) -> None:
     end._calls.call(5, "goal_pose", {"frame": "map", "x": 20.0, "y": 0.0, "theta": 0.0})  # noqa: SLF001
     await asyncio.sleep(0.2)
     assert any("/goal_pose: no path leads to" in event.text for event in flat.runtime.state.events)
+
+
+async def test_what_the_laser_sees_in_the_way_stops_the_robot_and_the_next_way_leads_round_it(flat: Robot) -> None:
+    there = known(flat)
+    room, body = there.floor(), flat.config.geometry
+    assert room is not None and flat.pose is not None
+    x, y, theta = flat.pose
+    box = np.array([(x + 1.6, y + 0.02 * k - 0.1) for k in range(11)])
+
+    class Laser:
+        """Sees the front of a box ahead that the map does not have."""
+
+        @property
+        def newest(self) -> Sweep:
+            assert flat.pose is not None
+            back = difference(flat.pose, (0.0, 0.0, 0.0))
+            return Sweep(flat.now, placed(back, box), np.array(flat.odometry[:3]))
+
+    goal = (x + 2.6, y, theta)
+    there._sensor = Laser()  # type: ignore[assignment] # noqa: SLF001
+    with pytest.raises(Blocked, match="something stands in the way"):
+        await go_to(flat, goal, pose_source=map_pose(flat), room=room)
+    await asyncio.sleep(1.0)
+    assert flat.odometry.v == 0.0 and flat.pose[0] > x + 0.3
+    assert flat.pose[0] + 0.5 * body.length < box[0, 0], "no contact"
+    again = there.floor()
+    assert again is not None and len(there.seen()) == 11
+    way = plan(flat.pose, goal, again, body)
+    nearest = min(hypot(px - box[0, 0], py - y) for px, py, _ in along(flat.pose, way, 0.05))
+    assert nearest > 0.5 * body.width
+    arrival = await go_to(flat, goal, pose_source=map_pose(flat), room=again)
+    assert arrival.arrived

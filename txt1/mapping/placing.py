@@ -17,18 +17,20 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from math import cos, pi, sin, sqrt
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from txt1.commands import say
 from txt1.config.schema import SensorConfig
 from txt1.errors import CommandRefused, ConfigError, HalError, MissingExtra
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.mapping.drive import Sweeper
-from txt1.mapping.poses import composed
+from txt1.mapping.drive import Sweep, Sweeper
+from txt1.mapping.poses import composed, placed
 from txt1.mapping.settings import MappingConfig
 from txt1.mapping.telling import (
     MAP,
@@ -42,6 +44,7 @@ from txt1.mapping.telling import (
 from txt1.mapping.worker import Far, Near
 from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
 from txt1.maps.files import Map
+from txt1.maps.grid import OCCUPIED, Grid
 from txt1.maps.shown import MAP_POSE, WALLS_ON_MAP, MapInUse, MapPose
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
@@ -52,6 +55,12 @@ from txt1.sim.walls import Walls
 POSE: Final = "map"
 NEWS: Final = "mapping"
 """The sensors' names."""
+FRESH: Final = 0.5
+"""s for which what a scan has seen counts."""
+NEAR: Final = 1.5
+"""m from the laser within which it does: farther off, an error of the heading would put walls on free floor."""
+OFF_WALLS: Final = 0.15
+"""m from the walls of the map from which on something is another thing than they."""
 
 
 def checked(settings: MappingConfig) -> None:
@@ -88,6 +97,8 @@ class NewsSensor:
         self._seed = setup.config.own_seed
         self._place = self._settings.at
         self._sweeper = Sweeper()
+        self.newest: Sweep | None = None
+        """The newest scan."""
         self._odometry: Any = None
         self._mount = Mount()
         self._worker: Near | Far | None = None
@@ -147,6 +158,7 @@ class NewsSensor:
         mount = self._mount
         for sweep in self._sweeper.moved(time, odometry.x, odometry.y, odometry.theta):
             place, self._place = self._place, None
+            self.newest = sweep
             worker.give(ScanTask(sweep, (mount.x, mount.y, mount.yaw), place))
         while worker.done and worker.done[0].time + self._wait <= now:
             news = worker.done.popleft()
@@ -246,7 +258,30 @@ class OnMap(MapInUse):
         return MapPose(x, y, theta, sigma, sqrt(news.covariance[8]), news.fit, news.lost)
 
     def floor(self) -> Room | None:
-        """Return the walls of the map that the robot drives in; None: it is not known yet, or in the making."""
+        """Return the map that the robot drives in, with what is seen now; None: it is not known yet, or being made."""
+        room, seen = self._walls(), self.seen()
+        if room is None or self.sheet is None or not seen:
+            return room
+        grid = self.sheet.grid
+        cells = grid.cells.copy()
+        # of the frame of solid cells round it, which `to_cells` counts
+        column, row = (np.floor(each).astype(int) - 1 for each in grid.to_cells(*np.array(seen).T))
+        cells[row, column] = OCCUPIED
+        return Room(walls=Walls(Map("map", Path(), Grid(cells, grid.resolution, grid.origin), "")))
+
+    def seen(self) -> Sequence[tuple[float, float]]:
+        """Return what the laser's newest scan has near the robot that is no wall of the map, m on the map."""
+        news, room, sensor = self.news, self._walls(), self._sensor
+        sweep = None if sensor is None else sensor.newest
+        if news is None or news.lost or room is None or room.walls is None or sweep is None:
+            return ()
+        if self._runtime.now - sweep.time > FRESH:
+            return ()
+        points = sweep.points[np.hypot(*sweep.points.T) < NEAR]
+        on_map = placed(composed(news.origin, sweep.odometry), points).tolist()
+        return [(x, y) for x, y in on_map if room.walls.distance(x, y) > OFF_WALLS]
+
+    def _walls(self) -> Room | None:
         sheet = self.sheet
         if sheet is None or self.making:
             return None

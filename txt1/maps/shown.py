@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from txt1.telemetry.topics import Rule, Topic, declare
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from txt1.sim.room import Room
 
 Line = tuple[tuple[float, float], ...]
@@ -61,8 +63,12 @@ class MapInUse:
         raise NotImplementedError
 
     def floor(self) -> Room | None:
-        """Return the walls to plan round, in the frame of the pose; None: they are not known, or not yet."""
+        """Return the walls, and what is `seen`, to plan round, in the frame of the pose; None: they are not known."""
         raise NotImplementedError
+
+    def seen(self) -> Sequence[tuple[float, float]]:
+        """Return what is seen near the robot now that the map does not have: places, m, in the frame of the pose."""
+        return ()
 
     def place(self, x: float, y: float, theta: float) -> None:
         """Say where the robot is, m and rad; raises CommandRefused."""

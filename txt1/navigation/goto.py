@@ -12,6 +12,7 @@ from txt1.control.schedule import Schedule
 from txt1.driver import REFRESH, CommandSource
 from txt1.errors import CommandRefused
 from txt1.kernel.loop import VirtualTimeLoop
+from txt1.maps.shown import MapInUse
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
@@ -40,7 +41,22 @@ CLEARANCE: Final = 0.03  # m/s from the border of a gain set, two quanta of the 
 REST: Final = 0.25  # s without motion after which the vehicle is at rest
 RETURN_LENGTH: Final = 0.25  # m of path in which an error falls to a quarter; shorter would oscillate
 LATERAL_GAIN: Final = 1.0 / RETURN_LENGTH**2  # curvature per lateral error, 1/m^2
+BESIDE: Final = 0.03  # m from the body within which something seen is in the way
+LOOK_EVERY: Final = 0.1  # s between two looks at what is seen
+LOOK_AHEAD: Final = 0.3  # m of path beyond that of braking that must be free of what is seen
 HEADING_GAIN: Final = 2.0 / RETURN_LENGTH  # curvature per heading error, 1/m: critical damping
+
+
+class Blocked(CommandRefused):
+    """Something stands in the way.
+
+    >>> raise Blocked(1.0, 2.0)
+    Traceback (most recent call last):
+    txt1.navigation.goto.Blocked: something stands in the way at (1.00 m, 2.00 m): the robot has stopped before it
+    """
+
+    def __init__(self, x: float, y: float) -> None:
+        super().__init__(f"something stands in the way at ({x:.2f} m, {y:.2f} m): the robot has stopped before it")
 
 
 class Arrival(NamedTuple):
@@ -72,9 +88,9 @@ async def go_to(
     without a room there are no walls. The robot is armed, its gains loaded, and drives no faster than `speed` m/s (or
     "time" or "energy", whichever it is to save), in the name of `source`; None: the program's.
 
-    Raises NoPath: the goal cannot be reached inside the room; NotArmed: the gate is closed, or closes on the way;
-    Overruled: another source of commands drives, or takes the wheel on the way; CommandRefused: the speed is not
-    positive, or the pose source knows no pose.
+    Raises NoPath: the goal cannot be reached inside the room; Blocked: something that is seen stands in the way;
+    NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes the wheel
+    on the way; CommandRefused: the speed is not positive, or the pose source knows no pose.
     """
     speed = pace(speed, robot.config)
     if not CRAWL <= speed <= robot.config.safety.v_max:
@@ -136,7 +152,8 @@ async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: P
 
 
 async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, stretch: Stretch, speed: float) -> None:
-    """Drive a stretch to its end and come to rest."""
+    """Drive a stretch to its end and come to rest; Blocked: on the way something was seen on it."""
+    there, looked, doubt = robot.runtime.part(MapInUse) if poses.sees else None, 0.0, 0
     geometry = robot.config.geometry
     schedule = robot.runtime.state.gains.angular
     sharpest = 1.0 / geometry.radius_min
@@ -146,6 +163,14 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
         pose = poses.pose()
         driven = stretch.nearest(pose, driven)
         moving = abs(robot.odometry.v)
+        if there is not None and robot.now >= looked:
+            looked = robot.now + LOOK_EVERY
+            ahead = driven + moving * moving / (2.0 * BRAKING) + LOOK_AHEAD
+            found = _in_the_way(stretch, driven, ahead, there.seen(), geometry)
+            # a scan may err once
+            doubt = 0 if found is None else doubt + 1
+            if found is not None and doubt > 1:
+                raise Blocked(*found)
         left = stretch.length - driven - moving * SPEED_LAG
         if left <= 0.0:
             break
@@ -161,6 +186,25 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
         await asyncio.sleep(REFRESH)
         poses.pose()  # the encoders' pose wants to be read all the time
         still = still + REFRESH if robot.odometry.v == 0.0 else 0.0
+
+
+def _in_the_way(
+    stretch: Stretch, driven: float, ahead: float, seen: Sequence[tuple[float, float]], body: Geometry
+) -> tuple[float, float] | None:
+    """The first of the places seen that the body would touch between so many m driven and so many, at most the end."""
+    if not seen:
+        return None
+    end, at = min(ahead, stretch.length), driven
+    while True:
+        (x, y, theta), _ = stretch.at(at)
+        c, s = cos(theta), sin(theta)
+        for px, py in seen:
+            along, aside = (px - x) * c + (py - y) * s - body.centre, (py - y) * c - (px - x) * s
+            if abs(along) <= 0.5 * body.length + BESIDE and abs(aside) <= 0.5 * body.width + BESIDE:
+                return px, py
+        if at >= end:
+            return None
+        at = min(end, at + 0.1)
 
 
 def steering_distance(v: float, schedule: Schedule, geometry: Geometry) -> float:

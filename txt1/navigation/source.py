@@ -23,6 +23,7 @@ class PoseSource(NamedTuple):
 
     name: str  # for figures and reports
     read: Callable[[], Pose | None]  # the pose now, m and rad; None while it is not known
+    sees: bool = False  # whether its frame is that of `MapInUse.seen`
 
     def pose(self) -> Pose:
         """The pose now, m and rad; CommandRefused while it is not known."""
@@ -74,7 +75,7 @@ def map_pose(robot: Robot) -> PoseSource:
         found = there.pose()
         return None if found is None or found.lost else found[:3]
 
-    return PoseSource("pose on the map", read)
+    return PoseSource("pose on the map", read, sees=True)
 
 
 async def located(robot: Robot, source: PoseSource, speed: float = 0.4, patience: float = 60.0) -> None:
