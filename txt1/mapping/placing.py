@@ -45,12 +45,12 @@ from txt1.mapping.worker import Far, Near
 from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
 from txt1.maps.files import Map
 from txt1.maps.grid import OCCUPIED, Grid
-from txt1.maps.shown import MAP_POSE, WALLS_ON_MAP, MapInUse, MapPose
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
 from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
 from txt1.sim.room import Room
 from txt1.sim.walls import Walls
+from txt1.tasks.on_map import MAP_POSE, WALLS_ON_MAP, MapInUse, MapPose
 
 POSE: Final = "map"
 NEWS: Final = "mapping"

@@ -12,7 +12,6 @@ from txt1.control.schedule import Schedule
 from txt1.driver import REFRESH, CommandSource
 from txt1.errors import CommandRefused
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.maps.shown import MapInUse
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
@@ -22,6 +21,7 @@ from txt1.navigation.search import heading_at
 from txt1.navigation.source import PoseSource, encoders_view, wheel_pose
 from txt1.robot import Robot
 from txt1.sim.room import Room
+from txt1.tasks.on_map import MapInUse
 
 T = TypeVar("T")
 

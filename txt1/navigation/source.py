@@ -8,7 +8,6 @@ from typing import NamedTuple
 from txt1.driver import REFRESH
 from txt1.errors import CommandRefused, NotCapable
 from txt1.estimation.task import Estimator
-from txt1.maps.shown import MapInUse
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.model.vehicle import Geometry
@@ -16,6 +15,7 @@ from txt1.robot import Robot
 from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.readings import FixReading
 from txt1.sim.room import Room
+from txt1.tasks.on_map import MapInUse
 
 
 class PoseSource(NamedTuple):

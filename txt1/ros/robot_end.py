@@ -14,12 +14,12 @@ from txt1.config.sources import with_values
 from txt1.control.limits import clip
 from txt1.driver import finite
 from txt1.errors import ConfigError, Txt1Error
-from txt1.maps.shown import MapInUse
 from txt1.navigation import PoseSource, fused_pose, go_to, map_floor, map_pose, true_pose, wheel_pose
 from txt1.protocol.messages import Switch
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1.ros.publisher import PLAIN, Publisher, Told
+from txt1.tasks.on_map import MapInUse
 
 FEEDBACK: Final = 0.2  # s between two reports on the way to a goal
 SPEED: Final = 0.4  # m/s to a goal that says none

@@ -13,10 +13,10 @@ from typing import Final
 from rich.panel import Panel
 from rich.text import Text
 
-from txt1.maps.shown import MAP_POSE, WALLS_ON_MAP
 from txt1.tasks.battery import RANGE
 from txt1.tasks.encoder import POSE
 from txt1.tasks.fields import MOVERS, SURROUNDINGS, VEHICLES, WALLS, Surroundings
+from txt1.tasks.on_map import MAP_POSE, WALLS_ON_MAP
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM, Kept
 from txt1.ui.viewer import Viewer, pose_of

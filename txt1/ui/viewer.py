@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from math import dist, isfinite, nan
 from typing import Final
 
-from txt1.maps.shown import MAP_POSE
 from txt1.model.odometry import Odometry
 from txt1.tasks.encoder import ODOMETRY, POSE
+from txt1.tasks.on_map import MAP_POSE
 from txt1.telemetry.snapshot import Snapshot
 
 PATH_MAX: Final = 4000  # points kept; when they are used up every other one goes, and the spacing doubles

@@ -7,11 +7,11 @@ from math import inf, nan
 import pytest
 from ui_snapshots import blind, full
 
-from txt1.maps.shown import MAP_POSE, WALLS_ON_MAP, MapPose
 from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Post
 from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.tasks.fields import SURROUNDINGS, VEHICLES, WALLS, Surroundings
+from txt1.tasks.on_map import MAP_POSE, WALLS_ON_MAP, MapPose
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import Canvas, draw_map, fitting_scale, round_up, scale_bar, screen
 from txt1.ui.viewer import Viewer
