@@ -24,7 +24,7 @@ MIKE ?=
 .PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench docs docs-serve docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
-	@$(BIN)/python -m txt1 run --hal sim $(RUN)
+	@$(BIN)/python -m txt1 run --hal sim $(RUN) || test $$? = 130  # Ctrl-C ends a drive, and is no error
 
 test: $(VENV)/.dev  ## the tests, four at a time; less than four minutes on two cores
 	$(BIN)/python -m pytest --numprocesses=4 --dist=worksteal

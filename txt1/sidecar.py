@@ -272,7 +272,9 @@ class Sidecar:
             elif quiet > SILENT and not self._hushed:
                 self._hushed = True
                 self.counts["silent"] += 1
-                self._report("is silent")
+                self._report(
+                    "is silent: this computer is too busy, or that program hangs; if it lasts, start txt1 again"
+                )
             self._send()
         except Exception as error:
             self._drop(error)

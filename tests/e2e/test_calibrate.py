@@ -24,6 +24,7 @@ from txt1.errors import NotArmed
 from txt1.experiments.calibration.bench import Bench
 from txt1.experiments.calibration.simulated_operator import SimulatedOperator, judge, passes, unknown_car
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
+from txt1.experiments.command.calibrate import changes
 from txt1.hal.channels import rewired
 from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
@@ -328,3 +329,11 @@ def test_a_car_with_a_vesc_that_runs_backwards_and_steers_the_wrong_way() -> Non
 def test_a_rover_without_encoders() -> None:
     blind = ["--vehicle", "rover", "--set", "geometry.counts_per_rev=0", "--set", "safety.v_dead_band=0.1"]
     assert execute(["calibrate", *blind, "--practice", "2", "--seed", "7"]) == OK
+
+
+def test_a_table_of_gains_is_told_by_its_length() -> None:
+    rows = [{"v_max": -1.0, "kp": 1.0, "ki": 25.0, "kd": 0.005}, {"v_max": 9.0, "kp": 2.0, "ki": 25.0, "kd": 0.005}]
+    after = with_values(load(None, []).config, {"control.angular": rows})
+    told = changes(load(None, []).config, after)
+    assert [line.partition(" -> ")[2] for line in told if line.startswith("control.angular")] == ["2 rows"]
+    assert all(len(line) < 80 for line in told)

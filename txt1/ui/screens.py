@@ -150,16 +150,16 @@ def _keys(viewer: Viewer, width: int) -> Text:
 def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
     """The keys, in at most `room` rows; where there are more, the last says so."""
     driving = (
-        ("SPACE", "EMERGENCY STOP: outputs neutral at once and latched, until m"),
-        ("m", "arm: opens the safety gate; also the way back from an emergency stop"),
+        ("SPACE", "EMERGENCY STOP: neutral at once, latched until m"),
+        ("m", "arm; also the way back from an emergency stop"),
         ("w s", "drive forwards, backwards"),
-        ("a d", "steer left, right while driving; the wheel's side also in reverse"),
-        ("", "a key counts for 0.7 s after its last press, then fades in 0.3 s"),
-        ("+ -", "speed of w and s, from 0.1 m/s to the car's fastest"),
+        ("a d", "steer left, right; the wheel's side in reverse"),
+        ("", "a key counts for 0.7 s, then fades in 0.3 s"),
+        ("+ -", "speed of w and s, from 0.1 m/s up"),
         ("← →", "screen: " + ", ".join(installed())),
         ("↑ ↓", "scroll the table of gains"),
         ("c", "joystick centre: controller or manual mode"),
-        ("e", "toggle the ESC; a real board must be disarmed and takes 3.2 s"),
+        ("e", "ESC on, off; a board: disarmed only, in 3.2 s"),
         ("?", "this help, and back"),
         ("q", "quit: outputs neutral, terminal as it was"),
         ("", ""),

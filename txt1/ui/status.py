@@ -41,6 +41,7 @@ LEFT_ROWS = 21
 ROBOT_ROWS = 12  # of a narrow window, border included
 NARROW = 72  # columns below which there is no room for two halves
 EVENT_ROWS = 8  # rows kept for the events, border included, however many faults there are
+NO_PACK = 0.5  # V, less than any pack has, and more than an open input shows
 _BATTERY_STYLES = {BatteryState.WARNING: WARNING, BatteryState.BAD: BAD}
 _NUMBER = Column(right=True)
 
@@ -84,7 +85,7 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
 def _narrow(snapshot: Snapshot, width: int, rows: int) -> RenderableType:
     """One column: the robot with its battery and faults, and below it as many events as there is room for."""
     battery = snapshot.get(BATTERIES[0], fields.Battery())
-    values = [number(battery.battery1, 2, "V"), number(battery.battery2, 2, "V"), _charge(battery), _left(battery)]
+    values = [number(battery.battery1, 2, "V"), _second(battery), _charge(battery), _left(battery)]
     told = _in_a_line(_faults(snapshot, 100), width - 15)
     robot = table("robot", FIELDS, (*_fields(snapshot), ("battery", "  ".join(values)), ("faults", told)))
     latest = snapshot.get(fields.EVENTS, ())[: -max(1, rows - ROBOT_ROWS) - 1 : -1]
@@ -139,10 +140,16 @@ def _batteries(snapshot: Snapshot) -> Kept:
     rows = (
         ("battery", _charge(battery)),
         ("battery 1", number(battery.battery1, 2, "V")),
-        ("battery 2", number(battery.battery2, 2, "V")),
+        ("battery 2", _second(battery)),
         ("remaining", _left(battery)),
     )
     return table("battery", FIELDS, rows)
+
+
+def _second(battery: fields.Battery) -> str:
+    """The second pack's voltage; an input without a pack measures next to nothing."""
+    none = battery.battery2 is not None and battery.battery2 < NO_PACK
+    return "no pack" if none else number(battery.battery2, 2, "V")
 
 
 def _charge(battery: fields.Battery) -> str:

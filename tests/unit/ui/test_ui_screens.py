@@ -101,6 +101,20 @@ def test_equal_gains_are_told_apart_by_the_speed() -> None:
         assert in_force(slow) == expected
 
 
+def test_an_input_without_a_second_pack_is_told_in_words() -> None:
+    topic = BATTERIES[0]
+    for volts, told in ((0.0, "no pack"), (11.9, "11.90 V")):
+        snapshot = full().replaced({topic: full()[topic]._replace(battery2=volts)})
+        lines = printed(snapshot, Viewer(), 80, 24)
+        assert [line for line in lines if "battery 2" in line and told in line]
+
+
+def test_help_shows_every_key_of_driving_in_a_small_window() -> None:
+    lines = printed(full(), Viewer(help=True), 60, 20)
+    keys = {line.removeprefix("│").split()[0] for line in lines if line.startswith("│ ")}
+    assert {"SPACE", "m", "w", "a", "+", "c", "e", "?", "q"} <= keys
+
+
 def test_the_state_line_cannot_be_misread() -> None:
     assert "ARMED" in printed(full(), Viewer(), 80, 24)[1]
     stopped = mode(full(), armed=False, stopped=True, reason="emergency stop")

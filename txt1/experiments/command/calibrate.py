@@ -187,14 +187,18 @@ def _opener(app: App, hal: Hal) -> Any:
 
 
 def changes(before: Config, after: Config) -> list[str]:
-    """Return what differs between two configurations, a line each."""
+    """Return what differs between two configurations, a short line each."""
     old, new = dict(flatten(before)), dict(flatten(after))
     keys = [key for key in new if not key.startswith(("calibrated", "sim.")) and old.get(key) != new[key]]
     width = max(map(len, keys), default=0)
-    return [f"{key:{width}}  {_short(old.get(key))} -> {_short(new[key])}" for key in keys]
+    told = {key: (_short(old.get(key)), _short(new[key])) for key in keys}
+    return [f"{key:{width}}  {a} -> {b if a != b else f'{b}, other values'}" for key, (a, b) in told.items()]
 
 
 def _short(value: Any) -> str:
+    """Return a value as YAML in a line; of a table, such as the gains by speed, its length: the file shows it."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return f"{len(value)} rows"
     return yaml.safe_dump(value, default_flow_style=True, width=10_000).removesuffix("...\n").strip()
 
 
