@@ -82,6 +82,15 @@ class Sharer(Protocol):
         """
 
 
+@runtime_checkable
+class Doubter(Protocol):
+    """A learner that says when what it sees contradicts its model, and drives on."""
+
+    @property
+    def unfit(self) -> str:
+        """What its model does not fit, once it has said so in this episode; nothing before."""
+
+
 class PeriodicAgent:
     """The part of a learner that decides once in a `period`, s, by all it has seen of the light since."""
 

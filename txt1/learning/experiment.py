@@ -39,7 +39,10 @@ from txt1.trials.provenance import code_hash, provenance
 
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
-COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s")
+COLUMNS: Final = (
+    *("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s"),
+    "unfit_s",
+)
 
 KEPT: Final = ("trial", "complete", "voided", "memory")  # of a `TrialResult`, as they are
 
@@ -172,7 +175,7 @@ def save_result(out: Path, result: TrialResult) -> None:
     about = {
         **result.table.about,
         **{key: getattr(result, key) for key in KEPT},
-        "learned": [[*one.start, one.time, one.success, one.optimal_time] for one in result.episodes],
+        "learned": [[*one.start, one.time, one.success, one.optimal_time, one.unfit] for one in result.episodes],
         "paths": {str(number): path for number, path in result.paths.items()},
     }
     qtable.save(result_file(out, result.trial), StoredTable(result.table.values, about))
@@ -188,8 +191,8 @@ def load_result(path: Path) -> TrialResult:
     about = dict(stored.about)
     try:
         episodes = [
-            Episode(k, Start(bearing, heading), time, success, best)
-            for k, (bearing, heading, time, success, best) in enumerate(about.pop("learned"), 1)
+            Episode(k, Start(bearing, heading), time, success, best, *unfit)
+            for k, (bearing, heading, time, success, best, *unfit) in enumerate(about.pop("learned"), 1)
         ]
         paths = {int(number): [(x, y) for x, y in path] for number, path in about.pop("paths").items()}
         rest = {key: about.pop(key) for key in KEPT}
@@ -216,7 +219,8 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
         for one in result.episodes:
             least = "" if floor is None else floor.time(one.start)
             numbers = (*one.start, one.time, int(one.success), one.optimal_time)
-            lines.append((str(result.trial), str(one.number), *(str(round(x, 9)) for x in numbers), str(least)))
+            unfit = "" if one.unfit is None else str(round(one.unfit, 9))
+            lines.append((str(result.trial), str(one.number), *(str(round(x, 9)) for x in numbers), str(least), unfit))
     qtable.replace_file(out / "learning.csv", "".join(",".join(line) + "\r\n" for line in lines))
     metrics = {
         "agent": plan.agent,
@@ -254,6 +258,7 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
         "trials": len(trials),
         "episodes": len(every),
         "failures": sum(not one.success for one in every),
+        "model_does_not_fit": _unfit(every),
         "thesis_mean_time_s": THESIS_MEAN,
         "after_episode_7": _figures([trial[LEARNED:] for trial in trials], floor),
         "last_10": _figures([trial[-LAST:] for trial in trials], floor),
@@ -263,6 +268,12 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
         "mean_time_at_episode_s": [_round(_times(row).mean()) if len(_times(row)) else None for row in curve],
         "robot_seconds_in_all": _round(sum(one.time for one in every)),
     }
+
+
+def _unfit(every: Sequence[Episode]) -> dict[str, Any]:
+    """In how many episodes the learner said that its model does not fit, and how long after the first decision, s."""
+    said = [one.unfit for one in every if one.unfit is not None]
+    return {"episodes": len(said), "median_s": _round(np.median(said)) if said else None}
 
 
 def _figures(by_trial: Sequence[Sequence[Episode]], floor: Floor | None) -> dict[str, Any]:

@@ -18,14 +18,25 @@ with sensors at p, of brightness g, power n, and a turn of s h for the h that od
 mean of those at which episodes ended well. It is lost at first, and when the readings fit no longer or it is late by
 half of what it had planned, although it surveyed with what it saw: then it forgets its survey, and surveys from several
 guesses at where the light is. At first and when it is late it tries each action before that.
+
+Every half second it judges itself by the last 5 s (`_judge`): it says that its model does not fit where
+
+    sum (z - g + n log|q - p|)^2 / var z  >  chi^2   with the survey that fits them best, for a light that stands still
+    (turn and way of the last second - what its actions were foretold to do) ^2 / (slip of odometry)^2  >  chi^2
+
+the quantile of chi^2 that noise as it states it exceeds with the probability `alarm`: the global test of an adjustment
+(W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and that of innovations (Y. Bar-Shalom, X. R. Li
+and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). It drives on as before.
 """
 
 from dataclasses import dataclass
 from math import atan2, cos, exp, hypot, inf, isfinite, log, pi, sin, sqrt
-from typing import Any, Final
+from statistics import NormalDist
+from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
@@ -53,6 +64,8 @@ from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 
+Rare = Annotated[float, Field(gt=0.0, lt=0.5)]  # a probability
+
 
 @dataclass(frozen=True, slots=True)
 class PilotSettings:
@@ -67,10 +80,13 @@ class PilotSettings:
     slip: NotNegative = 0.15  # standard deviation of odometry in one decision, as a share of distance and turn
     model: NotNegative = 0.03  # standard deviation of the brightness's law, as a share
     graze: Share = 0.06  # standard deviation of the goal's distance, as a share: what grazes the goal might miss it
+    judged: PositiveInt = 50  # decisions by which it judges whether its model fits
+    alarm: Rare = 1e-6  # probability, each time it judges, of saying that it does not although it does
     delays: PositiveInt = 5  # an action acts at most so many decisions less one after it was taken
 
 
 SETTINGS: Final = PilotSettings()
+SECOND: Final = 10  # decisions over which it foretells what its actions do, to judge itself
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
@@ -130,6 +146,8 @@ class PilotAgent(PeriodicAgent):
         self._range = (inf, inf)  # distance from the light at the last decision but one, and at the last
         self._near = self.goal  # the goal's distance as it shows in this episode
         self._arrival = inf  # decision at which it is there at the latest if all goes well
+        self.unfit = ""  # what its model does not fit, once it has said so in this episode
+        self._course: list[Any] = []  # of the last decisions: what was known before, actions, and what came of them
         self._surveyed = False  # whether it surveyed again in this episode for being late
         self.plan = inf  # decisions that the plan takes
 
@@ -144,6 +162,8 @@ class PilotAgent(PeriodicAgent):
             self._survey_anew()
         if not self.lost and self.misfit > self.settings.doubt:
             self._misfits()
+        if not self.unfit and len(self._rows) % self.settings.anew == 0:
+            self.unfit = self._judge()
         a = self._choose()
         if not self.lost and len(self._rows) + self.plan > self._arrival:
             self._late()
@@ -178,11 +198,48 @@ class PilotAgent(PeriodicAgent):
             distance = (odometry.x - self._at.x) * cos(middle) + (odometry.y - self._at.y) * sin(middle)
             pace = distance, (turn / distance if abs(distance) > 0.1 * abs(self._usual()) > 0.0 else self._pace[1])
             taken = np.array(self._taken)
+            delay, known = self._delay(), self.effects
+            knew = self._pace, delay, known.k[delay].copy(), known.c[delay].copy(), known.sums[delay, 0, :, 0].copy()
+            self._course = [*self._course[1 - SECOND :], (knew, self._taken, pace)]
             self.effects.learn(taken, (self._pace[0], pace[0]), (self._pace[1], pace[1]), self.settings.forgets)
             self._pace = pace
         self._at = odometry
         self._rows.append([distance, turn, *z, *noise])
         self._track(distance, turn, z, noise)
+
+    def _delay(self) -> int:
+        """The delay that foretold best, in decisions."""
+        return int((self.effects.error * (1.0 + 0.02 * np.arange(self.settings.delays))).argmin())
+
+    def _strayed(self) -> float:
+        """Squared misfit of distance and turn in the last second, foretold as it began, in deviations."""
+        (pace, delay, k, c, known), _, _ = self._course[0]
+        d, bend = pace
+        distance = turn = 0.0
+        for _, taken, (ahead, curvature) in self._course:
+            a = taken[delay]
+            if a == self.actions or known[a] < self.settings.tries:
+                return 0.0
+            d, bend = k[0] * d + c[0, a], k[1] * bend + c[1, a]
+            distance, turn = distance + d - ahead, turn + d * bend - ahead * curvature
+        longest, sharpest = np.abs(c[:, :-1] / (1.0 - k[:, None])).max(axis=1)
+        slip = self.settings.slip * max(float(longest), 1e-9)
+        return ((distance / slip) ** 2 + (turn / (slip * max(float(sharpest), 1e-3))) ** 2) / len(self._course)
+
+    def _judge(self) -> str:
+        """What the model does not fit in the last decisions; nothing where noise as it is stated explains them."""
+        if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
+            return "what the actions do"
+        rows = np.array(self._rows[-self.settings.judged :])
+        readings = int(np.isfinite(rows[:, 6:]).sum())
+        if (self.lost and self._untried) or len(rows) < 2 * self.settings.anew or not readings:
+            return ""
+        limit = chi_square(readings, self.settings.alarm)
+        _, square = seen_along(self.survey, rows, 0.0)
+        if square * readings <= limit:  # with the survey as it is: what fits better needs no search
+            return ""
+        survey, lights, _, _ = self._survey_with([*self._past, rows])
+        return "the light" if _misfit(survey, rows, lights[-1]) > limit else ""
 
     def _usual(self) -> float:
         """The longest distance that an action leads to, in a decision."""
@@ -230,6 +287,7 @@ class PilotAgent(PeriodicAgent):
         light, doubt = self._survey_on([*self._past, rows])
         _, misfit = seen_along(self.survey, rows, self.settings.slip)
         if misfit > self.settings.doubt:
+            self.unfit = self.unfit or "the light"
             self._lose()
             self._survey_anew()
         else:
@@ -304,8 +362,8 @@ class PilotAgent(PeriodicAgent):
         self._lights = [(light, 0.0)]
         self._range = self._range[1], hypot(*light[:2])
 
-    def _survey_on(self, episodes: list[Array]) -> tuple[Array, Array]:
-        """Survey with these episodes, from what is known and from sensors in the middle; the last one's light."""
+    def _survey_with(self, episodes: list[Array]) -> tuple[Array, Array, float, Array]:
+        """The survey of these episodes, from what is known and from sensors in the middle; see `surveyed`."""
         mean, square = self._prior()
         lights = np.array([self._sight(rows) for rows in episodes])
         which = np.repeat(np.arange(len(episodes)), [len(rows) for rows in episodes])
@@ -313,7 +371,12 @@ class PilotAgent(PeriodicAgent):
         found = [
             surveyed(np.concatenate(episodes), which, guess, lights, mean, square, 6) for guess in (self.survey, anew)
         ]
-        survey, lights, cost, doubt = min(found, key=lambda one: one[2])
+        best: tuple[Array, Array, float, Array] = min(found, key=lambda one: one[2])
+        return best
+
+    def _survey_on(self, episodes: list[Array]) -> tuple[Array, Array]:
+        """Survey with these episodes; the last one's light."""
+        survey, lights, cost, doubt = self._survey_with(episodes)
         if isfinite(cost):
             self.survey = survey
         return lights[-1], doubt
@@ -332,7 +395,7 @@ class PilotAgent(PeriodicAgent):
             return self._untried.pop(0)
         if self._light is None:
             return int(self._rng.integers(self.actions))
-        delay = int((self.effects.error * (1.0 + 0.02 * np.arange(self.settings.delays))).argmin())
+        delay = self._delay()
         k, c = self.effects.k[delay], self.effects.c[delay]
         pending = np.array(self._taken[:delay][::-1], np.int64)
         goal = self._near or 0.25 * sqrt(self._prior()[1][PLACES])
@@ -414,6 +477,34 @@ class PilotAgent(PeriodicAgent):
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] < 0.0] = inf
         self._rng.bit_generator.state = memory["rng"]
+
+
+def chi_square(count: int, alarm: float) -> float:
+    """What the sum of so many squared deviations exceeds with the probability `alarm`.
+
+    By E. B. Wilson and M. M. Hilferty, The Distribution of Chi-Square, 1931: its cube root is nearly normal.
+    """
+    if not count:
+        return inf
+    ninth = 2.0 / (9.0 * count)
+    return float(count * (1.0 - ninth + NormalDist().inv_cdf(1.0 - alarm) * sqrt(ninth)) ** 3)
+
+
+def _misfit(survey: Array, rows: Array, light: Array) -> float:
+    """Sum of the squared misfits of an episode's readings, in deviations, with the light at a place on its map."""
+    distance, turn = rows[:, 0], survey[SCALE] * rows[:, 1]
+    x, y, heading = way(distance, turn)
+    middle, quarter = heading - 0.5 * turn, heading - 0.25 * turn  # the readings are those of the middle of the way
+    east = light[0] - x + 0.5 * distance * np.cos(quarter)
+    north = light[1] - y + 0.5 * distance * np.sin(quarter)
+    ahead, left = (
+        np.cos(middle) * east + np.sin(middle) * north,
+        np.cos(middle) * north - np.sin(middle) * east,
+    )
+    places = survey[PLACES:SCALE].reshape(SENSORS, 2)
+    square = (ahead[:, None] - places[:, 0]) ** 2 + (left[:, None] - places[:, 1]) ** 2 + 1e-4
+    foretold = survey[:SENSORS] - 0.5 * survey[POWER] * np.log(square)
+    return float(((rows[:, 2:6] - foretold) ** 2 / rows[:, 6:]).sum())
 
 
 def _possible(survey: Array, spread: Array, goal: float) -> bool:

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from txt1.config.schema import SensorConfig
 from txt1.errors import ConfigError, HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
-from txt1.learning.agent import Agent
+from txt1.learning.agent import Agent, Doubter
 from txt1.learning.settings import LearningConfig
 from txt1.learning.sharing import Sharing
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
@@ -57,6 +57,26 @@ STEP: Final = declare(
 )
 
 
+class ModelDoubt(NamedTuple):
+    """The learner says that its model does not fit what it sees."""
+
+    episode: int  # its number, from 1
+    what: str  # that the model does not fit
+
+
+DOUBT: Final = declare(
+    Topic(
+        "/learning/doubt",
+        ModelDoubt,
+        "",
+        define("txt1_msgs/ModelDoubt", "std_msgs/Header header\nint32 episode\nstring what"),
+        Rule.EVENT,
+        "the learner's model does not fit what it sees; once an episode",
+        make=ModelDoubt._asdict,
+    )
+)
+
+
 class LearningTask:
     """A trial, conducted on a robot.
 
@@ -85,6 +105,7 @@ class LearningTask:
         self._drive: asyncio.Task[Arrival] | None = None
         self._wheel = robot.source("learner")
         self.overruled = ""  # the source that has taken the wheel; the learner waits for the robot to be armed anew
+        self._doubted = 0  # the episode in which the learner last said that its model does not fit
         self._epoch = 0  # of the arming that it waits for to pass
 
     def start(self) -> None:
@@ -158,6 +179,11 @@ class LearningTask:
         """Tell whoever listens what the agent has decided."""
         trial = self.trial
         runtime = self._robot.runtime
+        number = len(trial.episodes) + 1
+        if isinstance(trial.agent, Doubter) and trial.agent.unfit and self._doubted != number:
+            self._doubted = number
+            runtime.bus.publish(DOUBT, ModelDoubt(number, trial.agent.unfit), runtime.now)
+            self._robot.tell(f"my model does not fit {trial.agent.unfit}")
         if not runtime.bus.wanted(STEP):
             return
         state, reward, values = trial.agent.decision(self._robot.odometry)

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from txt1.config import Config
-from txt1.learning.agent import Agent
+from txt1.learning.agent import Agent, Doubter
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.model.odometry import Odometry
@@ -75,6 +75,7 @@ class Episode(NamedTuple):
     time: float  # from the first decision to the end, s
     success: bool  # whether it ended at the light
     optimal_time: float  # the least time from this start, s
+    unfit: float | None = None  # when the learner said that its model does not fit, s from the first decision
 
 
 class Phase(StrEnum):
@@ -175,6 +176,7 @@ class Trial:
         self._action = 0
         self._under_way: list[tuple[float, tuple[float, float]]] = []  # commands, and when each reaches the robot
         self._in_force = (0.0, 0.0)
+        self._unfit: float | None = None
         self.phase = Phase.DONE
         self._next()
 
@@ -200,7 +202,7 @@ class Trial:
         """The robot stands on its start pose since `now`."""
         self.phase = Phase.REST
         self._began = now
-        self._under_way, self._in_force = [], (0.0, 0.0)
+        self._under_way, self._in_force, self._unfit = [], (0.0, 0.0), None
         self.begins()
         self.agent.begin()
 
@@ -226,6 +228,8 @@ class Trial:
                 return 0.0, 0.0
         if decides:
             self._action = self.agent.act(now, odometry)
+            if self._unfit is None and isinstance(self.agent, Doubter) and self.agent.unfit:
+                self._unfit = now - self._began
             self.decided(self._action)
         return self._delayed(now, self.commands[self._action])
 
@@ -271,7 +275,7 @@ class Trial:
         self.decided(OVER)
         number = len(self.episodes) + 1
         start = self.starts[number - 1]
-        episode = Episode(number, start, now - self._began, success, start.optimal_time(self.task))
+        episode = Episode(number, start, now - self._began, success, start.optimal_time(self.task), self._unfit)
         self.episodes.append(episode)
         self._next()
         self.done(episode)
