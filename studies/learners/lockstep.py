@@ -25,6 +25,7 @@ from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNK
 from txt1.learning.best_time import DECISION_MS
 from txt1.learning.modelled import LOCKSTEP, refuse_others
 from txt1.learning.settings import LearningConfig
+from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
@@ -269,6 +270,7 @@ def trials(
     ]
     for episode in range(1, episodes + 1):
         world = world_at(config, episode, episodes)
+        refuse_unsolvable(world)
         for trial in every:
             trial.task, trial.commands = task_of(world), world.section(LearningConfig).actions
         _episode(world, every, rng)

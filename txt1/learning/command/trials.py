@@ -26,6 +26,7 @@ from txt1.learning.experiment import (
 )
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
+from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import (
     AGENT,
@@ -56,6 +57,8 @@ def conduct(
     Raises ConfigError: the directory cannot be used, or holds another experiment, or a real robot, or a recording,
     would be elsewhere.
     """
+    if plan.config.hal == "sim":
+        refuse_unsolvable(plan.config)
     if machines.cluster is not None and not plan.simulated:
         raise ConfigError("--dask: real robots and sensors are not on a cluster; only simulated ones learn there")
     if machines.cluster is not None and plan.log is not None:

@@ -1,0 +1,59 @@
+"""What no learner can solve, refused before a trial begins: a line each, with the key, the value and the remedy."""
+
+from math import cos, pi, sin
+from typing import Final
+
+from txt1.config import Config
+from txt1.errors import ConfigError
+from txt1.learning.settings import LearningConfig
+from txt1.sim.obstacles import gap
+from txt1.sim.parameters import Box
+
+LOOK: Final = 0.1  # s between two looks for the goal where nothing else is said: the quickest learner's decisions
+BEARINGS: Final = 72  # of starts that are tried, around the light
+
+
+def refuse_unsolvable(config: Config) -> None:
+    """Refuse a world that cannot be solved; ConfigError says which setting, and what to set.
+
+    Starts are tried on the circle around the light, against posts and boxes, as the robot stands with its middle there.
+    """
+    one, (x, y) = config.section(LearningConfig), config.sim.room.light
+    if not any(omega for _, omega in one.actions):
+        told = [list(each) for each in one.actions]
+        raise ConfigError(f"learning.actions: {told}: none of them turns; give one a yaw rate, rad/s")
+    speed = max(abs(v) for v, _ in one.actions)
+    if not speed:
+        raise ConfigError("learning.actions: none of them drives; give one a speed, m/s")
+    outermost = max(abs(x), abs(y))
+    if outermost > one.boundary:
+        raise ConfigError(
+            f"sim.room.light: {x:g}, {y:g} is outside learning.boundary, {one.boundary:g} m; "
+            f"set a boundary of more than {outermost + one.start_radius:g}"
+        )
+    bearings = [2.0 * pi * k / BEARINGS for k in range(BEARINGS)]
+    begins = [(x + one.start_radius * cos(each), y + one.start_radius * sin(each)) for each in bearings]
+    if all(max(abs(east), abs(north)) > one.boundary for east, north in begins):
+        raise ConfigError(
+            f"learning.start_radius: {one.start_radius:g}: every start is outside learning.boundary, "
+            f"{one.boundary:g} m; set at most {one.boundary - outermost:g}"
+        )
+    if one.goal_radius >= one.start_radius:
+        raise ConfigError(
+            f"learning.goal_radius: {one.goal_radius:g}: every start, {one.start_radius:g} m away by "
+            "learning.start_radius, is in the goal already; set less"
+        )
+    way = speed * (one.goal_period or LOOK)
+    if 2.0 * one.goal_radius < way:
+        raise ConfigError(
+            f"learning.goal_radius: {one.goal_radius:g}: the robot goes {way:g} m between two looks for the goal and "
+            f"may drive across it unseen; set at least {0.5 * way:g}, or a shorter learning.goal_period"
+        )
+    for number, obstacle in enumerate(config.sim.obstacles):
+        body = config.geometry
+        for start in begins:
+            if gap(Box(*start, body.width, body.width), obstacle) <= 0.0:
+                raise ConfigError(
+                    f"sim.obstacles: number {number}, at {obstacle.x:g}, {obstacle.y:g}, stands where episodes begin, "
+                    f"{one.start_radius:g} m from the light; move it, or set another learning.start_radius"
+                )
