@@ -41,6 +41,7 @@ FORMAT: Final = "txt1 world result"
 DRAWN: Final = 4  # worlds drawn by a seed
 STAGES: Final = 4  # floors are computed for so many stages of a world that drifts
 BLOCK: Final = 100  # trials that are done side by side, by one processor, and kept when all is ended and carried on
+UNFIT: Final = 6  # the column that tells when the learner said that its model does not fit, s
 RESAMPLES: Final = 1000  # of the trials, for an interval of 95 %
 BACK: Final = 1.1  # ratio to the floor at which a learner has come back after a change
 
@@ -148,14 +149,14 @@ def run(world: SuiteWorld, agent: str, first: int, count: int, episodes: int, se
         "floor_exists": all(each.exists for each in floor),
         "refused": refused,  # why the learner does not believe these sensors, and the trials were broken off
         "floor_gap": max(each.gap for each in floor),
-        "columns": ["bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s"],
+        "columns": ["bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s", "unfit_s"],
         "results": [[_row(*pair) for pair in zip(trial.episodes, floor, strict=True)] for trial in every],
     }
 
 
-def _row(one: Episode, floor: Floor) -> list[float]:
+def _row(one: Episode, floor: Floor) -> list[float | None]:
     values = (*one.start, one.time, one.success, one.optimal_time, floor.time(one.start))
-    return [round(float(value), 6) for value in values]
+    return [*(round(float(value), 6) for value in values), one.unfit]
 
 
 def run_told(told: Sequence[Any]) -> dict[str, Any]:
@@ -270,6 +271,10 @@ def figures(result: dict[str, Any]) -> dict[str, Any]:
         found[f"{name}_95"] = [float(x) for x in np.percentile(spread, (2.5, 97.5))] if spread else None
     curve = [_ratio(data[:, k : k + 1], data[:, k : k + 1, 3] == 1.0, 5) for k in range(data.shape[1])]
     found["to_floor_at_episode"] = curve
+    found["time_s"] = float(late[..., 2][won].mean()) if won.any() else None
+    if data.shape[-1] > UNFIT:
+        unfit = data[..., UNFIT][np.isfinite(data[..., UNFIT])]
+        found["unfit"] = (len(unfit), int(data[..., 3].size), float(np.median(unfit)) if len(unfit) else None)
     second = data[:, 1:2]
     found["to_optimum_at_2"] = _ratio(second, second[..., 3] == 1.0, 4)
     for change in result["config"]["learning"]["changes"]:
@@ -317,6 +322,10 @@ def cell(one: dict[str, Any]) -> str:
         return f"0.00 % of {one['episodes']}"
     low, high = one["to_floor_95"] or (float("nan"),) * 2
     text = f"{100.0 * one['success']:.2f} %, {one['to_floor']:.3f} ({low:.3f} to {high:.3f}), {one['to_optimum']:.3f}"
+    text += f"; {one['time_s']:.2f} s"
+    said, asked, when = one.get("unfit", (0, 0, None))
+    if said:
+        text += f"; model does not fit in {said} of {asked} episodes, after {when:.1f} s"
     if "back_after" in one:
         back = one["back_after"]
         text += f"; back after {back} episodes" if back is not None else "; not back"

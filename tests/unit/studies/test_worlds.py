@@ -178,3 +178,13 @@ def test_the_pilot_is_back_in_the_episode_after_its_sensors_have_changed_places(
     assert all(one.success for trial in every for one in trial.episodes[15:])
     after = [one for trial in every for one in trial.episodes[16:]]
     assert sum(one.time for one in after) < 1.25 * sum(one.optimal_time for one in after)
+
+
+def test_the_table_tells_times_and_when_the_model_did_not_fit() -> None:
+    result = raw([[6.0] * 9], [[1] * 9])
+    result["results"][0] = [[*row, 2.5 if k == 3 else None] for k, row in enumerate(result["results"][0])]
+    assert suite.cell(suite.figures(result)).endswith("; 6.00 s; model does not fit in 1 of 9 episodes, after 2.5 s")
+
+
+def test_twenty_more_worlds_lie_in_a_folder_of_their_own() -> None:
+    assert len(suite.worlds(WORLDS / "suite", [])) == 20
