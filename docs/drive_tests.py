@@ -457,8 +457,8 @@ board's output is then K_P times the error, which set-point and odometry tell.
 
 Each table shows the mean of {REPEATS} runs with different seeds. The highest of noisy values is too high, and so is its
 mean. So the runs are split in two halves. The first half gives the time of the highest response, and the second half
-its value at that time; then the halves change places. After ± is the standard error of the result. An overshoot of 0.3 ±
-0.2 % of a step of 0.1 rad/s is 0.3 ± 0.2 mrad/s, a hundredth of what a single reading of the encoders is off.
+its value at that time; then the halves change places. After ± is the standard error of the result. An overshoot of 0.3
+± 0.2 % of a step of 0.1 rad/s is 0.3 ± 0.2 mrad/s, a hundredth of what a single reading of the encoders is off.
 """
 
 ALONE: Final = {"battery-run": battery_runs, "Tuning": tunings}  # sections that need nothing of the others
