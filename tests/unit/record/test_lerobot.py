@@ -67,7 +67,7 @@ def test_a_drive_is_an_episode_and_what_is_missing_is_told_in_a_line(
     monkeypatch.setattr("txt1.commands.find_spec", lambda name: None if name == "pyarrow" else sys.modules)
     assert execute([*export[:-1], str(tmp_path / "other")]) != 0
     told = capsys.readouterr().err
-    assert told.startswith("txt1: --lerobot needs the extra 'parquet': ") and told.endswith("'txt1[parquet]'\n")
+    assert told.startswith("txt1: --lerobot needs the extra 'parquet': ") and told.endswith("[parquet]'\n")
     assert told.count("\n") == 1
 
 
