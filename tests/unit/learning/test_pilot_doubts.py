@@ -63,6 +63,7 @@ def test_the_quantile_is_that_of_the_tables(count: int, alarm: float, tabled: fl
     assert chi_square(count, alarm) == pytest.approx(tabled, rel=0.03)
 
 
+@pytest.mark.long
 def test_in_the_world_that_it_takes_it_for_it_says_nothing() -> None:
     assert [one.unfit for trial in done(2, 2, 11) for one in trial.episodes] == [None] * 4
 
@@ -73,6 +74,7 @@ def test_in_200_short_trials_it_says_nothing() -> None:
     assert said == [None] * 800
 
 
+@pytest.mark.long
 def test_actions_that_are_swapped_are_said_mostly_within_5_s() -> None:
     quick = 0
     for trial in done(2, 3, 13, SWAPPED):
@@ -83,6 +85,7 @@ def test_actions_that_are_swapped_are_said_mostly_within_5_s() -> None:
     assert quick
 
 
+@pytest.mark.long
 def test_a_lamp_that_flickers_is_said_within_5_s_in_each_episode(monkeypatch: pytest.MonkeyPatch) -> None:
     lit(monkeypatch, flickering)
     for trial in done(2, 2, 14):

@@ -126,6 +126,7 @@ def test_a_comparison_is_done_and_carried_on(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.long
 def test_homing_is_a_contender_and_all_are_asked_for_the_goal_alike() -> None:
     config = with_values(Config(), {"sim.light.noise": 0.0})
     one = compare.run("homing", 1, config, 3, 1)

@@ -38,6 +38,7 @@ def test_every_reading_is_a_sound_configuration() -> None:
     assert len({thesis.config_of(name).model_dump_json() for name in thesis.READINGS}) == len(thesis.READINGS)
 
 
+@pytest.mark.long
 def test_the_study_keeps_its_trials_and_tells_whether_the_thesis_is_within(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
