@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
-from math import tau
+from math import hypot, tau
 from pathlib import Path
 from typing import Any
 
@@ -343,7 +343,8 @@ def test_a_recording_is_begun_fetched_and_shown(page: Any, car: Live) -> None:
 
 
 def test_path_and_tab_outlive_a_reload(page: Any, car: Live) -> None:
-    drives_by_keys(page, car, "w", fast)
+    start = car.call(lambda robot: robot.odometry)
+    drives_by_keys(page, car, "w", lambda robot: hypot(robot.odometry.x - start.x, robot.odometry.y - start.y) > 0.4)
     page.locator("[data-tab=tasks]").click()
     page.wait_for_function("() => document.querySelector('[data-tab=tasks]').ariaSelected === 'true'")
     page.reload()
