@@ -10,7 +10,7 @@ JSON = st.recursive(
     | st.integers()
     | st.floats()
     | st.text(max_size=8)
-    | st.sampled_from([10**400, -(10**400), 1e308, "1e999", "nan", "\x1b[2J", [], {}]),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=12,
+    | st.sampled_from([10**400, -(10**400), 1e308, 2**60, "1e999", "nan", "\x1b[2J", [], {}]),
+    lambda inner: st.lists(inner, max_size=20) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=20,
 )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from txt1.additions import Options
 from txt1.commands import flag, gone, host_and_port, path, say, takes
 from txt1.errors import ConfigError
+from txt1.kernel.clock import seconds, wall_ns
 from txt1.resources import resource
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ LAYOUT: Final = resource("config/foxglove/txt1.foxglove-layout.json")  # of Foxg
 
 def new_file(text: str) -> Path:
     """Return the path of a recording to make: {time} in it is the local date and time; ArgumentTypeError, as `path`."""
-    return path(text.replace("{time}", f"{datetime.now().astimezone():%Y%m%d-%H%M%S}"))
+    return path(text.replace("{time}", f"{datetime.fromtimestamp(seconds(wall_ns())).astimezone():%Y%m%d-%H%M%S}"))
 
 
 LOG: Final = {

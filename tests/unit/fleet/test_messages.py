@@ -10,6 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tests.any_json import JSON
 from tests.examples import examples
 from txt1.control.hand import DEFAULT_HAND, Hand
 from txt1.fleet.body import DEFAULT_BODY, Body
@@ -29,16 +30,6 @@ from txt1.fleet.messages import (
 from txt1.sidecar import LINE_MAX
 
 PROPER = {"from": "txt01", "sent": 7, "x": 1.0, "y": 2, "theta": 0.5, "v": 0.3, "omega": -0.1}
-JSON = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers()
-    | st.floats()
-    | st.text(max_size=8)
-    | st.sampled_from([10**400, -(10**400), 1e308, 2**60, "boom", "\x1b[2J", []]),
-    lambda inner: st.lists(inner, max_size=20) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=20,
-)
 FIELDS = (
     "from", "sent", "began", "x", "y", "theta", "v", "omega", "data", "armed", "reason", "driver", "battery", "silent",
     "stop", "number", "closed", "why", "body", "hand", "stuck",
