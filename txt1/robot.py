@@ -168,11 +168,12 @@ class Robot:
             attach(runtime)
         body = asyncio.current_task()
         assert body is not None
-        failed = False
+        inside, failed = True, False
 
         def interrupt(ended: asyncio.Future[None]) -> None:
             nonlocal failed
-            if not ended.cancelled() and ended.exception() is not None:
+            # the block may have been left in the same turn of the loop: then whatever follows it is not to be cancelled
+            if not ended.cancelled() and ended.exception() is not None and inside:
                 failed = True
                 body.cancel()
 
@@ -189,11 +190,15 @@ class Robot:
                         for begin in robot.on_ready:
                             await begin()
                     yield robot
-            except (asyncio.CancelledError, AdditionFault):
-                if not failed:
+            except (asyncio.CancelledError, AdditionFault, NotArmed) as error:
+                if failed:
+                    body.uncancel()  # it is the TaskFault that counts
+                elif runtime.failed and isinstance(error, NotArmed):
+                    failed = True  # a command came between the fault and the telling of it
+                else:
                     raise
-                body.uncancel()  # it is the TaskFault that counts
             finally:
+                inside = False
                 await runtime.stop()
                 for _, queue in robot._streams:
                     _put(queue, None)

@@ -155,7 +155,8 @@ class Runtime:
         self._reports = Reports(self.statistics, self._virtual)
         self._notify_serial: Callable[[], None] = lambda: None
         self._open = False
-        self._failed = False
+        self.failed = False
+        """Whether a task has raised."""
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
         self.watch = watch() if hal.capabilities.halt else None
         """Verifies stops, where something lies between the gate and the actuators that may not obey one."""
@@ -224,7 +225,7 @@ class Runtime:
             if self.watch is not None:
                 stack.push_async_callback(standstill.settle, self.watch, self.io, lambda: self.now)
             stack.callback(self.scheduler.stop)
-            if not self._failed:  # else it was made safe then, as far as that was possible
+            if not self.failed:  # else it was made safe then, as far as that was possible
                 self.make_safe(self.now)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
@@ -390,7 +391,7 @@ class Runtime:
         if self.journal.source:
             self._begin("failure", str(error))
             self.journal.source = ""
-        self._failed = True
+        self.failed = True
         self.gate.disarm(f"task '{name}' failed: {error}", Fault.TASK)
         with suppress(Exception):  # it may be the hardware itself that failed; the first error is the one that counts
             self.make_safe(self.now)

@@ -17,7 +17,7 @@ from tests.e2e.conftest import ENDLESS
 from txt1.config import Config
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
-from txt1.errors import CommandRefused, ConfigError, NotArmed, NotCapable
+from txt1.errors import CommandRefused, ConfigError, NotArmed, NotCapable, TaskFault
 from txt1.hal.base import Button, Capabilities, Inputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
@@ -330,3 +330,23 @@ async def test_a_task_of_the_users_own_runs_beside_the_robots(robot: Robot) -> N
     assert len(times) == pytest.approx(11, abs=1)
     assert times[0] - start < 0.1
     assert robot.runtime.statistics()["mine"].misses == 0
+
+
+async def test_a_command_in_the_instant_of_a_fault_leaves_the_block_with_the_fault_alone() -> None:
+    faulted = asyncio.Event()
+
+    async def fail(ticks: Ticks) -> None:
+        async for now in ticks:
+            if now > 0.5:
+                faulted.set()  # wakes the program before the scheduler's callbacks come
+                raise ArithmeticError("a mistake in the program")
+
+    with pytest.raises(TaskFault, match="a mistake in the program"):
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            robot.add_task("mine", 0.05, fail)
+            await faulted.wait()
+            await robot.drive(0.5, 0.0, 1.0)
+    await asyncio.sleep(0.1)
+    body = asyncio.current_task()
+    assert body is not None
+    assert body.cancelling() == 0
