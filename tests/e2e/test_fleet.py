@@ -381,7 +381,8 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
             await robot.load_gains()
             await until(lambda: robot.odometry.v > 0.2 or robot.command(0.5, 0.0))
             console.stop_all()
-            await until(lambda: standing() == Standing(stopped=(("net01", "slowing down"),)))
+            slowing = Standing(stopped=(("net01", "slowing down"),))  # for so short a time that it may not be seen
+            await until(lambda: standing() in (slowing, Standing(("net01",))))
             assert not robot.armed
             await until(lambda: standing() == Standing(("net01",)))
             assert robot.odometry.v == 0.0
