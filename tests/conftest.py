@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -30,6 +31,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             "patient" in item.fixturenames or any(map(has_patience, modules_of(item.module.__name__)))
         ):
             item.add_marker(pytest.mark.waits)
+
+
+def pytest_collection_finish() -> None:
+    """Keep what was collected away from the garbage collector: every robot in real time looks through the rest."""
+    gc.collect()
+    gc.freeze()
 
 
 @cache
