@@ -140,12 +140,18 @@ def test_the_vector_forms_sectors_are_the_learners() -> None:
 
 
 def test_actions_outside_the_space_are_refused() -> None:
-    one, many = env.LightSeekingEnv(), env.LightSeekingVectorEnv(2)
+    one = env.LightSeekingEnv()
     one.reset(seed=1)
-    many.reset(seed=1)
     for wrong in (-1, 3, 1.7):
         with pytest.raises(ValueError, match="none of"):
             one.step(wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.long  # it is compiled
+def test_actions_outside_the_space_are_refused_for_each_of_many_robots() -> None:
+    many = env.LightSeekingVectorEnv(2)
+    many.reset(seed=1)
+    for wrong in (-1, 3, 1.7):
         with pytest.raises(ValueError, match="not in"):
             many.step(np.array([wrong, 0]))
 
@@ -166,6 +172,7 @@ def test_a_dead_sensor_is_lived_with() -> None:
     assert np.isfinite(dead.step(np.int64(1))[0]).all()
 
 
+@pytest.mark.long  # it is compiled
 def test_a_mask_begins_some_robots_anew_and_leaves_the_others_as_they_are() -> None:
     many = env.LightSeekingVectorEnv(3)
     many.reset(seed=1)
@@ -178,6 +185,7 @@ def test_a_mask_begins_some_robots_anew_and_leaves_the_others_as_they_are() -> N
         many.reset(options={"reset_mask": [1, 2]})
 
 
+@pytest.mark.long  # it is compiled
 def test_a_list_of_seeds_gives_each_robot_a_start_of_its_own() -> None:
     many = env.LightSeekingVectorEnv(2)
     starts = []

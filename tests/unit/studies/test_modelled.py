@@ -174,6 +174,7 @@ def effect_or_refusal(key: str, value: Any, base: dict[str, Any], run: Callable[
         assert key.split(".")[0] in str(error), f"{key} is refused, but by another name: {error}"
 
 
+@pytest.mark.long  # they are compiled
 @pytest.mark.parametrize(("key", "value"), KEYS, ids=[key for key, _ in KEYS])
 def test_each_key_has_an_effect_in_lockstep_or_is_refused(key: str, value: Any) -> None:
     if key in REMEDIES:
