@@ -105,7 +105,7 @@ def kernels_of(form: str = "") -> Kernels:
     names = ("thin", "stamp", "search", "listed", "carve")
     made = {name: compiled(getattr(kernels, name), cache=True, nogil=True) for name in names}
     paired = compiled(kernels.pairs, cache=True, nogil=True)
-    return Kernels("numba", **made, align=compiled(kernels.align, calls={"pairs": paired}, nogil=True))
+    return Kernels("numba", **made, align=compiled(kernels.align, calls={"pairs": paired}, cache=True, nogil=True))
 
 
 class LocalMap:

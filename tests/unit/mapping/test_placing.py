@@ -30,6 +30,7 @@ def quick(monkeypatch):
             super().__init__(grid, seed, "numpy", min(count, 150))
 
     monkeypatch.setattr(works, "Locator", Few)
+    monkeypatch.setattr(works, "warm", lambda form="": None)
 
 
 @pytest.fixture(scope="module")
