@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.usefixtures("patient")
 
 
-@pytest.mark.parametrize("what", ["unplugged", "killed"])
+@pytest.mark.parametrize("what", ["unplugged", pytest.param("killed", marks=pytest.mark.long)])
 def test_a_pad_drives_and_the_robot_stops_when_it_is_gone(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}")
     monkeypatch.setitem(BRIDGES.table, "gamepad", "tests.unit.gamepad.virtual_pad:driven")  # type: ignore[arg-type]

@@ -13,7 +13,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -489,17 +488,9 @@ def resumed(out: Path) -> list[list[Episode]]:
     return [one.episodes for one in outcomes]
 
 
-@pytest.mark.parametrize(
-    ("jobs", "number"),
-    [
-        ("2", signal.SIGINT),
-        *(
-            pytest.param(jobs, number, marks=pytest.mark.long)
-            for jobs, number in product("12", (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
-            if (jobs, number) != ("2", signal.SIGINT)
-        ),
-    ],
-)
+@pytest.mark.long  # its processes begin, and all is done twice
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("jobs", ["1", "2"])
 def test_a_signal_to_all_its_processes_ends_it_by_its_number_and_nothing_is_lost(
     number: signal.Signals, jobs: str, tmp_path: Path, uninterrupted: list[list[Episode]]
 ) -> None:

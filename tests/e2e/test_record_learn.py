@@ -149,7 +149,8 @@ def test_who_drives_by_a_table_learns_nothing_and_takes_the_best(tmp_path: Path)
     assert all(step.action == int(np.argmax(step.values)) for step in steps if step.action != OVER and step.state >= 0)
 
 
-@pytest.mark.parametrize("agent", ["thesis", pytest.param("sweeps", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("agent", ["thesis", "sweeps"])
 def test_learning_is_an_outside_source_to_a_verification(agent: str, tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", "--learn", agent)
     verdict = verify(path)

@@ -364,6 +364,7 @@ def test_an_extra_is_installed_from_where_txt1_came_by_the_python_that_lacks_it(
     assert installs("record") == "uvx --from 'txt1[record] @ https://example.org/txt1.whl' txt1"
 
 
+@pytest.mark.long  # pip takes its time
 def test_pip_accepts_the_command_for_a_missing_extra() -> None:
     words = shlex.split(installs("record,plots"))
     done = subprocess.run(

@@ -9,7 +9,7 @@ from torture.strikes import KINDS, STRIKES, Strike, names
 from txt1.control.limits import Gate
 from txt1.robot import Robot
 
-SEEDS = [pytest.param(1_000_000 + k, marks=[pytest.mark.long] if k >= 6 else []) for k in range(12)]
+SEEDS = [pytest.param(1_000_000 + k, marks=[pytest.mark.long] if k >= 4 else []) for k in range(12)]
 
 
 @pytest.mark.parametrize("kind", KINDS)

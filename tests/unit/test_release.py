@@ -30,6 +30,7 @@ def test_the_constraints_name_the_installed_versions_and_tell_what_was_not_teste
     assert f"Python {'.'.join(map(str, sys.version_info[:3]))}," in lines[1]
 
 
+@pytest.mark.long  # pip runs twice
 def test_pip_obeys_the_constraints(tmp_path: Path) -> None:
     file = tmp_path / "constraints.txt"
     main(["constraints", str(file)])

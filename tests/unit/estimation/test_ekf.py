@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -50,6 +49,8 @@ def test_straight_ahead_it_is_the_kalman_filter_of_another_library_to_1e_9() -> 
     initial[THETA, :] = initial[:, THETA] = 0.0
     initial[OMEGA:, :] = initial[:, OMEGA:] = 0.0
     ours = belief_of([0.3, -0.2, 0.0, 0.5, 0.0, 0.0, 0.0], initial)
+    from filterpy.kalman import KalmanFilter  # brings all of SciPy
+
     other = KalmanFilter(dim_x=SIZE, dim_z=2)
     other.x, other.P, other.Q = np.array(ours.mean), initial.copy(), np.diag(density) * 0.02
     other.F = IDENTITY.copy()
@@ -72,6 +73,8 @@ def test_straight_ahead_it_is_the_kalman_filter_of_another_library_to_1e_9() -> 
 def test_in_curves_it_is_the_extended_kalman_filter_of_another_library() -> None:
     rng = np.random.default_rng(2)
     ours = belief_of([0.3, -0.2, 0.4, 0.5, 0.3, 0.01, 0.02], covariance(rng, SIZE) * 1e-3)
+    from filterpy.kalman import ExtendedKalmanFilter
+
     other = ExtendedKalmanFilter(dim_x=SIZE, dim_z=2)
     for _ in range(200):
         before = ours

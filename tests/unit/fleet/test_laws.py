@@ -204,7 +204,7 @@ DATA = st.lists(NUMBER, max_size=6).map(tuple) | st.tuples(*[NUMBER] * 6)
 HEARD = st.builds(Said, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, data=DATA)
 
 
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @pytest.mark.parametrize("law", LAWS)
 @given(st.lists(st.dictionaries(st.sampled_from([*TEAM, *"abcdefgh"]), HEARD, max_size=9), min_size=1, max_size=5))
 def test_no_law_fails_or_commands_what_is_no_number_whatever_the_others_tell(

@@ -429,7 +429,7 @@ async def drive_until(hal: PiHal, reached: Callable[[], bool], began: float) -> 
         await asyncio.sleep(0.02)
 
 
-@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.long)])
 def test_each_guard_that_hangs_or_is_killed_is_replaced_behind_neutral_outputs(
     number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -462,7 +462,7 @@ def test_each_guard_that_hangs_or_is_killed_is_replaced_behind_neutral_outputs(
     assert processes_of(registers) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGSTOP, marks=pytest.mark.long), signal.SIGKILL])
 def test_closed_outputs_are_neutral_whatever_happened_to_their_guard(number: signal.Signals, tmp_path: Path) -> None:
     registers = tmp_path / "registers"
     hal = create(config("donkeycar", f"hal_options.bus={registers}"))
