@@ -199,7 +199,7 @@ def test_a_visitor_is_slower_and_changes_nothing(car: Live) -> None:
             await visitor.send(do="limit", speed=1.5)
             await driven(car, visitor, lambda robot: robot.runtime.state.control.v == 0.5, 1.5, 1.5)
             assert car.call(lambda robot: robot.runtime.state.gains) == before
-            assert len(visitor.told) == 3
+            await until(lambda: len(visitor.told) == 3)
             await visitor.send(do="release")
 
     go(main())
