@@ -1,8 +1,8 @@
 """Whether any test ever fails: `make steady`, for 90 minutes; it can be ended at any time, and goes on where it was.
 
 The tests that wait in real time run 20 times, the last five of them beside four busy loops, then the whole suite five
-times. The page's tests in chromium run beside the last ten of these. What ran is kept in build/steady.json, with what failed, and the output
-of a run that failed beside it. Another commit, or other files, begin anew.
+times. The page's tests in chromium run beside the last ten of these. What ran is kept in build/steady.json, with what
+failed, and the output of a run that failed beside it. Another commit, or other files, begin anew.
 """
 
 from __future__ import annotations
