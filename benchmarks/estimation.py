@@ -4,6 +4,7 @@
     python -m benchmarks.estimation circle --seeds 10
     python -m benchmarks.estimation step
     python -m benchmarks.estimation drives --folder FOLDER
+    python -m benchmarks.estimation draw --folder FOLDER --seeds 10
     python -m benchmarks.estimation random --seeds 50 --vehicle rover
 
 A seed's laps are driven once, steered by the true pose, with all sensors; the filters of the set-ups listen beside one
@@ -23,7 +24,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks import drives, random_drives, seeds
+from benchmarks import drawn_drives, drives, random_drives, seeds
 from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, ESTIMATION_PERIOD, PRIORITY, Estimator
@@ -262,12 +263,12 @@ def main(*, quick: bool) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("laps", "circle", "step", "drives", "random"))
+    parser.add_argument("what", choices=("laps", "circle", "step", "drives", "draw", "random"))
     parser.add_argument("--laps", type=float, default=10.0)
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--vehicle", default="txt1", help="of random drives; default: %(default)s")
     parser.add_argument("--seconds", type=float, default=60.0, help="of each; default: %(default)s")
-    parser.add_argument("--folder", type=Path, help="of recorded drives, *.npz")
+    parser.add_argument("--folder", type=Path, help="of recorded or drawn drives, *.npz")
     seeds.arguments(parser, "out/laps.jsonl", 100)
     given = parser.parse_args()
     if given.what == "laps":
@@ -277,6 +278,10 @@ if __name__ == "__main__":
         show_circle(given.seeds)
     elif given.what == "random":
         show_random(given.vehicle, range(given.first, given.first + given.seeds), given.seconds)
+    elif given.what == "draw":
+        if given.folder is None:
+            parser.error("draw needs --folder, where the drives are written")
+        drawn_drives.write(given.folder, range(given.first, given.first + given.seeds))
     elif given.what == "drives":
         if given.folder is None or not given.folder.is_dir():
             parser.error("drives needs --folder, which holds the recorded drives")

@@ -25,8 +25,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.estimation.ekf import CRAWL, ROLLED, SLIP, TAN_MAX, THETA, Array, Seven
 from txt1.estimation.ekf import OMEGA as TURNING
+from txt1.estimation.ekf import ROLLED, SLIP, THETA, Array, Seven
 from txt1.estimation.measurement import Measurement
 from txt1.model.kinematics import wrap_angle
 
@@ -81,17 +81,13 @@ class _Place(NamedTuple):
 
 
 class Calibration:
-    """The calibration of one sensor that tells positions, and of the gyro and wheels beside it.
+    """The calibration of one sensor that tells positions, and of the gyro and wheels beside it."""
 
-    `wheelbase` is that of encoder wheels that steer, m; 0 where they do not.
-    """
-
-    def __init__(self, wheelbase: float) -> None:
+    def __init__(self) -> None:
         self.corrections = Corrections()
         self.mean: Array = np.zeros(6)
         self.covariance: Array = np.diag(START)
         self.segments = 0
-        self._wheelbase = wheelbase
         self._cycles: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)  # end, length, speed, yaw rate
         self._waiting: deque[_Place] = deque(maxlen=KEPT)
         self._first: _Place | None = None
@@ -102,9 +98,7 @@ class Calibration:
 
     def cycle(self, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]) -> None:
         """Take in a cycle: its end and length (s), what wheels tell (m/s, rad/s), and the gyro's readings so far."""
-        tangent = 0.5 * self._wheelbase * omega / v if abs(v) > CRAWL else 0.0
-        stretch = sqrt(1.0 + min(tangent * tangent, TAN_MAX * TAN_MAX))
-        self._cycles.append((end, dt, v / stretch, omega * stretch))
+        self._cycles.append((end, dt, v, omega))
         if self._waiting and self._waiting[0].time <= end and (not gyro or gyro[-1][0] >= self._waiting[0].time):
             place = self._waiting.popleft()
             if self._first is not None:

@@ -18,7 +18,7 @@ The products are written out, as an array costs more than the numbers in it: a s
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, inf, sin, sqrt
+from math import asin, cos, inf, sin, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -43,7 +43,7 @@ SIZE: Final = 7
 NOTHING: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 STEERING: Final = 0.5  # standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
 CRAWL: Final = 0.05  # m/s below which the steering angle is not told from speed and yaw rate
-TAN_MAX: Final = 0.6  # tangent of the steering angle beyond which it is noise: full lock is 0.30
+SINE_MAX: Final = 0.88  # sine of twice the steering angle beyond which it is noise: full lock is 0.56
 
 
 class Belief(NamedTuple):
@@ -283,27 +283,38 @@ def absorbed(change: Seven, triangle: Triangle, left: float, row: Row, noise: fl
     return after, less, miss
 
 
-def encoders(mean: Seven, wheelbase: float) -> tuple[tuple[float, float], tuple[Seven, Seven]]:
-    """Speed and yaw rate that the encoders tell in a state, and the rows of their Jacobian.
-
-    They sit on the steered front wheels, at the angle phi with tan(phi) = L omega / (2 v), (2.12): these roll
-    1 / cos(phi) of the centre's path, and tell cos(phi) of the turn.
-    """
+def encoders(mean: Seven) -> tuple[tuple[float, float], tuple[Row, Row]]:
+    """Speed and yaw rate that the wheels tell in a state, and the rows of their Jacobian."""
     _, _, _, rolled, omega, _, slip = mean
     grip = 1.0 - slip
-    tangent = 0.5 * wheelbase * omega / (rolled * grip) if abs(rolled) > CRAWL else 0.0
-    if abs(tangent) > TAN_MAX:
-        tangent = 0.0
-    stretch = sqrt(1.0 + tangent * tangent)
-    share = (tangent / stretch) ** 2
-    turning = omega / (grip * stretch)
-    told_u, told_o, told_s = stretch * (1.0 - share), 0.5 * wheelbase * tangent / (grip * stretch), stretch * share
-    turn_u = turning * share / rolled if share else 0.0
-    turn_o, turn_s = (1.0 - share) / (grip * stretch), turning * (1.0 - share) / grip
-    return (rolled * stretch, turning), (
-        (0.0, 0.0, 0.0, told_u, told_o, 0.0, rolled * told_s / grip),
-        (0.0, 0.0, 0.0, turn_u, turn_o, 0.0, turn_s),
-    )
+    return (rolled, omega / grip), (ROLLED, (0.0, 0.0, 0.0, 0.0, 1.0 / grip, 0.0, omega / (grip * grip)))
+
+
+def centred(v: float, omega: float, wheelbase: float, phi: float | None) -> tuple[float, float]:
+    """Speed and yaw rate of the car's middle by encoder wheels that are steered, m/s and rad/s.
+
+    A hub's velocity is projected on its wheel's heading, and the wheels tell that: of both sides the mean v and the
+    difference over the track omega, with the angle phi
+
+        v = u cos(phi) + L / 2 omega' sin(phi),  omega = omega' cos(phi)
+
+    This is geometry, so understeer and tyres that slide aside change nothing of it.
+
+    Args:
+        v: that the wheels tell, m/s.
+        omega: likewise, rad/s.
+        wheelbase: L, m; 0 where the encoder wheels do not steer.
+        phi: of the front axle, rad, the rear's being the opposite; None where nobody knows: then the wheels themselves
+            tell it, as without understeer sin(2 phi) = L omega / v.
+
+    """
+    if not wheelbase:
+        return v, omega
+    if phi is None:
+        double = wheelbase * omega / v if abs(v) > CRAWL else 0.0
+        phi = 0.5 * asin(double) if abs(double) < SINE_MAX else 0.0
+    turning = omega / cos(phi)
+    return (v - 0.5 * wheelbase * turning * sin(phi)) / cos(phi), turning
 
 
 def velocities(mean: Seven) -> tuple[tuple[float, float], tuple[Row, Row]]:

@@ -23,14 +23,12 @@ import numpy as np
 
 from txt1.estimation.alignment import about, aligned
 from txt1.estimation.ekf import (
-    CRAWL,
     GYRO,
     OMEGA,
     POSE,
     ROLLED,
     SIZE,
     SLIP,
-    TAN_MAX,
     THETA,
     Array,
     Belief,
@@ -81,6 +79,8 @@ FRAMES: Final = "measures positions in another frame than"
 MISSES: Final = 0.5  # m/s by which dead reckoning may be off: slip, skids, a push
 RECENT: Final = 1.0  # s in which another sensor has told the place
 
+_UNITS: Final = np.eye(SIZE)
+
 Doubt = Callable[[Seven], tuple[float, float, float, float]]
 """Variances (x, x and y, y, theta) at a mean, of what is wrong with a sensor's mount and clock."""
 
@@ -106,7 +106,6 @@ class Fusion:
 
     Args:
         sensors: by name.
-        wheelbase: m; 0 where the encoder wheels do not steer.
         drift: of the state by itself.
         slip_sigma: standard deviation of the wheels' slip before anything is known of it.
 
@@ -115,7 +114,6 @@ class Fusion:
     def __init__(
         self,
         sensors: Mapping[str, Belonging],
-        wheelbase: float,
         drift: Drift = Drift(),  # noqa: B008 - immutable
         slip_sigma: float = 0.03,
     ) -> None:
@@ -126,7 +124,6 @@ class Fusion:
         """Of the mounts and clocks of the sensors."""
         self.absolute: Callable[[Measurement, float], None] | None = None
         """Is called with each absolute reading that is taken in, and the heading there, rad."""
-        self.wheelbase = wheelbase
         self._reckoning = Reckoning()
         self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
         self._density: Seven = drift.density()
@@ -240,11 +237,9 @@ class Fusion:
             self._reckoning.clear()
             return
         _, v, turning, gyro, _ = cycle
-        tangent = 0.5 * self.wheelbase * turning / v if self.wheelbase and abs(v) > CRAWL else 0.0
-        stretch = sqrt(1.0 + min(tangent * tangent, TAN_MAX * TAN_MAX))
-        omega = gyro if gyro is not None and self._turning else turning * stretch
+        omega = gyro if gyro is not None and self._turning else turning
         slip = (self._entries[-1].belief if self._entries else self._base).mean[SLIP]
-        self._reckoning.go(cycle.time, dt, v / stretch, omega, slip)
+        self._reckoning.go(cycle.time, dt, v, omega, slip)
         for frame in frames.values():
             frame.compare(self._reckoning)
 
@@ -462,15 +457,17 @@ class Fusion:
 
         Where it misses by more than chance while turning, the slip has changed: strong tracking, as of the rates.
         """
-        told, by_gyro, dt = measurement.values
+        told, by_gyro, dt, path = measurement.values
         _, _, _, _, _, bias, slip = belief.mean
         grip, turned_by = 1.0 - slip, by_gyro - bias * dt
         residual = (told - turned_by / grip,)
         h = ((0.0, 0.0, 0.0, 0.0, 0.0, -dt / grip, turned_by / (grip * grip)),)
-        sigma = measurement.sigmas[0]
+        # the slip walks within the turn, too: its mean is so far from the last one
+        sigma = hypot(measurement.sigmas[0], path * sqrt(self._moving[SLIP] * dt / 3.0))
         after, _, (miss,) = update(belief, residual, h, (sigma,))
-        if new and abs(turned_by) > CURVE:
-            self._slip_changes((residual[0] / turned_by) ** 2 - (sigma / turned_by) ** 2, dt)
+        if new and abs(turned_by) > CURVE and miss:
+            chance = (residual[0] / miss) ** 2
+            self._slip_changes((residual[0] ** 2 - chance) / turned_by**2 + self._moving[SLIP] * dt, dt)
         if -TURNS <= miss <= TURNS:
             return after
         if abs(turned_by) > CURVE:
@@ -482,7 +479,11 @@ class Fusion:
         return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),))[0]
 
     def _slip_changes(self, square: float, dt: float) -> None:
-        """Adapt how fast the slip walks to what turns tell: the square of a change in dt seconds, less chance."""
+        """Adapt how fast the slip walks to what turns tell: the square of a change in dt seconds.
+
+        Covariance matching, as of A. H. Mohamed and K. P. Schwarz: what the innovation's square exceeds its expectation
+        by is added to what was expected.
+        """
         self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
         x, y, theta, rolled, omega, bias, usual = self._density
         self._moving = x, y, theta, rolled, omega, bias, max(usual, self._slips)
@@ -660,7 +661,7 @@ class Fusion:
             _, _, _, _, omega, bias, _ = mean
             return (values[0] - omega - bias,), (GYRO,)
         if kind is Kind.ENCODERS:
-            expected, h = encoders(mean, self.wheelbase)
+            expected, h = encoders(mean)
             if self._turning and rows == (0, 1):  # how far they turn is told by `Kind.TURN`
                 return (values[0] - expected[0],), h[:1]
         elif kind is Kind.VELOCITY:
@@ -740,7 +741,7 @@ def _considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sig
     The slip is a consider state (S. F. Schmidt, Advances in Control Systems 3, 1966): its uncertainty counts, but it is
     not estimated, and the pose follows from the rates. Joseph's form holds for any gain.
     """
-    p, rows = belief.covariance, np.array(h, dtype=float)
+    p, rows = belief.covariance, np.array([_UNITS[row] if isinstance(row, int) else row for row in h])
     noise = np.diag(np.square(sigmas))
     rates = rows.copy()
     rates[:, SLIP] = 0.0

@@ -12,7 +12,7 @@ class Kind(Enum):
     GYRO = "omega and the gyro's bias"
     POSE = "x, y and theta"
     VELOCITY = "v and omega"
-    TURN = "how far it has turned by wheels and by gyro, rad, in how long, s"
+    TURN = "how far it has turned by wheels and by gyro, rad, in how long, s, and to both sides together, rad"
 
 
 class Measurement(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from txt1.estimation.calibration import Calibration
-from txt1.estimation.ekf import CRAWL, TAN_MAX, Seven
+from txt1.estimation.ekf import Seven, centred
 from txt1.estimation.fusion import Fusion
 from txt1.estimation.judge import Belonging, Trust
 from txt1.estimation.measurement import Kind, Measurement
@@ -38,8 +38,8 @@ BLIND_SHARE: Final = 0.15  # of both, besides
 TURN_TIME: Final = 1.0  # s over which wheels and gyro are compared
 TURN_READINGS: Final = 10  # of the gyro in that time, at least
 TURN_NOISE: Final = 0.001  # rad by which the wheels miss it after 1 s besides their counts: the floor; assumed
-TURN_SHARE: Final = 0.01  # of a turn by which they differ besides: slip that varies within it, a gyro's scale
-SKID_SHARE: Final = 0.3  # the same of sides at two speeds, whose tyres scrub
+SKID_SHARE: Final = 0.3  # of a turn by which sides at two speeds differ besides, whose tyres scrub
+GYRO_CLOCK: Final = 0.01 / sqrt(12.0)  # s by which its readings are older than they say: anything up to their period
 SIGMA_GYRO: Final = 0.006  # rad/s, each reading at 100 Hz; assumed
 GYRO_KEPT: Final = 1000  # readings
 GAP: Final = 0.1  # s, the longest between two of its readings that are integrated
@@ -102,6 +102,7 @@ class Turning(NamedTuple):
     begin: float  # s of the run
     end: float  # s of the run
     angle: float  # rad
+    still: bool  # whether it stood meanwhile
 
 
 class Estimator:
@@ -128,13 +129,13 @@ class Estimator:
             for name, each in self.settings.items()
         }
         # encoder wheels that do not steer tell the truth
-        steered = geometry.wheelbase if geometry.steering == "both" else 0.0
-        self.fusion = Fusion(belongings, steered, slip_sigma=config.slip)
+        self._wheelbase = geometry.wheelbase if geometry.steering == "both" else 0.0
+        self.fusion = Fusion(belongings, slip_sigma=config.slip)
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
         self._counts = isfinite(geometry.count_length)  # without encoders there is no witness of how it rolls
         self._calibrations = {
-            name: Calibration(steered) for name, each in belongings.items() if each.tells_pose and self._counts
+            name: Calibration() for name, each in belongings.items() if each.tells_pose and self._counts
         }  # fmt: skip
         self._gyro_scale = 0.0  # less 1
         if self._calibrations:
@@ -236,7 +237,7 @@ class Estimator:
             steered = self._steering is not None and self._geometry.steering != "skid"
             steering = wheels[0] * self._curvature if steered else None
             self.fusion.cycle(Cycle(self._read, *wheels, gyro, steering), dt)
-            self._compare(dt, *wheels)
+            self._compare(dt, wheels[1])
             for calibration in self._calibrations.values():
                 calibration.cycle(self._read, dt, *wheels, self._gyro)
                 self._gyro_scale = calibration.corrections.scale
@@ -250,54 +251,62 @@ class Estimator:
         if self._cycles % VOTES == 0:
             self.fusion.judge_by_vote()
 
-    def _compare(self, dt: float, v: float, omega: float) -> None:
-        """Add a cycle to the turn by the wheels, and give it beside the gyro's when it was long enough.
+    def _compare(self, dt: float, omega: float) -> None:
+        """Add a cycle to the turn by the wheels, and give it beside the gyro's when it was long enough or it stopped.
 
         The error of whole counts does not grow with the turn, and the errors of single cycles cancel: over a second
-        the wheels tell a gyro's bias three times as well as their yaw rates do.
+        the wheels tell a gyro's bias three times as well as their yaw rates do. A car that stands does not turn at all.
         """
-        turning = self._turning
-        if turning is None or self._read - dt > turning.end + 0.5 * dt:
-            self._turning = turning = Turning(self._read - dt, self._read - dt, 0.0)
-        steered = self.fusion.wheelbase
-        tangent = 0.5 * steered * omega / v if steered and abs(v) > CRAWL else 0.0
-        stretch = sqrt(1.0 + min(tangent * tangent, TAN_MAX * TAN_MAX))
-        self._turning = turning = Turning(turning.begin, self._read, turning.angle + omega * stretch * dt)
+        turning, begin, still = self._turning, self._read - dt, self._still >= REST
+        if turning is None or begin > turning.end + 0.5 * dt:
+            turning = Turning(begin, begin, 0.0, still)
+        elif turning.still is not still:
+            self._compared.append(turning)
+            turning = Turning(begin, begin, 0.0, still)
+        turning = turning._replace(end=self._read, angle=turning.angle + omega * dt)
         if turning.end - turning.begin >= TURN_TIME:
             self._compared.append(turning)
-            self._turning = Turning(self._read, self._read, 0.0)
+            turning = Turning(self._read, self._read, 0.0, still)
+        self._turning = turning
         while self._compared and self._gyro and self._gyro[-1][0] >= self._compared[0].end:
             self._give_turn(self._compared.popleft())
 
     def _give_turn(self, turning: Turning) -> None:
-        begin, end, angle = turning
+        begin, end, angle, still = turning
         near = [each for each in self._gyro if begin - GAP < each[0] < end + GAP]
-        if len(near) < TURN_READINGS:
+        if len(near) < TURN_READINGS or end - begin < GAP:
             return
         times, rates = np.array(near).T
         inside = (times > begin) & (times < end)
         if times[0] > begin or times[-1] < end or np.diff(times).max() > GAP:
             return
         at = np.concatenate(((begin,), times[inside], (end,)))
-        by_gyro = float(np.trapezoid(np.interp(at, times, rates), at))
+        turning_at = np.interp(at, times, rates)
+        by_gyro = float(np.trapezoid(turning_at, at))
+        # slip varies with each piece of the turn, to whichever side; a late clock misses what the rate has changed by
+        path, swing = float(np.trapezoid(np.abs(turning_at), at)), float(turning_at[-1] - turning_at[0])
         dt = end - begin
-        share = SKID_SHARE if self._geometry.steering == "skid" else TURN_SHARE
+        share = SKID_SHARE if self._geometry.steering == "skid" else 0.0
         counts = self._geometry.count_length / (self._geometry.track_width * sqrt(3.0))  # infinite without encoders
         noise = TURN_NOISE * sqrt(dt)
-        sigma = hypot(counts, noise, share * by_gyro, SIGMA_GYRO * sqrt(dt * 0.01))
+        by_wheels = 0.0 if still else hypot(counts, noise, share * path, GYRO_CLOCK * swing)
+        sigma = hypot(by_wheels, SIGMA_GYRO * sqrt(dt * 0.01))
         if isfinite(sigma):
-            self.fusion.take(Measurement(end, "", Kind.TURN, (0,), (angle, by_gyro, dt), (sigma,)))
+            self.fusion.take(Measurement(end, "", Kind.TURN, (0,), (angle, by_gyro, dt, path), (sigma,)))
 
     def _take_wheels(self, wheels: Wheels, dt: float) -> None:
         """Take in speed and yaw rate, which are means over the last dt seconds, so of its middle."""
         _, _, _, v, omega = wheels.odometry
         middle = wheels.time - 0.5 * dt
+        before = self._angle
         self._steer(wheels.steering, wheels.time - dt, dt)
         settings = self.settings.get(ENCODERS)
         if settings is None:
             return
         body = self._geometry
         if isfinite(body.count_length):
+            known = self._steering is not None
+            v, omega = centred(v, omega, self._wheelbase, 0.5 * (before + self._angle) if known else None)
             # a count more or less at both ends of the time: a difference of two uniform errors
             count = body.count_length / dt / sqrt(6.0)
             own = hypot(count / sqrt(2.0), SPEED_MODEL), hypot(count * sqrt(2.0) / body.track_width, YAW_MODEL)

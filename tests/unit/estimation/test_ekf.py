@@ -22,6 +22,7 @@ from txt1.estimation.ekf import (
     Y,
     antenna,
     belief_of,
+    centred,
     encoders,
     outside,
     predict,
@@ -84,11 +85,11 @@ def test_in_curves_it_is_the_extended_kalman_filter_of_another_library() -> None
         other.predict()
         assert ours.covariance == pytest.approx(other.P, rel=5e-4, abs=1e-6)  # differences, not derivatives
         other.x, other.P = np.array(ours.mean), ours.covariance
-        expected, h = encoders(ours.mean, WHEELBASE)
+        expected, h = encoders(ours.mean)
         residual, sigmas = rng.normal(size=2) * 0.01, rng.uniform(0.003, 0.03, 2)
         ours, nis, _ = update(ours, residual.tolist(), h, sigmas.tolist())
         other.R = np.diag(sigmas) ** 2
-        other.update(expected + residual, lambda _, h=h: np.array(h), lambda _, e=expected: np.array(e))
+        other.update(expected + residual, lambda _, h=h: rows(h), lambda _, e=expected: np.array(e))
         assert ours.mean == pytest.approx(other.x, abs=1e-9)
         assert ours.covariance == pytest.approx(other.P, abs=1e-9)
         assert nis == pytest.approx(other.mahalanobis**2, abs=1e-9)
@@ -117,8 +118,7 @@ def numeric(function: object, at: Array) -> Array:
 def test_the_jacobians_are_the_derivatives(v: float, curvature: float, theta: float, slip: float) -> None:
     mean = (1.0, 2.0, theta, v, curvature * v, 0.02, slip)
     at = np.array(mean)
-    _, h = encoders(mean, WHEELBASE)
-    assert np.array(h) == pytest.approx(numeric(lambda at: encoders(tuple(at), WHEELBASE)[0], at), abs=1e-6)
+    assert rows(encoders(mean)[1]) == pytest.approx(numeric(lambda at: encoders(tuple(at))[0], at), abs=1e-6)
     assert rows(velocities(mean)[1]) == pytest.approx(numeric(lambda at: velocities(tuple(at))[0], at), abs=1e-6)
     _, h = antenna(mean, (-0.1, 0.05))
     assert np.array(h) == pytest.approx(numeric(lambda at: antenna(tuple(at), (-0.1, 0.05))[0], at), abs=1e-6)
@@ -132,10 +132,24 @@ def test_outside_it_tells_the_cars_speed_with_its_covariance() -> None:
     assert np.reshape(told, (5, 5)) == pytest.approx(j @ belief.covariance @ j.T, abs=1e-6)
 
 
-def test_the_encoders_tell_more_path_and_less_turn_than_the_centre_at_full_lock() -> None:
-    told, _ = encoders((0.0, 0.0, 0.0, 0.56, 1.0, 0.0, 0.0), WHEELBASE)
-    assert told[0] / 0.56 == pytest.approx(1.045, abs=0.002)
-    assert told[1] == pytest.approx(0.957, abs=0.002)
+@given(st.floats(-1.5, 1.5).filter(lambda v: abs(v) > 0.06), st.floats(-1.7, 1.7), st.floats(0.0, 0.2))
+def test_steered_wheels_tell_the_middles_motion_whatever_the_understeer(
+    v: float, curvature: float, understeer: float
+) -> None:
+    # a hub's velocity on its wheel's heading, with the angle that the curvature takes with understeer
+    omega = curvature * v
+    phi = np.arctan(0.5 * WHEELBASE * curvature * (1.0 + understeer * v * v))
+    rolls = v * np.cos(phi) + 0.5 * WHEELBASE * omega * np.sin(phi)
+    assert centred(rolls, omega * np.cos(phi), WHEELBASE, float(phi)) == pytest.approx((v, omega))
+
+
+def test_the_wheels_tell_their_own_angle_where_nobody_knows_it() -> None:
+    # at full lock they roll more and turn less than the middle
+    phi = np.arctan(0.5 * WHEELBASE / 0.56)
+    assert 1.0 / np.cos(phi) == pytest.approx(1.045, abs=0.002)
+    assert centred(0.56 / np.cos(phi), np.cos(phi), WHEELBASE, None) == pytest.approx((0.56, 1.0))
+    assert centred(0.0, 1.0, WHEELBASE, None) == (0.0, 1.0)
+    assert centred(0.5, 1.0, 0.0, None) == (0.5, 1.0), "wheels that do not steer"
 
 
 @settings(max_examples=examples(50))
@@ -188,7 +202,7 @@ def test_its_errors_are_as_large_as_it_says_and_so_are_its_surprises() -> None:
             truth = moved + np.sqrt(np.array(density) * dt) * rng.normal(size=SIZE)
             belief = predict(belief, dt, density)
             told = [
-                (encoders(tuple(truth), WHEELBASE)[0], *encoders(belief.mean, WHEELBASE), of_wheels),
+                (encoders(tuple(truth))[0], *encoders(belief.mean), of_wheels),
                 ([np.dot(GYRO, truth)], [np.dot(GYRO, belief.mean)], [GYRO], of_gyro),
                 (truth[:3], belief.mean[:3], POSE, of_pose),
             ]

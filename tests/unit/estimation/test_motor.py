@@ -46,7 +46,7 @@ class Straight:
     """A straight drive at 0.5 m/s, with a receiver of positions."""
 
     def __init__(self) -> None:
-        self.fusion = Fusion({"encoders": Belonging(), "gps": Belonging(tells_pose=True)}, 0.34)
+        self.fusion = Fusion({"encoders": Belonging(), "gps": Belonging(tells_pose=True)})
         self.cycle = 0
 
     def go(self, seconds: float, sigma: float, doubt: float) -> tuple[float, float]:
