@@ -9,6 +9,7 @@ import sys
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from itertools import pairwise
+from math import hypot, tan
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,9 @@ from txt1.cli import execute
 from txt1.commands import FAULT, OK, USAGE
 from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
-from txt1.errors import NotArmed
+from txt1.errors import HalError, NotArmed
 from txt1.experiments.calibration.bench import Bench
+from txt1.experiments.calibration.floor_steps import _locks
 from txt1.experiments.calibration.simulated_operator import SimulatedOperator, judge, passes, unknown_car
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.experiments.command.calibrate import changes
@@ -263,6 +265,68 @@ def test_a_length_of_nothing_is_asked_for_again_and_the_drive_still_counts() -> 
     run(calibrate(bench, ["circle"]), speed="max")
     assert slip.told == 4  # of a circle to the left and one to the right
     assert abs(bench.config.geometry.radius_min - config.geometry.radius_min) < 0.02
+
+
+class Hasty(SimulatedOperator):
+    """An operator who says at once that wheels turn no further."""
+
+    asked = 0
+
+    async def seen(self, key: str, text: str) -> None:
+        if key.endswith("_stop"):
+            self._seen = self._steered(key)
+        else:
+            await super().seen(key, text)
+
+    async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
+        self.asked += key.endswith("_further")
+        return await super().choose(key, text, options)
+
+
+def both_axles(operator: type[SimulatedOperator], names: Sequence[str], wrong: float = 1.0) -> Bench:
+    """A TXT-1 that steers by 11.5 degrees, the scale of its rear axle believed `wrong` times what it is."""
+    config = load(None, ENDLESS, {}, {"vehicle": "txt1"}).config
+    truth = with_values(config, {"geometry.radius_min": 0.838, "sim.channels.rear.scale": 1.0 / wrong})
+    hal = create(truth)
+    assert isinstance(hal, SimHal)
+    bench = Bench(config, operator(hal, 1), opener(hal), lambda values: None)
+    run(calibrate(bench, names), speed="max")
+    return bench
+
+
+@pytest.mark.parametrize("operator", [SimulatedOperator, Hasty])
+def test_an_operator_who_takes_slow_wheels_to_stand_is_asked_again(operator: type[SimulatedOperator]) -> None:
+    bench = both_axles(operator, ["steering"])
+    for axle in (bench.config.channels.front, bench.config.channels.rear):
+        assert axle.scale == pytest.approx(1.0, abs=0.12)
+    if isinstance(bench.operator, Hasty):
+        assert bench.operator.asked > 8  # two stops of two axles
+
+
+def test_an_axle_is_checked_against_the_other_by_the_circle() -> None:
+    bench = both_axles(SimulatedOperator, ["circle"])
+    assert bench.config.geometry.radius_min == pytest.approx(0.838, rel=0.02)
+    with pytest.raises(
+        HalError, match=r"front wheels steer 11\.\d degrees, and the rear ones 2\.\d: look after the rear"
+    ):
+        both_axles(SimulatedOperator, ["circle"], wrong=0.2)
+
+
+@pytest.mark.parametrize(("front", "rear"), [(0.2, -0.2), (0.3, -0.1), (0.25, 0.0), (0.05, -0.3)])
+def test_angles_of_both_axles_follow_from_the_circles_of_their_middles(front: float, rear: float) -> None:
+    """Beside the point about which both axles turn, found as the crossing of their normals."""
+    lever = 0.17
+    # normals x = lever - s * tan(front) and x = -lever - s * tan(rear) at the distance s to the left
+    across = 2.0 * lever / (tan(front) - tan(rear))
+    along = lever - across * tan(front)
+    assert _locks(hypot(lever - along, across), hypot(lever + along, across), lever) == pytest.approx(
+        (1.0 / hypot(along, across), front, -rear)
+    )
+
+
+def test_circles_that_no_car_drives_are_refused() -> None:
+    with pytest.raises(HalError, match="no car of this wheelbase"):
+        _locks(3.0, 1.0, 0.17)
 
 
 def test_outputs_are_put_right_behind_the_gate_and_encoders_before_the_tasks() -> None:

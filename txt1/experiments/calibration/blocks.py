@@ -1,7 +1,7 @@
 """Steps on blocks, no wheel on the floor: which way motor, steering and encoders go, and where they are neutral."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from txt1.errors import HalError
@@ -15,7 +15,8 @@ BEYOND: Final = 400  # counts beyond those at which it begins to turn: it turns 
 WELL_TURNED: Final = 20  # encoder counts that a wheel makes in the second after that, at least
 SWEEP: Final = 1500.0  # counts a second by which the steering is turned to its stop
 SWEEP_FROM: Final = 3000.0  # counts from which it is
-REACTION: Final = 0.5  # s by which an operator is late to say that wheels have stopped turning
+REACTION: Final = 0.7  # s by which an operator is late to say that wheels have stopped turning
+FURTHER: Final = 2000.0  # counts more at once, which shows whether they had
 WIDEST: Final = PWM_MAX / STEERING_MAX  # scale of a steering that may use the whole range of pulses
 
 MOTORS: Final = ("motor",)
@@ -128,20 +129,7 @@ async def steering(bench: Bench) -> None:
             turn(hands, 2.0 * SWEEP_FROM)
             await hands.wait(SETTLE)
             way = await ask.choose(axle, f"Which way do the {axle} wheels point, seen from above?", ("left", "right"))
-            stops = []
-            for sign in (1, -1):
-                turn(hands, sign * SWEEP_FROM)
-                await hands.wait(SETTLE)
-                seeing = asyncio.ensure_future(
-                    ask.seen(f"{axle}_stop", f"Press Enter as soon as the {axle} wheels turn no further.")
-                )
-                wire = SWEEP_FROM
-                while wire < PWM_MAX and not seeing.done():
-                    wire += SWEEP * HAND_PERIOD
-                    turn(hands, sign * wire)
-                    await hands.wait(HAND_PERIOD)
-                stops.append(sign * (wire - SWEEP * REACTION if seeing.done() else float(PWM_MAX)))
-                seeing.cancel()
+            stops = [await _stop(ask, hands, axle, sign, turn) for sign in (1, -1)]
         bench.found(
             {
                 f"channels.{axle}.direction": 1
@@ -151,6 +139,32 @@ async def steering(bench: Bench) -> None:
                 f"channels.{axle}.scale": round(0.5 * (stops[0] - stops[1]) / STEERING_MAX, 4),
             }
         )
+
+
+async def _stop(ask: Operator, hands: Hands, axle: str, sign: int, turn: Callable[[Hands, float], None]) -> float:
+    """Turn an axle until it turns no further; the counts on the wire at its stop.
+
+    Wheels that steer by a few degrees in all turn so slowly that people take them to stand. So each answer is tried
+    by a jump, which is plain to see, and the turning goes on where the jump turned them.
+    """
+    wire = SWEEP_FROM
+    while True:
+        turn(hands, sign * wire)
+        await hands.wait(SETTLE)
+        text = f"Press Enter as soon as the {axle} wheels turn no further."
+        seeing = asyncio.ensure_future(ask.seen(f"{axle}_stop", text))
+        while wire < PWM_MAX and not seeing.done():
+            wire += SWEEP * HAND_PERIOD
+            turn(hands, sign * wire)
+            await hands.wait(HAND_PERIOD)
+        if not seeing.done():
+            seeing.cancel()
+            return sign * float(PWM_MAX)
+        turn(hands, sign * min(wire + FURTHER, PWM_MAX))
+        await hands.wait(SETTLE)
+        further = await ask.choose(f"{axle}_further", f"Did the {axle} wheels jump further just now?", ("yes", "no"))
+        if further == "no":
+            return sign * (wire - SWEEP * REACTION)
 
 
 async def servo(bench: Bench) -> None:

@@ -1,7 +1,7 @@
 """Steps on the floor: how far it goes, where straight ahead is, and how tightly it turns."""
 
 import asyncio
-from math import asin, atan, cos, hypot, radians, sin, tan
+from math import asin, atan, cos, degrees, hypot, radians, sin, sqrt, tan
 from typing import Final
 
 from txt1.control.limits import clip
@@ -13,6 +13,7 @@ from txt1.model.vehicle import STEERING_MAX
 TURNING: Final = 16.0  # s of turning in place: a guess of the angle is wrong by degrees, however long it takes
 DISTANCE: Final = 3.0  # m that are driven straight
 DRIFT: Final = radians(0.3)  # rad of heading lost in a metre that are straight enough
+UNLIKE: Final = 0.5  # share of the other axle's angle at full lock that an axle has at least
 TRIES: Final = 4  # drives at most until it is
 LINE: Final = f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it."
 OFF: Final = "How far left of the line is it (right: negative)?"
@@ -159,15 +160,24 @@ def _arc(ahead: float, off: float) -> tuple[float, float]:
 async def circle(bench: Bench) -> None:
     """Find the turning radius at full lock, and with encoders the track width and which of them is which."""
     ask, geometry = bench.operator, bench.config.geometry
-    bends, shares = [], []
+    bends, shares, locks = [], [], []
     for sign, way in ((1, "left"), (-1, "right")):
         await ask.ready("circle", f"Put the vehicle where it has room for a circle to the {way}.")
         before, after = await _go_round(bench, sign)
-        diameter = await _length(ask, "diameter", "How wide is the circle of that point, across?")
-        bends.append(2.0 / diameter)
+        if geometry.steering == "both":
+            front = await _length(ask, "front_diameter", "How wide is the circle of the front axle's middle, across?")
+            rear = await _length(ask, "rear_diameter", "... and that of the rear axle's?")
+            bend, *lock = _locks(0.5 * front, 0.5 * rear, geometry.lever)
+            bends.append(bend)
+            locks.append(lock)
+        else:
+            diameter = await _length(ask, "diameter", "How wide is the circle of that point, across?")
+            bends.append(2.0 / diameter)
         if before is not None and after is not None:
             right, left = after[0] - before[0], after[1] - before[1]
             shares.append(sign * (right - left) / (right + left))
+    if locks:
+        _compare(ask, *(degrees(0.5 * (left + right)) for left, right in zip(*locks, strict=True)))
     bend = 0.5 * (bends[0] + bends[1])
     bench.found({"geometry.radius_min": round(1.0 / bend, 4)})
     if shares:
@@ -184,10 +194,49 @@ async def circle(bench: Bench) -> None:
         bench.found({"geometry.track_width": round(2.0 * abs(share) / bend * (1.0 + steered), 4)})
 
 
+def _locks(front: float, rear: float, lever: float) -> tuple[float, float, float]:
+    """Return curvature, 1/m, and angles of the front and rear axle, rad, of a car that drives a circle.
+
+    Args:
+        front: radius of the circle of the front axle's middle, m.
+        rear: likewise of the rear axle's; the car's own middle runs on R, R**2 = (front**2 + rear**2) / 2 - lever**2.
+        lever: half of the wheelbase, m.
+
+    Its nose points out of the curve by beta, sin(beta) = (front**2 - rear**2) / (4 R lever), and by the bicycle model
+    tan(front) = lever / (R cos(beta)) + tan(beta), tan(rear) = lever / (R cos(beta)) - tan(beta), both into the curve.
+
+    Raises HalError: there is no such circle.
+
+    """
+    squared = 0.5 * (front * front + rear * rear) - lever * lever
+    radius = sqrt(max(squared, 0.0))
+    crab = (front * front - rear * rear) / (4.0 * radius * lever) if radius else 1.0
+    if abs(crab) >= 1.0:
+        raise HalError(
+            f"no car of this wheelbase drives circles of {2.0 * front:g} m in front and {2.0 * rear:g} m behind: "
+            "measure again, in metres, or look after geometry.wheelbase"
+        )
+    beta = asin(crab)
+    bend = lever / (radius * cos(beta))
+    return 1.0 / radius, atan(bend + tan(beta)), atan(bend - tan(beta))
+
+
+def _compare(ask: Operator, front: float, rear: float) -> None:
+    """Tell what the axles steer at full lock, degrees; raises HalError: one of them does much less than the other."""
+    told = f"at full lock the front wheels steer {front:.1f} degrees, and the rear ones {rear:.1f}"
+    less, more = sorted((front, rear))
+    if less < UNLIKE * more:
+        axle = "front" if front < rear else "rear"
+        raise HalError(f"{told}: look after the {axle} linkage and its servo, then do --step steering again")
+    ask.tell(f"{told[0].upper()}{told[1:]}.")
+
+
 async def _go_round(bench: Bench, sign: int) -> tuple[Counts, Counts]:
     """Drive a circle at full lock, by hand or where that takes the hardware's loops by these; `sign`: 1 is left."""
-    what = "axles" if bench.config.geometry.steering == "both" else "rear wheels"
-    about = f"Mark where the point midway between the {what} goes; Enter: once round."
+    point = (
+        "the middles of both axles go" if bench.config.geometry.steering == "both" else "the rear axle's middle goes"
+    )
+    about = f"Mark where {point}; Enter: once round."
     if bench.own_loops:
         async with bench.robot() as robot:
             v = bench.speed

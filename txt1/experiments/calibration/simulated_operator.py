@@ -4,7 +4,7 @@ import asyncio
 import csv
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager
-from math import degrees, hypot, inf, pi, radians, sin
+from math import cos, degrees, dist, hypot, inf, pi, radians, sin
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -25,8 +25,8 @@ TAPE: Final = 0.005  # standard deviation of a measurement by tape, m
 ALIGNED: Final = radians(0.2)  # of the heading with which the car is put on the line, rad
 REACTION: Final = (0.15, 0.35)  # s from seeing something to saying so: at least, at most
 STIRS: Final = 0.004  # m that a tyre turns before an operator sees it
-TURNS: Final = radians(0.2)  # rad that wheels steer while an operator looks whether they do
-STOPPED: Final = 0.25  # s for which they have not
+TURNS: Final = radians(0.2)  # rad that wheels steer before an operator sees it
+STOPPED: Final = 0.5  # s for which they have not
 ASKEW: Final = 1.2  # rad that it has turned when an operator ends a drive that was to be straight
 GONE: Final = 3.0  # m that it is to go
 COUNTED: Final = 3.0  # standard deviation of a turn in place, degrees
@@ -38,6 +38,7 @@ SLOWLY: Final = 0.5  # m/s, free speed at which the smallest circle is driven
 STEP: Final = 0.02  # s, of that
 
 STEERING: Final = ("front", "rear")
+BOTH_AXLES: Final = (1.18, 4.41)  # wheelbases in R_min of a car that steers with both: 0.4 to 1.5 m of a TXT-1
 
 
 def unknown_car(config: Config, seed: int) -> Config:
@@ -68,7 +69,9 @@ def unknown_car(config: Config, seed: int) -> Config:
         "sim.channels.left_encoder": way(),
         "sim.channels.encoders_swapped": bool(rng.choice((True, False))),
     }
-    if body.steering != "skid":
+    if body.steering == "both":
+        values["geometry.radius_min"] = times(*BOTH_AXLES, body.wheelbase)
+    elif body.steering == "front":
         values["geometry.radius_min"] = times(0.8, 1.25, body.radius_min)
     for axle in STEERING:
         values[f"sim.channels.{axle}.direction"] = way()
@@ -96,7 +99,12 @@ class SimulatedOperator:
         self._rng = np.random.default_rng(seed)
         self.tell = tell
         self._rolled = (0.0, 0.0)  # by the right and left wheels when he was last told to watch, m
-        self._widest = 0.0  # farthest from the mark in a circle, m
+        self._widest: tuple[float, ...] = (
+            0.0,
+            0.0,
+            0.0,
+        )  # farthest from its mark in a circle: pose, middle of front and rear axle, m
+        self._seen = 0.0  # angle that wheels had when he last said that they turn no further, rad
         self._turned = 0.0  # rad since it was put down
 
     async def ready(self, key: str, text: str) -> None:
@@ -111,14 +119,19 @@ class SimulatedOperator:
     async def seen(self, key: str, text: str) -> None:
         """Look again and again until it is to be seen, and be a little late."""
         angle, still, turned, heading = self._steered(key), 0.0, 0.0, self._vehicle.pose[2]
-        self._widest = 0.0
+        marks = self._points()
+        self._widest = (0.0, 0.0, 0.0)
         while True:
             await asyncio.sleep(LOOK)
             x, y, theta = self._vehicle.pose
-            self._widest = max(self._widest, hypot(x, y))
+            gone = (dist(point, mark) for point, mark in zip(self._points(), marks, strict=True))
+            self._widest = tuple(map(max, self._widest, gone))
             turned, heading = turned + wrap_angle(theta - heading), theta
-            still = still + LOOK if abs(self._steered(key) - angle) < TURNS * LOOK / STOPPED else 0.0
-            angle = self._steered(key)
+            # what moves slowly is seen to move once that has added up
+            still += LOOK
+            if abs(self._steered(key) - angle) > TURNS:
+                angle, still = self._steered(key), 0.0
+            self._seen = self._steered(key)
             if {
                 "turning": max(map(abs, self._since())) > STIRS,
                 "gone": hypot(x, y) >= GONE or abs(turned) >= ASKEW,
@@ -127,7 +140,9 @@ class SimulatedOperator:
                 return await asyncio.sleep(self._rng.uniform(*REACTION))
 
     async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
-        """Tell which way wheels turned or point."""
+        """Tell which way wheels turned or point, or whether they have turned further."""
+        if key.endswith("_further"):
+            return options[0 if abs(self._steered(key) - self._seen) > TURNS else 1]
         if key == "turned":
             way = max(self._since(), key=abs)
             self._rolled = self._vehicle.motion[6:8]
@@ -148,9 +163,17 @@ class SimulatedOperator:
             "off": y,
             "front_off": y + half * sin(theta),
             "rear_off": y - half * sin(theta),
-            "diameter": self._widest,
+            "diameter": self._widest[0],
+            "front_diameter": self._widest[1],
+            "rear_diameter": self._widest[2],
         }[key]
         return float(truth + self._rng.normal(0.0, TAPE))
+
+    def _points(self) -> tuple[tuple[float, float], ...]:
+        """The pose, and the middles of the front and of the rear axle of a car that steers with both, m."""
+        x, y, theta = self._vehicle.pose
+        half = 0.5 * self._vehicle.body.wheelbase
+        return tuple((x + ahead * cos(theta), y + ahead * sin(theta)) for ahead in (0.0, half, -half))
 
     def _since(self) -> tuple[float, float]:
         right, left = self._vehicle.motion[6:8]
