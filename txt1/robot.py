@@ -456,9 +456,12 @@ class Robot:
         self.runtime.press(button)
 
     async def set_manual(self, manual: bool) -> None:
-        """Enter or leave manual mode, where `pwm_test` sets the outputs; raises NotCapable without PWM."""
-        self._require("pwm")
-        if self.runtime.state.panel.manual is not manual:
+        """Enter or leave manual mode, where `pwm_test` sets the outputs; raises NotCapable without PWM.
+
+        A real board enters it by its own button only; with `serial.allow_host` this says that it has.
+        """
+        self._require_hand()
+        if bool(self.runtime.state.panel.manual) is not manual:
             self.press(Button.CENTRE)
             while self.runtime.state.panel.manual is not manual:
                 await asyncio.sleep(REFRESH)
@@ -470,7 +473,7 @@ class Robot:
 
         Raises CommandRefused: it is in controller mode, or a value is not finite; NotCapable: the HAL has no PWM.
         """
-        self._require("pwm")
+        self._require_hand()
         self._post(PwmTest, motor=motor, front=front, rear=rear, pwm4=pwm4, pwm5=pwm5)
         if not self.runtime.state.panel.manual:
             raise CommandRefused("PWM test is obeyed in manual mode only: call Robot.set_manual(True) or press c")
@@ -593,6 +596,14 @@ class Robot:
             self.runtime.post(kind(**dict.fromkeys(values, nan)), self.now)
             raise
         self.runtime.post(message, self.now)
+
+    def _require_hand(self) -> None:
+        if self.config.hal == "serial" and not self.hal.capabilities.by_hand:
+            raise NotCapable(
+                "an original board in manual mode keeps its last PWM when this host dies: PWM by hand needs "
+                "serial.allow_host=true, wheels off the ground, and the board's centre button"
+            )
+        self._require("by_hand")
 
     def _require(self, capability: str) -> None:
         if not getattr(self.hal.capabilities, capability):

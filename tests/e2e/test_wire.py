@@ -21,6 +21,7 @@ from txt1.config import load
 from txt1.control.limits import Fault as GateFault
 from txt1.errors import CommandRefused, HalError, NotArmed, NotCapable, StopNotVerified, TaskFault
 from txt1.hal import serial as serial_hal
+from txt1.hal.base import Button
 from txt1.hal.serial import SerialHal
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.ticks import Ticks
@@ -618,6 +619,45 @@ async def test_control_by_the_host_arms_only_where_that_is_allowed() -> None:
     async with Robot.open("serial", settings=HOST, arm=False) as robot:
         with pytest.raises(NotArmed, match="allow_host"):
             robot.arm()
+
+
+async def test_pwm_by_hand_needs_a_word_about_hosts_that_die() -> None:
+    async with Robot.open("serial", settings=VIRTUAL) as robot:
+        with pytest.raises(NotCapable, match=r"serial\.allow_host=true.*centre button"):
+            await robot.set_manual(True)
+        with pytest.raises(NotCapable, match="allow_host"):
+            robot.pwm_test(2000, 0, 0)
+
+
+@pytest.mark.parametrize("habits", ["ours", "original"])
+async def test_a_board_in_manual_mode_is_driven_by_pwm_and_by_set_points_again_afterwards(habits: str) -> None:
+    settings = [*VIRTUAL, "serial.allow_host=true", f"board.habits={habits}"]
+    async with Robot.open("serial", settings=settings) as robot:
+        board = robot.hal.port.board  # type: ignore[attr-defined]
+        await robot.load_gains()
+        await robot.set_manual(False)
+        with pytest.raises(CommandRefused, match="manual mode only"):
+            robot.pwm_test(2000, 0, 0)
+
+        board.runtime.press(Button.CENTRE)
+        await robot.set_manual(True)
+        await robot.hold_pwm(1500, -9000, 9000, duration=2.0)
+        assert 0.2 < robot.odometry.v < 0.6
+        assert robot.odometry.omega > 0.2, "it turns left"
+        await asyncio.sleep(2.0)
+        assert true_speed(board) == 0.0, "an original board would have kept it for ever"
+
+        robot.pwm_test(1500, 0, 0)
+        await asyncio.sleep(0.2)
+        robot.disarm("enough")
+        await asyncio.sleep(2.5)
+        assert true_speed(board) == 0.0
+        board.runtime.press(Button.CENTRE)
+        await robot.set_manual(False)
+        robot.arm()
+        await asyncio.sleep(1.5)
+        await robot.drive(0.4, 0.0, 2.0)
+        assert true_speed(board) == pytest.approx(0.4, abs=0.08)
 
 
 @pytest.mark.parametrize("v, omega", [(0.5, 0.0), (0.5, 0.4), (-0.5, 0.0), (-0.5, 0.3), (1.0, 0.3)])

@@ -197,7 +197,8 @@ class SerialConfig(Section):
     control: Literal["board", "host"] = "board"
     """Who closes the velocity loops; "host" is experimental, and the board has to be in manual mode."""
     allow_host: bool = False
-    """Allows arming with control: host. An original board in manual mode keeps its last PWM when this host dies."""
+    """Allows arming with control: host, and PWM by hand. An original board in manual mode keeps its last PWM when this
+    host dies."""
     host: LoopsConfig = LoopsConfig(
         linear=GainsConfig(kp=2.0, ki=6.0, kd=0.0),
         angular=(

@@ -79,6 +79,11 @@ class Capabilities:
     """Its reports follow from the calls and their times alone, also on the real clock: a replay runs it again."""
 
     @property
+    def by_hand(self) -> bool:
+        """Whether somebody may set its PWM channels by hand."""
+        return self.pwm
+
+    @property
     def blind(self) -> bool:
         """Whether it takes PWM but measures no motion: a speed map drives it, and its odometry is dead reckoning."""
         return self.pwm and not (self.ticks or self.odometry)

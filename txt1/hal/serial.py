@@ -85,12 +85,18 @@ ESC_SILENCE: Final = 2.2
 ESC_ZEROS: Final = 1.05
 
 
+class ByHand(Capabilities):
+    """Of a board that PWM counts are passed on to in its manual mode, which its own button sets and nobody reports."""
+
+    by_hand = True
+
+
 class SerialHal(PlainHal):
     """A TXT-1 board behind a line, which `wrap` may put faults on.
 
     `control` closes the velocity loops: the board, or (experimental) this host with PWM test messages, to a board in
     manual mode. `scale` is of the board's lengths and angles; original boards read 6.3 % low. `simulated`: nothing real
-    is behind the port.
+    is behind the port. `by_hand`: PWM counts of somebody's own go to a board in manual mode, whose loops it has else.
     """
 
     name = "serial"
@@ -102,12 +108,14 @@ class SerialHal(PlainHal):
         control: Literal["board", "host"] = "board",
         scale: float = 1.0,
         simulated: bool = False,
+        by_hand: bool = False,
     ) -> None:
         self.port = port
         self.receiver = Receiver(Role.HOST, self._take)
         self.line = Line(port, wrap, "odometry", self._greet, self.receiver.feed, LOST, SETTLED, self._forget, "serial")
         on_board = control == "board"
-        self.capabilities = Capabilities(
+        self._passes_pwm = by_hand and on_board
+        self.capabilities = (ByHand if self._passes_pwm else Capabilities)(
             odometry=True,
             pwm=not on_board,
             gains=on_board,
@@ -129,6 +137,7 @@ class SerialHal(PlainHal):
         self._levels: tuple[float, float] | None = None  # the last since the board was found
         # what it is told, and when: s of the run
         self._outputs = Outputs()
+        self._by_hand = False  # the last thing that moved it was PWM counts: zeros have to follow them
         self._due = self._combined_due = self._repeat_due = -inf
         self._servos: PwmCommand | None = None
         self._esc_off = False  # asked for, so it is asked for again and again
@@ -297,7 +306,9 @@ class SerialHal(PlainHal):
 
     def _set_point(self, outputs: Outputs) -> tuple[HostMessage, ...]:
         """Messages of a set-point; or of PWM counts, and of 0 to keep the link alive."""
-        if self.capabilities.pwm:
+        if moves(outputs):
+            self._by_hand = not (outputs.v or outputs.omega)
+        if self.capabilities.pwm or (self._by_hand and self._passes_pwm):
             return Velocity(0.0, 0.0), PwmTest(*outputs[:5])
         # a board that reads low drives too fast by as much
         return (Velocity(outputs.v / self._scale, outputs.omega / self._scale),)
@@ -344,5 +355,5 @@ def follow(odometry: Odometry | None, before: EncoderOdometry, after: EncoderOdo
 
 def create(config: Config) -> SerialHal:
     """The board behind the configured line."""
-    control, scale = config.serial.control, config.odometry.scale
-    return SerialHal(port_of(config), faults_of(config), control, scale, is_simulated(config))
+    line, scale = config.serial, config.odometry.scale
+    return SerialHal(port_of(config), faults_of(config), line.control, scale, is_simulated(config), line.allow_host)

@@ -26,7 +26,9 @@ async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, g
             continue
         panel = state.panel
         while presses:
-            panel = press(panel, presses.popleft(), rows=len(state.gains.angular.sets), has_pwm=hal.capabilities.pwm)
+            panel = press(
+                panel, presses.popleft(), rows=len(state.gains.angular.sets), has_pwm=hal.capabilities.by_hand
+            )
         if panel.manual != state.panel.manual:
             gate.renew(now)  # a command for the one mode is none in the other
             state.tell(now, "manual mode" if panel.manual else "controller mode")

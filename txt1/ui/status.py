@@ -13,7 +13,7 @@ from txt1.tasks import fields
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.diagnostics import FAULTS, LIMITED
-from txt1.tasks.fields import BatteryState, Control, GainTable, Power, Traffic
+from txt1.tasks.fields import BatteryState, Control, GainTable, Panel, Power, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.standstill import STOP
 from txt1.telemetry.snapshot import Snapshot
@@ -98,6 +98,13 @@ def _robot(snapshot: Snapshot) -> Kept:
     return table("robot", FIELDS, _fields(snapshot))
 
 
+def mode_of(panel: Panel, can: Capabilities) -> str:
+    """Return manual or controller mode in a word; a dash where nobody knows."""
+    if panel.manual is None or not can.by_hand:
+        return DASH
+    return "manual" if panel.manual else "controller"
+
+
 def _fields(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
     can, control = snapshot.get(fields.CAPABILITIES, Capabilities()), snapshot.get(SETPOINT, Control())
     mode, command = snapshot.get(MODE, Mode()), snapshot.get(fields.COMMAND)
@@ -116,7 +123,7 @@ def _fields(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
         ("state", state_of(snapshot)),
         ("link", link),
         ("odometry", control.source.value if can.pwm else DASH),
-        ("mode", DASH if not can.pwm else "manual" if mode.panel.manual else "controller"),
+        ("mode", mode_of(mode.panel, can)),
         ("driver", drives),
         ("command", "none" if command is None else _velocity(command.v, command.omega)),
         ("set-point", _velocity(control.v, control.omega)),

@@ -18,7 +18,7 @@ from txt1.tasks.fields import Control, GainTable
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import screen as map_screen
-from txt1.ui.status import gain_cells
+from txt1.ui.status import gain_cells, mode_of
 from txt1.ui.text import (
     BAD,
     DASH,
@@ -60,8 +60,8 @@ def pwm(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderable
             cells.append(())
     light = snapshot.get(fields.BACKLIGHT)
     backlight = (DASH, "") if light is None else (f"{100.0 * light:.0f} %", bar(light, length))
-    mode = "manual" if snapshot.get(MODE, Mode()).panel.manual else "controller"
-    cells += [("6", "backlight", *backlight), (), ("", "mode", mode if can.pwm else DASH)]
+    mode = mode_of(snapshot.get(MODE, Mode()).panel, can)
+    cells += [("6", "backlight", *backlight), (), ("", "mode", mode)]
     columns = (NAME_COLUMN._replace(right=True), NAME_COLUMN, _NUMBER, Column())
     return table(f"PWM (counts, ±{COUNTS_MAX})", columns, tuple(cells), padding=(int(spaced), 1))
 
