@@ -123,6 +123,28 @@ async def test_a_pwm_test_moves_it_for_a_cycle_in_controller_mode() -> None:
         assert moved == 9000 != desk.outputs[0]
 
 
+@pytest.mark.parametrize(("tests", "period"), [(1, 1.0), (10, 0.1)])
+async def test_without_a_link_neutral_follows_a_pwm_test_at_once(tests: int, period: float) -> None:
+    desk, host = Desk("virtual", "board.habits=original"), Host()
+    await desk.power_up()
+    connect(host, paced(desk, 57600))
+    await asyncio.sleep(2.0)
+    fastest = 0.0
+    for _ in range(tests):
+        host.send(PwmTest(3000, 0, 0, 0, 0))
+        for _ in range(round(period / 0.02)):
+            await asyncio.sleep(0.02)
+            fastest = max(fastest, desk.speed)
+    await desk.power_down()
+    assert 0.0 < fastest < 0.25, "it was 0.8 where it held until the next second"
+
+
+async def test_both_packs_are_there() -> None:
+    async with original() as (_, _, host):
+        levels = [message for _, message in host.heard if isinstance(message, BatteryLevels)]
+        assert levels[-1].battery1 == levels[-1].battery2 > 5.0
+
+
 async def test_a_bad_pid_set_gets_silence_and_a_good_one_its_answer() -> None:
     async with original() as (_, _, host):
         host.heard.clear()

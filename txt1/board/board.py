@@ -16,7 +16,7 @@ from math import inf
 from typing import Final, NamedTuple, Protocol
 
 from txt1.board.far_end import far_end
-from txt1.board.original import Framer, OriginalFirmware
+from txt1.board.original import PID_SET, Framer, OriginalFirmware
 from txt1.board.settings import BoardConfig
 from txt1.config import Config
 from txt1.errors import CommandRefused, EncodeError, HalError, LinkLost, NotArmed
@@ -41,8 +41,6 @@ SPACER: Final = b"\x00"
 """Between frames back to back: original hosts lose the byte that follows a frame when it is there already."""
 
 SPACING: Final = 0.02  # s of silence on the line after which a frame needs no spacer
-
-PID_SET: Final = 0x70  # the command of a PID set, and of the answer to it, whose length is 1
 
 
 EVENTS: Final = ("centre", "restart", "esc", "battery")
@@ -93,6 +91,9 @@ class Board:
         limits = replace(config.limits(), command_timeout=inf if timeout is None else timeout)
         own = config.model_copy(update={"hal": "sim"})
         self.habits: Final = HABITS[settings.habits]
+        if not self.habits.gated and own.sim.battery.used_2 is None:  # an original had both packs
+            packs = replace(own.sim.battery, used_2=own.sim.battery.used_1)
+            own = own.model_copy(update={"sim": own.sim.model_copy(update={"battery": packs})})
         tasks = None if self.habits.gated else lambda runtime: self._original(runtime).tasks()
         hal = create_sim(own)
         self.vehicle: Final = hal.vehicle

@@ -5,7 +5,9 @@ Hosts have to live with its habits; ours has none of them. They are:
 - The controller runs at 20 Hz. After an outage its first period is the whole outage.
 - Speeds read 6.3 % low, and slow speeds read 0.
 - There is no safety gate. The only watch is the link rule, which takes 1 to 2 s.
-- In manual mode the last PWM stays for ever. A PWM test is obeyed in every mode.
+- In manual mode the last PWM stays for ever. A PWM test is obeyed in every mode. In controller mode the next step of
+  the loops overwrites it; without a link, neutral does, which is written every 20 ms.
+- A PID set of 14 bytes counts as one of 12. A header with an impossible length takes 255 bytes along, with itself.
 - Neither the mode nor the switches are reported.
 """
 
@@ -24,7 +26,7 @@ from txt1.model.battery import remaining_time
 from txt1.model.odometry import Odometry, advance
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.protocol.decoder import DATA_MAX, OVERHEAD, Decoder, Event
-from txt1.protocol.layout import HEADER, Role
+from txt1.protocol.layout import HEADER, Role, checksum
 from txt1.protocol.messages import (
     BatteryLevels,
     BoardMessage,
@@ -44,11 +46,14 @@ from txt1.tasks.serial import Inbox
 from txt1.tasks.state import State
 
 CONTROL_PERIOD: Final = 0.05  # s, of the controller
+NEUTRAL_PERIOD: Final = 0.02  # s between two writings of neutral while there is no link
 ENCODER_PERIOD: Final = 0.02  # s, of the encoder task
 TICK_SPEED: Final = 0.015  # m/s that it counts for a tick in a period; truly 16.0 mm/s, so it reads 6.3 % low
 TICKS_IGNORED: Final = 2  # ticks in a period that count as none: below 0.045 m/s it reads 0
 V_MAX: Final = 1.5  # m/s, to which set-points are clipped
-SWALLOWED: Final = 255  # bytes that a false header with an impossible length takes along
+PID_SET: Final = 0x70  # the command of a PID set, and of the answer to it
+SWALLOWED: Final = 255  # bytes, with itself, that a false header with an impossible length takes along
+SHORT, TOO_LONG = 12, 14  # bytes of a PID set without angular gains, and of one that is taken for it
 OUTAGE: Final = 0.2  # s without power after which an original board is there again, and a host may not notice
 TRACK_WIDTH: Final = 0.25  # m between the encoder wheels
 
@@ -69,13 +74,22 @@ class Framer:
             if size <= len(HEADER):
                 if byte != HEADER[size - 1]:  # and what may begin a header here is not looked at again
                     frame.clear()
-            elif size == (frame[2] + OVERHEAD if frame[2] <= DATA_MAX else len(HEADER) + SWALLOWED):
-                for event in Decoder(Role.BOARD).feed(bytes(frame)) if frame[2] <= DATA_MAX else ():
+            elif size == (frame[2] + OVERHEAD if frame[2] <= DATA_MAX else SWALLOWED):
+                for event in Decoder(Role.BOARD).feed(_understood(bytes(frame))) if frame[2] <= DATA_MAX else ():
                     self.take(event)
                 frame.clear()
 
     def close(self) -> None:
         """Nothing: what was begun stays."""
+
+
+def _understood(frame: bytes) -> bytes:
+    """A frame as it is understood: of a PID set of 14 bytes the last two are not looked at."""
+    body = frame[3:-2]
+    if frame[2] != TOO_LONG or body[0] != PID_SET or checksum(body) != int.from_bytes(frame[-2:], "big"):
+        return frame
+    body = body[: 1 + SHORT]
+    return bytes((*HEADER, SHORT, *body, *checksum(body).to_bytes(2, "big")))
 
 
 class OriginalFirmware:
@@ -114,6 +128,7 @@ class OriginalFirmware:
         """The tasks by name, with priority and period."""
         return (
             ("controller", 4, CONTROL_PERIOD, self.controller),
+            ("neutral", 4, NEUTRAL_PERIOD, self.neutral),
             ("serial", 4, None, self.serial),
             ("encoder", 3, ENCODER_PERIOD, self.encoder),
             ("mode", 2, 1.0, self.mode),
@@ -176,6 +191,13 @@ class OriginalFirmware:
             motor, steering = self._linear[0], self._angular[0]
             source = Source.COMBINED if state.link.combined else Source.ENCODER
             self._put(now, motor, -steering, steering, *self._outputs[3:5], source=source, gains=gains)
+
+    async def neutral(self, ticks: Ticks) -> None:
+        """Write neutral as long as nobody drives: no link, and controller mode."""
+        state = self.state
+        async for now in ticks:
+            if not (now < self._off_until or state.panel.manual or state.link.alive):
+                self._put(now, 0, 0, 0, *self._outputs[3:5])
 
     def _put(
         self,
@@ -268,8 +290,8 @@ def smooth(old: float, new: float) -> float:
 
 
 def truncated(value: float) -> float:
-    """A value as it goes into whole thousandths there: towards zero."""
-    return int(1000.0 * value) / 1000.0
+    """A value as it goes into whole thousandths there: towards zero, its 15 mm/s a tick being whole ones."""
+    return int(round(1000.0 * value, 6)) / 1000.0
 
 
 def step(past: Past, error: float, gains: Gains, dt: float, limit: float) -> Past:
