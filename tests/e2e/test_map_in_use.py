@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from math import hypot, nan
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,7 +22,7 @@ from txt1.maps.files import read
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation import go_to, map_pose, plan
 from txt1.navigation.goto import Blocked
-from txt1.navigation.plan import along
+from txt1.navigation.plan import NoPath, stretches
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sensors.base import Reading
@@ -155,33 +155,81 @@ async def test_rviz_goals_and_places_are_meant_on_the_map(flat: Robot) -> None:
     assert any("/goal_pose: no path leads to" in event.text for event in flat.runtime.state.events)
 
 
-async def test_what_the_laser_sees_in_the_way_stops_the_robot_and_the_next_way_leads_round_it(flat: Robot) -> None:
+class Laser:
+    """Sees what stands ahead that the map does not have: places, m on the map."""
+
+    def __init__(self, robot: Robot, places: Callable[[], Sequence[tuple[float, float]]]) -> None:
+        self._robot, self._places = robot, places
+
+    @property
+    def newest(self) -> Sweep:
+        pose = self._robot.pose
+        assert pose is not None
+        seen = placed(difference(pose, (0.0, 0.0, 0.0)), np.reshape(self._places(), (-1, 2)))
+        return Sweep(self._robot.now, seen[seen[:, 0] > 0.0], np.array(self._robot.odometry[:3]))
+
+
+async def test_the_robot_drives_round_what_the_laser_sees_in_the_way(flat: Robot) -> None:
     there = known(flat)
     room, body = there.floor(), flat.config.geometry
     assert room is not None and flat.pose is not None
     x, y, theta = flat.pose
-    box = np.array([(x + 1.6, y + 0.02 * k - 0.1) for k in range(11)])
+    box = [(x + 1.6, y + 0.02 * k - 0.1) for k in range(11)]
+    # it is there when the way has been planned
+    there._sensor = Laser(flat, lambda: box if robot_at(flat)[0] > x + 0.2 else ())  # type: ignore[assignment] # noqa: SLF001
+    nearest = 10.0
 
-    class Laser:
-        """Sees the front of a box ahead that the map does not have."""
+    def look() -> None:
+        nonlocal nearest
+        px, py, ptheta = robot_at(flat)
+        seen = placed(difference((px, py, ptheta), (0.0, 0.0, 0.0)), np.array(box))
+        nearest = min(
+            nearest, float(np.maximum(abs(seen[:, 0]) - 0.5 * body.length, abs(seen[:, 1]) - 0.5 * body.width).min())
+        )
 
-        @property
-        def newest(self) -> Sweep:
-            assert flat.pose is not None
-            back = difference(flat.pose, (0.0, 0.0, 0.0))
-            return Sweep(flat.now, placed(back, box), np.array(flat.odometry[:3]))
+    flat.add_task("look", 0.02, lambda ticks: each(ticks, look))
+    arrival = await go_to(flat, (x + 2.6, y, theta), pose_source=map_pose(flat), room=room)
+    assert arrival.arrived and nearest > 0.02
+    assert any("stands in the way" in event.text for event in flat.runtime.state.events)
 
-    goal = (x + 2.6, y, theta)
-    there._sensor = Laser()  # type: ignore[assignment] # noqa: SLF001
+
+async def test_a_robot_that_finds_no_way_round_what_it_sees_says_so_and_stays(flat: Robot) -> None:
+    there = known(flat)
+    room = there.floor()
+    assert room is not None and flat.pose is not None
+    x, y, theta = flat.pose
+    # whatever it does, something comes into its way
+    there._sensor = Laser(flat, lambda: [(robot_at(flat)[0] + 0.6, y + 0.1 * k) for k in range(-6, 7)])  # type: ignore[assignment] # noqa: SLF001
     with pytest.raises(Blocked, match="something stands in the way"):
-        await go_to(flat, goal, pose_source=map_pose(flat), room=room)
-    await asyncio.sleep(1.0)
-    assert flat.odometry.v == 0.0 and flat.pose[0] > x + 0.3
-    assert flat.pose[0] + 0.5 * body.length < box[0, 0], "no contact"
-    again = there.floor()
-    assert again is not None and len(there.seen()) == 11
-    way = plan(flat.pose, goal, again, body)
-    nearest = min(hypot(px - box[0, 0], py - y) for px, py, _ in along(flat.pose, way, 0.05))
-    assert nearest > 0.5 * body.width
-    arrival = await go_to(flat, goal, pose_source=map_pose(flat), room=again)
-    assert arrival.arrived
+        await go_to(flat, (x + 2.6, y, theta), pose_source=map_pose(flat), room=room)
+    await asyncio.sleep(0.5)
+    assert flat.odometry.v == 0.0 and flat.driver.name != "program"
+
+
+async def test_a_robot_backs_up_only_where_the_laser_has_seen_free_floor(flat: Robot) -> None:
+    there = known(flat)
+    room, body = there.floor(), flat.config.geometry
+    assert room is not None and flat.pose is not None
+    x, y, theta = flat.pose
+    behind = (x - 0.8, y, theta)
+    assert all(segment.distance < 0.0 for segment in plan(flat.pose, behind, room, body)), "the map alone lets it"
+    there._sensor = Laser(flat, tuple)  # type: ignore[assignment] # noqa: SLF001
+    await asyncio.sleep(0.2)
+    floor = there.floor()
+    assert floor is not None
+    try:
+        way = plan(flat.pose, behind, floor, body)
+    except NoPath as error:
+        assert "only where the laser has seen free floor" in str(error)
+    else:
+        assert stretches(way)[0][0].distance > 0.0
+    # it has driven there itself
+    await go_to(flat, (x + 1.0, y, theta), pose_source=map_pose(flat), room=room)
+    floor = there.floor()
+    assert floor is not None
+    assert all(segment.distance < 0.0 for segment in plan(robot_at(flat), (x + 0.1, y, theta), floor, body))
+
+
+def robot_at(robot: Robot) -> Pose:
+    assert robot.pose is not None
+    return robot.pose

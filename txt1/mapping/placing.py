@@ -30,7 +30,8 @@ from txt1.config.schema import SensorConfig
 from txt1.errors import CommandRefused, ConfigError, HalError, MissingExtra
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.mapping.drive import Sweep, Sweeper
-from txt1.mapping.poses import composed, placed
+from txt1.mapping.poses import composed, difference, placed
+from txt1.mapping.seen import OFF_WALLS, SeenFloor
 from txt1.mapping.settings import MappingConfig
 from txt1.mapping.telling import (
     MAP,
@@ -44,7 +45,6 @@ from txt1.mapping.telling import (
 from txt1.mapping.worker import Far, Near
 from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
 from txt1.maps.files import Map
-from txt1.maps.grid import OCCUPIED, Grid
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
 from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
@@ -59,8 +59,8 @@ FRESH: Final = 0.5
 """s for which what a scan has seen counts."""
 NEAR: Final = 1.5
 """m from the laser within which it does: farther off, an error of the heading would put walls on free floor."""
-OFF_WALLS: Final = 0.15
-"""m from the walls of the map from which on something is another thing than they."""
+JUMP: Final = 0.3
+"""m by which a correction of the pose is another place, so what was seen from the one before counts no more."""
 
 
 def checked(settings: MappingConfig) -> None:
@@ -218,6 +218,8 @@ class OnMap(MapInUse):
         """The map; None: none is known yet."""
         self._trouble = ""
         self._floor: tuple[MapSheet, Room] | None = None
+        self._seen: SeenFloor | None = None
+        self._newest: Sweep | None = None
         bus = runtime.bus
         bus.offer(MAP_POSE, self.pose)
         bus.offer(WALLS_ON_MAP, lambda: None if self.sheet is None else self.sheet.walls)
@@ -231,6 +233,7 @@ class OnMap(MapInUse):
         if news.sheet is not None:
             self.sheet = news.sheet
             bus.publish(MAP, news.sheet, time)
+        self._look(before)
         if not news.lost:
             bus.publish(MAP_TRANSFORM, news.origin, time)
         if news.particles:
@@ -257,17 +260,26 @@ class OnMap(MapInUse):
         sigma = sqrt(news.covariance[0] + news.covariance[4])
         return MapPose(x, y, theta, sigma, sqrt(news.covariance[8]), news.fit, news.lost)
 
+    def _look(self, before: MapNews | None) -> None:
+        """Take note of what the newest scan has seen of the floor, and where the robot stands."""
+        news, sensor, room, pose = self.news, self._sensor, self._walls(), self.pose()
+        if sensor is None or room is None or self.sheet is None or news is None or pose is None:
+            return
+        if news.lost or (before is not None and _apart(before, news) > JUMP):
+            self._seen = None
+        sweep = sensor.newest
+        if news.lost or sweep is None or sweep is self._newest:
+            return
+        self._newest = sweep
+        if self._seen is None:
+            self._seen = SeenFloor(self.sheet.grid)
+        self._seen.see(composed(news.origin, sweep.odometry), sweep.points)
+        self._seen.stand(pose[:3], self._runtime.config.geometry)
+
     def floor(self) -> Room | None:
-        """Return the map that the robot drives in, with what is seen now; None: it is not known yet, or being made."""
-        room, seen = self._walls(), self.seen()
-        if room is None or self.sheet is None or not seen:
-            return room
-        grid = self.sheet.grid
-        cells = grid.cells.copy()
-        # of the frame of solid cells round it, which `to_cells` counts
-        column, row = (np.floor(each).astype(int) - 1 for each in grid.to_cells(*np.array(seen).T))
-        cells[row, column] = OCCUPIED
-        return Room(walls=Walls(Map("map", Path(), Grid(cells, grid.resolution, grid.origin), "")))
+        """Return the map that the robot drives in, with what it has seen; None: it is not known yet, or being made."""
+        room, seen = self._walls(), self._seen
+        return room if room is None or seen is None else seen.floor(np.reshape(self.seen(), (-1, 2)))
 
     def seen(self) -> Sequence[tuple[float, float]]:
         """Return what the laser's newest scan has near the robot that is no wall of the map, m on the map."""
@@ -296,6 +308,12 @@ class OnMap(MapInUse):
         if self.sheet is not None and not self.sheet.grid.is_free(x, y):
             raise CommandRefused(f"({x:.2f} m, {y:.2f} m) is no free floor on the map: give a place that is")
         self._sensor.place((float(x), float(y), float(theta)))
+
+
+def _apart(before: MapNews, after: MapNews) -> float:
+    """Return by how many metres a correction moves a robot."""
+    there = composed(before.origin, difference(after.origin, after.pose))
+    return float(np.hypot(there[0] - after.pose[0], there[1] - after.pose[1]))
 
 
 async def prepare(runtime: Runtime, settings: MappingConfig) -> OnMap | None:

@@ -16,7 +16,7 @@ from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.navigation.pace import pace
-from txt1.navigation.plan import plan, plan_with_run_up, stretches
+from txt1.navigation.plan import NoPath, plan, plan_with_run_up, stretches
 from txt1.navigation.search import heading_at
 from txt1.navigation.source import PoseSource, encoders_view, wheel_pose
 from txt1.robot import Robot
@@ -31,6 +31,7 @@ OFF_POSITION: Final = 0.06  # m from the path at the end of a stretch, beyond wh
 OFF_HEADING: Final = radians(10.0)  # rad likewise
 CORRECTION: Final = 0.2  # m from the goal within which a path is a correction
 ATTEMPTS: Final = 8  # paths that are planned before the robot is content with where it is
+DETOURS: Final = 3  # ways that are planned round what stands in the way, before the robot says so and stays
 BRAKING: Final = 0.4  # m/s^2 with which the set-point falls before the end of a stretch
 CRAWL: Final = 0.1  # m/s, the slowest set-point: below, the motors' dead band and the encoders make it uneven
 SPEED_LAG: Final = 0.15  # s by which the vehicle's speed follows the set-point, so it comes to rest so much later
@@ -55,8 +56,11 @@ class Blocked(CommandRefused):
     txt1.navigation.goto.Blocked: something stands in the way at (1.00 m, 2.00 m): the robot has stopped before it
     """
 
-    def __init__(self, x: float, y: float) -> None:
-        super().__init__(f"something stands in the way at ({x:.2f} m, {y:.2f} m): the robot has stopped before it")
+    def __init__(self, x: float, y: float, more: str = "") -> None:
+        super().__init__(
+            f"something stands in the way at ({x:.2f} m, {y:.2f} m): the robot has stopped before it{more}"
+        )
+        self.place = x, y
 
 
 class Arrival(NamedTuple):
@@ -88,6 +92,9 @@ async def go_to(
     without a room there are no walls. The robot is armed, its gains loaded, and drives no faster than `speed` m/s (or
     "time" or "energy", whichever it is to save), in the name of `source`; None: the program's.
 
+    On a map (`map_pose`, `map_floor`), each way is planned on the floor as it is seen then. Where something comes into
+    the way, the robot stops, and looks for a way round it, `DETOURS` times.
+
     Raises NoPath: the goal cannot be reached inside the room; Blocked: something that is seen stands in the way;
     NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes the wheel
     on the way; CommandRefused: the speed is not positive, or the pose source knows no pose.
@@ -98,17 +105,35 @@ async def go_to(
     poses = wheel_pose(robot) if pose_source is None else pose_source
     wheel = robot.program if source is None else source
     wheel.begin()
-    body = robot.config.geometry
-    for plans in range(1, ATTEMPTS + 1):
+    there = robot.runtime.part(MapInUse) if poses.sees else None
+    plans, detours, blocked, arrival = 0, 0, None, None
+    while True:
+        plans += 1
         start = poses.pose()
         far = _miss(start, pose)[0] > CORRECTION
         make = plan if plans == 1 or far else plan_with_run_up
-        await _drive(robot, wheel, poses, start, await _beside(room, make, start, pose, room, body), speed)
+        try:
+            path = await _beside(make, start, pose, room, robot.config.geometry, there)
+            await _drive(robot, wheel, poses, start, path, speed)
+        except Blocked as error:
+            if detours == DETOURS:
+                raise Blocked(*error.place, f", for {DETOURS} ways round it were blocked, too") from None
+            detours, blocked = detours + 1, error
+            robot.tell(f"{error}, and looks for another way")
+            await _rest(robot, wheel, poses)
+            wheel.release()
+            continue
+        except NoPath as error:
+            if arrival is not None and arrival.distance <= CORRECTION:
+                # it is nearly there, and cannot be corrected
+                return arrival
+            if blocked is None:
+                raise
+            raise Blocked(*blocked.place, f"; round it, {error}") from None
         reached = poses.pose()
         arrival = Arrival(reached, *_miss(reached, pose), plans)
-        if arrival.distance <= POSITION and arrival.turn <= HEADING:
-            break
-    return arrival
+        if (arrival.distance <= POSITION and arrival.turn <= HEADING) or plans - detours >= ATTEMPTS:
+            return arrival
 
 
 async def go_to_places(
@@ -124,17 +149,29 @@ async def go_to_places(
 
     Raises what `go_to` does.
     """
-    body = robot.config.geometry
+    there = robot.runtime.part(MapInUse) if pose_source.sees else None
     for place in places:
-        heading = await _beside(room, heading_at, pose_source.pose(), place, room, body)
+        heading = await _beside(heading_at, pose_source.pose(), place, room, robot.config.geometry, there)
         await go_to(robot, (*place, heading), pose_source=pose_source, room=room, speed=speed, source=source)
 
 
-async def _beside(room: Room | None, do: Callable[..., T], *args: Any) -> T:
-    """Return what a function returns; on the real clock a search round a map's walls runs in a thread of its own."""
+async def _beside(
+    do: Callable[..., T],
+    start: Pose,
+    goal: Any,
+    room: Room | None,
+    body: Geometry,
+    there: MapInUse | None,
+) -> T:
+    """Return what a search finds; on the real clock, one round a map's walls runs in a thread of its own."""
+
+    def search() -> T:
+        seen = None if there is None or room is None else there.floor()
+        return do(start, goal, room if seen is None else seen, body)
+
     if room is None or room.walls is None or isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
-        return do(*args)
-    return await asyncio.to_thread(do, *args)
+        return search()
+    return await asyncio.to_thread(search)
 
 
 async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float) -> None:
@@ -180,6 +217,11 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
         curvature = clip(stretch.steer(pose, driven, preview), sharpest)
         wheel.insist(*encoders_view(stretch.gear * v, curvature, geometry))
         await asyncio.sleep(REFRESH)
+    await _rest(robot, wheel, poses)
+
+
+async def _rest(robot: Robot, wheel: CommandSource, poses: PoseSource) -> None:
+    """Stop, and wait until the robot is at rest."""
     still = 0.0
     while still < REST:
         wheel.insist(0.0, 0.0)

@@ -10,11 +10,12 @@ from txt1.errors import Txt1Error
 from txt1.model.kinematics import move_along_arc
 from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
 from txt1.model.vehicle import Geometry
-from txt1.navigation.search import round_walls
+from txt1.navigation.search import round_walls, stands_free
 from txt1.sim.room import Room, clearance
 
 MARGINS: Final = (1.1, 1.35)  # planned radii over R_min: one that leaves room to correct, one for want of a path
 ROOMS: Final = (0.06, 0.03, 0.0)  # m that the body is to keep from the walls: the most with which there is a path
+BACKWARD: Final = "; backward, the robot drives only where the laser has seen free floor in this drive"
 BY_WALLS: Final = (0.12, 0.06, 0.03, 0.0)  # the same of a map's walls, which are as uncertain as the pose
 GEAR_CHANGE: Final = 0.1  # m of path that stopping to change gear is worth
 SHORT: Final = 0.15  # m; a shorter stretch in one gear ends before the steering has come round
@@ -32,11 +33,11 @@ class NoPath(Txt1Error):
     txt1.navigation.plan.NoPath: no path leads to (2.40 m, 0.00 m, 0 deg) inside the room: choose a goal farther from the walls
     """  # noqa: E501
 
-    def __init__(self, goal: Pose) -> None:
+    def __init__(self, goal: Pose, room: Room | None = None) -> None:
         x, y, theta = goal
         super().__init__(
             f"no path leads to ({x:.2f} m, {y:.2f} m, {theta * 180 / pi:.0f} deg) inside the room: "
-            "choose a goal farther from the walls"
+            "choose a goal farther from the walls" + ("" if room is None or room.behind is None else BACKWARD)
         )
 
 
@@ -56,7 +57,7 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
             path = search(start, goal, room, body, keep_clear)
             if path is not None:
                 return path
-    raise NoPath(goal)
+    raise NoPath(goal, room)
 
 
 def cost(path: Path) -> float:
@@ -75,7 +76,7 @@ def stays_inside(start: Pose, path: Path, room: Room | None, body: Geometry, kee
     """Whether the body keeps `keep_clear` m from the walls all along a path, looked at every 5 cm."""
     if room is None or not (isfinite(room.length) or isfinite(room.width) or room.walls is not None):
         return True
-    return all(clearance(*pose, room, body) >= keep_clear for pose in along(start, path, LOOK_EVERY))
+    return all(stands_free(pose, gear, room, body, keep_clear) for pose, gear in _with_gear(start, path))
 
 
 def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
@@ -88,6 +89,14 @@ def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
         pose = move_along_arc(*pose, distance, curvature, 0.0)
 
 
+def _with_gear(start: Pose, path: Path) -> Iterator[tuple[Pose, float]]:
+    """Poses along a path as `along`, each with the sign of its gear."""
+    for segment in path:
+        for pose in along(start, (segment,), LOOK_EVERY):
+            yield pose, segment.distance
+        start = move_along_arc(*start, segment.distance, segment.curvature, 0.0)
+
+
 def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
     """As `plan`, but the path ends with a straight run-up to the goal, forward or backward: for corrections.
 
@@ -98,10 +107,21 @@ def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Ge
     for distance in (RUN_UP, -RUN_UP):
         via = move_along_arc(*goal, -distance, 0.0, 0.0)
         with suppress(NoPath):
-            path = (*plan(start, via, room, body), Segment(0.0, distance))
+            path = (*_correction(start, via, room, body), Segment(0.0, distance))
             if stays_inside(start, path, room, body):
                 found.append(path)
     return min(found, key=cost) if found else plan(start, goal, room, body)
+
+
+def _correction(start: Pose, goal: Pose, room: Room | None, body: Geometry) -> Path:
+    """As `plan`; but on a map, nothing is searched that leads round walls: a correction is short."""
+    if room is None or room.walls is None:
+        return plan(start, goal, room, body)
+    for keep_clear in BY_WALLS:
+        path = _cheapest_inside(start, goal, room, body, keep_clear)
+        if path is not None:
+            return path
+    raise NoPath(goal, room)
 
 
 def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:

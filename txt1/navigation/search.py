@@ -13,13 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from heapq import heappop, heappush
 from itertools import count
-from math import atan2, floor, hypot, inf, pi
+from math import atan2, cos, floor, hypot, inf, pi, sin
 from typing import Any, Final
 
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose, Segment
 from txt1.model.vehicle import Geometry
 from txt1.sim.room import Room, clearance
+from txt1.sim.walls import Walls
 
 LATTICE: Final = 0.1  # m between two places of the lattice
 PLACES_MAX: Final = 400_000  # of the lattice that are looked at: 4000 m^2
@@ -32,6 +33,7 @@ BACKWARD: Final = 1.3  # what a metre backward is worth, to one forward
 CHANGE: Final = 0.5  # m that a change of gear is worth: one costs time
 BEND: Final = 0.03  # m that a step at full lock is worth more
 POSES_MAX: Final = 6000  # that are looked at before it gives up
+UNSEEN: Final = 0.03  # m by which a body may stick into floor that was not seen: what was seen comes in cells
 NEAR: Final = 2.0  # m from the goal within which each pose is tried, and else every so many:
 EVERY: Final = 10
 
@@ -145,9 +147,30 @@ def _after(pose: Pose, curvature: float, gear: float, room: Room, body: Geometry
     after = move_along_arc(*pose, gear * STEP, curvature, 0.0)
     # the end first: most steps that touch a wall touch it there
     for k in (pieces, *range(1, pieces)):
-        if clearance(*move_along_arc(*pose, gear * STEP * k / pieces, curvature, 0.0), room, body) < clear:
+        if not stands_free(move_along_arc(*pose, gear * STEP * k / pieces, curvature, 0.0), gear, room, body, clear):
             return None
     return after
+
+
+def stands_free(pose: Pose, gear: float, room: Room, body: Geometry, clear: float) -> bool:
+    """Whether a body keeps `clear` m from walls; whoever backs up (gear < 0) stays on floor that was seen free, too."""
+    if room.walls is not None and not _has_room(pose, room.walls, body, clear):
+        return False
+    if gear < 0.0 and room.behind is not None and not _has_room(pose, room.behind, body, -UNSEEN):
+        return False
+    return room.walls is not None or clearance(*pose, room, body) >= clear
+
+
+def _has_room(pose: Pose, walls: Walls, body: Geometry, clear: float) -> bool:
+    """Whether the body is `clear` m from a map's walls: three circles in it first, as they tell most that is not."""
+    x, y, theta = pose
+    c, s = cos(theta), sin(theta)
+    least = 0.5 * body.width + clear
+    reach = 0.5 * max(0.0, body.length - body.width)
+    for along in (body.centre, body.centre + reach, body.centre - reach):
+        if walls.distance(x + along * c, y + along * s) < least:
+            return False
+    return walls.clearance(x, y, theta, body) >= clear
 
 
 def _cell(pose: Pose, forward: bool) -> tuple[int, int, int, bool]:

@@ -15,6 +15,7 @@ class Room(NamedTuple):
     length: float = inf  # along x, m
     width: float = inf  # along y, m
     walls: "Walls | None" = None  # of a map
+    behind: "Walls | None" = None  # backward: those, and all floor that nobody has seen free
 
 
 def clearance(x: float, y: float, theta: float, room: Room, body: Geometry) -> float:

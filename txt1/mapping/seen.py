@@ -1,0 +1,112 @@
+"""What a robot on its map has seen of the floor in this drive: boxes that the map lacks, and where it may back up.
+
+How it works
+------------
+
+A laser looks ahead. So what it has seen stays in cells of the map's own: a ray makes the cells that it passes free, and
+the one in which it ends solid; of a solid cell, a ray takes a part only, so several rays clear it, and a single one
+that errs does not. Cells under the robot are free. All others have not been seen, whatever the map says of them.
+
+Of this comes the floor to plan on. Its walls are those of the map and what stands away from them (`Room.walls`). Who
+backs up sees nothing, so backward all that was not seen in this drive is a wall, too (`Room.behind`). What has come
+there since it was seen is not known: the laser does not look there.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import ceil
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.mapping.poses import Array, placed
+from txt1.maps.files import Map
+from txt1.maps.grid import FREE, OCCUPIED, OCCUPIED_FROM, REACH, UNKNOWN, WITHIN, Grid
+from txt1.model.vehicle import Geometry
+from txt1.sim.room import Room
+from txt1.sim.walls import Walls
+
+FAR: Final = 2.5
+"""m of a ray that count: farther off, an error of the heading would put walls on free floor."""
+EVERY: Final = 2
+"""One ray of so many is taken: at FAR, those of a usual laser are closer together than cells."""
+CLEARS: Final = 20
+"""Per cent of being solid that a ray takes from a cell that it passes."""
+OFF_WALLS: Final = 0.15
+"""m from the walls of the map from which on something is another thing than they."""
+
+
+class _QuickGrid(Grid):
+    """A grid whose walls change all the time: SciPy finds distances a hundred times as fast."""
+
+    @cached_property
+    def depth(self) -> NDArray[np.float32]:
+        """As `Grid.depth`."""
+        from scipy.ndimage import distance_transform_edt
+
+        outside = np.minimum(distance_transform_edt(~self.solid), REACH)
+        inside = np.minimum(distance_transform_edt(self.solid), WITHIN)
+        depth: NDArray[np.float32] = self.resolution * np.where(self.solid, 0.5 - inside, outside - 0.5)
+        return depth.astype(np.float32)
+
+
+class SeenFloor:
+    """The floor of a map, as it was seen in this drive."""
+
+    def __init__(self, grid: Grid) -> None:
+        self._grid = grid
+        self.cells: NDArray[np.int8] = np.full(grid.cells.shape, UNKNOWN, np.int8)
+        """As `Grid.cells`; what is -1 was not seen."""
+        self._off_walls = grid.depth[1:-1, 1:-1] > OFF_WALLS
+        self._under: tuple[float, ...] = ()
+
+    def see(self, laser: Array, points: Array) -> None:
+        """Take a scan: where its rays ended, m, as the laser saw them from its pose (x, y, theta) on the map."""
+        points = points[::EVERY]
+        ranges = np.hypot(points[:, 0], points[:, 1])
+        size = self._grid.resolution
+        steps = size * np.arange(ceil(FAR / size))
+        ray, step = np.nonzero(steps < (ranges - 0.5 * size)[:, None])
+        with np.errstate(invalid="ignore"):
+            along = points / ranges[:, None]
+        passed = self._places(placed(laser, along[ray] * steps[step, None]))
+        cells = self.cells.ravel()
+        cells[passed] = np.maximum(cells[passed] - CLEARS, FREE)
+        cells[self._places(placed(laser, points[ranges < FAR]))] = OCCUPIED
+
+    def stand(self, pose: tuple[float, float, float], body: Geometry) -> None:
+        """Take note that a body stands at a pose: there is nothing else."""
+        about = tuple(round(each, 2) for each in pose)
+        if about == self._under:
+            return
+        self._under = about
+        # closer together than cells, so that none is left out
+        gap = 0.5 * self._grid.resolution
+        x = np.linspace(-0.5, 0.5, ceil(body.length / gap) + 1) * body.length + body.centre
+        y = np.linspace(-0.5, 0.5, ceil(body.width / gap) + 1) * body.width
+        under = np.column_stack((np.tile(x, len(y)), np.repeat(y, len(x))))
+        self.cells.ravel()[self._places(placed(pose, under))] = FREE
+
+    def floor(self, now: Array) -> Room:
+        """Return the floor to plan on; `now` are places (n, 2) in m that are in the way, whatever was seen before."""
+        seen = self.cells.copy()
+        seen.ravel()[self._places(now)] = OCCUPIED
+        cells = np.where((seen >= OCCUPIED_FROM) & self._off_walls, OCCUPIED, self._grid.cells)
+        backward = np.where(seen == UNKNOWN, UNKNOWN, cells).astype(np.int8)
+        return Room(walls=self._walls(cells.astype(np.int8)), behind=self._walls(backward))
+
+    def _walls(self, cells: NDArray[np.int8]) -> Walls:
+        return Walls(Map("map", Path(), _QuickGrid(cells, self._grid.resolution, self._grid.origin), ""))
+
+    def _places(self, points: Array) -> NDArray[np.int64]:
+        """Return the places in flat `cells` of those points, m, that are on the map."""
+        rows, columns = self.cells.shape
+        # of the frame of solid cells round it, which `to_cells` counts
+        u, v = self._grid.to_cells(points[:, 0], points[:, 1])
+        column, row = np.floor(u).astype(np.int64) - 1, np.floor(v).astype(np.int64) - 1
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        places: NDArray[np.int64] = row[inside] * columns + column[inside]
+        return places
