@@ -20,7 +20,7 @@ from studies.learners.lockstep import Loops, Wheels, loops_of, wheels_of
 from txt1.config import Config
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode, only_ours
 from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor
-from txt1.learning.modelled import LOCKSTEP, refuse_others
+from txt1.learning.modelled import FLOOR, refuse_others
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Task, task_of
 from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move, powered
@@ -88,7 +88,7 @@ def _drive(
 def floor_of(config: Config) -> Floor:
     """Search for the floor of a world; seconds with numba."""
     only_ours(config)
-    refuse_others(config, LOCKSTEP, "floors")
+    refuse_others(config, FLOOR, "floors")
     task = task_of(config)
     actions = len(config.section(LearningConfig).actions)
     usual = max(1e-3, task.speed) * 0.001 * DECISION_MS

@@ -5,6 +5,9 @@ every 16 ms, and a `Trial` each tells the learners when to act. Nothing else of 
 first episode, then all their second, so that a world which changes in mid-trial changes for everyone alike. Trials
 repeat bit for bit from the seed and their numbers. Decisions are multiples of 0.1 s apart.
 
+What a world of its own shows (`txt1.learning.world`), and the shadows of what stands about, is asked for sample by
+sample. Who touches something has failed: bodies do not stop one another here.
+
 numba makes it quick (extra `fast`). Without numba it is the same, slowly.
 """
 
@@ -26,10 +29,10 @@ from txt1.learning.best_time import DECISION_MS
 from txt1.learning.modelled import LOCKSTEP, refuse_others
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvable import refuse_unsolvable
-from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
+from txt1.learning.trial import AGENT, SENSORS, Phase, Trial, starts, stream, task_of
+from txt1.learning.world import Checked, World, settled, touches, world_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
-from txt1.sensors.light import eyes
 from txt1.sensors.sim_vicon import TrackerErrors
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
@@ -40,6 +43,8 @@ REST_MS: Final = 500  # on the start, before the first decision: 31 samples, whi
 ABREAST: Final = 7  # marks the stream of random values of the vehicles and sensors
 FROZEN, DEAD, NAN = 1.0, 2.0, 3.0  # faults of a sensor, as numbers
 CODES: Final = {SensorFault.NONE: 0.0, SensorFault.FROZEN: FROZEN, SensorFault.DEAD: DEAD, SensorFault.NAN: NAN}
+
+Shown = World | Checked | None
 
 _lux_at = compiled(lux_at)
 
@@ -147,9 +152,14 @@ def _advance(cars: Cars, commands: Array, first: int, drag: Array, samples: Samp
 
 
 class Lockstep:
-    """Vehicles of one world, each on a start of its own; see the module."""
+    """Vehicles of one world, each on a start of its own; see the module.
 
-    def __init__(self, config: Config, poses: Array, rng: np.random.Generator) -> None:
+    `worlds`: what each is shown, where that is more than the light; None: made here, as the configuration has it.
+    """
+
+    def __init__(
+        self, config: Config, poses: Array, rng: np.random.Generator, worlds: Sequence[Shown] | None = None
+    ) -> None:
         only_ours(config)
         refuse_others(config, LOCKSTEP, "trials in lockstep")
         self.robots: Array = np.zeros((ROWS, len(poses)))
@@ -159,9 +169,13 @@ class Lockstep:
         self.odometry: Array = np.zeros((3, len(poses)))
         self.frozen: Array = np.zeros((4, len(poses)))
         self.tick = 0
-        self._config = config
+        self.touched = np.zeros(len(poses), bool)
         self._tracked = config.section(LearningConfig).pose != "truth"
-        self._sees = [eyes(config, rng) for _ in poses] if by_eyes(config) else []
+        made = [shown(config, rng) for _ in poses] if worlds is None else worlds
+        self.worlds = [each for each in made if each is not None]
+        self._touches = touches(config)
+        self._since = np.zeros(len(poses), int)  # the tick at which each was put down
+        self._begun = np.ones(len(poses), int)
         self._rng = rng
         sim, light = config.sim, config.sim.light
         exponent = float(light.exponent)
@@ -193,8 +207,11 @@ class Lockstep:
             each[:, which] = 0.0
         self.robots[:3, which] = poses.T
         self.robots[PHASE : PHASE + 2, which] = self._rng.random((2, len(which)))
-        for k in which if self._sees else ():
-            self._sees[k] = eyes(self._config, self._rng)
+        self.touched[which] = False
+        self._since[which] = self.tick
+        self._begun[which] += 1
+        for k in which if self.worlds else ():
+            self.worlds[k].begin(int(self._begun[k]))
 
     def advance(self, which: NDArray[np.intp], commands: Array, ticks: int) -> tuple[Array, Array]:
         """Let some drive on at commands (v, omega), shape (len(which), 2); their samples, and the odometry with each.
@@ -208,10 +225,16 @@ class Lockstep:
         noise = self._noise * self._rng.standard_normal((*shape, 4))
         samples = Samples(noise, np.empty((*shape, 4)), np.empty((*shape, 5)), np.empty((*shape, 3)))
         _advance(cars, commands, self.tick, drag, samples, self._world)
-        if self._sees:
+        if self.worlds or self._touches is not None:
             for k, index in enumerate(which):
-                see = self._sees[index]
-                samples.lux[:, k] = [see(pose) for pose in map(tuple, samples.poses[:, k].tolist())]
+                driven = list(map(tuple, samples.poses[:, k].tolist()))
+                if self.worlds:
+                    since = 0.001 * TICK_MS * self._since[index]
+                    times = 0.001 * LIGHT_MS * np.arange(begin + 1, end + 1) - since
+                    see = self.worlds[index].see
+                    samples.lux[:, k] = [see(*each) for each in zip(times.tolist(), driven, strict=True)]
+                if self._touches is not None:
+                    self.touched[index] |= any(map(self._touches, driven))
         self.robots[:, which], self.odometry[:, which], self.frozen[:, which] = cars
         self.tick += ticks
         return samples.lux, samples.seen_from
@@ -224,9 +247,12 @@ def asked_alike(config: Config) -> Config:
     return with_values(config, {"learning.goal_period": DECISION_MS / 1000.0})
 
 
-def by_eyes(config: Config) -> bool:
-    """Whether the light has to be seen by the running robot's own sensors, one by one, which takes longer."""
-    return config.sim.light.true_bearing
+def shown(config: Config, rng: np.random.Generator) -> Shown:
+    """What a robot is shown, sample by sample, which takes longer; None: nothing but the light."""
+    world = world_of(config, rng)
+    if world is None and (config.sim.light.true_bearing or touches(config) is not None):
+        return World(config, rng)
+    return world
 
 
 def loops_of(config: Config) -> Loops:
@@ -262,15 +288,23 @@ def trials(
     done: Callable[[int, Trial], None] = lambda episode, trial: None,
 ) -> list[Trial]:
     """Do trials of these numbers, `make` giving each its learner; `done` is told as each episode of a trial ends."""
+    config = settled(config)
     rng = stream(seed, numbers[0], ABREAST)
+    seen = [stream(seed, k, SENSORS) for k in numbers]
     task = task_of(config)
     every = [
         Trial(make(stream(seed, k, AGENT)), task, starts(seed, k, episodes), config.section(LearningConfig).actions)
         for k in numbers
     ]
+    before = None
     for episode in range(1, episodes + 1):
         world = world_at(config, episode, episodes)
-        refuse_unsolvable(world)
+        if world is not before:
+            refuse_unsolvable(world)
+            refuse_others(world, LOCKSTEP, "trials in lockstep")
+            for trial, own in zip(every, seen, strict=True):
+                trial.world = shown(world, own)
+        before = world
         for trial in every:
             trial.task, trial.commands = task_of(world), world.section(LearningConfig).actions
         _episode(world, every, rng)
@@ -281,7 +315,7 @@ def trials(
 
 def _episode(world: Config, every: Sequence[Trial], rng: np.random.Generator) -> None:
     """Let everyone do an episode."""
-    cars = Lockstep(world, np.array([trial.start for trial in every]), rng)
+    cars = Lockstep(world, np.array([trial.start for trial in every]), rng, [trial.world for trial in every])
     for trial in every:
         trial.placed(0.0)
     ticks = REST_MS // TICK_MS
@@ -291,16 +325,19 @@ def _episode(world: Config, every: Sequence[Trial], rng: np.random.Generator) ->
         lux, seen_from = cars.advance(which, commands, ticks)
         ticks = DECISION_MS // TICK_MS
         now = cars.tick * TICK_MS / 1000.0
+        due = cars.tick * TICK_MS // LIGHT_MS
+        times = [0.001 * LIGHT_MS * k for k in range(due - len(lux) + 1, due + 1)]
         poses = cars.told().T[which].tolist()
         velocities = cars.robots[SENSED : SENSED + 2, which].T.tolist()
         places = cars.odometry[:, which].T.tolist()
         driving, given = [], []
         for k, index in enumerate(which.tolist()):
             trial = every[index]
-            see = trial.agent.see
-            for reading, odometry in zip(lux[:, k].tolist(), seen_from[:, k].tolist(), strict=True):
-                see(Readings(*reading), Odometry(*odometry))
-            command = trial.tick(now, True, tuple(poses[k]), Odometry(*places[k], *velocities[k]))
+            for time, reading, odometry in zip(times, lux[:, k].tolist(), seen_from[:, k].tolist(), strict=True):
+                trial.see(time, Readings(*reading), Odometry(*odometry))
+            command = trial.tick(
+                now, True, tuple(poses[k]), Odometry(*places[k], *velocities[k]), bool(cars.touched[index])
+            )
             if trial.phase is Phase.REST or trial.phase is Phase.DRIVE:
                 driving.append(index)
                 given.append(command)

@@ -10,7 +10,11 @@ is computed beside the trials, once for each world that a process meets; a world
 
 All learners are asked for the goal ten times a second.
 
-A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed.
+A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed. One that is wrong,
+that cannot be solved, or whose class raises (`txt1.learning.world`) is told in the table, and the others go on.
+
+Floors know a light that stands still and a floor with nothing on it: in other worlds that floor is the ratio's, and the
+result says so (`floor_leaves_out`).
 """
 
 import json
@@ -26,21 +30,24 @@ from numpy.typing import NDArray
 from studies.learners import OWN
 from studies.learners.floor import floor_of
 from studies.learners.lockstep import asked_alike, trials, world_at
+from txt1.commands import FAULT, OK
 from txt1.config import Config, completed, load
 from txt1.config.sources import with_values
-from txt1.errors import ConfigError, LightFault
+from txt1.errors import ConfigError, LightFault, Txt1Error
 from txt1.learning.agents import make
 from txt1.learning.best_time import Floor, known_floor
 from txt1.learning.experiment import LEARNED
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Episode
+from txt1.learning.world import settled
 from txt1.trials.provenance import provenance
 
 FORMAT: Final = "txt1 world result"
 DRAWN: Final = 4  # worlds drawn by a seed
 STAGES: Final = 4  # floors are computed for so many stages of a world that drifts
 BLOCK: Final = 100  # trials that are done side by side, by one processor, and kept when all is ended and carried on
+TOUCHED: Final = 7  # the column that tells whether it ended by touching something
 UNFIT: Final = 6  # the column that tells when the learner said that its model does not fit, s
 RESAMPLES: Final = 1000  # of the trials, for an interval of 95 %
 BACK: Final = 1.1  # ratio to the floor at which a learner has come back after a change
@@ -67,10 +74,11 @@ class SuiteWorld(NamedTuple):
 
     name: str
     config: Config
+    wrong: str = ""  # why its file cannot be used
 
 
 def worlds(directory: Path, overrides: Sequence[str], names: Iterable[str] = ()) -> list[SuiteWorld]:
-    """The worlds of a directory, or some of them; raises ConfigError: there is no such world, or its file is wrong."""
+    """The worlds of a directory, or some of them; raises ConfigError: there is no such world."""
     files = {path.stem: path for path in sorted(directory.glob("*.yaml"))}
     wanted = list(names) or list(files)
     if not wanted:
@@ -78,7 +86,15 @@ def worlds(directory: Path, overrides: Sequence[str], names: Iterable[str] = ())
     for name in wanted:
         if name not in files:
             raise ConfigError(f"--world: no {name}.yaml in {directory}; there are {', '.join(files)}")
-    return [SuiteWorld(name, load(files[name], overrides).config) for name in wanted]
+    load(None, overrides)  # what is wrong there is wrong in every world
+    return [_world(name, files[name], overrides) for name in wanted]
+
+
+def _world(name: str, file: Path, overrides: Sequence[str]) -> SuiteWorld:
+    try:
+        return SuiteWorld(name, load(file, overrides).config)
+    except ConfigError as error:
+        return SuiteWorld(name, Config(), str(error))
 
 
 def drawn(config: Config, seed: int) -> list[SuiteWorld]:
@@ -123,14 +139,27 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
         length = -(-episodes // STAGES)
         episode = min(episodes, (episode - 1) // length * length + (length + 1) // 2)
     plain = world_at(config, episode, episodes)
-    return plain.model_copy(
-        update={"learning": plain.section(LearningConfig).model_copy(update={"drift": {}, "changes": ()})}
+    own = plain.section(LearningConfig).model_copy(
+        update={"drift": {}, "changes": (), "world": None, "world_options": {}}
     )
+    room = plain.sim.room.model_copy(update={"map": None})
+    sim = plain.sim.model_copy(update={"obstacles": (), "room": room})
+    return plain.model_copy(update={"learning": own, "sim": sim})
+
+
+def leaves_out(config: Config) -> list[str]:
+    """The settings that a world's floor knows nothing of."""
+    one, sim = config.section(LearningConfig), config.sim
+    there = {"learning.world": one.world, "sim.obstacles": sim.obstacles, "sim.room.map": sim.room.map}
+    return [key for key, value in there.items() if value]
 
 
 def run(world: SuiteWorld, agent: str, first: int, count: int, episodes: int, seed: int) -> dict[str, Any]:
-    """The raw result of a learner in a world, of so many trials from number `first` on: JSON values."""
-    config = asked_alike(world.config)
+    """The raw result of a learner in a world, of so many trials from number `first` on: JSON values.
+
+    Raises Txt1Error: the world cannot be had, or fails.
+    """
+    config = asked_alike(settled(world.config))
     refused = None
     try:
         every = trials(config, lambda rng: make(agent, config, rng), range(first, first + count), episodes, seed)
@@ -148,21 +177,34 @@ def run(world: SuiteWorld, agent: str, first: int, count: int, episodes: int, se
         "config": completed(config).model_dump(mode="json", exclude={"seed"}),
         "floor_exists": all(each.exists for each in floor),
         "refused": refused,  # why the learner does not believe these sensors, and the trials were broken off
+        "floor_leaves_out": leaves_out(config),
         "floor_gap": max(each.gap for each in floor),
-        "columns": ["bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s", "unfit_s"],
+        "columns": [
+            "bearing_rad",
+            "heading_rad",
+            "time_s",
+            "success",
+            "optimal_time_s",
+            "floor_s",
+            "unfit_s",
+            "touched",
+        ],
         "results": [[_row(*pair) for pair in zip(trial.episodes, floor, strict=True)] for trial in every],
     }
 
 
 def _row(one: Episode, floor: Floor) -> list[float | None]:
     values = (*one.start, one.time, one.success, one.optimal_time, floor.time(one.start))
-    return [*(round(float(value), 6) for value in values), one.unfit]
+    return [*(round(float(value), 6) for value in values), one.unfit, int(one.touched)]
 
 
 def run_told(told: Sequence[Any]) -> dict[str, Any]:
-    """As `run`: its arguments, and its result, as JSON values."""
-    name, config, *rest = told
-    return run(SuiteWorld(name, Config.model_validate(config)), *rest)
+    """As `run`: its arguments, and its result, as JSON values; of a world that fails, what it was told by."""
+    name, config, agent, *rest = told
+    try:
+        return run(SuiteWorld(name, Config.model_validate(config)), agent, *rest)
+    except Txt1Error as error:
+        return {"agent": agent, "world": name, "wrong": str(error)}
 
 
 def run_all(
@@ -182,10 +224,15 @@ def run_all(
     """
     sizes = [min(BLOCK, count - done) for done in range(0, count, BLOCK)]
     results: list[dict[str, Any]] = []
+    wrong: dict[tuple[str, str], dict[str, Any]] = {}
     blocks: dict[Path, dict[int, dict[str, Any]]] = {}
     missing: dict[tuple[Path, int], list[Any]] = {}
     for agent in agents:
         for world in some:
+            if world.wrong:
+                wrong[agent, world.name] = {"agent": agent, "world": world.name, "wrong": world.wrong}
+                tell(wrong[agent, world.name])
+                continue
             path = out / agent / f"{world.name}.json"
             if path.exists():
                 results.append(_before(path, count, episodes, seed, resume))
@@ -203,6 +250,11 @@ def run_all(
 
     def keep(place: tuple[Path, int], block: dict[str, Any]) -> None:
         path, k = place
+        if "wrong" in block:
+            if (agent_and_world := (block["agent"], block["world"])) not in wrong:
+                wrong[agent_and_world] = block
+                tell(block)
+            return
         path.parent.mkdir(exist_ok=True)
         blocks[path][k] = block
         if len(blocks[path]) < len(sizes):
@@ -211,7 +263,8 @@ def run_all(
         results.append(_joined(path, blocks[path]))
         tell(results[-1])
 
-    code = each(run_told, missing, keep)
+    code = each(run_told, missing, keep) or (FAULT if wrong else OK)
+    results += wrong.values()
     places = [(agent, world.name) for agent in agents for world in some]
     results.sort(key=lambda one: places.index((one["agent"], one["world"])))
     replace_file(out / "table.md", table(results))
@@ -252,6 +305,8 @@ def _joined(path: Path, by_number: Mapping[int, dict[str, Any]]) -> dict[str, An
 
 def figures(result: dict[str, Any]) -> dict[str, Any]:
     """What a result amounts to. Failures are counted apart: no time of theirs is in a ratio."""
+    if "wrong" in result:
+        return {"wrong": result["wrong"]}
     if result.get("refused"):
         return {"refused": result["refused"]}
     data = np.array(result["results"], float)  # (trials, episodes, 6)
@@ -272,6 +327,9 @@ def figures(result: dict[str, Any]) -> dict[str, Any]:
     curve = [_ratio(data[:, k : k + 1], data[:, k : k + 1, 3] == 1.0, 5) for k in range(data.shape[1])]
     found["to_floor_at_episode"] = curve
     found["time_s"] = float(late[..., 2][won].mean()) if won.any() else None
+    if data.shape[-1] > TOUCHED:
+        found["contacts"] = int(data[..., TOUCHED].sum())
+    found["leaves_out"] = result.get("floor_leaves_out", [])
     if data.shape[-1] > UNFIT:
         unfit = data[..., UNFIT][np.isfinite(data[..., UNFIT])]
         found["unfit"] = (len(unfit), int(data[..., 3].size), float(np.median(unfit)) if len(unfit) else None)
@@ -304,7 +362,7 @@ def table(results: Sequence[dict[str, Any]]) -> str:
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     head = f"Success after episode {LEARNED}; ratio of successes to the floor, with its interval of 95 % over trials"
     head += "; ratio to the geometric optimum."
-    for told in dict.fromkeys(_told(one) for one in results):
+    for told in dict.fromkeys(_told(one) for one in results if "wrong" not in one):
         head += f" {told}."
     return head + "\n\n" + "\n".join(lines) + "\n"
 
@@ -316,6 +374,8 @@ def _told(one: dict[str, Any]) -> str:
 
 def cell(one: dict[str, Any]) -> str:
     """A learner in a world, in a few words."""
+    if "wrong" in one:
+        return f"wrong: {one['wrong']}".replace("|", "/")
     if "refused" in one:
         return "refuses the sensors"
     if not one["success"]:
@@ -326,6 +386,10 @@ def cell(one: dict[str, Any]) -> str:
     said, asked, when = one.get("unfit", (0, 0, None))
     if said:
         text += f"; model does not fit in {said} of {asked} episodes, after {when:.1f} s"
+    if one.get("contacts"):
+        text += f"; {one['contacts']} contacts"
+    if one.get("leaves_out"):
+        text += f"; the floor is that without {', '.join(one['leaves_out'])}"
     if "back_after" in one:
         back = one["back_after"]
         text += f"; back after {back} episodes" if back is not None else "; not back"

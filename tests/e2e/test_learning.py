@@ -262,6 +262,7 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
         "optimal_time_s",
         "floor_s",
         "unfit_s",
+        "touched",
     ]
     assert [(row["trial"], row["episode"]) for row in rows] == [(t, r) for t in "12" for r in "1234"]
     assert all(float(row["time_s"]) > float(row["optimal_time_s"]) > 2.0 for row in rows)

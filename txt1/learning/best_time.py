@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from txt1.config import Config, completed, flatten
+from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start
 from txt1.sim.dynamics import VERSION
 
@@ -67,7 +68,12 @@ def _between(values: Sequence[float], start: Start) -> float:
 
 
 def known_floor(config: Config) -> Floor | None:
-    """The floor of a world that was searched before (floors.json); None: studies/learners searches for it."""
+    """The floor of a world that was searched before (floors.json); None: studies/learners searches for it.
+
+    None, too, where a world of its own or things in the way may have another one.
+    """
+    if config.section(LearningConfig).world is not None or config.sim.obstacles or config.sim.room.map is not None:
+        return None
     known = json.loads(Path(__file__).with_name("floors.json").read_text(encoding="utf-8"))
     found = known.get(key_of(config))
     return None if found is None else Floor(tuple(found["times"]), found["gap"])

@@ -41,7 +41,7 @@ FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
 COLUMNS: Final = (
     *("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s"),
-    "unfit_s",
+    *("unfit_s", "touched"),
 )
 
 KEPT: Final = ("trial", "complete", "voided", "memory")  # of a `TrialResult`, as they are
@@ -175,7 +175,7 @@ def save_result(out: Path, result: TrialResult) -> None:
     about = {
         **result.table.about,
         **{key: getattr(result, key) for key in KEPT},
-        "learned": [[*one.start, one.time, one.success, one.optimal_time, one.unfit] for one in result.episodes],
+        "learned": [[*one.start, *one[2:]] for one in result.episodes],
         "paths": {str(number): path for number, path in result.paths.items()},
     }
     qtable.save(result_file(out, result.trial), StoredTable(result.table.values, about))
@@ -191,14 +191,14 @@ def load_result(path: Path) -> TrialResult:
     about = dict(stored.about)
     try:
         episodes = [
-            Episode(k, Start(bearing, heading), time, success, best, *unfit)
-            for k, (bearing, heading, time, success, best, *unfit) in enumerate(about.pop("learned"), 1)
+            Episode(k, Start(bearing, heading), time, success, best, *rest)
+            for k, (bearing, heading, time, success, best, *rest) in enumerate(about.pop("learned"), 1)
         ]
         paths = {int(number): [(x, y) for x, y in path] for number, path in about.pop("paths").items()}
-        rest = {key: about.pop(key) for key in KEPT}
+        kept = {key: about.pop(key) for key in KEPT}
     except (KeyError, TypeError, ValueError) as error:
         raise QTableError(str(path), f"is no trial: {error}", again) from error
-    return TrialResult(episodes=episodes, table=StoredTable(stored.values, about), paths=paths, **rest)
+    return TrialResult(episodes=episodes, table=StoredTable(stored.values, about), paths=paths, **kept)
 
 
 def best(results: Sequence[TrialResult]) -> TrialResult:
@@ -219,8 +219,8 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
         for one in result.episodes:
             least = "" if floor is None else floor.time(one.start)
             numbers = (*one.start, one.time, int(one.success), one.optimal_time)
-            unfit = "" if one.unfit is None else str(round(one.unfit, 9))
-            lines.append((str(result.trial), str(one.number), *(str(round(x, 9)) for x in numbers), str(least), unfit))
+            told = "" if one.unfit is None else str(round(one.unfit, 9)), str(int(one.touched))
+            lines.append((str(result.trial), str(one.number), *(str(round(x, 9)) for x in numbers), str(least), *told))
     qtable.replace_file(out / "learning.csv", "".join(",".join(line) + "\r\n" for line in lines))
     metrics = {
         "agent": plan.agent,
@@ -258,6 +258,7 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
         "trials": len(trials),
         "episodes": len(every),
         "failures": sum(not one.success for one in every),
+        "contacts": sum(one.touched for one in every),
         "model_does_not_fit": _unfit(every),
         "thesis_mean_time_s": THESIS_MEAN,
         "after_episode_7": _figures([trial[LEARNED:] for trial in trials], floor),

@@ -27,19 +27,20 @@ VEHICLE: Final = (
     *(f"sim.vehicle.{name}" for name in ("coast_friction", "servo_rate", "scrub", "slip", "understeer")),
     "sim.noise.drag",
 )
-LOCKSTEP: Final = (
+FLOOR: Final = (
     *NAMES, *CAR, *WHEELS, *LOOPS, *VEHICLE, *TASK, *LEARNERS, "sim.light", "sim.room.light", "sensors",
     "learning.delay", "learning.changes", "learning.drift", "learning.time_limit", "learning.goal_period",
     "learning.pose",
 )  # fmt: skip
+SHOWN: Final = ("learning.world", "learning.world_options", "sim.obstacles", "sim.room.map")
+LOCKSTEP: Final = (*FLOOR, *SHOWN)
 BATCH: Final = (
     *NAMES, *CAR, *WHEELS, *VEHICLE, *TASK, "safety.motor_max", "sim.room.light", "sim.light.intensity",
     "sim.light.exponent", "sim.light.height", "sim.light.noise", "learning.time_limit",
 )  # fmt: skip
 ONE: Final = (
     *NAMES, *CAR, *WHEELS, *LOOPS, *VEHICLE, *TASK, "learning.delay", "learning.time_limit", "sim.light",
-    "sim.room.light", "sim.room.map", "sim.obstacles", "sim.movers", "sim.faults.right_encoder",
-    "sim.faults.left_encoder",
+    "sim.room.light", *SHOWN, "sim.movers", "sim.faults.right_encoder", "sim.faults.left_encoder",
     *(f"{wired}.{name}" for wired in ("channels", "sim.channels") for name in STEERED),
 )  # fmt: skip
 

@@ -80,6 +80,10 @@ class LearningConfig(Section):
     pose: Annotated[str, Field(min_length=1)] = "truth"
     """Where the robot is, for goal and boundary: the simulation's truth, odometry from the start pose on, fused (by all
     sensors together), map (on the map that it drives in), or the name of a motion capture system among `sensors`."""
+    world: Annotated[str, Field(min_length=1)] | None = None
+    """What is seen and told: composed (by world_options), or another package's world; null: sim.light and odometry."""
+    world_options: dict[str, Any] = {}
+    """Its settings, handed to it as they are."""
     sensor: Annotated[str, Field(min_length=1)] = "light"
     """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
     thesis: ThesisConfig = ThesisConfig()

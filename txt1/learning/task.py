@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from math import degrees, nan
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from txt1.config.schema import SensorConfig
 from txt1.errors import ConfigError, HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
@@ -16,10 +18,15 @@ from txt1.learning.agent import Agent, Doubter
 from txt1.learning.settings import LearningConfig
 from txt1.learning.sharing import Sharing
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
-from txt1.model.light_sensors import Readings
+from txt1.learning.world import named as world_named
+from txt1.learning.world import world_of
+from txt1.model.light_sensors import SAMPLE_PERIOD, Readings
 from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, map_pose, true_pose, wheel_pose
 from txt1.robot import Robot
+from txt1.sensors.base import Reading
+from txt1.sensors.light import topic_of
 from txt1.sensors.readings import TrackerReading, heading
+from txt1.sensors.twin import Twin
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -107,6 +114,10 @@ class LearningTask:
         self.overruled = ""  # the source that has taken the wheel; the learner waits for the robot to be armed anew
         self._doubted = 0  # the episode in which the learner last said that its model does not fit
         self._epoch = 0  # of the arming that it waits for to pass
+        sim = robot.config.sim
+        self._touches: Callable[[], object] = lambda: False
+        if sim.obstacles or sim.movers or sim.room.map is not None:
+            self._touches = getattr(robot.hal, "blocked_by", self._touches)
 
     def start(self) -> None:
         """Listen to the light sensors while an episode is on, and add the task to the robot's."""
@@ -118,7 +129,7 @@ class LearningTask:
 
     def _see(self, topic: Topic[Readings], lux: Readings, time: float) -> None:
         """Show the agent a sample of the light."""
-        self.trial.agent.see(lux, self._robot.odometry)
+        self.trial.see(time, lux, self._robot.odometry)
 
     async def learning(self, ticks: Ticks) -> None:
         """Bring the robot to each start, and command what the agent decides."""
@@ -149,7 +160,7 @@ class LearningTask:
                 if self._light.reason:
                     raise HalError(f"sensor '{self._light.name}': {self._light.reason}")
                 before = trial.phase
-                self._wheel.command(*trial.tick(now, robot.armed, pose, robot.odometry))
+                self._wheel.command(*trial.tick(now, robot.armed, pose, robot.odometry, bool(self._touches())))
                 if trial.phase is Phase.DONE:
                     self.ended.set()
                 elif trial.phase is not before:
@@ -284,12 +295,38 @@ def start(
     return task
 
 
-async def need_light(robot: Robot, seed: Sequence[int] | None = None) -> None:
+class WorldLight(Twin[Readings]):
+    """The four light sensors of a trial in a world of its own."""
+
+    def __init__(self, trial: Trial, pose: Callable[[], tuple[float, float, float] | None], name: str) -> None:
+        super().__init__(topic_of(name), SAMPLE_PERIOD, pose)
+        self._trial = trial
+
+    def see(self, pose: tuple[float, float, float], now: float, before: float) -> Reading[Readings]:
+        """The readings at `now`, lux."""
+        del before
+        assert self._trial.world is not None
+        return Reading(now, self._trial.world.see(now - self._trial.since, pose))
+
+
+async def need_light(robot: Robot, seed: Sequence[int] | None = None, trial: Trial | None = None) -> None:
     """See to it that the robot has its four light sensors; a simulated robot without gets simulated ones.
 
-    `seed` repeats their noise; None: that of the configuration does. Raises HalError: there are none.
+    `seed` repeats their noise; None: that of the configuration does. A `trial` gets the world that is asked for, and
+    the sensors see that. Raises HalError: there are none; ConfigError: that world cannot be had.
     """
     name = robot.config.section(LearningConfig).sensor
+    asked = world_named(robot.config)
+    if asked is not None:
+        if trial is None or not robot.hal.capabilities.pose:
+            raise ConfigError(
+                f"learning.world: {asked}: a world is simulated; take hal=sim and txt1 learn, or leave it out"
+            )
+        movers = getattr(robot.hal, "movers", tuple) if robot.config.sim.movers else tuple
+        trial.world = world_of(robot.config, np.random.default_rng(np.random.SeedSequence(seed)), movers)
+        light = WorldLight(trial, lambda: robot.runtime.look().pose, name)
+        (await robot.add_sensor(name, light)).needed = lambda: False
+        return
     if name in robot.sensors:
         return
     if not robot.hal.capabilities.pose:

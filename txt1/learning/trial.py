@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import cos, hypot, inf, pi, sin
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -15,10 +15,14 @@ from txt1.config import Config
 from txt1.learning.agent import Agent, Doubter
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.model.optimal import GOAL_RADIUS, optimal_time
 from txt1.model.vehicle import SPEED, Geometry
 from txt1.sensors.light import STREAM
+
+if TYPE_CHECKING:
+    from txt1.learning.world import Checked, World
 
 Pose = tuple[float, float, float]
 
@@ -76,6 +80,7 @@ class Episode(NamedTuple):
     success: bool  # whether it ended at the light
     optimal_time: float  # the least time from this start, s
     unfit: float | None = None  # when the learner said that its model does not fit, s from the first decision
+    touched: bool = False  # whether it ended, and failed, as the robot touched something
 
 
 class Phase(StrEnum):
@@ -154,8 +159,8 @@ def recorded_plan(name: str, seed: int, number: int, episodes: int) -> dict[str,
 class Trial:
     """Episodes by one agent.
 
-    Whoever conducts it brings the robot to `start` while the phase is MOVE, calls `placed`, shows the agent every
-    sample of the light, and calls `tick` 20 times a second.
+    Whoever conducts it brings the robot to `start` while the phase is MOVE, calls `placed`, shows it every sample of
+    the light by `see`, and calls `tick` 20 times a second.
     """
 
     agent: Agent
@@ -166,11 +171,13 @@ class Trial:
     keep_paths: Collection[int] = ()  # numbers of the episodes whose paths are kept
     decided: Callable[[int], None] = lambda _: None  # told every action as it is decided, OVER when an episode ended
     begins: Callable[[], None] = lambda: None  # called before an episode begins
+    world: "World | Checked | None" = None  # what the learner is told; None: odometry as it is
     episodes: list[Episode] = field(default_factory=list)  # those that are over
     paths: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     voided: int = 0
 
     def __post_init__(self) -> None:
+        self.since = 0.0  # when the robot was put on its start
         self._began = 0.0
         self._looks = 0.0  # when the goal is looked for next
         self._action = 0
@@ -201,13 +208,27 @@ class Trial:
     def placed(self, now: float) -> None:
         """The robot stands on its start pose since `now`."""
         self.phase = Phase.REST
-        self._began = now
+        self._began = self.since = now
         self._under_way, self._in_force, self._unfit = [], (0.0, 0.0), None
         self.begins()
+        if self.world is not None:
+            self.world.begin(len(self.episodes) + 1)
         self.agent.begin()
 
-    def tick(self, now: float, armed: bool, pose: Pose, odometry: Odometry) -> tuple[float, float]:
-        """The velocity to command, m/s and rad/s, at a pose in the room; the episode of a robot not `armed` is void."""
+    def see(self, now: float, readings: Readings, odometry: Odometry) -> None:
+        """Show the agent a sample of the light, lux."""
+        self.agent.see(readings, self._told(now, odometry))
+
+    def _told(self, now: float, odometry: Odometry) -> Odometry:
+        return odometry if self.world is None else self.world.odometry(now - self.since, odometry)
+
+    def tick(
+        self, now: float, armed: bool, pose: Pose, odometry: Odometry, touches: bool = False
+    ) -> tuple[float, float]:
+        """The velocity to command, m/s and rad/s, at a pose in the room.
+
+        The episode of a robot that is not `armed` is void; that of one that `touches` something has failed.
+        """
         if not armed:
             self.void()
         if self.phase is Phase.MOVE or self.phase is Phase.DONE:
@@ -220,6 +241,10 @@ class Trial:
         number = len(self.episodes) + 1
         if number in self.keep_paths:
             self.paths.setdefault(number, []).append((pose[0], pose[1]))
+        odometry = self._told(now, odometry)
+        if touches:
+            self._end(now, False, odometry, touched=True)
+            return 0.0, 0.0
         decides = not self.agent.waits(now, odometry)
         if self._looks_now(now, decides):
             ended = self._ended(now, pose)
@@ -231,7 +256,8 @@ class Trial:
             if self._unfit is None and isinstance(self.agent, Doubter) and self.agent.unfit:
                 self._unfit = now - self._began
             self.decided(self._action)
-        return self._delayed(now, self.commands[self._action])
+        command = self._delayed(now, self.commands[self._action])
+        return command if self.world is None else self.world.command(now - self.since, command)
 
     def _delayed(self, now: float, command: tuple[float, float]) -> tuple[float, float]:
         """The command that reaches the robot now."""
@@ -264,18 +290,20 @@ class Trial:
         """Whether it has ended, True in success."""
         task = self.task
         x, y, _ = pose
-        if hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius:
+        light = task.light if self.world is None else self.world.goal(now - self.since)
+        if hypot(x - light[0], y - light[1]) <= task.goal_radius:
             return True
         if max(abs(x), abs(y)) > task.boundary or now - self._began > task.time_limit:
             return False
         return None
 
-    def _end(self, now: float, success: bool, odometry: Odometry) -> None:
+    def _end(self, now: float, success: bool, odometry: Odometry, touched: bool = False) -> None:
         self.agent.end(success, odometry)
         self.decided(OVER)
         number = len(self.episodes) + 1
         start = self.starts[number - 1]
-        episode = Episode(number, start, now - self._began, success, start.optimal_time(self.task), self._unfit)
+        best = start.optimal_time(self.task)
+        episode = Episode(number, start, now - self._began, success, best, self._unfit, touched)
         self.episodes.append(episode)
         self._next()
         self.done(episode)

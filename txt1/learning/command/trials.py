@@ -41,6 +41,7 @@ from txt1.learning.trial import (
     stream,
     task_of,
 )
+from txt1.learning.world import settled
 from txt1.trials.run import run
 from txt1.trials.workers import Workers, stopped
 
@@ -58,7 +59,7 @@ def conduct(
     would be elsewhere.
     """
     if plan.config.hal == "sim":
-        refuse_unsolvable(plan.config)
+        refuse_unsolvable(settled(plan.config))
     if machines.cluster is not None and not plan.simulated:
         raise ConfigError("--dask: real robots and sensors are not on a cluster; only simulated ones learn there")
     if machines.cluster is not None and plan.log is not None:
@@ -129,7 +130,7 @@ def on_robot(
     Raises HalError: the hardware cannot be used, or there are no light sensors; NotArmed: the robot was disarmed;
     Overruled: another source of commands took the wheel; TaskFault: a task failed; the robot was stopped first.
     """
-    config, seed, episodes = plan.config, plan.seed, plan.episodes
+    config, seed, episodes = settled(plan.config), plan.seed, plan.episodes
     if config.section(LearningConfig).changes or config.section(LearningConfig).drift:
         raise ConfigError(
             "learning.changes, learning.drift: no running robot's world changes, only those of studies/learners"
@@ -144,7 +145,7 @@ def on_robot(
 
     async def learn() -> None:
         async with app.robot(own, log=log, about=told) as robot:
-            await need_light(robot, [seed, number, SENSORS])
+            await need_light(robot, [seed, number, SENSORS], trial)
             await get_ready(robot, plan.arm or None)
             if robot.hal.capabilities.place:  # always at the same instant
                 await asyncio.sleep(max(0.0, BEGIN - 0.001 - robot.now))

@@ -1,0 +1,143 @@
+"""A world of another package drives the running robot and trials in lockstep alike; what it does wrong is one line."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from studies.learners.lockstep import trials
+from txt1.cli import execute
+from txt1.config import Config, load
+from txt1.errors import ConfigError, Txt1Error
+from txt1.learning.agents import make
+from txt1.learning.command.trials import on_robot
+from txt1.learning.experiment import Plan
+from txt1.learning.trial import Episode
+
+SITE = Path(__file__).parent / "site"
+SHORT = ["learning.goal_period=0.1", "learning.time_limit=4", "learning.world=odd"]
+
+
+def lockstep(config: Config, episodes: int = 3) -> list[Episode]:
+    (one,) = trials(config, lambda rng: make("taxis", config, rng), [1], episodes, 1)
+    return one.episodes
+
+
+def running(config: Config, episodes: int = 3) -> list[Episode]:
+    return on_robot(Plan("taxis", 1, episodes, 1, config), 1).episodes
+
+
+@pytest.mark.parametrize("run", [running, pytest.param(lockstep, marks=pytest.mark.long)])  # it compiles
+def test_one_that_moves_the_goal_and_brings_a_post(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(SITE)
+    odd = importlib.import_module("plugin_world").Odd
+    begun: list[int] = []
+    monkeypatch.setattr(odd, "begin", lambda self, episode: begun.append(episode))
+    config = load(overrides=SHORT).config
+    episodes = run(config)
+    assert begun == [1, 2, 3]
+    assert len(episodes) == 3
+    monkeypatch.setattr(odd, "goal", lambda self, now: (1.25, 0.0) if now > 1.0 else (5.0, 0.0))
+    near = load(overrides=[*SHORT, "learning.goal_radius=1.24"]).config
+    assert min(each.time for each in run(near, 8)) > 0.3, "at first the goal was far away"
+    monkeypatch.undo()
+    monkeypatch.syspath_prepend(SITE)
+    monkeypatch.setattr(odd, "goal", lambda self, now: (3.0, 0.0))
+    monkeypatch.setattr(odd, "settings", lambda config: {"sim.obstacles": post(3.0, 0.0, 0.7)})
+    config = load(overrides=[*SHORT[:1], *SHORT[2:], "sim.room.light=[3,0]"]).config
+    touched = [each for each in run(config, 4) if each.touched]
+    assert touched and not any(each.success for each in touched), "which ends an episode, and not the trial"
+
+
+def post(x: float, y: float, radius: float) -> list[dict[str, Any]]:
+    return [{"kind": "post", "x": x, "y": y, "radius": radius}]
+
+
+@pytest.mark.parametrize(
+    ("method", "body", "told"),
+    [
+        ("settings", "raise ValueError('no luck')", "failed in settings: ValueError: no luck"),
+        ("begin", "raise ValueError('no luck')", "failed in begin: ValueError: no luck"),
+        ("see", "raise ValueError('no luck')", "failed in see: ValueError: no luck"),
+        ("see", "return 3.0", "see returned 3.0; return 4 numbers"),
+        (
+            "odometry",
+            "return [float('nan')] * 5",
+            "odometry returned [nan, nan, nan, nan, nan]; return 5 finite numbers",
+        ),
+        ("command", "return ('fast', 0.0)", "command returned ('fast', 0.0); return 2 finite numbers"),
+        ("goal", "return None", "goal returned None; return 2 finite numbers"),
+        ("__init__", "raise ValueError('no luck')", "cannot be made: ValueError: no luck"),
+    ],
+)
+def test_one_that_fails_is_one_line(
+    method: str,
+    body: str,
+    told: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    static = "    @staticmethod\n" if method == "settings" else ""
+    text = f"from plugin_world import Odd\n\n\nclass create(Odd):\n{static}    def {method}(*given):\n        {body}\n"
+    (tmp_path / "plugin_wrong_world.py").write_text(text)
+    point = EntryPoint("wrong", "plugin_wrong_world:create", "txt1.worlds")
+    monkeypatch.setattr("txt1.plugins.entry_points", lambda group, name=None: [point] if "worlds" in group else [])
+    for folder in (SITE, tmp_path):
+        monkeypatch.syspath_prepend(folder)
+    monkeypatch.delitem(sys.modules, "plugin_wrong_world", raising=False)
+    words = ["--agent", "taxis", "--trials", "1", "--episodes", "2", "--seed", "1", "--out", str(tmp_path / "out")]
+    assert execute(["learn", *words, "--set", "learning.world=wrong"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the world 'wrong' (plugin_wrong_world:create)" in line and line.endswith(told)
+
+
+@pytest.mark.long  # it compiles
+def test_a_folder_with_wrong_worlds_goes_on_with_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from studies.learners.__main__ import main
+
+    folder, out = tmp_path / "worlds", tmp_path / "out"
+    folder.mkdir()
+    (folder / "far.yaml").write_text("sim: {room: {light: [9.0, 0.0]}}\n")
+    (folder / "good.yaml").write_text("learning: {time_limit: 1.0, world: composed, world_options: {ambient: 5.0}}\n")
+    (folder / "nowhere.yaml").write_text("learning: {world: nowhere}\n")
+    (folder / "nonsense.yaml").write_text("learning: {world: composed, world_options: {ambient: -5.0}}\n")
+    (folder / "wrong.yaml").write_text("learning: [\n")
+    names = ["--world", "far,good,nowhere,nonsense,wrong", "--agent", "taxis"]
+    words = ["worlds", str(folder), *names, "--trials", "1", "--episodes", "1", "--out", str(out), "--jobs", "1"]
+    assert main([*words, "--seed", "1"]) == 1
+    table = (out / "table.md").read_text()
+    for name, told in {
+        "far": "outside learning.boundary",
+        "nowhere": "there is no world 'nowhere'",
+        "nonsense": "learning.world_options.ambient",
+        "wrong": "wrong.yaml",
+    }.items():
+        assert f"| {name} | wrong: " in table and told in table.split(f"| {name} |")[1].split("\n")[0]
+    assert json.loads((out / "taxis" / "good.json").read_text())["floor_leaves_out"] == ["learning.world"]
+    capsys.readouterr()
+
+
+@pytest.mark.long  # it compiles
+@pytest.mark.parametrize("method", ["settings", "begin", "see", "odometry", "command", "goal"])
+def test_one_that_fails_in_lockstep_is_a_line_too(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(SITE)
+    odd = importlib.import_module("plugin_world").Odd
+    monkeypatch.setattr(odd, method, lambda *given: 1 / 0)
+    with pytest.raises(Txt1Error, match=f"the world 'odd' .* failed in {method}: ZeroDivisionError: division by zero"):
+        lockstep(load(overrides=SHORT).config, 1)
+
+
+def test_options_without_a_world_are_refused_and_so_is_a_second_light() -> None:
+    for settings, told in (
+        (["learning.world_options={ambient: 1}"], "no world is asked for; set learning.world=composed"),
+        (["learning.world=composed", "sensors.light.driver=sim_light"], "the world 'composed' says what light sensors"),
+    ):
+        with pytest.raises(ConfigError, match=told):
+            lockstep(load(overrides=settings).config, 1)
