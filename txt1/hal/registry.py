@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 def in_world(config: Config, world: World) -> Config:
     """The configuration of a robot in this world: with its room, light and obstacles."""
-    length, width, walls = world.room
+    length, width, walls = world.room.length, world.room.width, world.room.walls
     told = {"length": length, "width": width, "map": walls and walls.name, "light": world.light}
     room = config.sim.room.model_copy(update=told)
     movers = tuple(each.mover for each in world.movers)
