@@ -298,7 +298,8 @@ class Runtime:
         now = self._begin("arm")
         line = self.config.serial
         held = self.config.hal == "serial" and line.control == "host" and not line.allow_host
-        reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, now)
+        ran_away = self.gate.closed_by is Fault.RUNAWAY
+        reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, ran_away, now)
         if reason is not None:
             raise NotArmed(reason, remedy="")
         self.gate.arm(now)

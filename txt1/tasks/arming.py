@@ -4,18 +4,20 @@ from typing import Final
 
 from txt1.control.standstill import UNOBEYED
 from txt1.hal.base import Hal
-from txt1.tasks.standstill import Watch
+from txt1.tasks.standstill import Watch, stands
 from txt1.tasks.state import State
 
 # s of the run: the mode task judges the link once a second, so none is alive before
 FIRST: Final = 1.0
 
 
-def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, now: float) -> str | None:
+def reason_not_to_arm(
+    state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, ran_away: bool, now: float
+) -> str | None:
     """Return why the robot may not be armed at `now`, with the remedy; None when it may.
 
     `io` is the hardware layer as the tasks have it. `held` says that the loops run here behind a line, which is not
-    allowed.
+    allowed; `ran_away` says that the gate was closed because the robot did not obey.
     """
     board = None if state.board is None else hal.read(now).link  # as it is after what was done just now
     if board is not None and not board.ready:
@@ -33,6 +35,8 @@ def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held
         )
     if watch is not None and watch.standstill.stop in UNOBEYED:
         return "it has not stopped yet; wait until it stands"
+    if ran_away and not hal.capabilities.blind and not stands(state, watch, now):
+        return "it did not obey, and still moves: wait until it stands"
     if state.power.esc is False and not hal.capabilities.power_known:
         return "the ESC is off: switch it on first (e, or Robot.switch_power)"
     if state.power.atx is False:
