@@ -117,11 +117,17 @@ class Calibration:
             _Place(measurement.time, x, y, told, theta, measurement.sigmas[0], measurement.sigmas[-1])
         )  # fmt: skip
 
-    def told(self, name: str) -> Calibrated:
-        """A quantity: "x" and "y" of the mount (m), "delay" (s), "slip", "scale" and "bias" of the gyro."""
+    def learned(self, name: str) -> Calibrated:
+        """A quantity beyond what is stated: "x" and "y" of the mount (m), "delay" (s), "slip", and "scale" and "bias"
+        (rad/s) of the gyro."""
         place = ("x", "y", "delay", "slip", "scale", "bias").index(name)
-        base = (*self._mount, 0.0, 0.0, 0.0, 0.0)[place]
-        return Calibrated(base + float(self.mean[place]), sqrt(float(self.covariance[place, place])))
+        return Calibrated(float(self.mean[place]), sqrt(float(self.covariance[place, place])))
+
+    def told(self, name: str) -> Calibrated:
+        """The same, with x and y from the robot's middle on."""
+        base = self._mount[("x", "y").index(name)] if name in ("x", "y") else 0.0
+        value, sigma = self.learned(name)
+        return Calibrated(base + value, sigma)
 
     def doubt(self, mean: Seven) -> tuple[float, float, float, float]:
         """Variances (x, x and y, y, theta) of the pose, as mount and clock may be other than they are taken for."""

@@ -38,13 +38,15 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
     """The function that makes measurements of a sensor's readings, one for each kind of quantity in it."""
     wanted = USUAL[kind] if settings.fields is None else settings.fields
     given, assumed, delay = settings.sigma, SIGMAS[kind], settings.delay
+    ahead, left = settings.lever
     if kind is ImuReading:
-        rate = given.get("omega", assumed["omega"])
+        rate, factor = given.get("omega", assumed["omega"]), 1.0 + settings.scale
 
-        def turning(reading: Reading[ImuReading]) -> list[Measurement]:
-            return [Measurement(reading.time - delay, name, Kind.GYRO, (0,), (reading.value.rates[2],), (rate,))]
+        def gyro(reading: Reading[ImuReading]) -> list[Measurement]:
+            turning = reading.value.rates[2] / factor
+            return [Measurement(reading.time - delay, name, Kind.GYRO, (0,), (turning,), (rate,))]
 
-        return turning if "omega" in wanted else lambda reading: []
+        return gyro if "omega" in wanted else lambda reading: []
 
     parts = []
     for what in (Kind.POSE, Kind.VELOCITY):
@@ -57,6 +59,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
 
     def moving(reading: Reading[Any]) -> list[Measurement]:
         value, time, made = reading.value, reading.time - delay, []
+        at = value.mount[0] + ahead, value.mount[1] + left
         for what, rows, quantities, sigmas, own in parts:
             values = tuple([getattr(value, quantity) for quantity in quantities])
             if own is not None:
@@ -66,7 +69,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
                 values, sigmas = tuple(values[place] for place in known), tuple(sigmas[place] for place in known)
                 rows = tuple(rows[place] for place in known)
             if values:
-                made.append(Measurement(time, name, what, rows, values, sigmas, value.mount[:2]))
+                made.append(Measurement(time, name, what, rows, values, sigmas, at))
         return made
 
     return moving

@@ -28,6 +28,10 @@ class FusedConfig(Section):
     """Their standard deviations, m, rad, m/s, rad/s; left out: those that the reading tells, or assumed ones."""
     delay: NotNegative = 0.0
     """Its readings were taken so much earlier than they say, s."""
+    lever: tuple[float, float] = (0.0, 0.0)
+    """It sits so much further ahead and to the left than its driver says, m."""
+    scale: Annotated[float, Field(gt=-0.2, lt=0.2)] = 0.0
+    """A gyro's rates are too large by this share."""
     timeout: Positive = 1.0
     """Time without a reading after which it is silent, s."""
     gate: Positive = 5.0

@@ -21,7 +21,7 @@ from txt1.config.safe_yaml import read_yaml
 from txt1.config.sources import flatten, vehicle_file
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
-from txt1.experiments.calibration import simulated_operator
+from txt1.experiments.calibration import sensors, simulated_operator
 from txt1.experiments.calibration.bench import Bench, Operator
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.hal.base import Hal
@@ -37,6 +37,7 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 HEAD: Final = (
     "# Found by txt1 calibrate, which goes on from here with the same --write; use it with --vehicle and this file.\n\n"
 )
+SENSORS: Final = "# Found by txt1 calibrate --sensors of a drive; use it with --config.\n\n"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,13 +57,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 "calibrate this number of unknown simulated cars of this kind, and judge how each drives then",
                 count,
             ),
+            "--sensors": takes(
+                "RECORDING",
+                "no dialogue: tell what this drive with a filter (estimation.preset) shows of the mounts, clocks and "
+                "scales of its sensors, and --write what contradicts their settings, for --config",
+                path,
+            ),
+            "--robot": takes("NAME", "with --sensors: whose, where the recording has several robots"),
             "--ask": flag("ask you about a simulated car, too, and not a simulated operator"),
         },
     )
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Calibrate a vehicle in a dialogue; the exit code."""
+    """Calibrate a vehicle in a dialogue, or its sensors by a drive; the exit code."""
+    if arguments.sensors is not None:
+        return _sensors(arguments)
     if arguments.practice is not None:
         return _practise(arguments)
     file: Path | None = arguments.write
@@ -103,6 +113,31 @@ def main(arguments: argparse.Namespace) -> int:
             print(f"{file}: written, after {bench.driving:.0f} s of driving; drive with --vehicle {file}")
         if left:
             print(f"still to do: {', '.join(left)}; the same command goes on there")
+
+
+def _sensors(arguments: argparse.Namespace) -> int:
+    """Tell what a drive shows of the sensors, and write it."""
+    file: Path | None = arguments.write
+    if file is not None and file.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"--write {file}: --config takes files that end in .yaml; name it {file.stem}.yaml")
+    found = sensors.learned(arguments.sensors, arguments.robot)
+    print("\n".join(found.lines))
+    if not found.settings:
+        print("nothing contradicts the settings")
+        return OK
+    for name, settings in found.settings.items():
+        print(f"estimation.settings.{name}: {settings}")
+    if file is not None:
+        tree = read_yaml(file.read_text(encoding="utf-8")) if file.exists() else {}
+        if not isinstance(tree, dict):
+            raise ConfigError(f"{file}: no settings in it, so nothing can be put beside them")
+        for name, settings in found.settings.items():
+            for key, value in settings.items():
+                _set(tree, f"estimation.settings.{name}.{key}", value)
+        run_folder.make(file.parent)
+        _write(file, tree, SENSORS)
+        print(f"{file}: written; drive with --config {file}")
+    return OK
 
 
 def _at_the_vehicle(arguments: argparse.Namespace, base: str, config: Config) -> tuple[Hal, Operator]:
@@ -216,10 +251,10 @@ def _set(tree: dict[str, Any], key: str, value: Any) -> None:
     tree[last] = value
 
 
-def _write(file: Path, tree: Mapping[str, Any]) -> None:
+def _write(file: Path, tree: Mapping[str, Any], head: str = HEAD) -> None:
     """Write the file at once or not at all."""
     part = file.with_name(f".{file.name}.part")
-    part.write_text(HEAD + yaml.safe_dump(dict(tree), sort_keys=False, default_flow_style=None), encoding="utf-8")
+    part.write_text(head + yaml.safe_dump(dict(tree), sort_keys=False, default_flow_style=None), encoding="utf-8")
     os.replace(part, file)
 
 
