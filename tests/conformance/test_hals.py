@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import time
+import tty
 from collections.abc import Callable
 from contextlib import suppress
 from io import StringIO
 from math import inf, isfinite
+from threading import Event, Thread
 from typing import Any, Literal
 from unittest import SkipTest
 
 import pytest
 
+from tests.patience import S
 from txt1.cli import execute
+from txt1.commands import FAULT
 from txt1.config import Config, load
 from txt1.config.schema import RoomConfig, SerialConfig, SimConfig
 from txt1.conformance import promises
@@ -675,6 +680,35 @@ class TestSerialWithLoopsOnTheHost(HalConformance):
 
     def make(self) -> Hal:
         return board(control="host")
+
+
+def test_a_device_of_another_kind_at_the_port_is_told_once_in_a_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("txt1.cli.hal.PATIENCE", 4.0 * S)
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    over = Event()
+
+    def speak() -> None:
+        while not over.wait(0.05):
+            os.write(master, b'{"T":1001,"L":0.25,"R":-0.5,"gz":-89,"odl":56,"odr":-20,"v":1216}\n')
+
+    speaker = Thread(target=speak)
+    speaker.start()
+    try:
+        code = execute(["hal", "check", "serial", "--port", os.ttyname(slave), "--wheels-up"])
+    finally:
+        over.set()
+        speaker.join()
+        os.close(slave)
+        os.close(master)
+    told = capsys.readouterr()
+    assert code == FAULT
+    assert "BROKEN" not in told.out
+    assert "no board of the HAL 'serial' answers" in told.err
+    assert "a Waveshare rover's board speaks there: take --hal waveshare" in told.err
+    assert told.err.count("\n") == 1
 
 
 @pytest.mark.long

@@ -1,6 +1,7 @@
 """`txt1 hal`: list or check hardware layers, or begin one of your own."""
 
 import argparse
+import asyncio
 import sys
 from importlib.util import find_spec
 from keyword import iskeyword
@@ -13,14 +14,17 @@ from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, loaded
 from txt1.cli.verdicts import print_verdicts
 from txt1.commands import OK, add_actions, flag, path, signals_to, takes
 from txt1.conformance import verdicts
-from txt1.errors import ConfigError
-from txt1.hal.base import Hal
+from txt1.errors import ConfigError, HalError
+from txt1.hal.base import Hal, Outputs
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
 from txt1.installing import interpreter
+from txt1.kernel.loop import run
 from txt1.resources import PACKAGE
 from txt1.sim.parameters import LineFaults
 
+PATIENCE: Final = 10.0  # s in which a board on a line answers
+PERIOD: Final = 0.02  # s between two looks for it
 SKELETON: Final = PACKAGE / "hal" / "skeleton"
 MODULE_NAME: Final = "the name of a Python module, such as mycar"
 
@@ -57,6 +61,10 @@ def check_hal(arguments: argparse.Namespace) -> int:
             if sys.stdin.readline().strip().lower() not in ("y", "yes"):
                 raise ConfigError(f"{moves}: nothing was moved")
 
+        hal = create(config)
+        if hasattr(hal, "line"):
+            run(_answers(hal))
+
     def over(faults: LineFaults) -> Hal:
         """The HAL as configured, but for the faults of its line."""
         serial = config.serial.model_copy(update={"fault": faults})
@@ -66,6 +74,24 @@ def check_hal(arguments: argparse.Namespace) -> int:
         settings = {"over": staticmethod(over)} if simulated else {"speed": None}  # real hardware has no bad lines
         skids = config.geometry.steering == "skid"
         return print_verdicts(verdicts(HalConformance, lambda: create(config), skids=skids, **settings))
+
+
+async def _answers(hal: Hal) -> None:
+    """Wait for the board of a HAL; raises HalError, which names what is there, where none answers.
+
+    Each check would wait for a minute, and say no more than the first one.
+    """
+    loop = asyncio.get_running_loop()
+    begin = loop.time()
+    await hal.open()
+    try:
+        while (link := hal.read(now := loop.time() - begin).link) is not None and not link.ready:
+            if now > PATIENCE:
+                raise HalError(f"nothing is checked, as no board of the HAL '{hal.name}' answers: {link.text}")
+            hal.write(Outputs(), now)
+            await asyncio.sleep(PERIOD)
+    finally:
+        await hal.close()
 
 
 def new_hal(arguments: argparse.Namespace) -> int:

@@ -378,9 +378,8 @@ class HalConformance(Conformance[Hal]):
             link = self.read().link
             if (link is None or link.ready) and (answers or not waits_for_gains):
                 break
-            promise(
-                self.now < LINK_PATIENCE, "BoardLink.ready", f"comes true, but after {LINK_PATIENCE:g} s it is {link}"
-            )
+            told = "its gains are not answered" if link is None or link.ready else f"the link says: {link.text}"
+            promise(self.now < LINK_PATIENCE, "BoardLink.ready", f"comes true, but after {LINK_PATIENCE:g} s {told}")
             await self.hold(NEUTRAL, CALL_PERIOD)
         promise(all(answers), "Hal.load_gains", "takes the gains of the thesis, but they were rejected")
 

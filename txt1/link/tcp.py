@@ -50,7 +50,8 @@ async def open_socket(address: str, end: End, secret: bytes | None = None, behin
     except TimeoutError as error:
         raise HalError(f"{address} does not answer: is the computer on, and no firewall in between?") from error
     except ConnectionRefusedError as error:
-        remedy = f"is `{behind} --tcp {address.removeprefix('socket://')}` running there?"
+        # of two that may serve it, the last is a command of ours
+        remedy = f"is {'' if '`' in behind else '`'}{behind} --tcp {address.removeprefix('socket://')}` running there?"
         raise HalError(f"{address} refuses the connection: {remedy}") from error
     except OSError as error:
         raise HalError(f"{address} cannot be reached: {error.strerror or error}") from error

@@ -21,6 +21,7 @@ UNWATCH: Final = b'?WATCH={"enable":false};\n'
 CONFIDENCE: Final = 1.96  # gpsd's errors are for 95 %: so many standard deviations
 LINE_MAX: Final = 65536  # bytes; gpsd's longest, of all satellites, have about 10 000
 DAY: Final = 86400.0  # s
+FRESH: Final = 2.0  # s between a fix and the errors that are still its own
 STILL: Final = 0.1  # m/s: below this a track says nothing
 
 
@@ -43,6 +44,7 @@ class GpsdDecoder(Codec[FixReading]):
         self.grid = None if datum is None else UtmGrid(*datum)
         self._mount = mount
         self._day = Unwrapped(DAY)
+        self._errors: tuple[float | None, float | None, float | None] = (None, None, None)
 
     def feed(self, data: bytes) -> list[Measured[FixReading]]:
         """The fixes that these bytes complete."""
@@ -70,6 +72,8 @@ class GpsdDecoder(Codec[FixReading]):
             if not isinstance(used, int) and isinstance(report.get("satellites"), list):
                 used = sum(1 for each in report["satellites"] if isinstance(each, dict) and each.get("used") is True)
             self.satellites = used if isinstance(used, int) else None
+        if report.get("class") == "GST":
+            self._errors = _stamp(report), _number(report, "lon"), _number(report, "lat")
         if report.get("class") != "TPV" or report.get("mode") not in (2, 3):
             return None
         latitude, longitude = _number(report, "lat"), _number(report, "lon")
@@ -87,8 +91,8 @@ class GpsdDecoder(Codec[FixReading]):
         if track is not None and v is not None and v > STILL:
             theta = wrap_angle(self.grid.direction(track, latitude, longitude))
         height = next((h for key in ("altMSL", "altHAE", "alt") if (h := _number(report, key)) is not None), None)
-        stamp = report.get("time")
-        seconds = seconds_of_day(stamp) if isinstance(stamp, str) else None
+        seconds = _stamp(report)
+        sigma_x, sigma_y = self._estimated(seconds)
         fix = FixReading(
             latitude,
             longitude,
@@ -98,14 +102,27 @@ class GpsdDecoder(Codec[FixReading]):
             theta,
             v,
             int(report["mode"]),
-            _sigma(report, "epx"),
-            _sigma(report, "epy"),
+            sigma_x if (told := _sigma(report, "epx")) is None else told,
+            sigma_y if (told := _sigma(report, "epy")) is None else told,
             None if off is None else radians(off) / CONFIDENCE,
             _sigma(report, "eps"),
             self.satellites,
             self._mount,
         )
         return Measured(fix, None if seconds is None else self._day(seconds))
+
+    def _estimated(self, seconds: float | None) -> tuple[float | None, float | None]:
+        """The receiver's own standard deviations east and north, m, of its sentence GST; None: it sends none."""
+        time, *errors = self._errors
+        if time is not None and seconds is not None and abs(seconds - time) > FRESH:
+            return None, None
+        x, y = (error if error is not None and error > 0.0 else None for error in errors)
+        return x, y
+
+
+def _stamp(report: Mapping[str, Any]) -> float | None:
+    stamp = report.get("time")
+    return seconds_of_day(stamp) if isinstance(stamp, str) else None
 
 
 def _number(report: Mapping[str, Any], key: str) -> float | None:

@@ -212,6 +212,28 @@ def test_a_report_of_gpsd_in_metres_on_the_grid() -> None:
     assert time == 1.5
 
 
+GST = '{"class":"GST","device":"/dev/ttyS0","time":"2026-05-04T00:00:0%s.500Z","rms":0.9,"lat":%s,"lon":%s,"alt":2.0}\n'
+FIX = '{"class":"TPV","mode":3,"time":"2026-05-04T00:00:01.500Z","lat":35.0,"lon":-105.0%s}\n'
+
+
+@pytest.mark.parametrize(
+    ("errors", "more", "sigmas"),
+    [
+        ("", "", (None, None)),
+        (GST % (1, 0.8, 0.6), "", (0.6, 0.8)),
+        (GST % (1, 0.8, 0.6), ',"epx":1.96,"epy":3.92', (1.0, 2.0)),
+        (GST % (5, 0.8, 0.6), "", (None, None)),
+        (GST % (1, 0, '"much"'), "", (None, None)),
+    ],
+)
+def test_errors_that_gpsd_does_not_work_out_are_the_receivers_own(
+    errors: str, more: str, sigmas: tuple[float | None, float | None]
+) -> None:
+    pytest.importorskip("utm")
+    ((fix, _, _),) = gps_gpsd.GpsdDecoder((35.0, -105.0)).feed((errors + FIX % more).encode())
+    assert (fix.sigma_x, fix.sigma_y) == pytest.approx(sigmas)
+
+
 def test_grid_north_turns_away_from_the_middle_meridian() -> None:
     pytest.importorskip("utm")
     decoder = gps_gpsd.GpsdDecoder((35.0, -103.0))
