@@ -294,6 +294,39 @@ def test_a_fault_of_the_controller_disarms_and_is_named() -> None:
     run(drive(), speed="max")
 
 
+@pytest.mark.parametrize("pause", [0.05, 0.5, 2.0, 10.0, 60.0])
+def test_a_restart_is_noticed_whatever_its_pause_and_the_pose_does_not_leap(
+    pause: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hal, port = on_the_desk()
+
+    async def drive() -> None:
+        async with Robot.open(hal, config=config()) as robot:
+            await robot.linked(5.0)
+            robot.arm()
+            await robot.drive(0.5, 0.0, 1.0)
+            await robot.drive(0.0, 0.0, 1.0)
+            device, there = port.device, robot.odometry.x
+            assert device is not None
+            assert there > 0.1
+            begin = device.car.paths
+            monkeypatch.setattr(type(device), "send", lambda self, data: None)
+            await asyncio.sleep(pause)
+            monkeypatch.undo()
+            # its counters begin at 0
+            monkeypatch.setattr(type(device.car), "paths", property(lambda car: (0.0, 0.0)))
+            vars(device).update(_distance=0.0, _last=0.0)
+            await asyncio.sleep(0.2)
+            assert sum(begin) > 0.2
+            assert not robot.armed
+            board = robot.runtime.state.board
+            assert board is not None
+            assert "restarted" in f"{board.reason} {board.text}"
+            assert robot.odometry.x == pytest.approx(there, abs=0.01)
+
+    run(drive(), speed="max")
+
+
 def test_old_firmware_is_refused_with_what_to_do() -> None:
     hal, _ = on_the_desk(firmware=(3, 40))
 
