@@ -11,6 +11,8 @@ import rospy
 import tf
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo, CompressedImage, Imu, LaserScan, NavSatFix
+from tf2_msgs.msg import TFMessage
 from txt_driver.msg import Battery, Pwm
 from txt_driver.srv import PidLoad, PwmTest, Shutdown, SwitchedPwr, SwitchedPwrRequest
 
@@ -109,6 +111,27 @@ def gate():
     done["pwm"] = pwm(0, 0, 0, 0, 0).result
     done["controller"] = manual(False).success
     return done, {"pwm": pwm(0, 0, 0, 0, 0).result}
+
+
+def sensors():
+    """A message of each sensor, as far as its numbers tell that it is the right one, and where it sits."""
+    heard = {}
+    for name, kind in (("scan", LaserScan), ("imu/data", Imu), ("fix", NavSatFix)):
+        rospy.Subscriber(f"/{name}", kind, lambda told, name=name: heard.setdefault(name, []).append(told))
+    rospy.Subscriber("/camera/image_raw/compressed", CompressedImage, lambda told: heard.setdefault("picture", told))
+    rospy.Subscriber("/camera/camera_info", CameraInfo, lambda told: heard.setdefault("info", told))
+    rospy.Subscriber("/tf_static", TFMessage, lambda told: heard.setdefault("static", told))
+    until(lambda: len(heard) == 6 and all(len(heard[name]) > 5 for name in ("scan", "imu/data", "fix")))
+    scan, imu, fix = (heard[name][-1] for name in ("scan", "imu/data", "fix"))
+    frames = {each.child_frame_id: each.header.frame_id for each in heard["static"].transforms}
+    return {
+        "scan": [scan.header.frame_id, len(scan.ranges), round(scan.scan_time, 4)],
+        "imu": [imu.header.frame_id, imu.linear_acceleration.z, list(imu.angular_velocity_covariance)],
+        "fix": [fix.header.frame_id, fix.latitude, fix.position_covariance_type],
+        "picture": [heard["picture"].format, heard["picture"].data[:2].hex(), len(heard["info"].K)],
+        "frames": frames,
+        "late": time.time() - scan.header.stamp.to_sec(),
+    }
 
 
 def stop():

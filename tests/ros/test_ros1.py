@@ -206,6 +206,25 @@ def test_gains_that_are_no_numbers_are_refused_and_the_node_lives(ros: Ros) -> N
         assert "result: True" in call(ros, "/pid_load")
 
 
+def test_sensors_are_told_as_programs_of_ros_know_them_and_where_they_sit(ros: Ros) -> None:
+    sensors = ("laser", "sim_laser"), ("imu", "sim_imu"), ("gps", "sim_gps"), ("camera", "sim_camera")
+    words = [word for name, driver in sensors for word in ("--set", f"sensors.{name}.driver={driver}")]
+    with robot(ros, *words):
+        told = ros.peer("sensors")
+    assert told["scan"][0] == "/base_laser_link"
+    assert told["scan"][1] > 100
+    assert told["scan"][2] == 0.1
+    assert told["imu"][0] == "/base_imu_link"
+    assert told["imu"][1] == pytest.approx(9.81, abs=1.0)
+    assert told["imu"][2][0] == told["imu"][2][8] > 0.0
+    assert told["fix"][0] == "/base_gps_link"
+    assert -90.0 < told["fix"][1] < 90.0
+    assert told["picture"] == ["jpeg", "ffd8", 9]
+    assert told["frames"]["/base_laser_link"] == "/base_link"
+    assert told["frames"]["/base_link"] == "/base_footprint"
+    assert abs(told["late"]) < LIMIT, "stamped with the time of day"
+
+
 def test_two_robots_share_a_master_in_namespaces_and_leave_it_as_they_found_it(ros: Ros) -> None:
     with robot(ros, "--ros1-namespace", "car1"), robot(ros, "--ros1-namespace", "car2"):
         for name in ("car1", "car2"):

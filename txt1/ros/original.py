@@ -1,4 +1,7 @@
-"""The robot's end of the original's node (thesis 3.4.3): odometry 20 times and batteries once a second, and answers."""
+"""The robot's end of the original's node (thesis 3.4.3): odometry 20 times and batteries once a second, and answers.
+
+Sensors' readings go with them, as trees (`txt1.ros.tree`).
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,7 @@ from txt1.protocol.messages import Switch
 from txt1.record.settings import RecordConfig
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
+from txt1.ros.tree import Readings
 
 ODOMETRY: Final = 0.05  # s between two odometry messages
 BATTERY: Final = 1.0  # s between two battery messages
@@ -49,6 +53,8 @@ class Ros1Desk(RobotEnd):
                 "begin": self._begin,
             },
         )
+        self._readings = Readings(robot.runtime)
+        self._frames: list[dict[str, Any]] = []  # where the sensors sit, for a node that has begun
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._odometry_due = self._battery_due = 0.0
 
@@ -69,6 +75,11 @@ class Ros1Desk(RobotEnd):
         """A line of the values that are due, and of answers; None when there is nothing."""
         robot, now = self.robot, self.robot.now
         told: dict[str, object] = {}
+        epoch = robot.config.section(RecordConfig).epoch if self._virtual else seconds(wall_ns()) - now
+        if self._frames:
+            told["frames"], self._frames = self._frames, []
+        if readings := self._readings.take(epoch):
+            told["readings"] = readings
         if now >= self._odometry_due:
             self._odometry_due = max(self._odometry_due + ODOMETRY, now)
             told["odom"] = tuple(robot.odometry)
@@ -80,16 +91,17 @@ class Ros1Desk(RobotEnd):
             told["answers"] = self._calls.take()
         if not told:
             return None
-        epoch = robot.config.section(RecordConfig).epoch if self._virtual else seconds(wall_ns()) - now
         told["now"] = round((epoch + now) * NS_PER_S)
         return f"{json.dumps(told)}\n".encode("ascii")
 
     def lost(self) -> None:
         """The node has gone: let go of the wheel."""
         self._calls.clear()
+        self._readings.end()
         self.let_go()
 
     def _begin(self) -> None:
+        self._frames = self._readings.begin()
         self._odometry_due = self._battery_due = 0.0
 
     async def _pid_load(self, linear: list[float], angular: list[float]) -> None:

@@ -8,6 +8,8 @@ import signal
 import threading
 import time
 import xmlrpc.client
+from base64 import b64decode
+from importlib import import_module
 from math import cos, sin
 from typing import Any, Final
 
@@ -70,6 +72,28 @@ BATTERY: Final = message("Battery", MESSAGES["Battery"])
 PWM: Final = message("Pwm", MESSAGES["Pwm"])
 
 
+def fill(told: Any, tree: dict[str, Any], place: str) -> Any:
+    """Put a tree of values into a message, and return it; frames' names begin with `place`."""
+    for name, value in tree.items():
+        # what are small letters in ROS 2 are large ones here, as CameraInfo's
+        name = name if hasattr(told, name) else name.upper()
+        there = getattr(told, name)
+        if name in ("frame_id", "child_frame_id"):
+            setattr(told, name, f"{place}{value}")
+        elif not isinstance(value, dict):
+            setattr(told, name, value)
+        elif "base64" in value:
+            setattr(told, name, b64decode(value["base64"]))
+        elif isinstance(there, list | tuple):
+            numbers = list(there)
+            for index, number in value.items():
+                numbers[int(index)] = number
+            setattr(told, name, numbers)
+        else:
+            fill(there, value, place)
+    return told
+
+
 class OriginalNode:
     """Everything that the node serves; names begin with `place`, which is / or that of the robot's namespace."""
 
@@ -84,6 +108,8 @@ class OriginalNode:
         self._odom = rospy.Publisher(f"{place}odom", Odometry, queue_size=5)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=20)
         self._battery = rospy.Publisher(f"{place}battery", BATTERY, queue_size=2)
+        self._static = rospy.Publisher("/tf_static", TFMessage, queue_size=2, latch=True)
+        self._sensors: dict[str, Any] = {}  # publishers by name; () where there is no type
         self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if virtual else None
         self._set_parameters()
         rospy.Subscriber(f"{place}cmd_vel", Twist, self._drive, queue_size=1, tcp_nodelay=True)
@@ -110,6 +136,10 @@ class OriginalNode:
                 self._clock.publish(Clock(stamp))
             if "odom" in telemetry:
                 self._tell_odometry(stamp, *telemetry["odom"])
+            if "frames" in telemetry:
+                self._tell_frames(stamp, telemetry["frames"])
+            for told in telemetry.get("readings", ()):
+                self._tell_reading(*told)
             if "battery" in telemetry:
                 self._tell_battery(stamp, *telemetry["battery"])
             self._caller.answered(telemetry.get("answers", ()))
@@ -133,6 +163,31 @@ class OriginalNode:
         told.header.stamp, told.header.frame_id, told.batt1, told.batt2 = stamp, "battery", first, second
         told.expected_time = rospy.Duration.from_sec(remaining_time(max(first, second), END_MIN))
         self._battery.publish(told)
+
+    def _tell_frames(self, stamp: Any, transforms: list[dict[str, Any]]) -> None:
+        """Tell once where everything sits on the robot."""
+        told = TFMessage([fill(TransformStamped(), each, self._place) for each in transforms])
+        for each in told.transforms:
+            each.header.stamp = stamp
+        self._static.publish(told)
+
+    def _tell_reading(self, name: str, kind: str, time: int, tree: dict[str, Any]) -> None:
+        publisher = self._sensors.get(name)
+        if publisher is None:
+            package, _, message_name = kind.partition("/")
+            try:
+                found = getattr(import_module(f"{package}.msg"), message_name)
+            except (ImportError, AttributeError):
+                self._robot.request("tell", text=f"ROS has no type {kind} here, so {name} is not told")
+                found = None
+            # without one it is asked for once only
+            publisher = None if found is None else rospy.Publisher(f"{self._place}{name}", found, queue_size=5)
+            self._sensors[name] = publisher or ()
+        if not publisher:
+            return
+        told = fill(publisher.data_class(), tree, self._place)
+        told.header.stamp = rospy.Time(*divmod(time, 10**9))
+        publisher.publish(told)
 
     # -- what it is asked for ----------------------------------------------------------------------------------
 
