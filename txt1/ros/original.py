@@ -19,7 +19,7 @@ from txt1.protocol.messages import Switch
 from txt1.record.settings import RecordConfig
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
-from txt1.ros.tree import Readings
+from txt1.ros.tree import SensorFeed
 
 ODOMETRY: Final = 0.05  # s between two odometry messages
 BATTERY: Final = 1.0  # s between two battery messages
@@ -53,7 +53,7 @@ class Ros1Desk(RobotEnd):
                 "begin": self._begin,
             },
         )
-        self._readings = Readings(robot.runtime)
+        self._readings = SensorFeed(robot.runtime)
         self._frames: list[dict[str, Any]] = []  # where the sensors sit, for a node that has begun
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._odometry_due = self._battery_due = 0.0

@@ -20,7 +20,7 @@ Told = tuple[str, str, int, dict[str, Any]]
 """A message: the topic's name, its type, its time in ns, and its tree."""
 
 
-class Readings:
+class SensorFeed:
     """Collects sensors' readings from `begin` to `end`, and hands them out."""
 
     def __init__(self, runtime: Runtime) -> None:
