@@ -45,6 +45,7 @@ from txt1.mapping.telling import (
 from txt1.mapping.worker import Far, Near
 from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
 from txt1.maps.files import Map
+from txt1.maps.grid import OCCUPIED_FROM, Grid
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
 from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
@@ -59,8 +60,20 @@ FRESH: Final = 0.5
 """s for which what a scan has seen counts."""
 NEAR: Final = 1.5
 """m from the laser within which it does: farther off, an error of the heading would put walls on free floor."""
+UNKNOWN_NEAR: Final = 0.35
+"""m from free floor at which a robot may stand where the map knows nothing."""
 JUMP: Final = 0.3
 """m by which a correction of the pose is another place, so what was seen from the one before counts no more."""
+
+
+def may_stand(grid: Grid, x: float, y: float) -> bool:
+    """Whether a robot may stand at a place on a map, m: where a drive began, the laser may not have seen the floor."""
+    column, row = (int(np.floor(each)) for each in grid.to_cells(x, y))
+    rows, columns = grid.depth.shape
+    if not (0 < column < columns - 1 and 0 < row < rows - 1) or grid.cells[row - 1, column - 1] >= OCCUPIED_FROM:
+        return False
+    # as deep in the unknown as is told apart
+    return bool(grid.depth[row, column] > -UNKNOWN_NEAR)
 
 
 def checked(settings: MappingConfig) -> None:
@@ -70,7 +83,7 @@ def checked(settings: MappingConfig) -> None:
     if settings.at is not None:
         if settings.room is None:
             raise ConfigError("mapping.at (--at) is a place on a map: give the map, with --in MAP")
-        if not map_of(settings.room).is_free(*settings.at[:2]):
+        if not may_stand(map_of(settings.room), *settings.at[:2]):
             x, y, _ = settings.at
             raise ConfigError(
                 f"mapping.at: ({x:g}, {y:g}) is no free floor on the map {settings.room}: see its picture"
@@ -305,7 +318,7 @@ class OnMap(MapInUse):
         """Say where the robot is on the map, m and rad; raises CommandRefused: there is no free floor on the map."""
         if self.making or self._sensor is None:
             raise CommandRefused("the map is in the making, and begins where the robot began: no place can be given")
-        if self.sheet is not None and not self.sheet.grid.is_free(x, y):
+        if self.sheet is not None and not may_stand(self.sheet.grid, x, y):
             raise CommandRefused(f"({x:.2f} m, {y:.2f} m) is no free floor on the map: give a place that is")
         self._sensor.place((float(x), float(y), float(theta)))
 

@@ -7,9 +7,10 @@ A laser looks ahead. So what it has seen stays in cells of the map's own: a ray 
 the one in which it ends solid; of a solid cell, a ray takes a part only, so several rays clear it, and a single one
 that errs does not. Cells under the robot are free. All others have not been seen, whatever the map says of them.
 
-Of this comes the floor to plan on. Its walls are those of the map and what stands away from them (`Room.walls`). Who
-backs up sees nothing, so backward all that was not seen in this drive is a wall, too (`Room.behind`). What has come
-there since it was seen is not known: the laser does not look there.
+Of this comes the floor to plan on. Its walls are those of the map and what stands away from them (`Room.walls`); what
+the map does not know, and was seen free now, is floor. Who backs up sees nothing, so backward all that was not seen in
+this drive is a wall, too (`Room.behind`). What has come there since it was seen is not known: the laser does not look
+there.
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ class SeenFloor:
         """Return the floor to plan on; `now` are places (n, 2) in m that are in the way, whatever was seen before."""
         seen = self.cells.copy()
         seen.ravel()[self._places(now)] = OCCUPIED
-        cells = np.where((seen >= OCCUPIED_FROM) & self._off_walls, OCCUPIED, self._grid.cells)
+        cells = np.where((self._grid.cells == UNKNOWN) & (seen == FREE), FREE, self._grid.cells)
+        cells[(seen >= OCCUPIED_FROM) & self._off_walls] = OCCUPIED
         backward = np.where(seen == UNKNOWN, UNKNOWN, cells).astype(np.int8)
         return Room(walls=self._walls(cells.astype(np.int8)), behind=self._walls(backward))
 

@@ -10,7 +10,7 @@ from txt1.errors import Txt1Error
 from txt1.model.kinematics import move_along_arc
 from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
 from txt1.model.vehicle import Geometry
-from txt1.navigation.search import round_walls, stands_free
+from txt1.navigation.search import leaving, round_walls, stands_free
 from txt1.sim.room import Room, clearance
 
 MARGINS: Final = (1.1, 1.35)  # planned radii over R_min: one that leaves room to correct, one for want of a path
@@ -76,7 +76,10 @@ def stays_inside(start: Pose, path: Path, room: Room | None, body: Geometry, kee
     """Whether the body keeps `keep_clear` m from the walls all along a path, looked at every 5 cm."""
     if room is None or not (isfinite(room.length) or isfinite(room.width) or room.walls is not None):
         return True
-    return all(stands_free(pose, gear, room, body, keep_clear) for pose, gear in _with_gear(start, path))
+    least = leaving(start, room, body)
+    return all(
+        stands_free(pose, gear, room, body, min(keep_clear, least(pose))) for pose, gear in _with_gear(start, path)
+    )
 
 
 def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:

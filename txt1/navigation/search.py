@@ -34,6 +34,8 @@ CHANGE: Final = 0.5  # m that a change of gear is worth: one costs time
 BEND: Final = 0.03  # m that a step at full lock is worth more
 POSES_MAX: Final = 6000  # that are looked at before it gives up
 UNSEEN: Final = 0.03  # m by which a body may stick into floor that was not seen: what was seen comes in cells
+LEAVES: Final = 0.06  # m: a robot that stands as close to a wall, by a pose that errs, may drive away from it,
+LEAVING: Final = 0.4  # m long, as long as it does not come closer
 NEAR: Final = 2.0  # m from the goal within which each pose is tried, and else every so many:
 EVERY: Final = 10
 
@@ -107,6 +109,7 @@ def round_walls(
     left = distances_to(goal[:2], room, body, start[:2])
     if place_of(*start[:2]) not in left:
         return None
+    least = leaving(start, room, body)
     steps = [(bend / radius, gear) for gear in (1.0, -1.0) for bend in (0.0, 1.0, -1.0)]
     number = count()
     # a pose's path is the chain of steps that led to it
@@ -128,7 +131,7 @@ def round_walls(
             if end is not None:
                 return (*_unrolled(way), *end)
         for curvature, gear in steps:
-            after = _after(pose, curvature, gear, room, body, clear)
+            after = _after(pose, curvature, gear, room, body, min(clear, least(pose)))
             if after is None or (far := left.get(place_of(*after[:2]))) is None:
                 continue
             if _cell(after, gear > 0.0) in closed:
@@ -150,6 +153,14 @@ def _after(pose: Pose, curvature: float, gear: float, room: Room, body: Geometry
         if not stands_free(move_along_arc(*pose, gear * STEP * k / pieces, curvature, 0.0), gear, room, body, clear):
             return None
     return after
+
+
+def leaving(start: Pose, room: Room, body: Geometry) -> Callable[[Pose], float]:
+    """What a body must keep from walls at a pose, m, as it stands closer to one at the start: not less than there."""
+    if room.walls is None or (there := room.walls.clearance(*start, body)) >= LEAVES:
+        return lambda pose: inf
+    least = max(there, -LEAVES) - 0.01
+    return lambda pose: least if hypot(pose[0] - start[0], pose[1] - start[1]) < LEAVING else inf
 
 
 def stands_free(pose: Pose, gear: float, room: Room, body: Geometry, clear: float) -> bool:

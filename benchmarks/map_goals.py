@@ -1,0 +1,192 @@
+"""A room with obstacles: a robot maps it, and drives to goals on the map. Contacts are counted.
+
+    python -m benchmarks.map_goals                           # 100 goals; mapped obstacles only
+    python -m benchmarks.map_goals --unmapped 2              # two boxes more, which came after the map was made
+
+The simulated TXT-1 with a Hokuyo URG-04LX (240 degrees, 4 m, noise of 1 %) in its room of 5 m x 5 m. Where the
+obstacles stand is drawn from the seed. It is driven to some places as by somebody who sees the room, and makes the map
+on the way. Then it is placed where it began, and `go_to` takes it by its pose on the map to goals that are drawn, too:
+poses at which the body has 12 cm on all sides. It goes on from wherever it is. A contact is an instant at which the
+simulation holds the robot because it would get into something; those in one second count once. A goal that is refused,
+because the robot finds no way, is no contact, and is told.
+"""
+
+import argparse
+import asyncio
+import json
+import sys
+from collections import Counter
+from contextlib import suppress
+from math import cos, degrees, hypot, pi, sin
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+
+from txt1.errors import CommandRefused
+from txt1.kernel.loop import run
+from txt1.maps.files import Map
+from txt1.maps.grid import FREE, OCCUPIED, Grid
+from txt1.navigation import NoPath, go_to, map_floor, map_pose, true_pose
+from txt1.navigation.goto import Blocked
+from txt1.robot import Robot
+from txt1.sim import world
+from txt1.sim.obstacles import distance, gap
+from txt1.sim.parameters import Box
+from txt1.sim.room import Room, clearance
+from txt1.sim.walls import Walls
+
+ROOM: Final = Room(5.0, 5.0)
+SETTINGS: Final = ("sensors.laser.driver=sim_laser", "sim.battery.used_1=null")
+VISITS: Final = 12
+"""Places to which the drive leads that makes the map."""
+SPARE: Final = 0.12
+"""m round the body at a goal."""
+Pose = tuple[float, float, float]
+
+
+class Contacts:
+    """Counts when the simulation holds a vehicle."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        self._halted = world.halted
+
+    def __enter__(self) -> "Contacts":
+        def halted(vehicle: Any, *motions: Any) -> Any:
+            if not self.times or vehicle.time > self.times[-1] + 1.0:
+                self.times.append(vehicle.time)
+            return self._halted(vehicle, *motions)
+
+        world.halted = halted
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        world.halted = self._halted
+
+
+def boxes(rng: np.random.Generator, count: int, others: list[Box]) -> list[Box]:
+    """Draw boxes that leave the start alone, and room to pass between each other."""
+    found: list[Box] = []
+    while len(found) < count:
+        x, y = rng.uniform(-2.2, 2.2, 2)
+        length, width = rng.uniform(0.2, 0.6, 2)
+        box = Box(round(x, 2), round(y, 2), round(length, 2), round(width, 2), round(rng.uniform(0.0, pi), 2))
+        # as discs, so the gap between two is wider than that
+        if hypot(x, y) > 1.1 and all(gap(box, each) > 0.9 for each in (*others, *found)):
+            found.append(box)
+    return found
+
+
+def setting(obstacles: list[Box]) -> str:
+    """Return them as a setting."""
+    told = [
+        f"{{kind: box, x: {each.x}, y: {each.y}, length: {each.length}, width: {each.width}, theta: {each.theta}}}"
+        for each in obstacles
+    ]
+    return f"sim.obstacles=[{', '.join(told)}]"
+
+
+def seen_by_a_person(obstacles: list[Box]) -> Room:
+    """Return the room as somebody sees it who drives by hand."""
+    size, corner = 0.05, -2.6
+    cells = np.full((104, 104), OCCUPIED, np.int8)
+    for row, column in np.ndindex(cells.shape):
+        x, y = corner + size * (column + 0.5), corner + size * (row + 0.5)
+        if max(abs(x), abs(y)) < 2.5 and all(distance(each, x, y) > 0.5 * size for each in obstacles):
+            cells[row, column] = FREE
+    return Room(walls=Walls(Map("room", Path(), Grid(cells, size, (corner, corner, 0.0)), "")))
+
+
+async def mapped(name: Path, obstacles: list[Box], seed: int) -> None:
+    """Make the map."""
+    settings = (*SETTINGS, setting(obstacles), f"mapping.make={name}")
+    async with Robot.open("sim", seed=seed, settings=settings) as robot:
+        assert await robot.load_gains()
+        room, source = seen_by_a_person(obstacles), true_pose(robot)
+        for goal in goals(np.random.default_rng(seed + 3), obstacles, VISITS, robot.config.geometry):
+            with suppress(NoPath):
+                await go_to(robot, goal, pose_source=source, room=room)
+
+
+def goals(rng: np.random.Generator, obstacles: list[Box], count: int, body: Any) -> list[Pose]:
+    """Draw poses at which the body has room."""
+    found: list[Pose] = []
+    while len(found) < count:
+        x, y, theta = (float(each) for each in rng.uniform((-2.5, -2.5, -pi), (2.5, 2.5, pi)))
+        c, s = body.centre * cos(theta), body.centre * sin(theta)
+        outline = Box(x + c, y + s, body.length, body.width, theta)
+        if clearance(x, y, theta, ROOM, body) > SPARE and all(gap(outline, each) > SPARE for each in obstacles):
+            found.append((x, y, theta))
+    return found
+
+
+async def driven(name: Path, obstacles: list[Box], given: argparse.Namespace, results: list[dict[str, Any]]) -> None:
+    """Drive to the goals; each one's result is added."""
+    settings = (*SETTINGS, setting(obstacles), f"mapping.room={name}", "mapping.at=[0, 0, 0]")
+    with Contacts() as contacts:
+        async with Robot.open("sim", seed=given.seed + 1, settings=settings) as robot:
+            assert await robot.load_gains()
+            await asyncio.sleep(1.0)
+            for goal in goals(np.random.default_rng(given.seed + 2), obstacles, given.goals, robot.config.geometry):
+                touched, begun = len(contacts.times), robot.now
+                try:
+                    arrival = await go_to(robot, goal, pose_source=map_pose(robot), room=map_floor(robot))
+                    told = "arrived" if arrival.arrived else "near"
+                except NoPath:
+                    told = "no way"
+                except Blocked:
+                    told = "blocked"
+                except CommandRefused as error:
+                    told = str(error)
+                true = robot.pose
+                assert true is not None
+                result = {
+                    "goal": goal,
+                    "told": told,
+                    "contacts": len(contacts.times) - touched,
+                    "off": hypot(true[0] - goal[0], true[1] - goal[1]),
+                    "turn": abs(degrees((true[2] - goal[2] + pi) % (2.0 * pi) - pi)),
+                    "seconds": robot.now - begun,
+                }
+                results.append(result)
+                if given.each:
+                    print(json.dumps(result), flush=True)
+
+
+def main() -> int:
+    """Map the room, drive to the goals, and print what came of it, losses first."""
+    parser = argparse.ArgumentParser(prog="benchmarks.map_goals", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--goals", type=int, default=100, help="how many (default 100)")
+    parser.add_argument("--seed", type=int, default=1, help="of the room, the goals and all noise (default 1)")
+    parser.add_argument("--obstacles", type=int, default=4, help="boxes in the room when it is mapped (default 4)")
+    parser.add_argument("--unmapped", type=int, default=0, help="boxes that come afterwards (default 0)")
+    parser.add_argument("--each", action="store_true", help="print each goal's result")
+    given = parser.parse_args()
+    rng = np.random.default_rng(given.seed)
+    there = boxes(rng, given.obstacles, [])
+    later = boxes(rng, given.unmapped, there)
+    results: list[dict[str, Any]] = []
+    with TemporaryDirectory() as folder:
+        name = Path(folder, "room")
+        with Contacts() as contacts:
+            run(mapped(name, there, given.seed), speed="max")
+        print(f"{given.obstacles} boxes mapped, with {len(contacts.times)} contacts; {given.unmapped} came afterwards")
+        run(driven(name, [*there, *later], given, results), speed="max")
+    touched = sum(each["contacts"] for each in results)
+    print(f"{'holds' if not touched else 'DOES NOT HOLD'}: {touched} contacts at {len(results)} goals (aim 0)")
+    told = Counter(each["told"] for each in results)
+    print("; ".join(f"{count} {word}" for word, count in told.most_common()))
+    there_now = [each for each in results if each["told"] == "arrived"]
+    if there_now:
+        off, turn, seconds = (np.array([each[key] for each in there_now]) for key in ("off", "turn", "seconds"))
+        print(
+            f"arrived, by the simulation: {100.0 * off.mean():.1f} cm and {turn.mean():.1f} degrees off in the mean, "
+            f"{100.0 * off.max():.1f} cm and {turn.max():.1f} degrees at worst; {seconds.mean():.0f} s a goal"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

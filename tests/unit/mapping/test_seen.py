@@ -1,0 +1,72 @@
+"""What the laser has seen of the floor: where a robot may back up, and boxes that the map lacks."""
+
+import numpy as np
+import pytest
+
+from txt1.mapping.placing import may_stand
+from txt1.mapping.seen import SeenFloor
+from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from txt1.model.vehicle import Geometry
+
+POSE = (0.0, 0.0, 0.0)
+LASER = np.array([0.2, 0.0, 0.0])
+NOTHING = np.empty((0, 2))
+
+
+@pytest.fixture
+def grid() -> Grid:
+    """6 m x 6 m, its middle unknown, round (0, 0)."""
+    cells = np.full((120, 120), FREE, np.int8)
+    cells[:2] = cells[-2:] = cells[:, :2] = cells[:, -2:] = OCCUPIED
+    cells[56:64, 54:66] = UNKNOWN
+    return Grid(cells, 0.05, (-3.0, -3.0, 0.0))
+
+
+def fan(far: float) -> np.ndarray:
+    """What a laser of 240 degrees sees with nothing nearer than so many m."""
+    angles = np.radians(np.arange(-120.0, 120.0, 0.35))
+    return far * np.column_stack((np.cos(angles), np.sin(angles)))
+
+
+def test_floor_under_the_robot_and_before_it_is_free_and_behind_it_is_not(grid):
+    seen = SeenFloor(grid)
+    seen.stand(POSE, Geometry())
+    seen.see(LASER, fan(2.4))
+    room = seen.floor(NOTHING)
+    assert room.walls is not None and room.behind is not None
+    assert room.walls.distance(0.0, 0.0) > 0.05, "the map knows nothing there, the robot stands there"
+    assert room.behind.distance(1.2, 0.0) > 0.2
+    assert room.walls.distance(-1.0, 0.0) > 0.2 and room.behind.distance(-1.0, 0.0) < 0.0
+
+
+def test_a_box_stays_when_it_is_behind_and_goes_when_it_is_seen_through(grid):
+    seen, box = SeenFloor(grid), np.array([(1.0, 0.02 * k - 0.2) for k in range(21)])
+    seen.see(LASER, box)
+    walls = seen.floor(NOTHING).walls
+    assert walls is not None and walls.distance(1.21, 0.0) < 0.03
+    # the laser looks away
+    seen.see(np.array([0.2, 0.0, np.pi]), fan(2.4))
+    walls = seen.floor(NOTHING).walls
+    assert walls is not None and walls.distance(1.21, 0.0) < 0.03
+    seen.see(LASER, fan(2.4))
+    walls = seen.floor(NOTHING).walls
+    assert walls is not None and walls.distance(1.21, 0.0) < 0.03, "one scan may err"
+    for _ in range(3):
+        seen.see(LASER, fan(2.4))
+    walls = seen.floor(NOTHING).walls
+    assert walls is not None and walls.distance(1.21, 0.0) > 0.2
+
+
+def test_the_walls_of_the_map_are_no_boxes(grid):
+    seen = SeenFloor(grid)
+    seen.see(np.array([1.5, 0.0, 0.0]), np.array([(1.32, 0.02 * k) for k in range(-20, 20)]))
+    walls = seen.floor(NOTHING).walls
+    assert walls is not None and walls.distance(2.8, 0.0) == pytest.approx(0.1, abs=0.03)
+
+
+def test_a_robot_may_stand_where_the_drive_began_that_made_the_map(grid):
+    assert not grid.is_free(0.0, 0.0) and may_stand(grid, 0.0, 0.0)
+    assert not may_stand(grid, 2.95, 0.0) and not may_stand(grid, 20.0, 0.0)
+    cells = grid.cells.copy()
+    cells[40:80, 40:80] = UNKNOWN
+    assert not may_stand(Grid(cells, 0.05, grid.origin), 0.0, 0.0), "far in the unknown"
