@@ -8,14 +8,18 @@ One step is one decision of the thesis's learner, 0.5 s.
   0 to 1; and the sensed v (m/s) and omega (rad/s). Shape (6,), float32.
 - Action: 0 right, 1 straight, 2 left (table 5.2).
 - Reward: the thesis's, from one sector of the light's direction to the next (5.8): -1, 0 or 1.
-- Terminated at the goal circle, and outside the boundary; truncated after `time_limit` s.
+- Terminated at the goal circle, outside the boundary, and by touching a post, a box or a wall, which `info` tells;
+  truncated after `time_limit` s.
+- ``render_mode="rgb_array"``: a picture from above (`txt1.learning.picture`).
 
 ``make_vec(..., vectorization_mode="vector_entry_point")`` gives many at once (`txt1.learning.batch`), quick with the
-extra `fast`.
+extra `fast`. Where the configuration asks for more than these model, such as a delay, a world or dead sensors, it gives
+as many single environments side by side. `txt1.learning.parallel` has several robots in one room.
 """
 
-from math import inf, log, pi
-from typing import Any, Final
+from contextlib import suppress
+from math import hypot, inf, log, pi
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,32 +28,38 @@ from txt1.config import Config, load
 from txt1.control.car import loops_for
 from txt1.control.limits import clip
 from txt1.control.pid import at_rest
-from txt1.errors import LightFault, MissingExtra, NoDirection
+from txt1.errors import ConfigError, LightFault, MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
+from txt1.hal.sim import SimHal
 from txt1.learning.batch import TICK_MS, Batch, only_ours
 from txt1.learning.light_direction import LightFilter, direction, reward, sector
 from txt1.learning.modelled import BATCH, ONE, refuse_others
+from txt1.learning.picture import Scene, picture
 from txt1.learning.settings import LearningConfig
+from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import Start, ready_to_learn, task_of
+from txt1.learning.world import World, settled, world_of
 from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y, Readings
 from txt1.model.odometry import Odometry, WheelOdometry
-from txt1.sensors.light import See, eyes
 from txt1.sim.batch import powered
 from txt1.sim.lamp import PointLight, noise_for_jitter
+from txt1.sim.world import World as SimWorld
 
 try:
     import gymnasium
     from gymnasium.spaces import Box, Discrete
-    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
     from gymnasium.vector.utils import batch_space
 except ModuleNotFoundError:
     raise MissingExtra("txt1.learning.env", "gym") from None
 
 Observation = NDArray[np.float32]
+Many = VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]
 DECISION_MS: Final = 500
 LIGHT_MS: Final = 16  # between two samples of the light, ms
+STARTS: Final = 200  # random starts that are tried where something may be in the way
 REST_MS: Final = 600  # rest on the start before the first observation, ms: the filter settles
 SPACE: Final = Box(np.array([0, 0, 0, 0, -2, -10], np.float32), np.array([1, 1, 1, 1, 2, 10], np.float32))
 
@@ -98,68 +108,77 @@ class EpisodeCar:
         self.odometry = self._wheels.odometry
 
 
-class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
-    """One robot that looks for the light; see the module."""
+class Seeker:
+    """A simulated robot on its way to the light: what an environment of one robot, or of several, asks of each.
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as gymnasium declares it
+    Raises ValueError: something is in the way at its start.
+    """
 
-    def __init__(self, config: Config | None = None) -> None:
-        one = load().config if config is None else config
-        refuse_others(one, ONE, "environments")
-        self._commands = one.section(LearningConfig).actions
-        self.observation_space = SPACE
-        self.action_space = Discrete(len(self._commands))
-        self._config = ready_to_learn(one)
-        self._task = task_of(self._config)
+    def __init__(self, config: Config, hal: SimHal, start: Start, rng: np.random.Generator) -> None:
+        self.task = task_of(config)
+        hal.place(*start.pose(self.task), 0.0)
+        self._commands = config.section(LearningConfig).actions
+        self._car = EpisodeCar(rewired(hal, config.channels, config.geometry.steering == "skid"), config)
+        movers = hal.movers if config.sim.movers else tuple
+        self._world = world_of(config, rng, movers) or World(config, rng, movers)
+        self._world.begin(1)
+        self._blocked_by = hal.blocked_by
+        self._filter = LightFilter(spread=inf)
         self._under_way: list[tuple[int, tuple[float, float]]] = []  # when each command reaches the robot, ms
-        self._car: EpisodeCar
-        self._see: See
+        self._in_force = (0.0, 0.0)
         self._ms = 0
+        self.way: list[tuple[float, float]] = []
         self.sector = 0
+        self.touched = False
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """The first observation, at rest on a random start."""
-        super().reset(seed=seed, options=options)
-        start = Start(*map(float, self.np_random.uniform(-pi, pi, 2)))
-        hal = create_sim(self._config.model_copy(update={"seed": int(self.np_random.integers(2**32))}))
-        hal.place(*start.pose(self._task), 0.0)
-        skids = self._config.geometry.steering == "skid"
-        self._car = EpisodeCar(rewired(hal, self._config.channels, skids), self._config)
-        self._see = eyes(self._config, self.np_random, movers=hal.movers)
-        self._filter = LightFilter(spread=float("inf"))
-        self._under_way = []
-        self._ms = 0
-        self._run(REST_MS)
-        self.sector = self._state(0)
-        return self._observation(), {"optimal_time": start.optimal_time(self._task)}
+    def act(self, action: int) -> None:
+        """Take an action, by its number."""
+        self._under_way.append((self._ms + round(1000.0 * self.task.delay), self._commands[action]))
 
-    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Observation, reward, terminated, truncated and `success`, one decision later; ValueError: no such action."""
-        if not self.action_space.contains(action):
-            raise ValueError(f"action {action!r} is none of {self.action_space}")
-        self._under_way.append((self._ms + round(1000.0 * self._task.delay), self._commands[int(action)]))
-        self._run(DECISION_MS)
+    def stand(self) -> None:
+        """Take no action any more."""
+        self._under_way, self._in_force = [], (0.0, 0.0)
+
+    def tick(self) -> None:
+        """Go on by a millisecond."""
+        ms, now = self._ms, self._ms / 1000.0
+        while self._under_way and self._under_way[0][0] <= ms:
+            self._in_force = self._under_way.pop(0)[1]
+        if ms % TICK_MS == 0:
+            self._car.command = self._world.command(now, self._in_force)
+            self._car.control(now)
+            self.touched = self.touched or self._blocked_by() is not None
+        if ms % LIGHT_MS == 0:
+            pose = self._car.pose(now)
+            self.way.append(pose[:2])
+            self._look(self._world.see(now, pose))
+        self._ms += 1
+
+    def earned(self) -> float:
+        """The reward for what came of the last decision."""
         before, self.sector = self.sector, self._state(self.sector)
-        x, y, _ = self._car.pose(self._ms / 1000.0)
-        task = self._task
-        success = bool(np.hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius)
-        lost = max(abs(x), abs(y)) > task.boundary
-        late = self._ms - REST_MS >= 1000.0 * task.time_limit
-        earned = float(reward(before, self.sector))
-        return self._observation(), earned, success or lost, late, {"success": success}
+        return float(reward(before, self.sector))
 
-    def _run(self, duration_ms: int) -> None:
-        """Let the robot go on."""
-        for ms in range(self._ms, self._ms + duration_ms):
-            while self._under_way and self._under_way[0][0] <= ms:
-                self._car.command = self._under_way.pop(0)[1]
-            if ms % TICK_MS == 0:
-                self._car.control(ms / 1000.0)
-            if ms % LIGHT_MS == 0:
-                self._look(self._see(self._car.pose(ms / 1000.0)))
-        self._ms += duration_ms
+    def rested(self) -> None:
+        """It has rested on its start, and looks where the light is."""
+        self.sector = self._state(0)
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Where it is, m and rad."""
+        return self._car.pose(self._ms / 1000.0)
+
+    @property
+    def light(self) -> tuple[float, float]:
+        """Where the light is that it looks for, m."""
+        return self._world.goal(self._ms / 1000.0)
+
+    def outcome(self) -> tuple[bool, bool, bool]:
+        """Whether it is at the light; whether its episode is over; whether its time is."""
+        (x, y, _), light = self.pose, self.light
+        success = hypot(x - light[0], y - light[1]) <= self.task.goal_radius and not self.touched
+        over = success or self.touched or max(abs(x), abs(y)) > self.task.boundary
+        return success, over, self._ms - REST_MS >= 1000.0 * self.task.time_limit
 
     def _look(self, sample: Readings) -> None:
         """Take in a sample; a sensor that tells no number reads as dark, as a learner has to live with it."""
@@ -172,12 +191,96 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         except (NoDirection, LightFault):  # of a dead sensor, too
             return otherwise
 
-    def _observation(self) -> Observation:
+    def observation(self) -> Observation:
+        """What the module says."""
         assert self._filter.readings is not None
-        return _observe(np.array(self._filter.readings), np.array(self._car.odometry[3:]))
+        told = self._world.odometry(self._ms / 1000.0, self._car.odometry)
+        return _observe(np.array(self._filter.readings), np.array(told[3:]))
 
 
-class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
+def placed(config: Config, rng: np.random.Generator, world: SimWorld | None = None) -> tuple[Seeker, Start]:
+    """A robot on a random start where it has room; ConfigError: there is none."""
+    hal = create_sim(config.model_copy(update={"seed": int(rng.integers(2**32))}), world)
+    for _ in range(STARTS):
+        start = Start(*map(float, rng.uniform(-pi, pi, 2)))
+        with suppress(ValueError):
+            return Seeker(config, hal, start, rng), start
+    raise ConfigError(
+        f"learning.start_radius: {config.section(LearningConfig).start_radius:g}: something is in the way at every "
+        "start that was tried; set another, or move sim.obstacles"
+    )
+
+
+def ready(config: Config | None) -> Config:
+    """The configuration of an environment of single robots, looked at; ConfigError: it cannot be had."""
+    one = settled(load().config if config is None else config)
+    refuse_others(one, ONE, "environments")
+    refuse_unsolvable(one)
+    return ready_to_learn(one)
+
+
+def shows(render_mode: str | None) -> str | None:
+    """The mode; ConfigError: there is none such."""
+    if render_mode not in (None, "rgb_array"):
+        raise ConfigError(f"render_mode: {render_mode}: there is none such; set rgb_array, or leave it out")
+    return render_mode
+
+
+class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
+    """One robot that looks for the light; see the module."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012 - as gymnasium has it
+
+    def __init__(self, config: Config | None = None, render_mode: str | None = None) -> None:
+        self.render_mode = shows(render_mode)
+        self._config = ready(config)
+        self.observation_space = SPACE
+        self.action_space = Discrete(len(self._config.section(LearningConfig).actions))
+        self._robot: Seeker
+
+    @property
+    def sector(self) -> int:
+        """The sector of the light's direction."""
+        return self._robot.sector
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """The first observation, at rest on a random start."""
+        super().reset(seed=seed, options=options)
+        self._robot, start = placed(self._config, self.np_random)
+        self._run(REST_MS)
+        self._robot.rested()
+        return self._robot.observation(), {"optimal_time": start.optimal_time(self._robot.task)}
+
+    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Observation, reward, terminated, truncated and what came of it, one decision later.
+
+        Raises ValueError: there is no such action.
+        """
+        if not self.action_space.contains(action):
+            raise ValueError(f"action {action!r} is none of {self.action_space}")
+        robot = self._robot
+        robot.act(int(action))
+        self._run(DECISION_MS)
+        earned = robot.earned()
+        success, over, late = robot.outcome()
+        return robot.observation(), earned, over, late, {"success": success, "touched": robot.touched}
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture from above, shape (400, 400, 3); None without ``render_mode``."""
+        if self.render_mode is None:
+            return None
+        robot = self._robot
+        return picture(Scene(self._config, robot.light, [robot.pose], [robot.way]))
+
+    def _run(self, duration_ms: int) -> None:
+        """Let the robot go on."""
+        for _ in range(duration_ms):
+            self._robot.tick()
+
+
+class LightSeekingVectorEnv(Many):
     """Many robots, each looking for a light of its own; an episode that has ended is begun anew with the next step."""
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
@@ -294,9 +397,20 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
 REWARDS: Final = np.array([[reward(s, s_next) for s_next in range(8)] for s in range(8)], float)
 
 
+def many(num_envs: int = 1, config: Config | None = None, render_mode: str | None = None) -> Many:
+    """Many robots at once: quickly where that models the configuration, else single environments side by side."""
+    one = settled(load().config if config is None else config)
+    try:
+        if render_mode is None:
+            return LightSeekingVectorEnv(num_envs, one)
+    except ConfigError:
+        refuse_others(one, ONE, "environments")
+    return cast("Many", SyncVectorEnv([lambda: LightSeekingEnv(one, render_mode)] * num_envs))
+
+
 if "txt1/LightSeeking-v0" not in gymnasium.registry:
     gymnasium.register(
         "txt1/LightSeeking-v0",
         entry_point=f"{__name__}:LightSeekingEnv",
-        vector_entry_point=f"{__name__}:LightSeekingVectorEnv",
+        vector_entry_point=f"{__name__}:many",
     )

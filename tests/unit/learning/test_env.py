@@ -18,7 +18,7 @@ from tests.patience import LIMIT
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.hal.registry import create_sim
-from txt1.learning import env
+from txt1.learning import env, picture
 from txt1.learning.best_time import known_floor
 from txt1.learning.light_direction import direction, sector
 from txt1.learning.trial import COMMANDS
@@ -30,8 +30,8 @@ from txt1.robot import Robot
 def test_the_environment_passes_gymnasiums_own_check() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        made = gymnasium.make("txt1/LightSeeking-v0")
-        check_env(made.unwrapped, skip_render_check=True)
+        made = gymnasium.make("txt1/LightSeeking-v0", render_mode="rgb_array")
+        check_env(made.unwrapped)
 
 
 def test_many_robots_at_once_refuse_physics_that_they_do_not_have() -> None:
@@ -196,3 +196,80 @@ def test_a_list_of_seeds_gives_each_robot_a_start_of_its_own() -> None:
     assert starts[2][0] == pytest.approx(starts[2][1])
     with pytest.raises(ValueError, match="3 seeds for 2 robots"):
         many.reset(seed=[1, 2, 3])
+
+
+def test_stable_baselines3s_own_check_passes() -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(env.LightSeekingEnv(render_mode="rgb_array"), warn=True)
+
+
+def driven(one: env.LightSeekingEnv, seed: int = 2, steps: int = 60) -> dict[str, object]:
+    """What came of an episode that is steered at the light."""
+    one.reset(seed=seed)
+    told: dict[str, object] = {}
+    for _ in range(steps):
+        where = one.sector
+        _, _, over, late, told = one.step(np.int64(1 if where == 4 else 2 if where > 4 else 0))
+        if over or late:
+            break
+    return told
+
+
+def test_touching_a_post_ends_an_episode_and_the_next_one_begins() -> None:
+    around = ", ".join(f"{{kind: post, x: {x}, y: {y}, radius: 0.2}}" for x in (-0.5, 0.5) for y in (-0.5, 0.5))
+    one = env.LightSeekingEnv(load(overrides=[f"sim.obstacles=[{around}]"]).config)
+    assert {bool(driven(one, seed)["touched"]) for seed in range(6)} >= {True}
+    assert driven(one)["success"] is not None
+
+
+def test_a_start_where_something_stands_is_drawn_again() -> None:
+    wall = "sim.obstacles=[{kind: box, x: 1.7, y: 0.0, length: 0.5, width: 3.0}]"
+    one = env.LightSeekingEnv(load(overrides=[wall]).config)
+    for seed in range(8):
+        one.reset(seed=seed)
+
+
+def test_a_world_drives_an_environment() -> None:
+    settings = [
+        "learning.world=composed",
+        "learning.world_options={odometry: {drift: 0.5}, lamps: [{}], turning: -1.0}",
+    ]
+    told, plain = env.LightSeekingEnv(load(overrides=settings).config), env.LightSeekingEnv()
+    for each in (told, plain):
+        each.reset(seed=1)
+    for _ in range(4):
+        odd, usual = told.step(np.int64(2))[0], plain.step(np.int64(2))[0]
+    assert odd[5] == pytest.approx(0.5 - usual[5], abs=0.1), "it turned the other way, and odometry drifts"
+
+
+def test_a_picture_has_the_robot_the_light_and_posts() -> None:
+    post, box = "{kind: post, x: 0.6, y: 0.4, radius: 0.1}", "{kind: box, x: -0.6, y: 0.4, length: 0.1, width: 0.2}"
+    settings = [f"sim.obstacles=[{post}, {box}]"]
+    one = env.LightSeekingEnv(load(overrides=settings).config, render_mode="rgb_array")
+    one.reset(seed=3)
+    first = one.render()
+    one.step(np.int64(1))
+    second = one.render()
+    assert first is not None and second is not None
+    assert first.shape == (400, 400, 3) and first.dtype == np.uint8 and (first != second).any()
+    colours = {tuple(each) for each in first.reshape(-1, 3).tolist()}
+    assert {picture.FLOOR, picture.GOAL, picture.LIGHT, picture.WALL, picture.CARS[0]} <= colours
+    assert env.LightSeekingEnv().render() is None
+    with pytest.raises(ConfigError, match="render_mode: human"):
+        env.LightSeekingEnv(render_mode="human")
+
+
+def test_many_robots_have_what_one_has_where_the_quick_simulation_lacks_it() -> None:
+    config = load(overrides=["learning.delay=0.5", "sim.light.faults=[dead, none, none, none]"]).config
+    two = gymnasium.make_vec("txt1/LightSeeking-v0", 2, vectorization_mode="vector_entry_point", config=config)
+    seen, _ = two.reset(seed=[1, 2])
+    one = env.LightSeekingEnv(config)
+    assert np.array_equal(seen[1], one.reset(seed=2)[0])
+    assert seen[0, 0] == 0.0
+    two.step(np.array([1, 1]))
+    kept, _ = two.reset(options={"reset_mask": np.array([True, False])})
+    assert np.array_equal(kept[1], one.step(np.int64(1))[0])
+    with pytest.raises(ConfigError, match=r"safety\.v_max"):
+        env.many(2, load(overrides=["safety.v_max=3.0"]).config)
