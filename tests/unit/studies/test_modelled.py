@@ -11,12 +11,14 @@ import pytest
 
 from studies.learners import suite
 from studies.learners.floor import floor_of
-from studies.learners.lockstep import trials, world_at
+from studies.learners.lockstep import shown, trials, world_at
 from txt1.config import Config, completed, flatten, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, Txt1Error
 from txt1.learning.agents import make
 from txt1.learning.modelled import LOCKSTEP, refuse_others
+from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.world import settled
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
 BASE = {"learning.time_limit": 4.0, "car.known": True}  # short, and with loops that have a use for their settings
@@ -221,3 +223,14 @@ def test_each_key_has_an_effect_in_an_environment_or_is_refused(key: str, value:
         pytest.skip("the same for one robot as for many")
     base = {"learning.time_limit": 4.0, "learning.actions": [[0.3, -0.5], [0.05, 0.0], [0.3, 0.5]]}
     effect_or_refusal(key, value, base | ({} if vectorised else {"car.known": True}), run)
+
+
+def test_every_world_of_the_suite_can_be_had_and_solved() -> None:
+    found = suite.worlds(WORLDS / "suite", [])
+    assert len(found) >= 80
+    for world in found:
+        assert not world.wrong, world.name
+        config = settled(world.config)
+        refuse_others(config, LOCKSTEP, "trials in lockstep")
+        refuse_unsolvable(config)
+        shown(config, np.random.default_rng(1))
