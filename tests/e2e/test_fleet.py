@@ -304,7 +304,7 @@ async def test_a_robot_new_in_a_fleet_leaves_it_for_a_double_and_one_that_has_be
         await asyncio.sleep(NEW + 1.0)
         link.requests["refused"](reason="there is a robot 'txt01'")
         assert not link.refused.done()
-        told = "the fleet does not let this robot in again, which is tried on: there is a robot 'txt01'"
+        told = "the fleet does not let this robot in again; it keeps trying: there is a robot 'txt01'"
         assert told in [event.text for event in robot.runtime.state.events]
         new = FleetLink(robot)
         new.requests["fleet"](members=[], heard={})

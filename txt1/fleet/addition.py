@@ -1,4 +1,4 @@
-"""Fleets as an addition: a robot's way into one, and the command of several."""
+"""Fleets as an addition: the option that lets a robot join a fleet, and the command for several robots."""
 
 from txt1.additions import Addition
 
@@ -10,7 +10,7 @@ ADDITION = Addition(
     options="txt1.fleet.options:OPTIONS",
     sources={"fleet": 30},
     commands={
-        "fleet": ("txt1.fleet.command", "run several simulated robots in one world, or watch those on a network")
+        "fleet": ("txt1.fleet.command", "run several simulated robots in one world, or watch the robots of a network")
     },
     parts={
         "txt1.bridges": {"fleet": "txt1.fleet.bridge:main"},

@@ -11,7 +11,7 @@ from txt1.robot import Key, Robot
 
 @asynccontextmanager
 async def beside(robot: Robot, joining: Joining) -> AsyncIterator[None]:
-    """Be in the fleet as long as the block is at work: x, and a page's stop, stop all; raises ConfigError."""
+    """Take part in the fleet within the block; x, and a page's stop, stop all robots. Raises ConfigError."""
     link = FleetLink(robot)
     robot.runtime.parts.append(link)
     robot.requests["stop"] = link.stop_all

@@ -11,15 +11,15 @@ class Body(NamedTuple):
     """A car among others; lengths in m, speeds in m/s."""
 
     radius: float
-    """Of its smallest circle."""
+    """Radius of its smallest circle."""
     v_max: float
-    """Its fastest."""
+    """Its top speed."""
     reach: float
-    """Of its corners from its body's centre."""
+    """Distance of its corners from its body's centre."""
     centre: float = 0.0
-    """Its body's centre ahead of its pose."""
+    """How far its body's centre is ahead of its pose."""
     least: float = 0.0
-    """Slowest at which it moves evenly."""
+    """Slowest speed at which it moves evenly."""
     pivots: bool = False
     """Whether it turns in place."""
 
@@ -30,10 +30,10 @@ class Body(NamedTuple):
         return cls(car.radius_min, safety.v_max, reach, car.centre, safety.v_dead_band, car.steering == "skid")
 
     def speed(self, share: float, given: float | None = None) -> float:
-        """Return the speed that was given, or else a share of the fastest, as the car can drive it, m/s."""
+        """Return the speed given, or else a share of the top speed, as the car can drive it, m/s."""
         wanted = self.v_max * share if given is None else given
         return min(max(wanted, self.least), self.v_max)
 
 
 DEFAULT_BODY: Final = Body.of(Geometry(), Safety())
-"""The TXT-1's."""
+"""The body of the TXT-1."""

@@ -1,9 +1,9 @@
 """The bridge to a fleet on a network: a process of its own, which speaks Zenoh beside the robot.
 
-What the robot tells goes out twenty times a second; what was heard comes in as often. What it has learned is told once
-a second; what others have learned is checked here and passed on as seldom. A stop of all that others say stops the
-robot, and is answered by what the robot reports of its gate and of its watch over stops; a console may take its wheel,
-as the source "fleet", by commands that are as old as the key that was pressed there.
+The robot's state goes out twenty times a second, and the others' states come in as often. What the robot has learned is
+told once a second. What others have learned is checked here and passed on about as often. When another robot stops all,
+this robot stops; the answer is what the robot reports of its gate and of its watch over stops. A console may take the
+robot's wheel as the source "fleet"; its commands are as old as the key that was pressed there.
 """
 
 import json
@@ -28,13 +28,13 @@ from txt1.sidecar import LINE_MAX, Connection
 FLEET_RATE: Final = 20.0  # Hz
 TOPICS: Final = ["/said", "/member", "/fleet_order", "/fleet_stops"]
 SELDOM: Final = ["/learned"]  # once a second
-PASSED: Final = 0.8  # s from one table of another robot to the next that is passed on
-AT_ONCE: Final = 5  # of them
-ORDERS: Final = 20  # of each kind that wait for the next look; the newest count
-ROOM: Final = LINE_MAX * 2 // 5  # bytes of a list of the others
-ANSWERED: Final = 1.0  # s after which a stop of all that is not complete is told as it stands
-SHOWN: Final = 60.0  # s that it is shown
-WAIT: Final = 0.01  # s that an order of the others may wait for the next look
+PASSED: Final = 0.8  # s from one table of a robot to its next that is passed on
+AT_ONCE: Final = 5  # tables that are passed on at a time
+ORDERS: Final = 20  # orders of each kind that wait for the next look; only the newest are kept
+ROOM: Final = LINE_MAX * 2 // 5  # bytes of a list about the others
+ANSWERED: Final = 1.0  # s after which an incomplete stop of all is reported as it stands
+SHOWN: Final = 60.0  # s for which a stop of all is shown
+WAIT: Final = 0.01  # s that an order of the others may wait
 
 T = TypeVar("T")
 
@@ -47,10 +47,11 @@ def main(
     loss: float = 0.0,
     fleet: str = FLEET_NAME,
 ) -> None:
-    """Be the robot's voice in the fleet until its run ends; the arguments are those of `Peer`."""
+    """Speak for the robot in the fleet until its run ends; the arguments are the same as those of `Peer`."""
     gate = ReportedGate(RealClock().now_ns)
-    stops: deque[tuple[str, str]] = deque(maxlen=ORDERS)  # of Zenoh's threads, which must not wait
-    drives: deque[tuple[float, float, float]] = deque(maxlen=ORDERS)  # apart: many of them push no stop out
+    stops: deque[tuple[str, str]] = deque(maxlen=ORDERS)  # filled by Zenoh's threads, which must not wait
+    # a queue of its own, so that many commands push no stop out
+    drives: deque[tuple[float, float, float]] = deque(maxlen=ORDERS)
     doubles: deque[str] = deque(maxlen=1)
 
     def stop(who: str, identity: str) -> StopAnswer:
@@ -61,15 +62,15 @@ def main(
     hooks = Hooks(stop, lambda who, v, omega, given: drives.append((v, omega, given)), doubles.append)
     robot.request("subscribe", topics=TOPICS, rate=FLEET_RATE, seldom=SELDOM)
     try:
-        with ThreadPoolExecutor(1) as beside:  # to look whether a name is taken lasts longer than a heartbeat
+        with ThreadPoolExecutor(1) as beside:  # to look whether a name is taken takes longer than a heartbeat
             joining = beside.submit(Peer, name, interface, None if key is None else Path(key), hooks, loss, fleet)
             while not joining.done():
                 robot.receive(WAIT)
         peer = joining.result()
     except ConfigError as error:
         refused(robot, str(error))
-    told: set[tuple[str, str]] = set()  # of whom a message was refused, and why
-    passed: dict[str, float] = {}  # when the last table of each was heard that was passed on
+    told: set[tuple[str, str]] = set()  # each robot whose message was refused, and why
+    passed: dict[str, float] = {}  # when the last table of each robot that was passed on was heard
     try:
         while True:
             telemetry = robot.receive(WAIT)
@@ -102,13 +103,13 @@ def main(
 
 
 def refused(robot: Connection, reason: str) -> NoReturn:
-    """Tell the robot that the fleet does not let it in, and end as failed, so that it is tried again later."""
+    """Tell the robot that the fleet does not let it in, and end as failed, so that another try follows."""
     robot.request("refused", reason=reason)
     raise SystemExit(1)
 
 
 def _pass_on(robot: Connection, peer: Peer, passed: dict[str, float]) -> None:
-    """Tell the robot what others have learned, or why that is refused."""
+    """Tell the robot what others have learned, or why their tables are refused."""
     new = [(who, *told) for who, told in peer.taught().items() if told[1] >= passed.get(who, -inf) + PASSED]
     for who, told, heard in new[:AT_ONCE]:
         passed[who] = heard
@@ -119,7 +120,7 @@ def _pass_on(robot: Connection, peer: Peer, passed: dict[str, float]) -> None:
 
 
 class ReportedGate:
-    """The robot's safety gate and its last stop, as it reported them: nothing else is ever answered to a stop."""
+    """The robot's safety gate and its last stop, as the robot reported them; every answer to a stop comes from here."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self.obeyed: frozenset[str] = frozenset()
@@ -128,14 +129,14 @@ class ReportedGate:
         self._armed, self._stop, self._at = True, "", -inf
 
     def reported(self, topics: Mapping[str, Any]) -> None:
-        """Take what the robot tells."""
+        """Take the robot's telemetry."""
         self.obeyed = frozenset(topics.get("/fleet_stops") or ())
         member = topics.get("/member") or {}
         self._armed, self._stop = member.get("armed") is not False, str(member.get("stop") or "")
         self._at = self._clock() / NS_PER_S
 
     def answer(self, stop: str) -> StopAnswer:
-        """Return the answer to a stop of that identity."""
+        """Return the answer to a stop of this identity."""
         if self._clock() / NS_PER_S - self._at > SILENCE:
             return StopAnswer(closed=False, why="its program is silent")
         if stop not in self.obeyed:
@@ -147,13 +148,13 @@ class ReportedGate:
 
 
 def _stop(peer: Peer) -> str:
-    """How the last stop of all stands that this robot has said, once there was time to answer; "" after a minute."""
+    """How the last stop of all that this robot gave stands, once there was time to answer; "" after a minute."""
     standing, age = peer.standing() or (Standing(), inf)
     return str(standing) if age < SHOWN and (standing.complete or age > ANSWERED) else ""
 
 
 def fitting(values: Iterable[T]) -> Iterator[T]:
-    """As many of the values as have room in a message to the robot: one that is too long would end this bridge."""
+    """Yield as many of the values as fit into a message to the robot: a message too long would end this bridge."""
     room = ROOM
     for value in values:
         room -= len(json.dumps(value)) + 2
@@ -163,7 +164,7 @@ def fitting(values: Iterable[T]) -> Iterator[T]:
 
 
 def _state(topics: dict[str, Any]) -> dict[str, Any]:
-    """The part of the robot's telemetry that the others are told."""
+    """The part of the robot's telemetry that is told to the others."""
     said, member = topics.get("/said") or {}, topics.get("/member") or {}
     told = ("armed", "reason", "driver", "battery", "silent", "stuck", "hand")
     return {**{key: value for key, value in said.items() if key != "time"}, **{key: member.get(key) for key in told}}

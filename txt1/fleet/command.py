@@ -1,4 +1,4 @@
-"""`txt1 fleet`: several simulated robots in one world; or a console of robots on a network."""
+"""`txt1 fleet`: several simulated robots in one world, or a console for robots on a network."""
 
 import argparse
 import asyncio
@@ -34,11 +34,11 @@ from txt1.web.options import WEB, WebPage, web_page
 if TYPE_CHECKING:
     from txt1.fleet.network import Peer
 
-EARLY: Final = 3.5  # s after which a stop of all that is not complete is told as it stands
+EARLY: Final = 3.5  # s after which an incomplete stop of all is reported as it stands
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `fleet` takes."""
+    """Add the arguments of `fleet`."""
     commands.add(
         parser.add_mutually_exclusive_group(required=True),
         {
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--robots": takes("N", "number of robots; their names are txt01, txt02 and so on", commands.count),
             "--join": takes(
                 "INTERFACE",
-                "watch, stop and drive the fleet on this network interface; left out, on loopback",
+                "watch, stop and drive the fleet on this network interface; loopback by default",
                 nargs="?",
                 const="",
             ),
@@ -65,12 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         | LOG
         | {
             "--duration": takes("S", "end after S seconds of the robots' time", commands.positive),
-            "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", commands.velocity),
+            "--drive": takes("V,OMEGA", "velocity for the robots without a task: m/s, rad/s", commands.velocity),
             "--fleet-key": NETWORK["--fleet-key"],
             "--fleet-name": NETWORK["--fleet-name"],
             "--stop": takes(
                 "NAME,NAME,...",
-                "with --join: stop all robots, say which stand, and end; those named must answer",
+                "with --join: stop all robots, say which stand, and end; robots named here must answer",
                 commands.names,
                 nargs="?",
                 const=[],
@@ -132,7 +132,7 @@ async def _operate(
         async def prepare() -> None:
             await fleet.get_ready(arm=arguments.arm)
             steering = fleet.begin_tasks()
-            await asyncio.gather(*steering, asyncio.Future[None]())  # only an error of these ends the run
+            await asyncio.gather(*steering, asyncio.Future[None]())  # only an error of these tasks ends the run
 
         preparing = asyncio.ensure_future(prepare())
         more = {"n": helm.next, "e": helm.toggle_esc}
@@ -163,7 +163,7 @@ async def _serve(fleet: Fleet, page: WebPage, arguments: argparse.Namespace, bri
 
 
 def _console(arguments: argparse.Namespace) -> int:
-    """Be a console of a fleet on a network."""
+    """Run a console of a fleet on a network."""
     need("--join", "fleet", "zenoh")
     from txt1.fleet.console import KEYS as CONSOLE_KEYS
     from txt1.fleet.console import Console
@@ -213,7 +213,7 @@ async def _page(peer: "Peer", page: WebPage) -> None:
 
 
 def _stop_all(peer: "Peer", expected: list[str]) -> int:
-    """Stop all robots and say which stand, which only have closed gates, which do not, and which did not answer."""
+    """Stop all robots and report which stand, which only closed their gates, which did not, and which are silent."""
     saying = peer.stop_all(expected)
     saying.join(EARLY)
     if saying.is_alive():
@@ -240,7 +240,7 @@ async def _lines(fleet: Fleet) -> None:
 
 
 def line(fleet: Fleet) -> str:
-    """A fleet in one line: how many may drive, how many move, and the smallest distance between two centres."""
+    """A fleet in one line: how many robots are armed, how many move, and the smallest distance between two centres."""
     robots = list(fleet.robots.values())
     armed = sum(robot.armed for robot in robots)
     moving = sum(abs(robot.odometry.v) > 0.05 for robot in robots)

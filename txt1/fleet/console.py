@@ -1,4 +1,4 @@
-"""A console of a fleet on a network: all robots, one stop for all, and the wheel of one. It is no robot itself."""
+"""A console of a fleet on a network: it shows all robots, stops all, and drives one. It is no robot itself."""
 
 from collections.abc import Mapping
 from math import inf
@@ -21,7 +21,7 @@ KEYS: Final[Mapping[str, str]] = {
 
 
 class Console:
-    """To the terminal it is a robot, and the source of the driving keys' commands."""
+    """To the terminal it looks like a robot; it is also the source of the driving keys' commands."""
 
     def __init__(self, peer: Peer) -> None:
         self._peer = peer
@@ -30,29 +30,29 @@ class Console:
         self._screen = list(installed()).index("FLEET")
         self._driving = False
         self.teleop = Teleop()
-        """The driving keys, as the car at hand obeys them."""
+        """The driving keys, with the hand rule of the selected car."""
 
     @property
     def robot(self) -> Member | None:
-        """The robot at hand; None while none is there."""
+        """The selected robot; None while there is none."""
         members = self._peer.members()
         return next((one for one in members if one.name == self._at), members[0] if members else None)
 
     def next(self) -> None:
-        """Let go of this robot, and take the next one."""
+        """Let go of this robot and select the next."""
         self.release()
         names = [one.name for one in self._peer.members()]
         self._at = names[(names.index(self._at) + 1) % len(names)] if self._at in names else "".join(names[:1])
         self._take_hand(self.robot)
 
     def _take_hand(self, robot: Member | None) -> None:
-        """Drive by the hand rule that the robot at hand tells."""
+        """Take the hand rule that the selected robot tells."""
         if robot is not None and robot.hand is not None:
             self.teleop.hand = robot.hand
 
     @property
     def snapshot(self) -> Snapshot:
-        """The fleet, and the robot at hand on the map."""
+        """The fleet, and the selected robot on the map."""
         robot, members = self.robot, self._peer.members()
         self._take_hand(robot)
         name = "fleet" if robot is None else f"fleet, at {robot.name}"
@@ -70,7 +70,7 @@ class Console:
 
     @property
     def now(self) -> float:
-        """Seconds since it was started."""
+        """Seconds since the console was started."""
         return self._peer.now - self._began
 
     def stop(self) -> None:
@@ -78,10 +78,10 @@ class Console:
         self._peer.stop_all()
 
     def arm(self) -> None:
-        """Nobody arms a robot from afar."""
+        """Do nothing: a robot cannot be armed from afar."""
 
     def disarm(self, reason: str) -> None:
-        """Let go of the wheel: the robot that it drove stops by itself."""
+        """Let go of the wheel; the driven robot stops by itself."""
         self.release()
 
     def press(self, button: Button) -> None:
@@ -90,16 +90,16 @@ class Console:
         self._screen = (self._screen + step) % len(installed())
 
     def tell(self, text: str) -> None:
-        """There is no log to add to."""
+        """Do nothing: a console has no log."""
 
     def command(self, v: float, omega: float, time: float = -inf) -> None:
-        """Drive the robot at hand, m/s and rad/s; the key was pressed at `time`, s since this console was started."""
+        """Drive the selected robot, m/s and rad/s; the key was pressed at `time`, s since this console was started."""
         if (robot := self.robot) is not None:
             self._peer.drive(robot.name, v, omega, 0.0 if time == -inf else max(0.0, self.now - time))
             self._driving = True
 
     def release(self) -> None:
-        """Let go of the robot at hand."""
+        """Let go of the selected robot."""
         if self._driving and (robot := self.robot) is not None:
             self._peer.drive(robot.name, 0.0, 0.0)
         self._driving = False

@@ -1,8 +1,8 @@
-"""A convoy: each robot follows the one before it, by what that one says of its own odometry.
+"""A convoy: each robot follows the robot ahead, by the odometry that the robot ahead tells.
 
-Along the path: v = v_ahead + k (s - d - h v), with s the distance to the one ahead along its track. The spacing d + h v
+Along the path: v = v_ahead + k (s - d - h v), with s the distance to the car ahead along its track. The spacing d + h v
 grows with the speed by the time headway h. For a vehicle whose speed follows its set-point with a time constant tau,
-an error goes on down the line by
+an error passes down the line by
 
     G(s) = (s + k) / (tau s^2 + (1 + k h) s + k),
 
@@ -10,11 +10,12 @@ and abs(G) <= 1 at every frequency where h (2 + k h) >= 2 tau: then no error gro
 Swaroop and J. K. Hedrick, "String stability of interconnected systems", IEEE TAC 41, 1996; J. Ploeg, N. van de Wouw and
 H. Nijmeijer, "Lp string stability of cascaded systems: application to vehicle platooning", IEEE TCST 22, 2014).
 
-Across it: pure pursuit of a point of the track that the one ahead has driven, so nobody cuts its corners.
+Across the path: pure pursuit of a point on the track of the car ahead, so the followers cut no corners.
 
-The leader drives no faster and no sharper than all that it hears can, and each follower as fast as its own car does.
+The leader drives no faster and turns no more sharply than all cars that it hears can. Each follower drives as fast as
+its own car can.
 
-Limits: odometry drifts, so followers drive beside the track after long curves; the law knows no obstacles, and a leader
+Limits: odometry drifts, so followers drive beside the track after long curves. The law knows no obstacles: a leader
 whose course ends at a wall is stopped there by the guard (`txt1.fleet.guard`).
 """
 
@@ -28,25 +29,26 @@ from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.radio import Said
 from txt1.model.kinematics import wrap_angle
 
-SLACK: Final = 0.26  # m by which d, the distance of two centres at rest, is more than the circles of both
+SLACK: Final = 0.26  # m added to the circles of two cars: the distance d of their centres at rest
 GAP: Final = 2.0 * DEFAULT_BODY.reach + SLACK  # d of two TXT-1s, m
-HEADWAY: Final = 0.8  # h, s; with k and tau below the condition asks for 0.35 s, and hearing late for some more
+HEADWAY: Final = 0.8  # h, s; with k and tau below, the condition asks for 0.35 s, and late hearing for more
 GAIN: Final = 0.8  # k, 1/s
 LOOK_AHEAD: Final = 0.6  # m, of the pursuit
 TRACK_STEP: Final = 0.05  # m between two points of the track
 TRACK_MAX: Final = 1000  # points of the track
-CATCHING_UP: Final = 2.0 / 3.0  # of a follower's fastest, when it catches up
-LEADING: Final = 1.0 / 3.0  # of the slowest car's fastest, where no speed is given
-RESERVE: Final = 0.6  # of the slowest car's fastest, which the leader does not pass: others must be able to catch up
-WIDER: Final = 1.1  # times the largest turning circle, the leader's smallest
-CREEP: Final = 0.08  # m/s: a slower set-point is rest, as the motors' dead band makes it uneven
+CATCHING_UP: Final = 2.0 / 3.0  # share of a follower's top speed at which it catches up
+LEADING: Final = 1.0 / 3.0  # share of the slowest car's top speed at which the leader drives if no speed is given
+# share of the slowest car's top speed that the leader never exceeds, so that the others can catch up
+RESERVE: Final = 0.6
+WIDER: Final = 1.1  # the leader's smallest circle, in turning circles of the least agile car
+CREEP: Final = 0.08  # m/s; a slower set-point counts as rest, as the motors' dead band makes slow driving uneven
 
 
 class Leader:
-    """Drives a course of its own: so many m/s, in a circle of `radius` m or, with 0, straight on.
+    """Drives a course of its own at `speed` m/s: a circle of `radius` m, or a straight line with 0.
 
-    Its speed swings by `swing` m/s with a period of `period` s, and begins after `rest` s. Raises ConfigError: the
-    circle is smaller than its own.
+    The speed swings by `swing` m/s with a period of `period` s, beginning after `rest` s. Raises ConfigError: the
+    circle is smaller than the car's own.
     """
 
     needs: frozenset[str] = frozenset()
@@ -69,7 +71,7 @@ class Leader:
         self.data: tuple[float, ...] = ()
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
-        """The course."""
+        """Return the velocities of the course."""
         if self._began is None:
             self._began = me.time
         time = me.time - self._began - self._rest
@@ -95,25 +97,25 @@ class Follower:
         self.needs = frozenset((ahead,))
         self.data: tuple[float, ...] = ()
         self.spacing: float | None = None
-        """Distance to the one ahead along its track, m."""
+        """Distance to the car ahead along its track, m."""
         self.gap = GAP
-        """Distance that it keeps to the one ahead at rest, m."""
+        """Distance that it keeps to the car ahead at rest, m."""
         self._ahead, self._body = ahead, body
         self._track: deque[tuple[float, float]] = deque(maxlen=TRACK_MAX)
 
     @property
     def points(self) -> int:
-        """How many points of the track are kept."""
+        """Number of points of the track that are kept."""
         return len(self._track)
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
-        """The velocities that follow."""
+        """Return the velocities that follow the track."""
         ahead, track = heard[self._ahead], self._track
         if not track:
             track.append((me.x, me.y))
         x, y = track[-1]
         if (apart := hypot(ahead.x - x, ahead.y - y)) >= TRACK_STEP:
-            # several at once where some of what it said was lost; few enough however far away it says it is
+            # several points at once if messages were lost; never many, however far away it says it is
             steps = min(int(apart / TRACK_STEP), TRACK_MAX)
             track.extend((x + (ahead.x - x) * n / steps, y + (ahead.y - y) * n / steps) for n in range(1, steps + 1))
         while len(track) > 2 and _nearer(me, track[1], track[0]):

@@ -1,4 +1,4 @@
-"""A robot's task in a team: it tells where it is, hears the others, and drives by a law, 20 times a second."""
+"""A robot's task in a team: 20 times a second it tells its state, hears the others, and drives by a law."""
 
 import asyncio
 from collections.abc import Callable
@@ -17,35 +17,35 @@ from txt1.sensors.readings import TrackerReading
 
 See = Callable[[Robot], tuple[float, float] | None]
 
-STUCK_AFTER: Final = 20.0  # s in which a robot that is to drive ...
-STUCK_WITHIN: Final = 0.25  # ... comes no further than so many m
+STUCK_AFTER: Final = 20.0  # s; a robot that wants to drive is stuck if within this time ...
+STUCK_WITHIN: Final = 0.25  # ... it moves less than this many m
 
 
 class Cooperation:
-    """A robot that cooperates: what its law proposes goes through its guard."""
+    """A robot that cooperates: its law proposes a velocity, and its guard limits it."""
 
     def __init__(
         self, robot: Robot, medium: Medium, law: Law, room: Room | None, see: See = lambda robot: None
     ) -> None:
         self.law = law
-        """Its part."""
+        """The robot's law."""
         self.silent = ""
-        """Whom it cannot do without and does not hear: it stands until then."""
+        """The robots that it needs and does not hear; it stands until they are heard."""
         self.stuck = ""
-        """What holds it, where it is to drive and has not moved for long; "" where nothing does."""
+        """What blocks it, if it wants to drive and has not moved for long; "" otherwise."""
         self._robot, self._medium, self._see = robot, medium, see
         self._source = robot.source("team")
         self._start = robot.config.sim.start
         self._body = body_of(robot.config)
         self._guard = TeamGuard(self._body, room if room is not None and all(map(isfinite, room)) else None)
-        self._moved = 0.0, 0.0, -inf  # where it was when it had moved last, m, and when that was, s of the loop
+        self._moved = 0.0, 0.0, -inf  # place of its last motion, m, and the time, s of the loop
 
     def begin(self) -> None:
-        """Set the robot to it."""
+        """Start the robot's task."""
         self._robot.add_task("team", REFRESH, self._cooperate)
 
     def said(self) -> Said:
-        """Where the robot is in the room, and how it moves."""
+        """The robot's place in the room, and its motion."""
         robot, odometry = self._robot, self._robot.odometry
         pose = pose_in_room(robot) or placed(self._start, odometry.x, odometry.y, odometry.theta)
         time = asyncio.get_running_loop().time()
@@ -66,7 +66,7 @@ class Cooperation:
             self._medium.say(me)
 
     def _listen(self, silent: str) -> None:
-        """The rule of silence."""
+        """Apply the rule of silence."""
         if silent == self.silent:
             return
         self.silent = silent
@@ -74,7 +74,7 @@ class Cooperation:
         self._robot.tell(f"cooperates no more: {silent} not heard for {SILENCE:g} s" if silent else "cooperates")
 
     def _watch(self, me: Said, *, wants: bool) -> None:
-        """Notice whether the robot gets on, where it is to."""
+        """Notice whether the robot moves while it wants to."""
         x, y, since = self._moved
         if not wants or hypot(me.x - x, me.y - y) > STUCK_WITHIN:
             self._moved = me.x, me.y, me.time
@@ -87,10 +87,10 @@ class Cooperation:
 
 
 def pose_in_room(robot: Robot) -> Pose | None:
-    """Return where a robot is in the room by motion capture, or in simulation truly; None where nobody knows.
+    """Return a robot's place in the room by motion capture, or the true pose in simulation; None if neither is known.
 
-    A pose that motion capture gave more than `SILENCE` ago counts no more. In simulation without it the true pose
-    stands for motion capture.
+    A pose of motion capture older than `SILENCE` is ignored. In simulation without motion capture the true pose
+    replaces it.
     """
     for polled in robot.sensors.values():
         last = polled.last
@@ -100,7 +100,7 @@ def pose_in_room(robot: Robot) -> Pose | None:
 
 
 def body_of(config: Config) -> Body:
-    """Return a robot's own body."""
+    """Return the body of a robot with this configuration."""
     return Body.of(config.geometry, config.safety)
 
 

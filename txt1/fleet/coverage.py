@@ -1,11 +1,11 @@
-"""Coverage: robots visit the whole floor again and again and touch neither one another nor a wall.
+"""Coverage: robots visit the whole floor again and again, and touch neither one another nor a wall.
 
-Each keeps, for every square of the floor, when somebody of the team was last near it, and drives to the square whose
-age is worth the way best: age / (way + a turn), less where another robot is nearer (after the idleness of patrolling,
-Y. Chevaleyre, "Theoretical analysis of the multi-agent patrolling problem", IAT 2004). The guard keeps it clear of the
-others and of the walls (`txt1.fleet.guard`).
+Each robot keeps, for every square of the floor, the time at which a robot of the team was last near it. It drives to
+the square with the best age for the way: age / (way + a turn), and avoids squares to which another robot is nearer
+(after the idleness of patrolling, Y. Chevaleyre, "Theoretical analysis of the multi-agent patrolling problem", IAT
+2004). The guard keeps it clear of the others and of the walls (`txt1.fleet.guard`).
 
-Limits: a square counts as visited when a robot is within 0.5 m, or within what it needs to see a corner; the room has
+Limits: a square counts as visited when a robot is within 0.5 m, or as near to a corner as it can come. The room has
 four walls and nothing in it.
 """
 
@@ -22,20 +22,20 @@ from txt1.fleet.radio import Said
 from txt1.fleet.steering import NEAR_BORDER, Helmsman, inside
 
 SQUARE: Final = 0.25  # m, side of a square
-SEEN: Final = 0.5  # m from a robot's pose, within which a square is visited
-SPEED_SHARE: Final = 4.0 / 15.0  # of the fastest; the TXT-1's 0.4 m/s
-TURN: Final = 1.0  # m that a target costs at least
-BEHIND: Final = 2.0  # m that it costs more to drive back
-WITHIN: Final = 4.0  # m that it costs more to make room first
+SEEN: Final = 0.5  # m from a robot's pose; squares within it are visited
+SPEED_SHARE: Final = 4.0 / 15.0  # of the top speed; 0.4 m/s for the TXT-1
+TURN: Final = 1.0  # m added to the way to every target
+BEHIND: Final = 2.0  # m added to the way to a target behind the car
+WITHIN: Final = 4.0  # m added to the way if the car has to make room first
 REACHED: Final = 0.3  # m
-TARGET_STEPS: Final = 300  # steps for one target
-LOOK: Final = 5  # steps between two looks at who is where; nobody comes further than 0.1 m meanwhile
+TARGET_STEPS: Final = 300  # largest number of steps for one target
+LOOK: Final = 5  # steps between two updates of the robots' places; a robot drives at most 0.1 m meanwhile
 
 
 class Coverage:
-    """One robot's part; `speed` in m/s, None: a share of its fastest.
+    """One robot's part; `speed` in m/s, None: a share of its top speed.
 
-    It cannot do without any of the team: who is not heard cannot be avoided.
+    It needs to hear all of the team, as it cannot avoid a silent robot.
     """
 
     def __init__(
@@ -54,8 +54,9 @@ class Coverage:
         xs, ys = (np.arange(-0.5 * side + 0.5 * SQUARE, 0.5 * side, SQUARE) for side in room)
         self._x, self._y = np.meshgrid(xs, ys, indexing="ij")
         self.visited: NDArray[np.float64] = np.full(self._x.shape, -np.inf)
-        """When each square was visited last, s of the listener; -inf: never."""
-        self._tried = self.visited.copy()  # when each was given up, or reached as nearly as the walls allow
+        """Time of the last visit to each square, s of the listener; -inf: never."""
+        # time at which each square was given up, or reached as nearly as the walls allow
+        self._tried = self.visited.copy()
         self._goal: tuple[float, float] | None = None
         self._square: tuple[int, ...] = 0, 0
         self._steps = 0
@@ -63,11 +64,11 @@ class Coverage:
         self._helmsman = Helmsman(sorted(team).index(name), body, room)
 
     def share(self, now: float, within: float) -> float:
-        """Share of the floor that was visited within so many s."""
+        """Share of the floor that was visited within this many s."""
         return float((self.visited >= now - within).mean())
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
-        """Towards what was not visited for longest, at the speed that is allowed."""
+        """Drive towards the best square, at the speed that is allowed."""
         self._looked -= 1
         if self._looked < 0:
             self._looked = LOOK - 1
@@ -95,7 +96,8 @@ class Coverage:
         dx, dy = self._x - me.x, self._y - me.y
         way = np.hypot(dx, dy)
         ahead, side = dx * cos(me.theta) + dy * sin(me.theta), dy * cos(me.theta) - dx * sin(me.theta)
-        within = way * way < 2.0 * self._body.radius * abs(side)  # a turning circle: not to be reached on one arc
+        # within a turning circle, so no single arc leads there
+        within = way * way < 2.0 * self._body.radius * abs(side)
         worth = age / (way + TURN + BEHIND * (ahead < 0.0) + WITHIN * within)
         for other in heard.values():
             worth[np.hypot(self._x - other.x, self._y - other.y) < way] *= 0.3

@@ -28,13 +28,13 @@ class Fleet:
 
     def __init__(self, plan: FleetPlan, robots: Mapping[str, Robot], world: World) -> None:
         self.plan = plan
-        """As it was written down."""
+        """The plan, as it was written down."""
         self.robots = robots
-        """By name, in the order of the plan."""
+        """The robots by name, in the order of the plan."""
         self.world = world
-        """In which all of them are."""
+        """The world of all robots."""
         self.cooperations: dict[str, Cooperation] = {}
-        """Each robot's part in their cooperation, by name; empty where there is none."""
+        """Each robot's part in a common law, by name; empty without a law."""
 
     @staticmethod
     @asynccontextmanager
@@ -47,18 +47,19 @@ class Fleet:
         ready: bool = True,
         attach: Callable[[Runtime], None] | None = None,
     ) -> AsyncIterator["Fleet"]:
-        """A running fleet, its gains loaded and all of it armed; stopped safely when the block is left.
+        """Open a fleet: its gains are loaded and all robots are armed; they are stopped safely when the block is left.
 
-        Every robot has random values of its own from the same seed, by its name: they repeat whatever the number and
-        the order of the robots. When a task of one fails, all are stopped and the block is left with a TaskFault.
+        Every robot draws random values of its own from the same seed, by its name. So they do not depend on the number
+        and the order of the robots. When a task of any robot fails, all are stopped and the block is left with a
+        TaskFault.
 
         Args:
-            fleet: a plan, a file with one, or so many robots, called txt01, txt02 and so on.
-            config: of all of them, beneath the plan's: a YAML file or a ready configuration.
+            fleet: a plan, a file with a plan, or a number of robots, called txt01, txt02 and so on.
+            config: of all robots; the plan's settings win over it: a YAML file or a ready configuration.
             seed: repeats every random value.
             settings: ``a.b=c`` each, as with ``--set``; they win.
-            ready: whether to wait for the links, load the gains and arm; else that is left to the caller.
-            attach: called with each runtime before it starts, such as a recorder.
+            ready: whether to wait for the links, load the gains and arm; otherwise the caller does so.
+            attach: called with each runtime before it starts, for example to record it.
 
         Raises ConfigError: the plan or a setting is wrong, or two robots would stand in one place; TaskFault.
 
@@ -79,7 +80,7 @@ class Fleet:
     async def of(
         plan: FleetPlan, configs: Mapping[str, Config], attach: Callable[[Runtime], None] | None = None
     ) -> AsyncIterator["Fleet"]:
-        """A fleet of these configurations, which are one robot's each, disarmed, its links not up yet."""
+        """Open a fleet of these configurations, one for each robot; it is disarmed, and its links may not be up yet."""
         world = world_of(next(iter(configs.values())))
         async with AsyncExitStack() as stack:
             robots = {}
@@ -89,7 +90,7 @@ class Fleet:
             yield Fleet(plan, robots, world)
 
     async def get_ready(self, *, arm: bool = True) -> None:
-        """Wait for all the links, arm and load the gains; HalError or NotArmed, where one cannot be made ready."""
+        """Wait for all the links, arm and load the gains; HalError or NotArmed: a robot cannot be made ready."""
         await asyncio.gather(*(robot.linked(LINKED_WITHIN) for robot in self.robots.values()))
         if arm:
             self.arm_all()
@@ -99,7 +100,7 @@ class Fleet:
                 raise HalError(f"{name}: its gains were not acknowledged; check control.linear and control.angular")
 
     def begin_tasks(self) -> list[asyncio.Task[None]]:
-        """Set every robot to its own task, or all to their common one; the sources of commands among them.
+        """Start every robot's own task, or the common one; return the tasks that are sources of commands.
 
         Raises ConfigError: there is no source of commands of that name, or no such law.
         """
@@ -116,7 +117,7 @@ class Fleet:
         return steering
 
     def cooperate(self, settings: Mapping[str, Any], air: Radio | None = None) -> None:
-        """Let all drive by a law of `txt1.fleet.law`, named by ``law``, with its settings; raises ConfigError."""
+        """Let all robots drive by a law of `txt1.fleet.law`: ``law`` and its settings; raises ConfigError."""
         air = air or Radio()
         room, team = (self.world.room.length, self.world.room.width), list(self.robots)
         for name, robot in self.robots.items():
@@ -136,7 +137,7 @@ class Fleet:
             robot.stop()
 
     def arm_all(self) -> None:
-        """Arm every robot; NotArmed: one may not be, and then none of them is."""
+        """Arm every robot; NotArmed: some robot may not be armed, and then none is."""
         try:
             for robot in self.robots.values():
                 robot.arm()

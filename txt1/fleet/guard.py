@@ -1,10 +1,10 @@
-"""The guard of a team: it lets no law drive a car into another one or into a wall.
+"""The guard of a team: it lets no law drive a car into another car or into a wall.
 
 A law proposes a velocity (v, omega), and the guard lets a share of it through, from all to nothing. The path keeps its
-curvature, so whatever a car that steers can drive it still can, and so can one that turns in place.
+curvature, so every car can drive the result, whether it steers or turns in place.
 
 **Barrier.** The guard looks at where the cars would come to rest if all of them let go now. A car's speed decays with
-the time constant `LAG`, so its body's centre p would come to rest at q = p + LAG v e, with e the direction in which it
+the time constant `LAG`. So its body's centre p would come to rest at q = p + LAG v e, with e the direction in which it
 looks. Then q moves as the command says, whatever the speed was:
 
     dq/dt = v e + (c + LAG v_now) omega e',      e' = e turned left, c the centre's distance ahead of the pose.
@@ -26,9 +26,9 @@ keeps its part by itself (L. Wang, A. D. Ames and M. Egerstedt, "Safety barrier 
 multirobot systems", IEEE T-RO 33, 2017). The relative motion that it looks along is that of velocity obstacles (P.
 Fiorini and Z. Shiller, IJRR 17, 1998).
 
-Limits: it knows the four walls and those of the team that it hears, and no obstacles. `LAG` and the margin are the same
-for all cars; of a car that brakes more slowly they must be larger. Steering lags too, which the margin has to cover.
-It never swerves: whoever is blocked has to find a way out himself (`txt1.fleet.steering`).
+Limits: the guard knows the four walls and the robots that it hears, and no obstacles. `LAG` and the margin are the same
+for all cars; both have to be larger for a car that brakes more slowly. Steering lags too, and the margin has to cover
+it. The guard never swerves: a blocked car has to find its own way out (`txt1.fleet.steering`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -47,15 +47,15 @@ Room = tuple[float, float]  # length and width, m
 
 
 class TeamGuard:
-    """One car's guard; `room` is None where there are no walls."""
+    """One car's guard; `room` is None if there are no walls."""
 
     def __init__(self, body: Body, room: Room | None = None) -> None:
         self.by = ""
-        """What holds the car back most just now: a robot's name, or "a wall"; "" where nothing does."""
+        """What holds the car back most just now: a robot's name or "a wall"; "" if nothing does."""
         self._body, self._room = body, room
 
     def step(self, me: Said, heard: Mapping[str, Said], v: float, omega: float) -> tuple[float, float]:
-        """Return what is let through of a velocity, m/s and rad/s."""
+        """Return the part of a velocity that is safe to drive, m/s and rad/s."""
         share, self.by = 1.0, ""
         ex, ey = cos(me.theta), sin(me.theta)
         ahead = self._body.centre + LAG * me.v
@@ -71,7 +71,7 @@ class TeamGuard:
     def _to_others(
         self, me: Said, heard: Mapping[str, Said], go: tuple[float, float]
     ) -> Iterator[tuple[str, float, float]]:
-        """Whom it comes nearer to, how fast (m/s), and how much room is left (m)."""
+        """Yield each robot that the car approaches: its name, the closing speed (m/s), and the room left (m)."""
         px, py, qx, qy = _decay(me, self._body)
         for name, other in heard.items():
             other_px, other_py, other_qx, other_qy = _decay(other, other.body)
@@ -86,7 +86,7 @@ class TeamGuard:
             yield name, closing, distance - self._body.reach - other.body.reach - MARGIN - late
 
     def _to_walls(self, me: Said, go: tuple[float, float]) -> Iterator[tuple[str, float, float]]:
-        """The same of the walls."""
+        """Yield the walls that the car approaches, in the same form."""
         if self._room is None:
             return
         clear = self._body.reach + WALL
@@ -98,7 +98,7 @@ class TeamGuard:
 
 
 def _decay(one: Said, body: Body) -> tuple[float, float, float, float]:
-    """Return a body's centre now, and where it would come to rest: x and y, m."""
+    """Return a body's centre now, and the point where it would come to rest: x and y, m."""
     ex, ey = cos(one.theta), sin(one.theta)
     x, y, on = one.x + body.centre * ex, one.y + body.centre * ey, LAG * one.v
     return x, y, x + on * ex, y + on * ey

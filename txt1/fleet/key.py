@@ -1,15 +1,16 @@
-"""The key of a fleet: whose messages are heard, where they are heard, and the file it is kept in.
+"""The key of a fleet: it decides whose messages are heard and where; it is kept in a file.
 
-A fleet is a name and a key. Of both are made, by HMAC-SHA256:
+A fleet is a name and a key. HMAC-SHA256 makes from both:
 
-* the **space**, the part before all of its Zenoh keys: fleets of other names or other keys are never heard by accident;
-* the **signature** that goes before each message, over the message and its Zenoh key: one who does not have the key can
-  put no message, and can move none to another robot. Zenoh's own check is of the opening of a link, and nothing more;
+* the **space**, the first part of all its Zenoh keys: fleets with another name or key are never heard by accident;
+* the **signature** before each message, over the message and its Zenoh key: without the key nobody can send a message
+  or
+  redirect one to another robot. (Zenoh itself checks only the opening of a link);
 * beyond loopback, the **password** with which links are opened.
 
-On loopback the key is the user's own, made when it is first needed. So one user's terminals meet without anything being
-typed, and two people on one computer do not. A key is a file that nobody else may read; a symlink is not followed, for
-others may put it there.
+On loopback the key is the user's own, made when it is first needed. So the terminals of one user find each other
+without a password, and two users on one computer stay apart. A key is a file that only its owner may read. A symlink is
+not followed, as another user may have put it there.
 """
 
 import errno
@@ -26,15 +27,15 @@ from typing import Final
 from txt1.errors import ConfigError
 from txt1.fleet.messages import is_name
 
-FLEET_NAME: Final = "txt1"  # of a fleet that was given none
+FLEET_NAME: Final = "txt1"  # the name of a fleet by default
 SIGNATURE: Final = 32  # letters of a signature: 128 bits in hexadecimal
 KEY_MIN: Final = 16  # letters of a password
-KEY_MAX: Final = 4096  # bytes of a file that may be one
+KEY_MAX: Final = 4096  # bytes of the longest file that may be a key
 MADE: Final = ("space", "signature", "password")
 
 
 class FleetKey:
-    """A fleet's name and secret, and all that is made of them; raises ConfigError: the name is none."""
+    """A fleet's name and secret, and all that is made from them; raises ConfigError: the name is not valid."""
 
     def __init__(self, secret: str, fleet: str = FLEET_NAME) -> None:
         if not is_name(fleet):
@@ -43,9 +44,9 @@ class FleetKey:
         made = {what: digest(secret.encode(), f"txt1 {what} of {fleet}".encode(), "sha256") for what in MADE}
         self._signing = made["signature"]
         self.space = f"txt1/{fleet}/{made['space'].hex()[:SIGNATURE]}"
-        """Stands before all Zenoh keys of the fleet."""
+        """The first part of all Zenoh keys of the fleet."""
         self.password = made["password"].hex()
-        """With which links are opened beyond loopback."""
+        """The password of links beyond loopback."""
 
     def signature(self, where: str, text: bytes) -> str:
         """Return the signature of a message on a Zenoh key, given without the space."""
@@ -62,9 +63,9 @@ class FleetKey:
 
     @contextmanager
     def dictionary(self) -> Iterator[str]:
-        """A file of users and passwords as Zenoh reads it once, when it is opened; it is there within the block only.
+        """A file of users and passwords, which Zenoh reads once when it opens; the file exists within the block only.
 
-        It is a new file of a name that nobody can guess, with mode 0600, so nobody has put a symlink in its place.
+        It is a new file with a random name and mode 0600, so a symlink cannot be in its place.
         """
         with NamedTemporaryFile("w", prefix="txt1-fleet-", encoding="utf-8") as file:
             file.write(f"{self.fleet}:{self.password}\n")
@@ -75,7 +76,7 @@ class FleetKey:
 def fleet_key(interface: str, path: Path | None, fleet: str = FLEET_NAME) -> FleetKey:
     """Return the key of a fleet on an interface (empty: loopback), from the file at `path` or the user's own.
 
-    Raises ConfigError: beyond loopback no file is named, or the file is not one that only its owner may read.
+    Raises ConfigError: no file is named beyond loopback, or others may use the file.
     """
     if path is None and interface:
         own = f"copy your own ({_users_path()}) to each robot" if _users_path().exists() else "make one"
@@ -91,7 +92,7 @@ def fleet_key(interface: str, path: Path | None, fleet: str = FLEET_NAME) -> Fle
 
 
 def users_key() -> Path:
-    """Return the file with the user's own key, which is made if it is not there; raises ConfigError."""
+    """Return the file with the user's own key, and make it if it is missing; raises ConfigError."""
     path = _users_path()
     if path.exists() or path.is_symlink():
         return path
@@ -102,7 +103,7 @@ def users_key() -> Path:
         try:
             with os.fdopen(descriptor, "w", encoding="ascii") as file:
                 print(token_hex(32), file=file)
-            # two terminals may begin in the same instant: the link of the first one stays, and is whole
+            # two terminals may start in the same instant: the link of the first stays, and its file is complete
             path.hardlink_to(draft)
         except FileExistsError:
             pass
@@ -123,12 +124,12 @@ def _users_path() -> Path:
 
 
 def _open(path: str, flags: int) -> int:
-    # and not to wait for the other end of a pipe
+    # and do not wait for the other end of a pipe
     return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
 def _read(path: Path, named: str) -> str:
-    """Return the text of a file that nobody but its owner may read; raises ConfigError, which begins with `named`."""
+    """Return the text of a file that only its owner may read; raises ConfigError, which begins with `named`."""
     try:
         with open(path, "rb", opener=_open) as file:
             about = os.fstat(file.fileno())

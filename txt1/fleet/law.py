@@ -1,9 +1,9 @@
-"""A law of cooperation: from what a robot knows of itself and hears of the others to its velocity.
+"""A law of cooperation: it makes a robot's velocity from its own state and the states of the others.
 
 A law proposes; the guard (`txt1.fleet.guard`) decides how much of it the car drives.
 
-The rule of silence: a law names those it cannot do without. When one of them is not heard for `TIMEOUT`, the robot lets
-go of the wheel, says so, and stands; when it is heard again, it goes on.
+The rule of silence: a law names the robots that it needs to hear. When one of them is not heard for `SILENCE`, the
+robot lets go of the wheel, says so, and stands. When that robot is heard again, it goes on.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,14 +25,14 @@ class Law(Protocol):
     """One robot's part of a cooperation."""
 
     needs: frozenset[str]
-    """Whom it has to hear."""
+    """Names of the robots that it needs to hear."""
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
-        """Velocities to command, m/s and rad/s; `light` is the brightness (lux) and bearing (rad) of the light."""
+        """Return velocities to command, m/s and rad/s; `light` is the light's brightness (lux) and bearing (rad)."""
 
     @property
     def data(self) -> tuple[float, ...]:
-        """Numbers that the others have to know besides its pose and velocities."""
+        """Numbers that the others need besides its pose and velocities."""
 
 
 def _convoy(name: str, team: list[str], room: Rooms, body: Body, **settings: Any) -> Law:
@@ -46,14 +46,14 @@ LAWS: Final[Mapping[str, Callable[..., Law]]] = {
     "coverage": lambda name, team, room, body, **settings: Coverage(name, team, room, body=body, **settings),
     "search": lambda name, team, room, body, **settings: Search(name, team, room, body=body, **settings),
 }
-"""By name: given are the robot's name, the team in its order, the room, its body, and the law's settings.
+"""By name; called with the robot's name, the team in its order, the room, its body, and the law's settings.
 
-In a convoy the first of the team leads, and each other one follows the one before it.
+In a convoy the first of the team leads, and each robot follows the robot before it.
 """
 
 
 def make_law(name: str, team: list[str], room: Rooms, settings: Mapping[str, Any], body: Body = DEFAULT_BODY) -> Law:
-    """One robot's part in the law that ``cooperate`` names, for a car of this body; raises ConfigError."""
+    """Make one robot's part in the law that ``cooperate`` names, for a car of this body; raises ConfigError."""
     given = dict(settings)
     law = given.pop("law", None)
     if law not in LAWS:

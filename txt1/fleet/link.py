@@ -1,4 +1,4 @@
-"""A robot's end of the bridge to its fleet: what it tells, what it has heard, and the rule of silence among them."""
+"""A robot's end of the bridge to its fleet: its states, the states it has heard, and what robots have learned."""
 
 import asyncio
 from collections import deque
@@ -22,7 +22,7 @@ SAID: Final = declare(Topic("/said", Said, "m, rad, m/s, rad/s", "std_msgs/Strin
 MEMBER: Final = declare(
     Topic("/member", Member, "", "std_msgs/String", Rule.SNAPSHOT, "this robot, as the fleet sees it")
 )
-BRIDGE_PATIENCE: Final = 15.0  # s in which the bridge comes up, or there is no fleet
+BRIDGE_PATIENCE: Final = 15.0  # s; without a bridge by then, the robot has no fleet
 ORDER: Final = declare(
     Topic("/fleet_order", str, "", "std_msgs/String", Rule.EVENT, "what this robot asks of the fleet: stop")
 )
@@ -36,12 +36,12 @@ STOPS: Final[Topic[tuple[str, ...]]] = declare(
         "the stops of all that this robot has obeyed",
     )
 )
-STOPS_MAX: Final = 20  # stops of all that are remembered: an older one is obeyed again if somebody still says it
-QUIET: Final = 1.0  # s without a word of the bridge after which the fleet is not reached
+STOPS_MAX: Final = 20  # stops of all that are remembered; an older stop would be obeyed again if it were repeated
+QUIET: Final = 1.0  # s without a message of the bridge after which the fleet counts as not reached
 
 
 class FleetLink:
-    """To a `txt1.fleet.cooperation.Cooperation` it is the air, to a `txt1.learning.sharing.Sharing` the exchange."""
+    """The medium of a `txt1.fleet.cooperation.Cooperation` and the exchange of a `txt1.learning.sharing.Sharing`."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -51,12 +51,12 @@ class FleetLink:
         self._cooperation: Cooperation | None = None
         self._joined = asyncio.Event()
         self._since = inf  # when it joined the fleet, s of the loop
-        self._took = -inf  # when the bridge told of the others last, s of the loop
+        self._took = -inf  # last message of the bridge about the others, s of the loop
         self._obeyed: deque[str] = deque(maxlen=STOPS_MAX)  # identities of stops of all
-        self._standing = ""  # how the last one stands that this robot has said
+        self._standing = ""  # how the last stop of all that this robot gave stands
         self._learned: Learned | None = None
-        self._taught: dict[str, tuple[Learned, float]] = {}  # by the others, and when that was
-        self._refused: dict[str, str] = {}  # names of those whose words are no table, and why
+        self._taught: dict[str, tuple[Learned, float]] = {}  # rows learned by the others, and when they came
+        self._refused: dict[str, str] = {}  # names of robots whose rows were refused, and why
         self.refused: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done, with a ConfigError, when the fleet does not let the robot in."""
         self.requests: Mapping[str, Callable[..., object]] = {
@@ -65,7 +65,7 @@ class FleetLink:
             "learned": self._hear,
             "refused": self._refuse,
         }
-        """What the bridge may ask for."""
+        """The requests that the bridge may make."""
         bus = robot.runtime.bus
         bus.offer(SAID, lambda: self._said or self._own())
         bus.offer(MEMBER, self._member)
@@ -75,7 +75,7 @@ class FleetLink:
         bus.offer(FLEET, lambda: (self._member(), *self._members))
 
     def cooperate(self, law: str, team: Sequence[str], **settings: Any) -> None:
-        """Drive by a law with the others of a team; raises ConfigError."""
+        """Drive by a law together with a team; raises ConfigError."""
         config, given = self._robot.config, {"law": law, **settings}
         room = config.sim.room.length, config.sim.room.width
         made = make_law(config.name, list(team), room, given, body_of(config))
@@ -83,22 +83,22 @@ class FleetLink:
         self._cooperation.begin()
 
     def stop_all(self) -> None:
-        """Stop this robot at once, and all others of the fleet; the event log then says who has stopped."""
+        """Stop this robot at once, and the others of the fleet; the event log then names the robots that stopped."""
         self._robot.stop()
         self._robot.runtime.bus.publish(ORDER, "stop", self._robot.now)
         if asyncio.get_running_loop().time() - self._took > QUIET:
             self._robot.tell("the fleet is not reached: only this robot was stopped; stop the others otherwise")
 
     def say(self, said: Said) -> None:
-        """Tell the others."""
+        """Send a state to the others."""
         self._said = said
 
     def heard(self) -> Mapping[str, Said]:
-        """The last that was heard of each of the others."""
+        """The last state heard of each other robot, by name."""
         return self._heard
 
     def teach(self, learned: Learned) -> None:
-        """Tell the others what this robot has learned; it is said again once a second."""
+        """Tell the others what this robot has learned; it is repeated once a second."""
         self._learned = learned
 
     def taught(self) -> Mapping[str, Learned]:
@@ -107,7 +107,7 @@ class FleetLink:
         return {who: learned for who, (learned, time) in self._taught.items() if time >= since}
 
     async def joined(self) -> None:
-        """Wait until each of the others has had the time to tell what it has learned, but not for ever."""
+        """Wait until the others have had time to tell what they have learned, at most `BRIDGE_PATIENCE` and `TOLD`."""
         with suppress(TimeoutError):
             async with asyncio.timeout(BRIDGE_PATIENCE):
                 await self._joined.wait()
@@ -116,7 +116,7 @@ class FleetLink:
     # -- what the bridge asks for ------------------------------------------------------------------------------
 
     def _take(self, members: list[list[Any]], heard: Mapping[str, list[Any]], stop: str = "") -> None:
-        """Take note of the others and of their words, whose times are given as ages, s; and how our stop stands."""
+        """Take the others' states, whose times are given as ages, s, and how our stop of all stands."""
         self._joined.set()
         self._took = now = asyncio.get_running_loop().time()
         self._since = min(self._since, now)
@@ -130,7 +130,7 @@ class FleetLink:
         self._members = tuple(_member(each) for each in members)
 
     def _stop(self, who: str = "somebody", stop: str = "") -> None:
-        """Stop at another's word, once for each identity: it is said again and again, and must not undo an arming."""
+        """Obey another's stop, once for each identity: a stop is repeated, and a repetition must not undo an arming."""
         if stop and stop in self._obeyed:
             return
         self._robot.stop()
@@ -139,7 +139,7 @@ class FleetLink:
             self._obeyed.append(stop)
 
     def _hear(self, who: str, learned: Mapping[str, Any] | None, age: float = 0.0, why: str = "") -> None:
-        """Take note of the rows that another learned `age` s ago; None: they are refused, and `why` is told once."""
+        """Take the rows that another learned `age` s ago; None: they are refused, and `why` is reported once."""
         if learned is not None:
             self._taught[who] = learned_of(learned), asyncio.get_running_loop().time() - age
             return
@@ -149,9 +149,9 @@ class FleetLink:
             self._robot.tell(f"refuses what {who} has learned: it {why}")
 
     def _refuse(self, reason: str) -> None:
-        """End the run of a robot that is new in the fleet; one that has been there goes on, whatever others say."""
+        """End the run of a robot that is new in the fleet; a robot that has been in it goes on driving."""
         if asyncio.get_running_loop().time() > self._since + NEW:
-            self._robot.tell(f"the fleet does not let this robot in again, which is tried on: {reason}")
+            self._robot.tell(f"the fleet does not let this robot in again; it keeps trying: {reason}")
         elif not self.refused.done():
             self.refused.set_exception(ConfigError(reason))
 
@@ -166,7 +166,7 @@ class FleetLink:
 
 
 def _member(told: Sequence[Any]) -> Member:
-    """Return a line of the others', of which JSON has made lists."""
+    """Return a member from the lists that JSON has made of it."""
     one = Member._make(told)
     pose = None if one.pose is None else (one.pose[0], one.pose[1], one.pose[2])
     return one._replace(pose=pose, hand=None if one.hand is None else Hand(*one.hand))

@@ -12,16 +12,16 @@ if TYPE_CHECKING:
     from txt1.robot import Robot
 
 
-NEW: Final = 30.0  # s in a fleet in which a robot gives way to one of its name that was there before
+NEW: Final = 30.0  # s in a fleet; within them a robot leaves to an earlier robot of the same name
 
 
 class Member(NamedTuple):
-    """A robot of a fleet.
+    """A robot of a fleet; None stands for an unknown value.
 
-    Its name, whether it may drive and else why not, its pose in the room (m, rad) and velocities (m/s, rad/s), who
-    drives it, its battery (V); how long ago it was heard (s), how its clock stands to ours (s), whether those it
-    cooperates with are heard: the name of one that is not; how its last stop goes, as it has seen itself; what holds it
-    where it is to drive and does not get on; and its hand rule. None is what nobody knows.
+    `armed` says whether it may drive, `reason` why not. `pose` is its place in the room (m, rad), `v` and `omega` its
+    velocities (m/s, rad/s), `driver` the source that drives it, `battery` its voltage (V). It was heard `age` s ago,
+    and its clock is `offset` s ahead of ours. `silent` names a robot that it needs and does not hear. `stop` says how
+    its last stop goes by its own watch, `stuck` what blocks it while it wants to drive. `hand` is its hand rule.
     """
 
     name: str
@@ -52,7 +52,7 @@ FLEET_STOP: Final = declare(
 
 
 def member_of(robot: Robot, silent: str = "", stuck: str = "") -> Member:
-    """A robot's own line, as it is now; `silent` names the robot that it waits for, `stuck` what holds it."""
+    """A robot's own line now; `silent` names the robot that it waits for, `stuck` what blocks it."""
     odometry = robot.odometry
     pose = robot.pose or (odometry.x, odometry.y, odometry.theta)
     return Member(
@@ -72,7 +72,7 @@ def member_of(robot: Robot, silent: str = "", stuck: str = "") -> Member:
 
 
 def _stop_of(robot: Robot) -> str:
-    """How the robot's last stop goes: "standing" only where it was seen to stand, and still is."""
+    """How the robot's last stop goes; "standing" only if it was seen to stand and still stands."""
     if robot.runtime.stands(robot.now) and not robot.hal.capabilities.blind:
         return Stop.STANDING
     seen = robot.stop_state

@@ -1,7 +1,7 @@
-"""Messages of other peers, checked as they arrive: whoever is in the fleet may send anything.
+"""Messages of other peers, checked as they arrive: any member of the fleet may send anything.
 
-Each function takes the JSON object of a message and returns its values, or raises ValueError that says what is wrong.
-A stop is the exception: it is one whatever its message says.
+Each function takes the JSON object of a message and returns its values. It raises ValueError, which says what is wrong.
+A stop is the exception: a message on its key is a stop, whatever it contains.
 """
 
 import json
@@ -18,13 +18,13 @@ MEMBER_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")  # of a robot or a cons
 LARGEST: Final = 1e6  # of a number: m, rad, m/s, rad/s, V
 DATA_MAX: Final = 16  # numbers of a law
 SIZE_MAX: Final = 100.0  # of a car's lengths and speeds: m, m/s, rad/s
-TEXT_MAX: Final = 100  # letters of a reason; of a longer one the rest is cut off
+TEXT_MAX: Final = 100  # letters of a reason; the rest of a longer reason is cut off
 TIME_MAX: Final = 1 << 63  # ns of a clock
 STOP: Final = re.compile(r"[0-9a-f]{32}")  # the identity of a stop of all
 
 
 class MemberState(NamedTuple):
-    """What a robot tells of itself: pose (m, rad), velocities (m/s, rad/s), numbers of its law, and how it is."""
+    """What a robot tells of itself: pose (m, rad), velocities (m/s, rad/s), numbers of its law, and its condition."""
 
     x: float
     y: float
@@ -45,7 +45,8 @@ class MemberState(NamedTuple):
 class StopAnswer(NamedTuple):
     """A robot's answer to a stop of all, as the robot itself reports.
 
-    Whether its gate is closed, whether it was then seen to stand, and if not why, or how the stop is going.
+    It tells whether its gate is closed and whether it was then seen to stand. If not, `why` gives the reason or the
+    stop's progress.
     """
 
     closed: bool
@@ -54,7 +55,7 @@ class StopAnswer(NamedTuple):
 
 
 def message_of(payload: bytes) -> dict[str, Any] | None:
-    """Return the JSON object of a message from a peer with a proper name; None for anything else."""
+    """Return the JSON object of a message with a proper sender's name; None for anything else."""
     try:
         message = json.loads(payload) if len(payload) <= MESSAGE_SIZE else None
     except (ValueError, RecursionError):
@@ -65,7 +66,7 @@ def message_of(payload: bytes) -> dict[str, Any] | None:
 
 
 def is_name(name: object) -> bool:
-    """Whether a peer may be called that."""
+    """Return whether this may be the name of a peer."""
     return isinstance(name, str) and MEMBER_NAME.fullmatch(name) is not None
 
 
@@ -94,7 +95,7 @@ def state_of(message: Mapping[str, Any]) -> MemberState:
 
 
 def body_of(told: object) -> Body:
-    """Return the body that a robot tells of; an older one, which tells of none, is taken for a TXT-1."""
+    """Return the body that a robot tells; an older robot tells none and counts as a TXT-1."""
     if not isinstance(told, dict):
         return DEFAULT_BODY
     radius, v_max, reach = (_size(told, name) for name in ("radius", "v_max", "reach"))
@@ -105,7 +106,7 @@ def body_of(told: object) -> Body:
 
 
 def hand_of(told: object) -> Hand:
-    """Return the hand rule of a robot; one that tells none has the TXT-1's."""
+    """Return the hand rule of a robot; without one it is the TXT-1's."""
     if not isinstance(told, dict):
         return DEFAULT_HAND
     v_max, omega_max, radius, turn = (_size(told, name) for name in ("v_max", "omega_max", "radius", "turn"))
@@ -126,13 +127,13 @@ def drive_of(message: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def stop_of(payload: bytes) -> str:
-    """Return the identity of a stop; "" for one without, which is obeyed whenever it is said."""
+    """Return the identity of a stop; "" if it has none, and then it is obeyed each time."""
     stop = (message_of(payload) or {}).get("stop")
     return stop if isinstance(stop, str) and STOP.fullmatch(stop) else ""
 
 
 def answer_of(message: Mapping[str, Any]) -> StopAnswer:
-    """Return how a robot is after a stop; one whose gate is open does not stand for long."""
+    """Return a robot's answer to a stop; with an open gate it does not count as standing."""
     closed = message.get("closed") is True
     return StopAnswer(closed, closed and message.get("stands") is True, text(message, "why"))
 
@@ -146,7 +147,7 @@ def time_of(message: Mapping[str, Any], name: str) -> int:
 
 
 def number(message: Mapping[str, Any], name: str) -> float:
-    """Return a field that is a finite number, and not a huge one."""
+    """Return a field that is a finite number within `LARGEST`."""
     value = message.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{name}: it is no number")
@@ -156,7 +157,7 @@ def number(message: Mapping[str, Any], name: str) -> float:
 
 
 def text(message: Mapping[str, Any], name: str) -> str:
-    """Return a field of text, "" where there is none, in one line and without what a terminal could obey."""
+    """Return a field of text in one line, without control characters of a terminal; "" if it is absent."""
     value = message.get(name)
     if value is None:
         return ""

@@ -3,36 +3,37 @@
 How it works
 ------------
 
-Every robot tells all others how it is, and every robot finds out by itself who is there. Nobody is the centre, so
-nobody's end ends the team. Messages are small JSON objects below the space of the
-fleet, signed with its key (`txt1.fleet.key`). They may be lost, doubled or late: what matters is said again until it is
-answered, and what came is held against the sender's clock.
+Every robot tells its state to all others, and every robot finds the others by itself. There is no centre, so the team
+goes on when any of its members ends. Messages are small JSON objects below the space of the fleet, signed with its key
+(`txt1.fleet.key`). They may be lost, doubled or late. So an important message is repeated until it is answered, and the
+age of each message is measured with the sender's clock.
 
 | key | what it is |
 |---|---|
 | ``alive/NAME/ID`` | a liveliness token: it comes and goes with the session, so an end without a word is noticed |
-| ``state/NAME`` | what a robot tells, 20 times a second |
+| ``state/NAME`` | the state of a robot, 20 times a second |
 | ``ping/NAME``, ``pong/NAME`` | measure clocks |
 | ``stop/FROM``, ``stopped/FROM`` | the stop of all, and its answers |
-| ``drive/NAME`` | a velocity for one |
+| ``drive/NAME`` | a velocity for this robot |
 | ``learned/NAME`` | what a robot has learned, once a second |
 
-**Stop of all.** It is said every 20 ms until every robot that is alive, was heard in the last half minute or was named
-has answered that its gate is closed and that it was seen to stand, then a little longer, in case somebody new is there.
-With a share p of all messages lost, one is still missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3.
-Whoever hears a stop obeys it, even one that is not signed.
+**Stop of all.** A stop is repeated every 20 ms until every expected robot has answered that its gate is closed and that
+it was seen to stand. A robot is expected if it is alive, was heard in the last half minute, or was named. The stop is
+repeated for another second, in case a robot joins meanwhile. With a share p of all messages lost, one robot is still
+missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3. Every robot obeys each stop that it hears, even a
+stop that is not signed.
 
 **Names** are unique. The peer that joined later leaves, and so does one that hears its own name in use. A peer looks
 for its name when it joins. On a busy computer the others may not be found by then. So for another half minute it also
 leaves when a peer that joined earlier sends a state under the same name. After that no message makes it leave.
 
-**Clocks.** Of the last pings the one with the shortest way there and back counts:
-offset = theirs - (sent + received) / 2, wrong by half of that way at most (as in NTP).
-A velocity carries the instant of the key that was pressed, by the clock of the robot that it is for, and earlier by
-what the offset may be wrong. So its age is never taken for less than it is, wherever it waited.
+**Clocks.** The ping with the shortest round trip among the last pings counts: offset = theirs - (sent + received) / 2,
+wrong by half of the round trip at most (as in NTP). A velocity carries the instant at which the key was pressed, in the
+clock of the robot that it drives. This instant is told earlier by the possible error of the offset. So the command
+never seems younger than it is, wherever it waited.
 
-**Where.** On loopback it listens on 127.0.0.1, on an interface that is named on that one only. There Zenoh asks for a
-password, too, which is made of the key.
+**Where.** On loopback a peer listens on 127.0.0.1; with a named interface it listens on that interface only, and Zenoh
+asks for a password, which is made from the key.
 """
 
 import json
@@ -66,38 +67,39 @@ from txt1.fleet.radio import SILENCE, Said
 from txt1.fleet.stopping import Standing, StopOfAll
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, nanoseconds, wall_ns
 
-PORTS: Final = range(7450, 7482)  # on loopback, of which each peer takes the first that is free
-HUNG: Final = 300  # ms after which a peer on loopback that does not answer is passed over: Zenoh's 10 s hold up a stop
-REPEAT: Final = 0.02  # s between two sayings of a stop
-LONGER: Final = 1.0  # s that it is said after all have answered
-STOP_FOR: Final = 30.0  # s after which whoever has not answered is given up
-SETTLED: Final = 5.0  # s from the last gate's closing after which who was not seen to stand is given up
-ALONE: Final = 3.0  # s after which it is given up where nobody is heard
-RECENT: Final = 30.0  # s after it was heard last that a robot is expected to answer a stop
+PORTS: Final = range(7450, 7482)  # ports on loopback; each peer takes the first free port
+# ms; a peer on loopback that does not answer in this time is skipped, as Zenoh's 10 s would hold up a stop
+HUNG: Final = 300
+REPEAT: Final = 0.02  # s between two repetitions of a stop
+LONGER: Final = 1.0  # s for which a stop is repeated after all have answered
+STOP_FOR: Final = 30.0  # s after which a stop waits no longer for an answer
+SETTLED: Final = 5.0  # s after the last gate has closed; a robot that was not seen to stand by then is given up
+ALONE: Final = 3.0  # s after which a stop ends if no robot is heard
+RECENT: Final = 30.0  # s; a robot that was heard within this time is expected to answer a stop
 PING: Final = 1.0  # s between two pings
-PING_LEAST: Final = 0.05  # s between two pings where a clock is not known
-PINGS: Final = 10  # of which the fastest counts
-LOOK: Final = 0.6  # s to look whether a name is taken
-EARLIER: Final = 0.5  # s that another of our name was there before us for certain, and
-AS_EARLY: Final = 1.5  # s that it may have come later by our clocks and yet be the first: then the IDs decide
-UP_MAX: Final = 1e5  # s in a fleet that are told at most
-AHEAD: Final = 0.01  # s that a velocity may come from the future, as clocks drift between two pings
-PING_MAX: Final = 10.0  # s after which an answer to a ping counts no more
-SAID_MAX: Final = 20  # stops of our own that are told from others'
-OTHERS_MAX: Final = 200  # peers of which something is kept
+PING_LEAST: Final = 0.05  # s between two pings while a clock is not known
+PINGS: Final = 10  # kept for each peer; the fastest counts
+LOOK: Final = 0.6  # s; a peer that joins looks this long whether its name is taken
+EARLIER: Final = 0.5  # s; a namesake in the fleet longer than we are by more than this was certainly there first
+AS_EARLY: Final = 1.5  # s; a namesake up to this much younger than we are may have been first: then the IDs decide
+UP_MAX: Final = 1e5  # s; a longer time in the fleet is told as this
+AHEAD: Final = 0.01  # s by which a command may seem to come from the future, as clocks drift between two pings
+PING_MAX: Final = 10.0  # s after which the answer to a ping is ignored
+SAID_MAX: Final = 20  # number of our own last stops that are recognised when they come back
+OTHERS_MAX: Final = 200  # largest number of peers that are remembered
 REAL: Final = RealClock()
-STRANGER: Final = "somebody"  # who is not known by a signature
+STRANGER: Final = "somebody"  # the sender of a message that is not signed
 
 
 @dataclass
 class _Other:
-    """Another peer as it is known here; times are s of our clock."""
+    """What is known here of another peer; times are s of our clock."""
 
     ids: set[str] = field(default_factory=set)  # of its liveliness tokens
     heard: float = 0.0
     state: MemberState | None = None
-    learned: tuple[Mapping[str, Any], float] | None = None  # as it was told, and when
-    pings: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=PINGS))  # s there and back, offset
+    learned: tuple[Mapping[str, Any], float] | None = None  # the last message, and when it came
+    pings: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=PINGS))  # round trip and offset, s
 
     @property
     def alive(self) -> bool:
@@ -109,11 +111,11 @@ class Hooks:
     """Called with the messages of other peers, in a thread of Zenoh's."""
 
     stop: Callable[[str, str], StopAnswer | None] = lambda who, stop: None
-    """Told of each saying of a stop, by whom, with its identity or ""; returns what to answer, None: nothing."""
+    """A stop was heard: called with its sender and its identity or ""; returns the answer, None for no answer."""
     drive: Callable[[str, float, float, float], None] = lambda who, v, omega, given: None
-    """Told of a velocity for this robot, m/s and rad/s, and when it was given, s of this computer's clock."""
+    """A velocity for this robot, m/s and rad/s, and when it was given, s of this computer's clock."""
     double: Callable[[str], None] = lambda why: None
-    """Told that another robot of the same name was there before, and that this one has to leave."""
+    """Another robot of the same name was there before, so this robot has to leave; called with the reason."""
     state: Callable[[Mapping[str, Any]], None] = lambda message: None
 
 
@@ -129,7 +131,7 @@ def configuration(interface: str = "", key: FleetKey | None = None, dictionary: 
     }  # fmt: skip
     if not interface:
         settings["connect/endpoints"] = [f"tcp/127.0.0.1:{port}" for port in PORTS]
-        settings["transport/unicast/open_timeout"] = HUNG  # whoever comes looks at one port after the other
+        settings["transport/unicast/open_timeout"] = HUNG  # a peer that joins tries one port after the other
     else:
         assert key is not None
         password = {"user": key.fleet, "password": key.password, "dictionary_file": dictionary}
@@ -142,7 +144,7 @@ def configuration(interface: str = "", key: FleetKey | None = None, dictionary: 
 
 
 def need_zenoh() -> Any:
-    """The module; raises MissingExtra."""
+    """Return the module `zenoh`; raises MissingExtra."""
     try:
         import zenoh
     except ImportError:
@@ -157,13 +159,13 @@ class Peer:
         name: its own, unique in the fleet.
         interface: of the network; empty for loopback.
         key: file with the password that all share; None: the user's own, on loopback only.
-        hooks: what it is told.
+        hooks: called with what is received.
         loss: share of the messages that it loses, sending and receiving, for tests.
-        fleet: name of the fleet: those of other names or keys are not heard.
-        console: it has no robot: nobody lists it or waits for its answer, and its name may be taken.
+        fleet: name of the fleet; fleets with another name or key are not heard.
+        console: it has no robot: it is not listed, its answer is not awaited, and its name need not be unique.
         clock: of this computer.
 
-    Raises ConfigError: the name is taken, the key is none, or the network cannot be used; MissingExtra.
+    Raises ConfigError: the name is taken, the key is not valid, or the network cannot be used; MissingExtra.
     """
 
     def __init__(
@@ -185,17 +187,17 @@ class Peer:
         self._lock = threading.Lock()
         self._others: dict[str, _Other] = {}
         self._refused: dict[str, str] = {}
-        self._stop: StopOfAll | None = None  # the newest that was said here
-        self._said: deque[str] = deque(maxlen=SAID_MAX)  # identities of those that were said here
+        self._stop: StopOfAll | None = None  # the newest stop that began here
+        self._said: deque[str] = deque(maxlen=SAID_MAX)  # identities of the stops that began here
         self._closing = threading.Event()
-        self._unmeasured = threading.Event()  # somebody is there whose clock is not known
+        self._unmeasured = threading.Event()  # set while the clock of some peer is not known
         self._console = console
         if not is_name(name):
             raise ConfigError(f"name: '{name}': in a fleet a name has small letters, digits and _, 64 at most")
         self._session = self._open(interface)
         self.id = f"{wall_ns():020d}-{self._session.zid()}"
         self.began = self.now
-        """When it joined, s of its clock."""
+        """When this peer joined, s of its clock."""
         self._token = None if console else self._claim()
         self._session.declare_subscriber(f"{self._space}/state/*", self._checked(self._take_state))
         self._session.declare_subscriber(f"{self._space}/learned/*", self._checked(self._take_learned))
@@ -216,23 +218,24 @@ class Peer:
 
     @property
     def now(self) -> float:
-        """S of this computer's clock."""
+        """Time of this computer's clock, s."""
         return self._clock.now_ns() / NS_PER_S
 
     # -- telling -----------------------------------------------------------------------------------------------
 
     def tell(self, state: Mapping[str, Any]) -> None:
-        """Tell the others how it is."""
+        """Tell the others this robot's state."""
         self._put(f"state/{self.name}", {**state, "up": min(self.now - self.began, UP_MAX)})
 
     def teach(self, learned: Mapping[str, Any]) -> None:
-        """Tell the others what was learned; it may be lost."""
+        """Tell the others what this robot has learned; the message may be lost."""
         self._put(f"learned/{self.name}", learned)
 
     def drive(self, name: str, v: float, omega: float, age: float = 0.0) -> None:
-        """Command another robot, m/s and rad/s, for the 0.25 s after a key that was pressed `age` s ago.
+        """Command another robot for 0.25 s, m/s and rad/s; the key was pressed `age` s ago.
 
-        Nothing is sent before that robot's clock is known, as it could not tell a fresh command from an old one.
+        Nothing is sent until that robot's clock is known: without it the robot could not tell an old command from a new
+        one.
         """
         given = self.now - age
         with self._lock:
@@ -244,9 +247,9 @@ class Peer:
         self._put(f"drive/{name}", {"v": v, "omega": omega, "given": max(0, nanoseconds(theirs(given, *clock)))})
 
     def stop_all(self, expected: Iterable[str] = ()) -> threading.Thread:
-        """Stop every robot of the fleet: said again and again until all have, by the thread returned.
+        """Stop every robot of the fleet; the thread returned repeats the stop until all have stopped.
 
-        Those in `expected` have to answer, too, whether they are heard or not; `standing` says who has.
+        Robots in `expected` have to answer even if they are not heard. `standing` tells which robots have answered.
         """
         stop = StopOfAll(expected, self.now)
         with self._lock:
@@ -272,13 +275,13 @@ class Peer:
                 return
 
     def listen(self, duration: float) -> None:
-        """Wait so many s."""
+        """Wait for `duration` s."""
         self._closing.wait(duration)
 
     # -- knowing -----------------------------------------------------------------------------------------------
 
     def heard(self) -> Mapping[str, Said]:
-        """Where the others are and how they move, those who have told it, by this computer's clock."""
+        """Pose and motion of each peer that has told them, with times of this computer's clock."""
         with self._lock:
             known = {name: (other.state, other.heard) for name, other in self._others.items()}
         return {
@@ -288,23 +291,23 @@ class Peer:
         }
 
     def refused(self) -> Mapping[str, str]:
-        """Why a message of each of the others was refused last, of those of whom one was."""
+        """Why the last message of a peer was refused, by its name; only peers with a refused message are listed."""
         with self._lock:
             return dict(self._refused)
 
     def taught(self) -> Mapping[str, tuple[Mapping[str, Any], float]]:
-        """The learned rows of each robot that is there, not checked, and when they were told by our clock."""
+        """The rows that each robot present has learned, unchecked, and when they came by our clock."""
         with self._lock:
             return {name: one.learned for name, one in self._others.items() if one.alive and one.learned is not None}
 
     def members(self) -> tuple[Member, ...]:
-        """All others that were ever heard, a line each."""
+        """Every peer that was ever heard."""
         now = self.now
         with self._lock:
             return tuple(_member(name, other, now) for name, other in sorted(self._others.items()) if other.heard)
 
     def standing(self) -> tuple[Standing, float] | None:
-        """How the last stop of all stands that was said here, and how long ago it was, s; None: there was none."""
+        """How the last stop from here stands, and its age in s; None: no stop was given here."""
         with self._lock:
             return None if self._stop is None else (self._stop.standing(), self.now - self._stop.began)
 
@@ -332,7 +335,7 @@ class Peer:
         return str(sample.key_expr).removeprefix(f"{self._space}/")
 
     def _read(self, sample: Any) -> dict[str, Any] | None:
-        """A message from another peer; None for its own, a lost one, and one that is no message.
+        """Return a message from another peer; None for our own, a lost message, and text that is no message.
 
         Raises ValueError: it is not signed with the fleet's key.
         """
@@ -345,7 +348,7 @@ class Peer:
         return None if message is None or message.get("id") == self.id else message
 
     def _other(self, name: str) -> _Other:
-        """What is known of another peer; nothing is kept of more than so many."""
+        """Return the record of another peer; of more than `OTHERS_MAX` peers the longest silent is forgotten."""
         if len(self._others) >= OTHERS_MAX and name not in self._others:
             gone = [each for each, other in self._others.items() if not other.alive]
             if not gone:
@@ -354,7 +357,7 @@ class Peer:
         return self._others.setdefault(name, _Other())
 
     def _checked(self, take: Callable[[dict[str, Any]], None]) -> Callable[[Any], None]:
-        """A listener that takes messages; of one that is not as it should be it keeps why, and nothing else."""
+        """Return a listener that passes valid messages to `take`; for a bad message it keeps only the reason."""
 
         def listen(sample: Any) -> None:
             who = STRANGER
@@ -371,7 +374,7 @@ class Peer:
         return listen
 
     def _meet_double(self, message: dict[str, Any]) -> None:
-        """Give way to another of our name that was there before, unless we have been there for long."""
+        """Leave if another robot of our name was there before, unless we have been there for long."""
         if self._console or "up" not in message:
             return
         if not gives_way(self.now - self.began, number(message, "up"), self.id, str(message.get("id"))):
@@ -390,7 +393,7 @@ class Peer:
             self._other(message["from"]).learned = message, self.now
 
     def _take_stop(self, sample: Any) -> None:
-        """Obey a stop, whatever its message says: one that is none, or not signed, is a stop without identity."""
+        """Obey a stop, whatever its message says; a message without a signature is a stop without identity."""
         if self._loss and self._rng.random() < self._loss:
             return
         where = self._where(sample)
@@ -436,11 +439,11 @@ class Peer:
                 other.ids.discard(own)
             elif own not in other.ids:
                 other.ids.add(own)
-                other.pings.clear()  # it was started again, perhaps with its computer and its clock
+                other.pings.clear()  # the peer was started again, perhaps with its computer and its clock
                 self._unmeasured.set()
 
     def _ping_all(self) -> None:
-        """Ping all that are alive once a second, and sooner where a clock is not known."""
+        """Ping all living peers once a second, and sooner while a clock is not known."""
         while not self._closing.wait(PING_LEAST):
             self._unmeasured.wait(PING - PING_LEAST)
             self._unmeasured.clear()
@@ -464,12 +467,12 @@ class Peer:
                 config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
                 others = [f"tcp/127.0.0.1:{each}" for each in PORTS if each != port]
                 config.insert_json5("connect/endpoints", json.dumps(others))
-                with suppress(self._zenoh.ZError):  # another has taken the port in this instant
+                with suppress(self._zenoh.ZError):  # another process has taken the port in this instant
                     return self._zenoh.open(config)
         raise ConfigError(f"--fleet: no port free on loopback from {PORTS[0]} to {PORTS[-1]}; end some robots")
 
     def _claim(self) -> Any:
-        """Take the name, unless one with a smaller ID has it already."""
+        """Take the name, unless a peer with a smaller ID has it already."""
         where = f"alive/{self.name}/{self.id}"
         token = self._session.liveliness().declare_token(f"{self._space}/{where}-{self._key.signature(where, b'')}")
         ends = self.now + LOOK
@@ -489,16 +492,16 @@ class Peer:
 
 
 def theirs(time: float, there_and_back: float, offset: float) -> float:
-    """A time of our clock by that of another, s, or earlier by what a ping may have measured it wrong, never later."""
+    """Convert a time of our clock to a peer's clock, s; earlier by the largest error of the ping, never later."""
     return time + offset - 0.5 * there_and_back
 
 
 def gives_way(ours: float, others: float, own: str, other: str) -> bool:
-    """Whether a robot leaves a fleet to another of its name; given for how long they have been there, s, and their IDs.
+    """Return whether a robot leaves the fleet to another of its name, from their times in it (s) and their IDs.
 
-    Each may see the other's time as shorter than it is, by what a message takes. So the one that is later for certain
-    gives way, and where that is not certain the one of the larger ID does: at worst both do. A robot that has been
-    there for long stays.
+    Each may see the other's time too short, by the delay of a message. So the robot that certainly came later leaves.
+    If neither is certain, the robot with the larger ID leaves; at worst both do. A robot that has been there for long
+    stays.
     """
     return ours < NEW and (others > ours + EARLIER or (others > ours - AS_EARLY and other < own))
 

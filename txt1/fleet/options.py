@@ -14,11 +14,9 @@ if TYPE_CHECKING:
     from txt1.config import Config
 
 NETWORK: Final = {
-    "--fleet": takes(
-        "INTERFACE", "join the fleet on this network interface; left out, on loopback", nargs="?", const=""
-    ),
-    "--fleet-key": takes("FILE", "the password that all of a fleet share; left out, your own, on loopback only", path),
-    "--fleet-name": takes("NAME", "name of the fleet: one of another name is not heard"),
+    "--fleet": takes("INTERFACE", "join the fleet on this network interface; loopback by default", nargs="?", const=""),
+    "--fleet-key": takes("FILE", "file with the fleet's password; by default your own, on loopback only", path),
+    "--fleet-name": takes("NAME", "name of the fleet; fleets with another name are not heard"),
 }
 
 
@@ -28,13 +26,13 @@ class Joining(NamedTuple):
     bridge: Mapping[str, object]
     """Options of the bridge to its network."""
     law: str | None
-    """Of cooperation, by which it drives; None: it drives by none."""
+    """The law of cooperation by which it drives, or None."""
     team: Sequence[str] | None
-    """Who cooperates."""
+    """Names of the robots that cooperate."""
 
 
 def asked(arguments: Namespace, config: Config) -> Joining | None:
-    """Return how the robot joins a fleet, None where it joins none; raises ConfigError, MissingExtra."""
+    """Return how the robot joins a fleet, None if it joins none; raises ConfigError, MissingExtra."""
     if arguments.fleet is None:
         if arguments.fleet_key or arguments.fleet_name or arguments.cooperate:
             raise ConfigError("--fleet-key, --fleet-name, --cooperate: the robot is in no fleet; add --fleet")
@@ -56,7 +54,7 @@ def asked(arguments: Namespace, config: Config) -> Joining | None:
 
 
 LAWS: Final = {
-    "--cooperate": takes("LAW", "drive by a law of cooperation with those of --team (see docs/fleet.md)"),
+    "--cooperate": takes("LAW", "drive by a law of cooperation with the robots of --team (see docs/fleet.md)"),
     "--team": takes("NAME,NAME,...", "robots that cooperate, the leader of a convoy first", names),
 }
 OPTIONS: Final = Options("fleet", NETWORK | LAWS, asked)

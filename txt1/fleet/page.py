@@ -1,8 +1,8 @@
 """The web page of a fleet on a network: the page's server on one side, a peer without a robot on the other.
 
-Of each robot there is what it tells the others, 20 times a second: pose, velocities, whether it may drive and who
-drives it. A stop is the stop of all, which is said until all have answered; driving goes to the robot that the page
-shows. Anything else is done at the robot itself.
+The page shows what each robot tells the others 20 times a second: pose, velocities, whether it may drive and which
+source drives it. A stop is a stop of all, repeated until all have answered. Driving goes to the robot that the page
+shows. All else is done at the robot itself.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from txt1.fleet.network import Peer
 
 FLEET_PAGE_RATE: Final = 20.0  # looks a second
-QUIET: Final = ("", "subscribe", "request", "halt")  # have no meaning here, and need none
-HELD: Final = 0.5  # s after a command in which the wheel of a robot that "fleet" drives is this page's
+QUIET: Final = ("", "subscribe", "request", "halt")  # without a meaning here
+HELD: Final = 0.5  # s after a command during which a robot that "fleet" drives counts as driven from this page
 
 
 class Network:
@@ -41,22 +41,22 @@ class Network:
         self._beating.start()
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop looking for news."""
         self._closing.set()
         self._beating.join()
         self._ours.close()
         self._theirs.close()
 
     def names(self) -> list[str]:
-        """The robots that are there."""
+        """The robots that are present."""
         return [one.name for one in self._peer.members() if one.alive]
 
     def fileno(self) -> int:
-        """Of what becomes readable whenever it is time to look."""
+        """The file descriptor that becomes readable whenever it is time to look."""
         return self._ours.fileno()
 
     def newest(self) -> bytes:
-        """The telemetry of all that are there, as a list; the others' poses are among each one's."""
+        """The telemetry of all robots present, as a list; each robot's telemetry holds the poses of the others."""
         with suppress(BlockingIOError):
             self._ours.recv(4096)
         members = self._peer.members()
@@ -68,7 +68,7 @@ class Network:
         return json.dumps(told).encode()
 
     def request(self, name: str, /, **fields: object) -> None:
-        """Do what a page asks for; raises CommandRefused: it is not to be done from here."""
+        """Do what a page asks for; raises CommandRefused: it cannot be done from here."""
         if name == "stop":
             self._peer.stop_all()
         elif name == "drive":
@@ -81,7 +81,7 @@ class Network:
             raise CommandRefused(f"a fleet's page stops and drives; '{name}' is done at the robot or on its own page")
 
     def _seen(self, one: Member) -> Member:
-        """A robot whose wheel was taken from here, as one that the page drives; another console's is "fleet"."""
+        """A robot that this page drives is shown as driven by "web"; a robot of another console stays at "fleet"."""
         ours = one.driver == "fleet" and self._peer.now - self._drove.get(one.name, -inf) < HELD
         return one._replace(driver="web") if ours else one
 
@@ -100,6 +100,6 @@ def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], ti
         "/vehicles": [other.pose for other in there if other is not one],
         "/fleet": plain(members),
         "/hand": (one.hand or DEFAULT_HAND)._asdict(),
-        "/capabilities": None,  # marks what is all that there is
+        "/capabilities": None,  # marks telemetry that has nothing more
     }
     return {"name": one.name, "time": time, "topics": topics}

@@ -1,4 +1,4 @@
-"""A fleet as it is written down: the robots' names, starts and tasks, and what is theirs alone.
+"""A fleet as it is written down: the robots' names, starts and tasks, and the settings of each.
 
 ::
 
@@ -26,7 +26,7 @@ from txt1.config.schema import Section
 from txt1.config.sources import vehicle_file, vehicles, with_values
 from txt1.errors import ConfigError
 
-APART: Final = 1.5  # m between two robots that nobody gave a start
+APART: Final = 1.5  # m between two robots without a start of their own
 
 RobotName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
@@ -35,7 +35,7 @@ class MemberPlan(Section):
     """One robot of a fleet."""
 
     start: tuple[float, float, float] | None = None
-    """Pose in the room, x and y in m, theta in rad; null: a place of its own beside the others."""
+    """Pose in the room, x and y in m, theta in rad; null: a place beside the others."""
     drive: tuple[float, float] | None = None
     """A velocity to command throughout, m/s and rad/s."""
     source: Annotated[str, Field(min_length=1)] | None = None
@@ -48,19 +48,19 @@ class FleetPlan(Section):
     """A fleet."""
 
     all: Mapping[str, Any] = Field(default_factory=dict)
-    """The configuration of all of them, nested as in a configuration file."""
+    """The configuration of all robots, nested as in a configuration file."""
     robots: Annotated[dict[RobotName, MemberPlan], Field(min_length=1)]
     """The robots by name."""
     cooperate: Mapping[str, Any] = Field(default_factory=dict)
-    """The law by which they cooperate and its settings; empty: each does its own task."""
+    """The law by which they cooperate, and its settings; empty: each does its own task."""
 
     @property
     def overrides(self) -> list[str]:
-        """The settings for all of them, as for ``--set``."""
+        """The settings for all robots, as for ``--set``."""
         return [f"{key}={json.dumps(value)}" for key, value in self.all.items()]
 
     def configs(self, base: Config) -> dict[str, Config]:
-        """Each robot's configuration; raises ConfigError, which names the robot."""
+        """Return each robot's configuration; raises ConfigError, which names the robot."""
         room = base.sim.room
         side = APART * (ceil(sqrt(len(self.robots))) + 1)
         if any(member.start is None for member in self.robots.values()):
@@ -77,7 +77,7 @@ class FleetPlan(Section):
 
 
 def _of_another(base: Config, own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what makes a robot another vehicle than all are: its file's values, and defaults for what theirs gave."""
+    """Return a different vehicle's values: its file's, and defaults for the values that only the others' file sets."""
     name = own.get("vehicle", base.vehicle)
     if name == base.vehicle or not isinstance(name, str):
         return {}
@@ -108,7 +108,7 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def places(count: int) -> Iterator[tuple[float, float, float]]:
-    """So many poses in rows around the origin, all looking along x; m and rad."""
+    """Yield `count` poses in rows around the origin, all looking along x; m and rad."""
     columns = ceil(sqrt(count))
     rows = ceil(count / columns)
     for number in range(count):
@@ -122,7 +122,7 @@ def names(count: int) -> list[str]:
 
 
 def plan_of(fleet: FleetPlan | str | os.PathLike[str] | int) -> FleetPlan:
-    """A fleet's plan: itself, of a file, or so many robots; raises ConfigError."""
+    """Return a plan: itself, read from a file, or of a number of robots; raises ConfigError."""
     if isinstance(fleet, FleetPlan):
         return fleet
     if isinstance(fleet, int):

@@ -1,8 +1,8 @@
-"""What robots tell one another, and who is heard: the air between them.
+"""What robots tell one another, and which robots hear it.
 
-Cooperation needs no more than this: each robot tells where it is and how it moves, twenty times a second, and hears
-some of the others. `Radio` is that within one process, with a range and losses if wanted; over a network it is
-`txt1.fleet.network.Peer`. Both are a `Medium`.
+Each robot tells its pose and velocities twenty times a second, and hears some of the others. Cooperation needs no more.
+`Radio` connects robots of one process, with a range and losses if wanted. `txt1.fleet.network.Peer` connects robots
+over a network. Both are a `Medium`.
 """
 
 from collections.abc import Mapping
@@ -13,15 +13,15 @@ from numpy.random import Generator
 
 from txt1.fleet.body import DEFAULT_BODY, Body
 
-SILENCE: Final = 0.5  # s after which one who was heard is silent
+SILENCE: Final = 0.5  # s without a message after which a robot is silent
 
 Pose = tuple[float, float, float]
 
 
 class Said(NamedTuple):
-    """Where a robot is in the common frame (m, rad), how it moves (m/s, rad/s), and when that was, s of the listener.
+    """A robot's pose in the common frame (m, rad), its velocities (m/s, rad/s), and their time, s of the listener.
 
-    `data` is what its law tells besides, `body` what the others have to know of the car.
+    `data` are further numbers of its law; `body` describes the car to the others.
     """
 
     x: float
@@ -35,22 +35,22 @@ class Said(NamedTuple):
 
 
 class Medium(Protocol):
-    """A robot's way to the others."""
+    """A robot's connection to the others."""
 
     def say(self, said: Said) -> None:
-        """Tell the others."""
+        """Send a state to the others."""
 
     def heard(self) -> Mapping[str, Said]:
-        """The last that was heard of each of the others."""
+        """The last state heard of each other robot, by name."""
 
 
 class Radio:
-    """Carries the words of robots of one process to one another.
+    """Carries the states of robots of one process to one another.
 
     Args:
-        reach: distance beyond which nobody is heard, m.
-        loss: share of what is told that a listener misses.
-        rng: decides that; needed where anything may be lost.
+        reach: range, m.
+        loss: share of the messages that a listener misses.
+        rng: decides which messages are lost; needed with a `loss`.
 
     """
 
@@ -60,12 +60,12 @@ class Radio:
         self._last: dict[str, Said] = {}
 
     def voice(self, name: str) -> "Voice":
-        """A robot's way to the others."""
+        """Return a robot's connection to the others."""
         self._heard[name] = {}
         return Voice(self, name)
 
     def say(self, name: str, said: Said) -> None:
-        """Let those who are near enough hear it."""
+        """Deliver a state to all robots within range."""
         self._last[name] = said
         for other, heard in self._heard.items():
             where = self._last.get(other)
@@ -75,26 +75,26 @@ class Radio:
                 heard[name] = said
 
     def heard(self, name: str) -> Mapping[str, Said]:
-        """The last that a robot has heard of each of the others."""
+        """The last state that a robot has heard of each other robot."""
         return self._heard[name]
 
 
 class Voice(NamedTuple):
-    """One robot's end of the air."""
+    """One robot's connection to the radio."""
 
     air: Radio
     name: str
 
     def say(self, said: Said) -> None:
-        """Tell the others."""
+        """Send a state to the others."""
         self.air.say(self.name, said)
 
     def heard(self) -> Mapping[str, Said]:
-        """The last that was heard of each of the others."""
+        """The last state heard of each other robot, by name."""
         return self.air.heard(self.name)
 
 
 def placed(start: Pose, x: float, y: float, theta: float) -> Pose:
-    """Odometry's pose in the frame in which it began at `start`; m and rad."""
+    """Convert a pose of the odometry to the frame in which the robot began at `start`; m and rad."""
     c, s = cos(start[2]), sin(start[2])
     return start[0] + c * x - s * y, start[1] + s * x + c * y, start[2] + theta

@@ -1,13 +1,14 @@
-"""Searching the light together: all cover the floor until one of them sees it; then all drive there.
+"""Searching the light together: all cover the floor until one robot sees the light; then all drive there.
 
-A robot sees the light when its sensors read more than `SEES`; it tells where it then takes the light to be: from its
-own place along the measured bearing, as far as an inverse-square law with a lamp of known strength says. The others
-believe the brightest report they have heard (source seeking by shared measurements, after P. Ogren, E. Fiorelli and
-N. E. Leonard, "Cooperative control of mobile sensor networks", IEEE TAC 49, 2004, with one report, no gradient).
+A robot sees the light when its sensors read more than `SEES`. It then tells its estimate of the light's place: along
+the measured bearing, at the distance that an inverse-square law gives for a lamp of known strength. The others believe
+the brightest report that they have heard (source seeking by shared measurements, after P. Ogren, E. Fiorelli and N. E.
+Leonard, "Cooperative control of mobile sensor networks", IEEE TAC 49, 2004, with one report, no gradient).
 
-There is no room at the light for all: whoever finds others nearer to it stands further away, by half a body for each.
+There is no room at the light for all. So a robot stands further away for each robot that is nearer to the light, by
+half a body each.
 
-Limits: one light, and none of the team lies.
+Limits: there is one light, and all robots report truly.
 """
 
 from collections.abc import Mapping
@@ -23,11 +24,11 @@ from txt1.fleet.steering import Helmsman, inside
 SEES: Final = 30.0  # lux: with the lamp of 135 lux at 1 m that is 2.1 m away
 LAMP: Final = 135.0  # lux at 1 m
 FOUND: Final = 0.5  # m from the light, the goal of the thesis's episodes
-SPEED_SHARE: Final = 0.2  # of the fastest; the TXT-1's 0.3 m/s
+SPEED_SHARE: Final = 0.2  # of the top speed; 0.3 m/s for the TXT-1
 
 
 class Search:
-    """One robot's part; `speed` in m/s, None: a share of its fastest; the light is seen from `sees` lux on."""
+    """One robot's part; `speed` in m/s, None: a share of its top speed; a light of at least `sees` lux is seen."""
 
     def __init__(
         self,
@@ -43,15 +44,15 @@ class Search:
         self.needs = self._cover.needs
         self._body, self._room = body, room
         self._helmsman = Helmsman(sorted(team).index(name), body, room)
-        self._told: tuple[float, float, float] | None = None  # lux, and where: m
+        self._told: tuple[float, float, float] | None = None  # the brightest report: lux, and the light's place, m
 
     @property
     def data(self) -> tuple[float, ...]:
-        """The brightest report: lux, and where it takes the light to be, m."""
+        """The brightest report: lux, and the light's place, m."""
         return self._told or ()
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
-        """Cover the floor, or drive to where the light is said to be."""
+        """Cover the floor, or drive to the reported light."""
         if light is not None and light[0] >= self._sees and (self._told is None or light[0] > self._told[0]):
             away, bearing = sqrt(LAMP / light[0]), me.theta + light[1]
             self._told = light[0], me.x + away * cos(bearing), me.y + away * sin(bearing)

@@ -1,4 +1,4 @@
-"""The robot of a fleet that the terminal shows and steers; SPACE stops all of them."""
+"""The robot of a fleet that the terminal shows and drives; SPACE stops all robots."""
 
 from math import inf
 
@@ -14,7 +14,7 @@ KEYS = {"SPACE": "stop all", "n": "next robot", **{key: word for key, word in DR
 
 
 class Selection:
-    """To the terminal it is a robot, and the source of the driving keys' commands."""
+    """To the terminal it looks like a robot; it is also the source of the driving keys' commands."""
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet = fleet
@@ -23,24 +23,24 @@ class Selection:
         self._at = 0
         config = self._robots[0].config
         self.teleop = Teleop(config.teleop.speed, config.hand())
-        """The driving keys, as the car at hand obeys them."""
+        """The driving keys, with the hand rule of the selected car."""
 
     def next(self) -> None:
-        """Let go of this robot, and take the next one."""
+        """Let go of this robot and select the next."""
         self.release()
         self._at = (self._at + 1) % len(self._robots)
         self.teleop.hand = self._robots[self._at].config.hand()
 
     @property
     def snapshot(self) -> Snapshot:
-        """The snapshot of the robot at hand, with a line for each of the fleet."""
+        """The snapshot of the selected robot, with a line for each robot of the fleet."""
         parts = {name: (each.silent, each.stuck) for name, each in self._fleet.cooperations.items()}
         members = tuple(member_of(robot, *parts.get(robot.config.name, ())) for robot in self._robots)
         return self._robots[self._at].snapshot.replaced({FLEET: members})
 
     @property
     def now(self) -> float:
-        """Seconds since the run of the robot at hand started."""
+        """Seconds since the run of the selected robot started."""
         return self._robots[self._at].now
 
     def stop(self) -> None:
@@ -61,20 +61,20 @@ class Selection:
             robot.press(button)
 
     def toggle_esc(self) -> None:
-        """Switch the ESC of the robot at hand off, or on again; raises CommandRefused, NotCapable."""
+        """Switch the ESC of the selected robot off or on; raises CommandRefused, NotCapable."""
         self._robots[self._at].toggle_esc()
 
     def tell(self, text: str) -> None:
-        """Add a line to the event log of the robot at hand."""
+        """Add a line to the event log of the selected robot."""
         self._robots[self._at].tell(text)
 
     def command(self, v: float, omega: float, time: float = -inf) -> None:
-        """Drive the robot at hand, m/s and rad/s; raises CommandRefused."""
+        """Drive the selected robot, m/s and rad/s; raises CommandRefused."""
         robot, keys = self._robots[self._at], self._keys[self._at]
         if not robot.armed:
             raise CommandRefused(f"{robot.config.name} is not armed ({robot.reason}); m arms")
         keys.command(v, omega, None if time == -inf else time)
 
     def release(self) -> None:
-        """Let go of the robot at hand."""
+        """Let go of the selected robot."""
         self._keys[self._at].release()

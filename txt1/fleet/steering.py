@@ -1,7 +1,7 @@
-"""How a car comes to a point, and finds a way out where it is blocked.
+"""How a car drives to a point, and finds a way out when it is blocked.
 
-Nothing here keeps it clear of others and of walls: that is the guard's (`txt1.fleet.guard`). Whoever wants to drive and
-does not move drives away by chance for a while, and then to some other point first, which is no proof against a
+Avoiding other cars and walls is the guard's work (`txt1.fleet.guard`), not done here. A car that wants to drive and
+does not move drives away at random for a while, and then to some other point first. This is no proof against a
 deadlock.
 """
 
@@ -17,12 +17,12 @@ from txt1.model.kinematics import wrap_angle
 
 BLOCKED: Final = 20  # steps without motion after which a car is blocked
 STILL: Final = 0.03  # m/s, and rad/s: slower is no motion
-DETOUR: Final = 3.0  # m, how far along x and y the other point may be
-NEAR_BORDER: Final = 0.2  # m from where the guard stops a car: nearer to it, only a car along the wall would get on
+DETOUR: Final = 3.0  # m; largest distance of the other point along x and along y
+NEAR_BORDER: Final = 0.2  # m from where the guard stops a car; within it, only a car along the wall moves on
 
 
 def border(side: float, body: Body) -> float:
-    """How far from the middle of a room's side, m, a car's pose may be sent."""
+    """Largest distance from the middle of a room's side to which a car may be sent, m."""
     return max(0.5 * side - body.reach - abs(body.centre) - WALL - NEAR_BORDER, 0.0)
 
 
@@ -41,11 +41,11 @@ def within(me: Said, x: float, y: float, body: Body, room: float = 1.0) -> bool:
 
 
 def toward(me: Said, x: float, y: float, speed: float, body: Body, room: float = 0.0) -> tuple[float, float]:
-    """Velocities on the arc that leads to a point, forward or back, m/s and rad/s.
+    """Return the velocities on the arc that leads to a point, forward or back, m/s and rad/s.
 
-    Where a point lies within a turning circle: away from it, forward or back by the sign of `room` where that is not
-    0, and turning meanwhile towards the arc that leads back to it, as in a three-point turn. A car that turns in place
-    does so instead.
+    No arc leads to a point within the turning circle. Then the car drives away from the point and turns towards the arc
+    that leads back to it, as in a three-point turn. `room` chooses the direction by its sign; with 0 it is away from
+    the point. A car that turns in place does so instead.
     """
     distance = hypot(x - me.x, y - me.y)
     alpha = wrap_angle(atan2(y - me.y, x - me.x) - me.theta)
@@ -59,26 +59,26 @@ def toward(me: Said, x: float, y: float, speed: float, body: Body, room: float =
 
 
 class Helmsman:
-    """Drives a car to points: who is blocked drives away by chance, and then to some other point first.
+    """Drives a car to points. A blocked car drives away at random, and then to some other point first.
 
-    `seed` decides the chance, `room` is length and width in m, None where there are no walls.
+    `seed` decides the chance; `room` is length and width in m, None if there are no walls.
     """
 
     def __init__(self, seed: int, body: Body, room: tuple[float, float] | None = None) -> None:
         self._rng = np.random.default_rng(seed)
         self._body, self._room = body, room
         self._still = 0
-        self._making_room = 0.0  # its direction, 1 or -1; 0 while it is not
+        self._making_room = 0.0  # direction in which it makes room, 1 or -1; 0 if it does not
         self._out = 0, 0.0, 0.0  # steps left of driving away, m/s, rad/s
         self._detour = 0, 0.0, 0.0  # steps left of going to another point, m
 
     @property
     def blocked(self) -> bool:
-        """Whether it is on a way out."""
+        """Whether it is on a way out of a blockage."""
         return self._out[0] > 0 or self._detour[0] > 0
 
     def steer(self, me: Said, x: float, y: float, speed: float) -> tuple[float, float]:
-        """Velocities towards a point, m/s and rad/s."""
+        """Return velocities towards a point, m/s and rad/s."""
         left, there_x, there_y = self._detour
         if left > 0:
             x, y, self._detour = there_x, there_y, (left - 1, there_x, there_y)
@@ -93,7 +93,7 @@ class Helmsman:
         return v, omega
 
     def detour(self, me: Said, v: float) -> None:
-        """Drive away by chance for a while, against v, m/s, and then to some other point first."""
+        """Drive away from v, m/s, at random for a while, and then to some other point first."""
         self._still, (ahead, side, turn) = 0, self._rng.uniform(-1.0, 1.0, 3)
         back = -v or self._body.speed(0.0, 0.2)
         self._out = int(self._rng.integers(10, 60)), back, float(turn) * abs(back) / self._body.radius
@@ -101,7 +101,7 @@ class Helmsman:
         self._detour = int(self._rng.integers(40, 160)), *there
 
     def _toward(self, me: Said, x: float, y: float, speed: float) -> tuple[float, float]:
-        """As `toward`; making room goes on in its direction until there is enough and some more."""
+        """As `toward`, but keep making room in one direction until there is enough and some more."""
         if not within(me, x, y, self._body, 1.4 if self._making_room else 1.0):
             self._making_room = 0.0
         v, omega = toward(me, x, y, self._body.speed(0.0, speed), self._body, self._making_room)

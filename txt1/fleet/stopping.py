@@ -1,7 +1,7 @@
-"""A stop of all, as whoever says it sees it: who was expected to answer, and who has.
+"""A stop of all, as the peer that gives it sees it: which robots are expected to answer, and which have.
 
-It has an identity of its own making, 128 random bits: no clock, number or order of messages keeps it out. A robot obeys
-each identity once, so the echo of a stop does not undo an arming after it; a stop without one is obeyed each time.
+Each stop has an identity of 128 random bits, so it is never rejected for its clock, number or order. A robot obeys each
+identity once, so the echo of a stop does not undo a later arming. A stop without an identity is obeyed each time.
 
 An answer states what is: first that the gate is closed, later that the robot was seen to stand, by its own watch over
 stops. The newest answer of each robot counts.
@@ -15,25 +15,25 @@ from txt1.fleet.messages import StopAnswer
 
 
 class Standing(NamedTuple):
-    """How a stop of all stands, by the names of robots."""
+    """How a stop of all stands; robots by name."""
 
     stands: tuple[str, ...] = ()
-    """Their gates are closed, and they were seen to stand."""
+    """Robots whose gates are closed and that were seen to stand."""
     stopped: tuple[tuple[str, str], ...] = ()
-    """Their gates are closed; nobody has seen them stand yet, and how that is going."""
+    """Robots whose gates are closed but that were not yet seen to stand, and how the stop is going."""
     others: tuple[tuple[str, str], ...] = ()
-    """Their gates are not closed, and why."""
+    """Robots whose gates are not closed, and why."""
     silent: tuple[str, ...] = ()
-    """They were expected to answer, and have not."""
+    """Robots that were expected to answer, and have not."""
 
     @property
     def closed(self) -> bool:
-        """Whether some gates are closed, and none is open or unknown."""
+        """Whether some gates are closed, and all that are expected to be."""
         return bool(self.stands or self.stopped) and not self.others and not self.silent
 
     @property
     def complete(self) -> bool:
-        """Whether some robots were seen to stand, and none was not."""
+        """Whether all those gates are closed, and all their robots were seen to stand."""
         return self.closed and not self.stopped
 
     def __str__(self) -> str:
@@ -57,12 +57,12 @@ class StopOfAll:
     def __init__(self, expected: Iterable[str], began: float) -> None:
         self.identity = token_hex(16)
         self.began = began
-        """When it was said first, s."""
+        """When it was first given, s."""
         self._expected = set(expected)
         self._answers: dict[str, StopAnswer] = {}
 
     def expect(self, names: Iterable[str]) -> None:
-        """Expect the answers of more robots: whoever was heard while it was said is expected to the end."""
+        """Expect the answers of more robots; a robot once expected is expected to the end."""
         self._expected.update(names)
 
     def answered(self, name: str, answer: StopAnswer) -> None:
