@@ -1,9 +1,9 @@
-"""Additions: everything that a plain robot drives without, each one in a folder of its own.
+"""Additions: everything that a plain robot drives without, each in a folder of its own.
 
-How it works. A folder of the package that holds an ``addition.py`` is an addition: the filter, a guard, the recorder,
-a bridge. Its ``addition.py`` holds one `Addition` of literals and texts and imports nothing heavy, so the program reads
-all of them whenever it starts. Each text names a function or class as "module:name", imported when it is needed and not
-before. The robot asks three things of an addition:
+How it works. A folder of the package that holds an ``addition.py`` is an addition: the filter, a guard, the recorder, a
+bridge. Its ``addition.py`` holds one `Addition` of literals and texts. It imports nothing heavy, so the program reads
+all of them whenever it starts. Each text names a function or class as "module:name", which is imported only when it is
+needed. The robot asks three things of an addition:
 
 - `watch`, a context from before the first tick until after the stop, such as the recorder's;
 - `prepare`, a function that is called when the sensors are open and no tick has come, such as a guard's;
@@ -13,11 +13,11 @@ An addition takes part when its section of the configuration says so (`wanted`),
 its settings, as the command line does (`options`). Additions take part by `order`, then by name. Guards see a set-point
 in this order, and tasks of equal priority run in it, so a recording can be replayed.
 
-An addition that raises is told by its name (`blamed`): where it is to begin, the robot does not start, and wherever it
-fails later, the robot stops safely.
+When an addition raises an error, the error names the addition (`blamed`). An error at its beginning keeps the robot
+from starting; a later error stops the robot safely.
 
-Ours are found by listing folders. Those of other packages have an entry point ``txt1.additions``, which is read only
-when a name is none of ours: reading the metadata of all packages takes longer than starting the program.
+The package's own additions are found by listing folders. Other packages have an entry point ``txt1.additions``. It is
+read only for a name that is not the package's own: reading the metadata of all packages takes longer than starting.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 
 GROUP: Final = "txt1.additions"
 FOLDERS: Final = ("*", "guards/*", "hal/*")
-"""Where ours are, below the package."""
+"""Places of the package's own additions, below the package."""
 
 
 class Configuration(Protocol):
-    """The part of `txt1.config.Config` that is needed here: the configuration knows additions, not the reverse."""
+    """The part of `txt1.config.Config` that is used here: the configuration knows additions, not the reverse."""
 
     @property
     def given(self) -> Collection[str]:
@@ -54,45 +54,45 @@ class Configuration(Protocol):
 
 
 class Addition(NamedTuple):
-    """What an addition brings; the texts are "module:name"."""
+    """The contents of an addition; the texts are "module:name"."""
 
     name: str
-    """Of its folder, and of its section in the configuration."""
+    """Name of its folder, and of its section in the configuration."""
     order: int = 0
-    """Those of a lower one come first; of equal ones, by name."""
+    """Additions of a lower order come first; equal orders are sorted by name."""
     settings: str = ""
-    """Class of its section: a `txt1.config.schema.Section`, or a dataclass, which processes read without pydantic."""
+    """Class of its section: a `txt1.config.schema.Section`, or a dataclass, which can be read without pydantic."""
     wanted: Callable[[Any], bool] | None = None
-    """Whether a configuration (`txt1.config.Config`) asks for it; None: where its section is given."""
+    """Whether a configuration (`txt1.config.Config`) asks for it; None: if its section is given."""
     watch: str = ""
     """(Runtime, settings) -> async context."""
     prepare: str = ""
-    """async (Runtime, settings) -> whatever others may find by `Runtime.part`, or None."""
+    """async (Runtime, settings) -> an object that others find by `Runtime.part`, or None."""
     beside: str = ""
     """(Robot, settings) -> async context."""
     options: str = ""
     """Its `Options` of ``txt1 run``."""
     parts: Mapping[str, Mapping[str, str]] = {}
-    """What it brings to the tables of parts, by their groups, such as ``txt1.hal``: names and "module:function"."""
+    """Its entries for the tables of parts: by group, such as ``txt1.hal``, names and "module:function"."""
     sources: Mapping[str, int] = {}
     """Its sources of commands, and the priority of each (`txt1.control.commander`)."""
     renamed: Mapping[str, str] = {}
-    """The present name of a setting or a section, by the name that it had, both dotted."""
+    """The present names of settings or sections, by their former names; both dotted."""
     commands: Mapping[str, tuple[str, str]] = {}
     """Its commands: by name, the module with `add_arguments(parser)` and `main(arguments)`, and a line of help."""
 
 
 class Options(NamedTuple):
-    """The options of ``txt1 run`` by which an addition is asked for."""
+    """The options of ``txt1 run`` with which a user asks for an addition."""
 
     title: str
-    """Of their group in the help."""
+    """Title of their group in the help."""
     arguments: Mapping[str, Mapping[str, Any]]
-    """What argparse is told of each, by its names."""
+    """Settings of argparse for each option, by its name."""
     asked: Callable[[Namespace, Any], object | None]
-    """(arguments, `txt1.config.Config`) -> the addition's settings, None where it is not asked for.
+    """(arguments, `txt1.config.Config`) -> the addition's settings, None if it is not asked for.
 
-    It refuses (ConfigError) before a robot starts.
+    It refuses wrong options (ConfigError) before a robot starts.
     """
 
 
@@ -104,15 +104,16 @@ class Active(NamedTuple):
 
 
 def load(text: str) -> Any:
-    """Return what "module:name" names; raises ImportError or AttributeError."""
+    """Return the object that "module:name" names; raises ImportError or AttributeError."""
     return resolve_name(text)
 
 
 @contextmanager
 def blamed(name: str, function: str) -> Iterator[None]:
-    """Have whatever the block raises become an AdditionFault, which names the addition and the function.
+    """Turn an error of the block into an AdditionFault, which names the addition and the function.
 
-    Errors that txt1 raises on purpose pass, and those of the operating system, such as a full disk, from one of ours.
+    The package's deliberate errors pass unchanged. So do errors of the operating system, such as a full disk, from the
+    package's own additions.
     """
     try:
         yield
@@ -123,15 +124,15 @@ def blamed(name: str, function: str) -> Iterator[None]:
 
 
 def brought(addition: Addition, text: str) -> Any:
-    """Return what "module:name" of an addition names; raises AdditionFault."""
+    """Return the object that "module:name" of an addition names; raises AdditionFault."""
     with blamed(addition.name, text):
         return load(text)
 
 
 class Contained:
-    """The context that an addition brings, `subject` being its Runtime or Robot; `tell` adds a line to the event log.
+    """The context of an addition; `subject` is its Runtime or Robot, `tell` adds a line to the event log.
 
-    An error of the block passes it. If the addition then raises another one on leaving, that is told only.
+    An error of the block passes through. If the addition then raises an error on leaving, it is only logged.
     """
 
     def __init__(self, active: Active, function: str, subject: object, tell: Callable[[str], None]) -> None:
@@ -158,14 +159,14 @@ class Contained:
 
 @cache
 def ours() -> Mapping[str, Addition]:
-    """Return our own additions by their names."""
+    """Return the package's own additions by their names."""
     package = Path(__file__).parent
     files = sorted(file for folder in FOLDERS for file in package.glob(f"{folder}/addition.py"))
     return {each.name: each for each in map(_addition_of, files)}
 
 
 def _addition_of(file: Path) -> Addition:
-    """Read an addition.py as a module of its own: to import it would import its package, which may be large."""
+    """Read an addition.py as a separate module: importing it would import its package, which may be large."""
     spec = spec_from_file_location(f"txt1_addition_{file.parent.name}", file)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
@@ -179,13 +180,13 @@ class Strangers(NamedTuple):
 
     found: Mapping[str, Addition]
     wrong: Mapping[str, str]
-    """Why those of these names cannot be used, in a line each."""
+    """Why an addition cannot be used, in a line, by its name."""
 
 
 @cache
 def strangers() -> Strangers:
     """Return the additions of other packages by their names."""
-    from importlib.metadata import entry_points  # 15 ms that most runs do without
+    from importlib.metadata import entry_points  # takes 15 ms, which most runs save
 
     found: dict[str, Addition] = {}
     wrong: dict[str, str] = {}
@@ -208,12 +209,12 @@ def strangers() -> Strangers:
 
 
 def known() -> dict[str, Addition]:
-    """Return our additions by their names, and those of strangers, once `strangers` has found them."""
+    """Return the package's own additions by their names, and strangers' once `strangers` has found them."""
     return {**ours(), **(strangers().found if strangers.cache_info().currsize else {})}
 
 
 def named(name: str) -> Addition | None:
-    """Return the addition of this name, ours or a stranger's, None where none is installed.
+    """Return the addition of this name, the package's own or a stranger's; None: it is not installed.
 
     Raises ConfigError: it is installed and cannot be used.
     """
@@ -225,7 +226,7 @@ def named(name: str) -> Addition | None:
 
 
 def priority_of(source: str) -> int | None:
-    """Return the priority of a source of commands that an addition brings, None of any other source."""
+    """Return the priority of a source of commands that an addition defines, None for any other source."""
     return next((each.sources[source] for each in known().values() if source in each.sources), None)
 
 
@@ -242,9 +243,9 @@ def sections() -> list[str]:
 
 
 def active(config: Configuration, asked: Mapping[str, object] | None = None) -> tuple[Active, ...]:
-    """Return the additions that take part, in their order: those that are wanted, and those asked for with settings.
+    """Return the additions that take part, in their order: the wanted, and those in `asked`, with their settings.
 
-    Raises ConfigError: one that is asked for is not installed.
+    Raises ConfigError: an addition that is asked for is not installed.
     """
     asked = asked or {}
     there = {**ours(), **{name: each for name in (*config.given, *asked) if (each := named(name)) is not None}}

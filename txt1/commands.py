@@ -1,6 +1,6 @@
-"""The words that commands share, the front's own and those of additions: exit codes, options, values, what is said.
+"""Shared parts of all commands, the front's own and those of additions: exit codes, options, values, output.
 
-It imports next to nothing, so that a command's help is there at once.
+It imports next to nothing, so that a command's help appears at once.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from typing import Any, Final, Literal, TypeVar
 
 from txt1.errors import MissingExtra
 
-OK: Final = 0  # all went as asked, or the reader of the output had enough of it
-FAULT: Final = 1  # of the hardware, a task, the terminal, or a damaged file
+OK: Final = 0  # all went as asked, or the reader of the output closed it
+FAULT: Final = 1  # a fault of the hardware, a task, the terminal, or a damaged file
 USAGE: Final = 2
 DISARMED: Final = 3  # by the safety gate
-UNSTOPPED: Final = 4  # a stop was not obeyed at once, or nobody saw the robot stand
+UNSTOPPED: Final = 4  # a stop was not obeyed at once, or the robot was not seen to stand
 SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)  # the exit code is 128 + n, outputs neutral
 STDOUT: Final = 1
 
 
 @contextmanager
 def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Within the block the signals that end a command go to `handler` alone; in the main thread, which gets them."""
+    """Within the block, only `handler` gets the signals that end a command; call it in the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -44,7 +44,7 @@ def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[N
 
 
 def say(text: str) -> None:
-    """Tell the user something beside the output."""
+    """Print a message to the user beside the output."""
     print(f"txt1: {text}", file=sys.stderr)
 
 
@@ -53,7 +53,7 @@ View = Literal["screens", "lines", "nothing"]
 
 
 def view_of(arguments: argparse.Namespace) -> View:
-    """Return what the operator is to see; without a terminal, and at full speed, lines take the place of screens."""
+    """Return the operator's view; without a terminal, and at full speed, lines replace the screens."""
     return "nothing" if arguments.json else "lines" if arguments.headless else "screens"
 
 
@@ -67,7 +67,7 @@ def need(feature: str, extra: str, *modules: str) -> None:
 
 
 def _word(make: Callable[[str], T], fits: Callable[[T], bool], what: str) -> Callable[[str], T]:
-    """Return what makes a value of a word; it raises ArgumentTypeError for a word that is not `what`."""
+    """Return a converter of words; it raises ArgumentTypeError for a word that is not `what`."""
 
     def value(text: str) -> T:
         with suppress(ValueError):
@@ -89,7 +89,7 @@ speed = _word(
 
 
 def velocity(text: str) -> tuple[float, float]:
-    """Return the velocity in m/s and rad/s that a word is; raises ArgumentTypeError."""
+    """Convert a word to a velocity in m/s and rad/s; raises ArgumentTypeError."""
     parts = text.split(",")
     if len(parts) != 2:
         raise argparse.ArgumentTypeError(f"'{text}' is not V,OMEGA, for example 0.5,0.3")
@@ -97,7 +97,7 @@ def velocity(text: str) -> tuple[float, float]:
 
 
 def bridge_options(text: str) -> tuple[str, dict[str, object]]:
-    """Return the bridge's name and its options, each a number, true, false or text; raises ArgumentTypeError."""
+    """Convert a word to a bridge's name and options, each a number, true, false or text; raises ArgumentTypeError."""
     name, _, rest = text.partition(":")
     options: dict[str, object] = {}
     for part in filter(None, rest.split(",")):
@@ -112,7 +112,7 @@ def bridge_options(text: str) -> tuple[str, dict[str, object]]:
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """Return the address that a word is, on 127.0.0.1 when it names no host; raises ArgumentTypeError."""
+    """Convert a word to an address, by default on 127.0.0.1; raises ArgumentTypeError."""
     host, _, port = text.rpartition(":")
     if not port.isdecimal() or not 0 <= int(port) <= 65535:
         raise argparse.ArgumentTypeError(f"'{text}' is not HOST:PORT, for example 127.0.0.1:5701")
@@ -120,7 +120,7 @@ def host_and_port(text: str) -> tuple[str, int]:
 
 
 def named_url(text: str) -> tuple[str, str]:
-    """Return the robot's name and its page's address that a word is; raises ArgumentTypeError."""
+    """Convert a word to a robot's name and its page's address; raises ArgumentTypeError."""
     name, _, url = text.partition("=")
     if not (name and url.startswith(("http://", "https://"))):
         raise argparse.ArgumentTypeError(f"'{text}' is not NAME=URL, for example txt02=https://txt02.local:8080")
@@ -128,7 +128,7 @@ def named_url(text: str) -> tuple[str, str]:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address is this computer's own."""
+    """Whether an address is that of this computer itself."""
     from ipaddress import ip_address
 
     try:
@@ -138,19 +138,19 @@ def is_loopback(host: str) -> bool:
 
 
 def names(text: str) -> list[str]:
-    """Return the names that a word with commas is."""
+    """Split a word with commas into names."""
     return [name for name in text.split(",") if name]
 
 
 def path(text: str) -> Path:
-    """Return the path that a word is; raises ArgumentTypeError for an empty one, as of a variable that is not set."""
+    """Convert a word to a path; raises ArgumentTypeError for an empty word, as from a variable that is not set."""
     if not text:
-        raise argparse.ArgumentTypeError("'' is no name of a file or folder; give one")
+        raise argparse.ArgumentTypeError("'' is no name of a file or folder; give a name")
     return Path(text)
 
 
 def existing(text: str) -> Path:
-    """Return the path of something that is there; raises ArgumentTypeError."""
+    """Convert a word to the path of an existing file or folder; raises ArgumentTypeError."""
     found = path(text)
     if not found.exists():
         raise argparse.ArgumentTypeError(f"there is no file '{text}'; check the name")
@@ -162,7 +162,7 @@ def existing(text: str) -> Path:
 
 @contextmanager
 def busy(text: str) -> Iterator[None]:
-    """On a terminal, show for as long as the block takes that something is being done."""
+    """On a terminal, show that work is going on until the block ends."""
     if not sys.stderr.isatty():
         yield
         return
@@ -173,23 +173,23 @@ def busy(text: str) -> Iterator[None]:
 
 
 def unused(folder: Path) -> Path:
-    """Return the folder, or the first of its name with a number that is not there yet."""
+    """Return the folder, or the first unused name with a number."""
     names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 10_000)))
     return next(each for each in names if not each.exists())
 
 
 def takes(metavar: str, about: str | None = None, kind: Callable[[str], Any] = str, **more: Any) -> dict[str, Any]:
-    """Return what argparse is to be told of an argument with a value, which `kind` makes of a word."""
+    """Return the settings of argparse for an argument with a value, which `kind` converts."""
     return {"metavar": metavar, "help": about, "type": kind, **more}
 
 
 def flag(about: str, **more: Any) -> dict[str, Any]:
-    """Return what argparse is to be told of an option without a value."""
+    """Return the settings of argparse for an option without a value."""
     return {"action": "store_true", "help": about, **more}
 
 
 def gone(instead: str) -> dict[str, Any]:
-    """Return what argparse is to be told of an option that is gone: no help, and a refusal that says what to do."""
+    """Return the settings of argparse for an option that is gone: no help, and a refusal that names the remedy."""
 
     def refuse(text: str) -> None:
         raise argparse.ArgumentTypeError(f"there is no such option any more; {instead}")
@@ -209,7 +209,7 @@ def add(parser: argparse._ActionsContainer, arguments: Arguments) -> None:
 def add_actions(
     parser: argparse.ArgumentParser, actions: Mapping[str, tuple[Callable[[argparse.Namespace], int], Arguments]]
 ) -> None:
-    """Add actions, each by its name with what does it, whose docstring is its help, and what it takes."""
+    """Add actions: each has a name, a function, whose docstring is its help, and its arguments."""
     parsers = parser.add_subparsers(required=True, metavar="ACTION")
     for name, (main, arguments) in actions.items():
         about = (main.__doc__ or "").rstrip(".")

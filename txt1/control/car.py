@@ -1,6 +1,7 @@
-"""Velocity loops that know the car: the encoders' true geometry, and motor and steering fed forward.
+"""Velocity loops that know the car: the encoders' true geometry, and feed-forward of motor and steering.
 
-They stand beside the thesis's (thesis 4), whose PID controllers close them too. Plain numbers, as numba compiles them.
+They are an alternative to the thesis's loops (thesis 4), and include the thesis's PID controllers. They compute with
+plain numbers, as numba compiles them.
 """
 
 from math import atan, copysign, sqrt
@@ -12,10 +13,10 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 
 
 class CarParameters(NamedTuple):
-    """What the loops know, as plain numbers; see `KnownCar` and `Geometry`."""
+    """The loops' knowledge of the car, as plain numbers; see `KnownCar` and `Geometry`."""
 
     lever: float
-    encoders: float  # wheelbase of encoder wheels that are steered, m; 0 where they are not
+    encoders: float  # wheelbase of steered encoder wheels, m; 0 if they are not steered
     tan_steering_max: float
     steering_max: float
     speed_gain: float
@@ -26,10 +27,10 @@ class CarParameters(NamedTuple):
 
 
 def car_of(known: KnownCar, body: Geometry) -> CarParameters | None:
-    """What the loops know of the car; None: nothing, as is all they can know of one whose sides run at two speeds."""
+    """Return the loops' knowledge of the car; None: no knowledge, as always for sides at two speeds."""
     if not known.known or body.steering == "skid":
         return None
-    steered = body.steering == "both"  # encoders of a car whose front wheels steer sit at its rear ones
+    steered = body.steering == "both"  # the encoders of a car with front steering sit at its rear wheels
     return CarParameters(
         body.lever,
         body.wheelbase if steered else 0.0,
@@ -44,12 +45,12 @@ def car_of(known: KnownCar, body: Geometry) -> CarParameters | None:
 
 
 def true_velocity(v: float, omega: float, wheelbase: float) -> tuple[float, float]:
-    """Speed and yaw rate of the car's centre, m/s and rad/s, from those that its steered front wheels tell.
+    """Return speed and yaw rate of the car's centre, m/s and rad/s, from the readings of its steered front wheels.
 
-    With both axles steered by phi the front wheels roll 1 / cos(phi) times the centre's path, and apart by cos(phi) of
-    what (2.24) takes for the turn. tan(phi) = curvature L / 2, so what they tell of the curvature is
-    curvature / (1 + (curvature L / 2)^2), which is solved for it. Wheels that do not steer, whose wheelbase
-    is 0 here, tell the truth.
+    With both axles steered by phi, the front wheels roll 1 / cos(phi) times the centre's path. Their difference is only
+    cos(phi) of the turn by (2.24). With tan(phi) = curvature L / 2, the curvature that they show is curvature / (1 +
+    (curvature L / 2)^2). This is solved here for the curvature. Wheels that do not steer have wheelbase 0 here, and
+    their readings are true.
     """
     if v == 0.0:
         return v, omega
@@ -72,11 +73,11 @@ def informed_step(
     dt: float,
     car: CarParameters,
 ) -> tuple[Past, Past, float, float, float]:
-    """Both loops' next states, the reference speed to `lead` the next cycle, and motor and steering output, counts.
+    """Return both loops' next states, the reference speed of the next cycle, and motor and steering output, counts.
 
-    The reference goes to the set-point v at the car's acceleration. The motor gets what the car needs for it,
-    tau dv/dt + (1 + scrub) v, the steering the angle of the curvature omega / v, the PID controllers what is left of
-    the error to the reference of a cycle ago, which is what the encoders tell of.
+    The reference moves to the set-point v at the car's acceleration; `lead` is its last value. The motor gets its
+    feed-forward, tau dv/dt + (1 + scrub) v, and the steering the angle of the curvature omega / v. The PID controllers
+    get the remaining error against the last cycle's reference, as the encoders show that cycle's motion.
     """
     lever, encoders, tan_max, steering_max, speed_gain, dead_band, time_constant, scrub, acceleration = car
     most = acceleration * dt
@@ -95,7 +96,7 @@ def informed_step(
 
 
 class InformedLoops:
-    """The two loops of a car that they know; as `txt1.control.pid.VelocityLoops`."""
+    """The two loops of a known car; the same interface as `txt1.control.pid.VelocityLoops`."""
 
     def __init__(self, car: CarParameters) -> None:
         self._car = car

@@ -1,11 +1,11 @@
-"""Who drives: sources of commands with priorities and time-outs, of which one at a time has the wheel.
+"""Who drives: sources of commands with priorities and time-outs; one source at a time has the wheel.
 
-It stands between those who command (keys, gamepad, web, ROS, programs) and the safety gate, which stays the last word.
+The commander stands between the sources (keys, gamepad, web, ROS, programs) and the safety gate, which decides last.
 
-* A command that is not zero, or `Commander.request`, takes the wheel where nobody has it, and at once from a source of
-  lower priority. Of equal priorities the one that drives goes on; the other is refused and counted.
-* The wheel is held by commands that are not zero, and by requests, as long as the newest is fresh. Freshness is the age
-  of the message's own origin. Zeros stop the robot; they hold nothing.
+* A command that is not zero, or `Commander.request`, takes a free wheel, and takes it at once from a source of lower
+  priority. Between equal priorities the driving source goes on; the other is refused and counted.
+* Commands that are not zero, and requests, hold the wheel as long as the newest is fresh. Freshness is the age of the
+  message at its own origin. Zeros stop the robot; they hold nothing.
 * A source that lost the wheel to another, or was refused because of another, is *overruled*. It may drive again once
   the other has let go and it has sent one zero or a new request. So letting go of a gamepad never starts the program
   that drove before.
@@ -20,13 +20,13 @@ from math import inf, isfinite
 from typing import Final, NamedTuple
 
 PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "program": 10}
-"""The spine's own sources. Any other has a program's priority, unless it says which it has, as an addition's does.
+"""The spine's own sources. Any other source has a program's priority, unless an addition gives it another.
 
-Hands at the robot come before hands at a distance, and these before programs: a gamepad has 40, a page, the live view
-and a fleet's console 30, ROS 20. The emergency stop is the gate's, above all.
+Hands at the robot come before hands at a distance, and these before programs: a gamepad has 40; a page, the live view
+and a fleet's console have 30; ROS has 20. The emergency stop is the gate's, above all.
 """
 
-SKEW: Final = 0.001  # s by which a message may come from the future, as clocks are rounded
+SKEW: Final = 0.001  # s by which a message may seem to come from the future, as clocks are rounded
 
 
 class SetPoint(NamedTuple):
@@ -38,7 +38,7 @@ class SetPoint(NamedTuple):
 
 
 class Driver(NamedTuple):
-    """Who drives ("" for nobody), since when (s of the run), and how often each source was refused, if it ever was."""
+    """The driving source ("" for none), since when (s of the run), and how often each source was refused, if ever."""
 
     name: str = ""
     since: float = 0.0
@@ -47,18 +47,18 @@ class Driver(NamedTuple):
 
 @dataclass(eq=False)
 class _Source:
-    """A source's rank and what it last did; times are -inf before it did anything."""
+    """A source's rank and its last actions; times are -inf before the first."""
 
     name: str
     priority: int
     timeout: float
     spoke: float = -inf  # origin of its newest message
-    held: float = -inf  # origin of the newest that holds the wheel
-    overruled: str = ""  # by whom
+    held: float = -inf  # origin of the newest message that holds the wheel
+    overruled: str = ""  # by which source
 
 
 class Commander:
-    """Decides whose command goes on to the safety gate; no source may have a longer time-out (s) than that."""
+    """Decides whose command goes on to the safety gate; no source may have a longer time-out than `timeout`, s."""
 
     def __init__(self, timeout: float) -> None:
         self._timeout = timeout
@@ -67,15 +67,15 @@ class Commander:
         self._since = 0.0
         self._refused: Counter[str] = Counter()
         self._setpoint = SetPoint()
-        self._told: Driver | None = None  # until it is another
+        self._told: Driver | None = None  # kept until it changes
 
     def add(self, name: str, priority: int | None = None, timeout: float | None = None) -> None:
-        """Make a source known, its priority by `PRIORITIES` if None; its commands are stale after `timeout` s.
+        """Add a source, with its priority from `PRIORITIES` if None; its commands are stale after `timeout` s.
 
-        Raises ValueError: there is one of that name, or the time-out is not positive or longer than the gate's.
+        Raises ValueError: the name is taken, or the time-out is not positive or longer than the gate's.
         """
         if name in self._sources or not name:
-            raise ValueError(f"source {name!r}: there is one of that name already; choose another")
+            raise ValueError(f"source {name!r}: this name is taken; choose another")
         limit = self._timeout if timeout is None else timeout
         if not 0.0 < limit <= self._timeout:
             allowed = f"more than 0 and at most the safety gate's {self._timeout:g} s (safety.command_timeout)"
@@ -90,9 +90,9 @@ class Commander:
         """
         source, moves = self._sources[name], v != 0.0 or omega != 0.0
         if not (isfinite(v) and isfinite(omega) and isfinite(time) and time <= now + SKEW):
-            raise ValueError(f"v={v!r}, omega={omega!r}, given at {time!r} s: finite numbers, and no later than now")
+            raise ValueError(f"v={v!r}, omega={omega!r}, given at {time!r} s: give finite numbers, no later than now")
         driver = self._driver_at(now)
-        if time < source.spoke or now - time > source.timeout + 1e-9:  # late, or overtaken by a newer one
+        if time < source.spoke or now - time > source.timeout + 1e-9:  # late, or overtaken by a newer command
             self._refuse(name)
             return False
         source.spoke = time = min(time, now)
@@ -107,7 +107,7 @@ class Commander:
         return True
 
     def request(self, name: str, now: float) -> bool:
-        """Ask for the wheel, or hold it; whether the source has it now. The set-point is 0 until a command comes."""
+        """Ask for the wheel, or hold it; return whether the source has it. The set-point is 0 until a command comes."""
         source, driver = self._sources[name], self._driver_at(now)
         if not _rules(driver, source):
             source.overruled = ""
@@ -118,7 +118,7 @@ class Commander:
         return True
 
     def release(self, name: str, now: float) -> bool:
-        """Command zero once and let go of the wheel; whether the zero is the set-point now, as `command` says."""
+        """Command zero once and let go of the wheel; return whether the zero is the set-point, as `command` does."""
         zero = self.command(name, 0.0, 0.0, now, now)
         if self._driver is self._sources[name]:
             self._free(now)
@@ -137,14 +137,14 @@ class Commander:
         return setpoint if now - setpoint.time <= timeout + 1e-9 else SetPoint(time=setpoint.time)
 
     def driver(self, now: float) -> Driver:
-        """Who drives at `now`."""
+        """Return the driver at `now`."""
         driver = self._driver_at(now)
         if self._told is None:
             self._told = Driver("" if driver is None else driver.name, self._since, dict(self._refused))
         return self._told
 
     def overruled(self, name: str) -> str:
-        """Who has overruled this source; "" when it may drive, unless another that outranks it does."""
+        """Name of the source that has overruled this source; "" if it may drive unless a higher source drives."""
         return self._sources[name].overruled
 
     def _driver_at(self, now: float) -> _Source | None:
@@ -176,5 +176,5 @@ class Commander:
 
 
 def _rules(driver: _Source | None, source: _Source) -> bool:
-    """Whether another driver keeps the wheel from this source."""
+    """Whether another driver keeps this source from the wheel."""
     return driver is not None and driver is not source and driver.priority >= source.priority

@@ -1,4 +1,4 @@
-"""Which gains are no gains for this vehicle: the one place that says so, for files, programs, pages and messages.
+"""Decides which gains a vehicle can bear: the only place for it, for files, programs, pages and messages.
 
 A velocity loop that samples every T s drives a vehicle whose speed answers the output with a first-order lag:
 y(k+1) = a y(k) + (1-a) K u(k), a = exp(-T / tau), K in mm/s (or mrad/s) per PWM count. With the controller (4.7) the
@@ -6,14 +6,15 @@ closed loop's characteristic polynomial at z = -1 has the sign of a stable loop 
 
     2 K_P + K_I T + 4 K_D / T < 2 (1 + a) / ((1 - a) K) =: S.
 
-Beyond it the output flips between its limits at every sample, whatever else is chosen. So each gain, the others being
-0, ends at K_P = S / 2 (counts per mm/s or mrad/s), K_I = S / T (the same per s) and K_D = S T / 4 (times s). A negative
-gain drives away from the set-point. The bound is necessary, not sufficient: gains within it may still swing.
+Beyond it the output flips between its limits at every sample, whatever the other choices are. So each gain, with the
+others at 0, ends at K_P = S / 2 (counts per mm/s or mrad/s), K_I = S / T (the same per s) and K_D = S T / 4 (times s).
+A negative gain drives away from the set-point. The bound is necessary, not sufficient: gains within it may still swing.
 
-tau and K are the vehicle's parameters, which are assumed until it is calibrated, so `MARGIN` times S is let through.
-Steered wheels answer within a sample, a = 0, and K = v / (R_min * 18000 counts) by (2.16); v is the learning robot's
-0.3 m/s, so that what is refused swings at a walk, and faster all the more. Sides at two speeds turn with the lag tau
-and K = 2/3 of the speed's, over the track width. The thesis's own gains always pass: original boards carry them.
+tau and K are the vehicle's parameters. They are assumed until the vehicle is calibrated, so `MARGIN` times S is let
+through. Steered wheels answer within a sample, a = 0, and K = v / (R_min * 18000 counts) by (2.16). Here v is the
+learning robot's 0.3 m/s: gains that are refused swing at this speed, and more at higher speeds. Sides at two speeds
+turn with the lag tau and K = 2/3 of the speed's, over the track width. The thesis's own gains always pass, as original
+boards carry them.
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, GainSet
 from txt1.model.vehicle import SIDES, SPEED, STEERING_MAX, Geometry
 
-MARGIN: Final = 2.0  # by which an uncalibrated vehicle may be weaker than its parameters say; chosen
+MARGIN: Final = 2.0  # factor for an uncalibrated vehicle that is weaker than its parameters say; chosen
 UNITS: Final = ("counts per {}/s", "counts per {}", "counts per {}/s^2")  # of K_P, K_I and K_D, with mm or mrad
 
 
@@ -35,7 +36,7 @@ class GainLimits(NamedTuple):
     angular: Gains
 
     def refused(self, linear: Sequence[float], angular: Sequence[GainSet]) -> tuple[str, float, str] | None:
-        """The first gain that is negative, not finite or too large: field, value and remedy; None when all are fit."""
+        """Return the first gain that is negative, not finite or too large: field, value, remedy; None if all fit."""
         rows = [
             ("linear", linear, self.linear, "mm"),
             *((f"angular.{k}", each.gains, self.angular, "mrad") for k, each in enumerate(angular)),
@@ -50,10 +51,10 @@ class GainLimits(NamedTuple):
 
 
 def gain_limits(geometry: Geometry, speed_gain: float, time_constant: float, skid: float, period: float) -> GainLimits:
-    """The limits for a vehicle, by this module's equations.
+    """Return the limits for a vehicle, by this module's equations.
 
-    `speed_gain` is its free speed per count, m/s; `time_constant` that of the driven speed, s; `skid` the factor by
-    which sides at two speeds turn it as if it were wider; `period` that of the loops, s.
+    `speed_gain` is its free speed per count, m/s; `time_constant` that of the driven speed, s; `period` that of the
+    loops, s. `skid` is the factor by which sides at two speeds turn the vehicle as if it were wider.
     """
     lag, speed = exp(-period / time_constant), 1000.0 * speed_gain
     yaw = (
@@ -66,9 +67,9 @@ def gain_limits(geometry: Geometry, speed_gain: float, time_constant: float, ski
 
 
 def _most(a: float, k: float, period: float, least: Gains) -> Gains:
-    # a lag of years answers to nothing: what its loop could bear is not asked
+    # with a time constant of years the output has no effect, so any gain is bearable
     s = MARGIN * 2.0 * (1.0 + a) / max((1.0 - a) * k, 1e-9)
-    # thousandths, as the wire carries them: what is let through here is let through behind it
+    # thousandths, as on the wire: so gains that pass here also pass on the board
     return Gains(
         *(max(round(each, 3), low) for each, low in zip((s / 2.0, s / period, s * period / 4.0), least, strict=True))
     )

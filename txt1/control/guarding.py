@@ -1,4 +1,4 @@
-"""A guard of the safety gate that may fail: the robot stands from then on, and the run goes on."""
+"""A guard of the safety gate that may fail: the robot then stands, and the run goes on."""
 
 from collections.abc import Callable
 from math import isfinite
@@ -7,9 +7,9 @@ from txt1.control.limits import Guard
 
 
 def contained(name: str, guard: Guard, tell: Callable[[float, str], None]) -> Guard:
-    """Return the guard, made to allow 0 once it has raised, or returned anything but two finite numbers.
+    """Return the guard; once it raises, or returns anything but two finite numbers, it allows only 0.
 
-    `tell` adds a line to the event log, once.
+    `tell` then adds a line to the event log, once.
     """
     failed = False
 

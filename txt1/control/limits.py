@@ -1,13 +1,13 @@
-"""The safety gate: the last thing every actuator value passes, whatever its source.
+"""The safety gate: every value for an actuator passes it last, whatever its source.
 
-A value reaches the hardware only while the gate is armed, its command is fresh, and it is finite; then it is brought
-inside the limits. What is refused or clipped is counted, never silent:
+A value reaches the hardware only if the gate is armed, its command is fresh, and it is finite. Then it is brought
+inside the limits. Everything that is refused or clipped is counted:
 
-* A command that is not finite is refused whole and does not refresh the time-out.
-* A set-point is clipped to abs(v) <= v_max, then to abs(omega) <= abs(v) / R_min (2.16), so to 0 at standstill; a rover
-  that turns in place, to omega_max.
+* A command that is not finite is refused as a whole and does not refresh the time-out.
+* A set-point is clipped to abs(v) <= v_max, then to abs(omega) <= abs(v) / R_min (2.16), so to 0 at standstill. For a
+  rover that turns in place the second limit is omega_max.
 * PWM is clipped to +-24000, the motor further to motor_max and the steering to +-18000 (thesis 4.3).
-* Guards, such as the obstacle stop, see every set-point after that and may lower it further.
+* Guards, such as the obstacle stop, then see every set-point and may lower it further.
 * A command older than command_timeout means neutral; the gate stays armed and the next fresh command resumes.
 * A lost link, missed ticks, a computer that slept, bad batteries, a runaway or a task fault disarm. `Gate.arm` is the
   only way back.
@@ -24,10 +24,10 @@ from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.units import new
 
-PERSISTS: Final = 0.1  # time for which readings that the geometry forbids must last to be believed, s
+PERSISTS: Final = 0.1  # s; readings that the geometry forbids are believed when they last this long
 NOISE_COUNTS: Final = 3  # counts per period that a wheel at rest may show
 AHEAD: Final = 0.1  # s by which a command may seem to come from the future, as a late tick has an early time
-DISAGREEMENT: Final = 0.5  # difference between combined odometry and the encoders that slip does not explain, m/s
+DISAGREEMENT: Final = 0.5  # m/s; slip does not explain a larger difference between combined odometry and the encoders
 WAY_BACK: Final = "arm it (m) and drive back"
 BLOCKED: Final = f"blocked: a wall or an obstacle, or dead encoders; {WAY_BACK}"
 
@@ -61,11 +61,11 @@ class Fault(StrEnum):
 
 
 class Outputs(NamedTuple):
-    """Outputs to the actuators, made by the safety gate and by nothing else.
+    """Outputs to the actuators; only the safety gate makes them.
 
-    A HAL with the capability `pwm` obeys the PWM counts: motor forward, front steering right, rear steering left
-    positive, and two free servos; any other one the set-point v (m/s), omega (rad/s). Where no wheel steers, the counts
-    of the two sides are `txt1.model.vehicle.sides(motor, rear)`.
+    A HAL with the capability `pwm` obeys the PWM counts: motor forward, front steering right and rear steering left are
+    positive, and there are two free servos. Any other HAL obeys the set-point v (m/s), omega (rad/s). If no wheel
+    steers, the counts of the two sides are `txt1.model.vehicle.sides(motor, rear)`.
     """
 
     motor: int = 0
@@ -78,26 +78,26 @@ class Outputs(NamedTuple):
 
 
 def clip(value: float, limit: float) -> float:
-    """The value within +-limit."""
+    """Return the value limited to +-limit."""
     return min(max(value, -limit), limit)
 
 
 class SetpointBounds:
-    """The set-points that a vehicle may be asked for: of its limits, those of speed and yaw rate, looked up once."""
+    """The set-points that a vehicle may get: its limits of speed and yaw rate, looked up once."""
 
     def __init__(self, limits: Limits) -> None:
         self.v_max, self.omega_max = limits.v_max, limits.omega_max
         self.dead_band, self.radius_min = limits.v_dead_band, limits.radius_min
 
     def nearest(self, v: float, omega: float) -> tuple[float, float]:
-        """The nearest set-point (v, omega) to this one: speed first, then yaw rate by (2.16)."""
+        """Return the nearest allowed set-point (v, omega): speed first, then yaw rate by (2.16)."""
         if not abs(v) <= self.v_max:
             v = clip(v, self.v_max)
         speed = abs(v)
         if speed < self.dead_band:
             v = speed = 0.0
         omega_max, radius_min = self.omega_max, self.radius_min
-        if speed < omega_max * radius_min:  # never where it turns in place
+        if speed < omega_max * radius_min:  # never true for a vehicle that turns in place
             omega_max = yaw_rate_max(v, radius_min)
         if not abs(omega) <= omega_max:
             omega = clip(omega, omega_max)
@@ -105,10 +105,10 @@ class SetpointBounds:
 
 
 class RunawayWatch:
-    """Notices from encoders, and combined odometry in use, that the robot does not do what the outputs say.
+    """Notices from encoders, and combined odometry in use, that the robot does not follow the outputs.
 
-    At full lock the inner wheel of the two turns at 0.63 of the outer one's speed, so it is never silent for long. Of a
-    rover that turns in place, one wheel that is silent, or both against each other, say nothing.
+    At full lock the inner wheel turns at 0.63 of the outer wheel's speed, so it is never silent for long. A rover that
+    turns in place may have a silent wheel, or wheels that turn against each other, without a fault.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -127,10 +127,10 @@ class RunawayWatch:
         self._apart = 0.0  # how long combined odometry and encoders have disagreed, s
 
     def check(self, motor: int, right: int, left: int, v: float, v_combined: float | None, dt: float) -> str | None:
-        """Why this is a runaway, or None.
+        """Return why this is a runaway, or None.
 
-        Given are the motor's output (PWM counts), both encoders' ticks in the last `dt` s, and the speeds (m/s) by
-        the encoders and by combined odometry, while the loops use that.
+        `motor` is the motor's output (PWM counts), `right` and `left` are the encoders' ticks in the last `dt` s. `v`
+        is the speed by the encoders (m/s), and `v_combined` by combined odometry, while the loops use it.
         """
         fast = abs(v) > self._fastest
         apart = v_combined is not None and abs(v_combined - v) > DISAGREEMENT
@@ -144,7 +144,7 @@ class RunawayWatch:
         self._calm = False
         self._fast = self._fast + dt if fast else 0.0
         if self._fast >= PERSISTS:
-            return f"{abs(v):.1f} m/s is faster than was ever asked for"
+            return f"{abs(v):.1f} m/s is faster than any command"
         self._apart = self._apart + dt if apart else 0.0
         if self._apart >= self._limits.runaway_time:
             return f"combined odometry says {v_combined:.1f} m/s, the encoders {v:.1f} m/s"
@@ -173,11 +173,11 @@ class RunawayWatch:
 
 
 Guard = Callable[[float, float, float], tuple[float, float]]
-"""Given a set-point (v, omega) and the time, s of the run, returns the one that it allows: no faster."""
+"""Given a set-point (v, omega) and the time, s of the run, returns the set-point that it allows: no faster."""
 
 
 class Gate:
-    """Decides what reaches the actuators; `on_close` is told the reason whenever it disarms."""
+    """Decides what reaches the actuators; `on_close` is called with the reason whenever the gate disarms."""
 
     def __init__(self, limits: Limits, on_close: Callable[[str], None]) -> None:
         self.limits = limits
@@ -187,7 +187,8 @@ class Gate:
         self.armed = False
         self.stopped = False
         self.reason = "not armed yet"
-        self.closed_by: Fault | None = None  # if one did and nobody has stopped or disarmed since
+        # the fault that closed it, unless an operator or a program has stopped or disarmed it since
+        self.closed_by: Fault | None = None
         self.counts: dict[Fault, int] = dict.fromkeys(Fault, 0)
         self._on_close = on_close
         self.epoch = 0  # stamped on every command as it comes in; `renew` raises it
@@ -210,13 +211,13 @@ class Gate:
         self._runaway.clear()
 
     def renew(self, now: float) -> None:
-        """Let no command count that was given up to `now`: the robot has been armed, or its mode changed."""
+        """Make all commands given up to `now` invalid: the robot has been armed, or its mode changed."""
         self.epoch += 1
         self._valid_from = now
         self._fresh = False
 
     def disarm(self, reason: str, fault: Fault | None = None) -> None:
-        """Close the gate; counts the fault, if it is one, when the gate was open. Without a fault somebody wants it."""
+        """Close the gate; a fault is counted if the gate was open. Without a fault a user or program closes it."""
         if not self.armed:
             if fault is None:
                 self.closed_by = None
@@ -238,7 +239,7 @@ class Gate:
         self._on_close(reason)
 
     def admit_velocity(self, v: float, omega: float) -> tuple[float, float] | None:
-        """The set-point (v, omega) brought inside the limits; None when it is not finite and must be ignored."""
+        """Return the set-point (v, omega) inside the limits; None if it is not finite and must be ignored."""
         if not (isfinite(v) and isfinite(omega)):
             self.count(Fault.NOT_FINITE)
             return None
@@ -250,7 +251,7 @@ class Gate:
         return limited
 
     def guarded(self, v: float, omega: float, now: float) -> tuple[float, float]:
-        """The set-point as far as every guard allows it; what makes it faster, turns it round or is no number is 0."""
+        """Return the set-point that every guard allows; 0 if a guard makes it faster, reverses it or is not finite."""
         for guard in self.guards:
             slower, turning = guard(v, omega, now)
             if not (isfinite(turning) and 0.0 <= slower * v <= v * v):
@@ -259,14 +260,14 @@ class Gate:
         return v, omega
 
     def admit_finite(self, *values: float) -> bool:
-        """Whether all values are finite; counts it when not."""
+        """Return whether all values are finite; if not, count a fault."""
         if all(map(isfinite, values)):
             return True
         self.count(Fault.NOT_FINITE)
         return False
 
     def admit_pwm(self, *counts: float) -> tuple[int, ...] | None:
-        """PWM counts brought inside +-24000; None when one is not finite and all must be ignored."""
+        """Return PWM counts inside +-24000; None if one is not finite and all must be ignored."""
         if not self.admit_finite(*counts):
             return None
         if any(abs(c) > PWM_MAX for c in counts):
@@ -274,7 +275,7 @@ class Gate:
         return tuple(int(clip(c, PWM_MAX)) for c in counts)
 
     def passes(self, given: float | None, epoch: int, now: float) -> bool:
-        """Whether a command given at that time (s of the run), in that epoch, may move it; counts it going stale."""
+        """Return whether a command of that time (s of the run) and epoch may act; count it when it gets stale."""
         fresh = (
             given is not None
             and epoch == self.epoch
@@ -308,7 +309,7 @@ class Gate:
         """
         if not (self.armed and self._fresh):
             return self.neutral(servos)
-        if not -inf < motor + front + rear + v + omega < inf:  # one that is not finite spoils the sum
+        if not -inf < motor + front + rear + v + omega < inf:  # a value that is not finite makes the sum not finite
             self.count(Fault.NOT_FINITE)
             return self.neutral(servos)
         if abs(motor) > self._motor_max:
@@ -324,18 +325,18 @@ class Gate:
         return new(Outputs, (self._motor, int(front), int(rear), pwm4, pwm5, v, omega))
 
     def watch(self, right: int, left: int, v: float, v_combined: float | None, dt: float) -> None:
-        """Disarm on a runaway, given what the last dt seconds brought (see `RunawayWatch.check`)."""
+        """Disarm on a runaway, by the readings of the last dt seconds (see `RunawayWatch.check`)."""
         if self.armed:
             reason = self._runaway.check(self._motor, right, left, v, v_combined, dt)
             if reason is not None:
                 self.disarm(reason if reason is BLOCKED else f"runaway: {reason}", Fault.RUNAWAY)
 
     def slept(self, duration: float, period: float) -> None:
-        """Disarm when the computer was suspended for `duration` s, as long as too many cycles of `period` s take."""
+        """Disarm if the computer was suspended for `duration` s, as long as too many cycles of `period` s take."""
         if duration >= self.limits.missed_ticks_max * period:
             self.disarm(f"the computer slept {duration:.1f} s", Fault.SLEPT)
 
     def missed(self, cycles: int) -> None:
-        """Disarm when the controller has missed too many cycles in a row."""
+        """Disarm if the controller has missed too many cycles in a row."""
         if cycles >= self.limits.missed_ticks_max:
             self.disarm(f"the controller missed {cycles} cycles", Fault.MISSED)

@@ -1,4 +1,4 @@
-"""Driving without encoders: the outputs by the speed map that a calibration made, and by the steering's geometry."""
+"""Driving without encoders: outputs from a calibration's speed map and from the steering's geometry."""
 
 from bisect import bisect
 from math import copysign
@@ -7,13 +7,14 @@ from txt1.control.pid import Gains
 from txt1.model.vehicle import STEERING_MAX, Geometry, outputs_of
 
 SpeedMap = tuple[tuple[float, float], ...]
-"""Motor counts and the steady speed they make, m/s: both rising, from the slowest that moves it; reverse, below 0."""
+"""Motor counts and the steady speed they make, m/s: both rise from the slowest that moves it; reverse is below 0."""
 
 
 def counts_for(v: float, speed_map: SpeedMap) -> float:
-    """The motor output for a speed, PWM counts: on the line between two entries of the map, or through the last two.
+    """Return the motor output for a speed, PWM counts: between two entries of the map, or extrapolated from the last
+    two.
 
-    Without an entry in the direction asked for, the other direction's with its sign changed; without any, 0.
+    Without an entry in the wanted direction, it is the other direction's with its sign changed; with an empty map, 0.
     """
     if v == 0.0 or not speed_map:
         return 0.0
@@ -27,20 +28,20 @@ def counts_for(v: float, speed_map: SpeedMap) -> float:
 
 
 class OpenLoop:
-    """What stands for `txt1.control.pid.VelocityLoops` where nothing is measured."""
+    """Replaces `txt1.control.pid.VelocityLoops` if nothing is measured."""
 
     def __init__(self, geometry: Geometry, speed_map: SpeedMap) -> None:
         self._geometry, self._map = geometry, speed_map
 
     def clear(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing, as it keeps no state."""
 
     def step(
         self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains, dt: float
     ) -> tuple[float, float]:
-        """Motor and steering output, counts, for a set-point in m/s and rad/s; the rest is as of `VelocityLoops`.
+        """Return motor and steering output, counts, for a set-point in m/s and rad/s; for the rest see `VelocityLoops`.
 
-        Where wheels steer, the output above 0 turns left by (2.12) solved for the angle.
+        If wheels steer, an output above 0 turns left, by (2.12) solved for the angle.
         """
         if self._geometry.steering == "skid":
             turn = 0.5 * omega * self._geometry.track_width

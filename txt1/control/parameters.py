@@ -19,7 +19,7 @@ class Safety:
     v_max: Annotated[float, Gt(0.0), Le(10.0)] = 1.5
     """Largest absolute speed, m/s; the TXT-1's is 1.5 (thesis 4.2)."""
     omega_max: Positive = 6.0
-    """Largest absolute yaw rate, rad/s; a car that steers is limited by its turning radius before."""
+    """Largest absolute yaw rate, rad/s; for a car that steers the turning radius limits it earlier."""
     v_dead_band: NotNegative = 0.0
     """A slower set-point counts as 0, m/s."""
     motor_max: Annotated[int, Gt(0), Le(PWM_MAX)] = 8000
@@ -29,37 +29,37 @@ class Safety:
     runaway_motor: Annotated[int, Gt(0), Le(PWM_MAX)] = 2000
     """Motor output above which a silent encoder means a runaway, PWM counts."""
     runaway_time: Positive = 0.3
-    """How long it may be silent, s."""
+    """How long an encoder may be silent above this output, s."""
     runaway_counts: PositiveInt = 150
     """Encoder counts of one wheel during which the other may be silent."""
     runaway_speed: Positive = 2.0
-    """Measured speed that means the controller has gone astray, m/s."""
+    """Measured speed that means a runaway of the controller, m/s."""
     missed_ticks_max: PositiveInt = 5
-    """Controller cycles missed in a row that disarm."""
+    """Number of controller cycles missed in a row that disarms."""
     battery_good: Positive = 9.5
-    """Voltage of the better pack above which it is good, V; those of three lithium cells (thesis 3.6)."""
+    """Voltage of the better pack above which it is good, V; for three lithium cells (thesis 3.6)."""
     battery_bad: Positive = 9.0
-    """Voltage at and below which it is bad, V; after 5 s of that the robot disarms."""
+    """Voltage at and below which it is bad, V; the robot disarms after 5 s of it."""
     auto_arm: Literal["auto", "always", "never"] = "auto"
     """Whether the robot arms when it starts: "auto" does in simulation only."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownCar:
-    """What the velocity loops know of the car, beside the thesis's PID controllers, where they run here."""
+    """The velocity loops' knowledge of the car, besides the thesis's PID controllers, if the loops run here."""
 
     known: bool = False
-    """Whether they use it: true encoder geometry in turns, motor and steering fed forward; for cars that steer."""
+    """Whether they use it: true encoder geometry in turns, feed-forward of motor and steering; for cars that steer."""
     speed_gain: Positive = 0.00033
     """Free speed per PWM count beyond the dead band, m/s."""
     dead_band: NotNegative = 300.0
     """Counts around neutral at which the motors coast."""
     time_constant: Positive = 0.3
-    """Of the driven speed response, s."""
+    """Time constant of the driven speed, s."""
     scrub: NotNegative = 0.06
     """Share of the free speed that full lock costs."""
     acceleration: Positive = 3.0
-    """At which the speed is led to its set-point, m/s^2; chosen, a third of what tyres hold."""
+    """Acceleration of the speed's reference to its set-point, m/s^2; chosen, a third of what tyres hold."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The velocity-form PID controller (thesis 4.1) and the velocity loops made of it (thesis 4).
 
-The controller task and the learning environment call these functions; so does, compiled by numba, the simulation of
-many robots.
+The controller task and the learning environment call these functions. The simulation of many robots calls them too,
+compiled by numba.
 """
 
 from typing import NamedTuple
@@ -42,14 +42,14 @@ def pid(past: Past, error: float, gains: tuple[float, float, float], dt: float, 
 
 
 def at_rest(v: float, v_now: float) -> bool:
-    """Whether set-point and measured speed are 0: there is nothing to control, so nothing hums."""
+    """Whether set-point and measured speed are 0: then there is nothing to control, and the motor does not hum."""
     return v == 0.0 and v_now == 0.0
 
 
 def errors(v: float, omega: float, v_now: float, omega_now: float) -> tuple[float, float]:
     """Errors of speed (mm/s) and yaw rate (mrad/s), for a set-point and measured velocities in m/s and rad/s.
 
-    In reverse the steering acts the other way round, so there the yaw-rate error changes its sign.
+    In reverse the steering acts in the opposite direction, so the yaw-rate error changes its sign.
     """
     yaw_error = 1000.0 * (omega - omega_now)
     return 1000.0 * (v - v_now), -yaw_error if v_now < 0.0 else yaw_error
@@ -58,7 +58,7 @@ def errors(v: float, omega: float, v_now: float, omega_now: float) -> tuple[floa
 class VelocityLoops:
     """The two PID loops. Errors in mm/s and mrad/s, outputs in PWM counts.
 
-    `steers`: wheels that are turned make the yaw rate, so that it changes its sign in reverse; not sides at two speeds.
+    `steers`: wheels that steer make the yaw rate, so its error changes its sign in reverse. Sides at two speeds do not.
     """
 
     def __init__(self, steers: bool) -> None:
@@ -72,9 +72,10 @@ class VelocityLoops:
     def step(
         self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains, dt: float
     ) -> tuple[float, float]:
-        """Motor and steering output, counts, for a set-point and measured velocities in m/s and rad/s, every dt s.
+        """Return motor and steering output, counts, for a set-point and measured velocities in m/s and rad/s, every dt
+        s.
 
-        A steering output above 0 turns left: the front wheels to the left, the rear ones to the right. Without a new
+        A steering output above 0 turns left: the front wheels to the left, the rear wheels to the right. Without a new
         measurement (dt = 0) the outputs are held.
         """
         if dt > 0.0:

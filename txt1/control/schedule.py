@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from txt1.control.pid import Gains
 
-SETS_MAX: Final = 14  # angular gain sets that the board has room for
+SETS_MAX: Final = 14  # angular gain sets that fit on the board
 
 
 class GainSet(NamedTuple):

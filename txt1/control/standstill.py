@@ -1,28 +1,28 @@
-"""Verify that a stop is one: the robot is watched until it stands, and what does not slow down is told more firmly.
+"""Verify every stop: the robot is watched until it stands, and if it does not slow down, stronger measures follow.
 
 How it works
 ------------
 
-A stop that was sent is not a stop. The line may lose it, a board may be in a mode that does not obey it, a loop may be
-wound up. So the speed is watched from the moment on at which nothing is to move the robot. Three questions are asked of
-it, some twenty times a second:
+A stop that was sent may have no effect. The line may lose it, a board may be in a mode that does not obey it, or a loop
+may be wound up. So the speed is watched from the moment at which nothing should move the robot any more. Some twenty
+times a second three questions are asked:
 
-1. *Does it slow down?* A speed that falls at least as fast as that of a vehicle that coasts is a stop on its way.
-2. *Does it stand?* It does when the speed was STILL or less for STANDS. Only this is called standing. A speed that is
-   not known is never taken for 0.
-3. *Does it move without a command?* Then somebody else moves it, and that is told.
+1. *Does it slow down?* The stop is on its way if the speed falls at least as fast as that of a coasting vehicle.
+2. *Does it stand?* It does when the speed was STILL or less for STANDS. Only this is called standing. An unknown speed
+   is never taken for 0.
+3. *Does it move without a command?* Then an outside force moves it, and that is reported.
 
-If the answer to the first is no, the stop escalates: zeros, which are sent all the time; then a PWM test of zeros,
-which bypasses the loops; then the ESC off. Within a stop it never goes back to a weaker measure. Each measure gets
-GRACE to show an effect, and is judged from the speed at which it began. While the line is dead, this time does not run.
+If the answer to the first question is no, the stop escalates: zeros, which are sent all the time; then a PWM test of
+zeros, which bypasses the loops; then the ESC off. Within a stop it never goes back to a weaker measure. Each measure
+gets GRACE to show an effect, and is judged from the speed at which it began. While the line is dead, this time stops.
 
-A robot that stood and is no longer seen is `UNSEEN`, not standing. So is one whose speed fell faster than any vehicle
-can brake: its encoders have lost their power, or it stands at a wall, and nobody knows which.
+A robot that stood and is no longer seen is `UNSEEN`, not standing. So is a robot whose speed fell faster than any
+vehicle can brake: its encoders have lost their power, or it stands at a wall, and the two cannot be told apart.
 
 The envelope
 ------------
 
-From the instant t = 0 at which nothing moves it any more, a vehicle at v0 that coasts after a delay t0 obeys
+From the instant t = 0 at which nothing moves it any more, a vehicle with speed v0 that coasts after a delay t0 obeys
 
     dv/dt = -(v + f) / tau        so that        v(t) = (v0 + f) exp(-(t - t0) / tau) - f,        not below 0
 
@@ -35,41 +35,42 @@ from enum import StrEnum
 from math import exp, log
 from typing import Final
 
-GRACE: Final = 0.5  # s that each means has
-MARGIN: Final = 0.1  # m/s above the envelope that are no stop
-DELAY: Final = 0.15  # s from a stop to its effect, as the odometry shows it: a period of line, of board and of odometry
+GRACE: Final = 0.5  # s that each measure gets
+MARGIN: Final = 0.1  # m/s above the envelope at which a stop has failed
+DELAY: Final = 0.15  # s from a stop to its effect on the odometry: a period of line, of board and of odometry
 TAU: Final = 0.6  # s, of coasting
 FRICTION: Final = 0.1  # m/s, of coasting
 STILL: Final = 0.05  # m/s: original boards read 0 or 0.045 m/s a wheel when it hardly moves
-STANDS: Final = 0.3  # s at this speed at most, after which it stands
-LINGERS: Final = 0.5  # s after the envelope has come to 0 in which even a slow vehicle has to stand
-MOVES: Final = 0.1  # m/s at which a vehicle that nobody commands moves
-MOVED: Final = 0.5  # s of it after which that is told
-SPEED_MAX: Final = 1.5  # m/s, of a vehicle whose speed at the stop is not known
+STANDS: Final = 0.3  # s at this speed at most, after which it counts as standing
+LINGERS: Final = 0.5  # s after the envelope has come to 0; by then even a slow vehicle has to stand
+MOVES: Final = 0.1  # m/s; a vehicle without a command that is faster moves
+MOVED: Final = 0.5  # s of such motion after which it is reported
+SPEED_MAX: Final = 1.5  # m/s, assumed for a vehicle whose speed at the stop is unknown
 
 
 class Stop(StrEnum):
     """How the last stop is going."""
 
     NONE = "none"  # the vehicle is commanded, or nothing is known of it yet
-    SLOWING = "slowing down"  # a stop was asked for, and it is as fast as one that coasts, or slower
+    # a stop was asked for, and the speed falls as that of a coasting vehicle, or is judged soon
+    SLOWING = "slowing down"
     STANDING = "standing"  # seen to stand
     PWM_ZEROS = "does not stop: PWM test of zeros"
     ESC_OFF = "does not stop: ESC off"
     UNASKED = "moves without a command"
-    UNSEEN = "not seen"  # it stood, or its encoders fell silent, and nobody has seen since whether it stands
+    UNSEEN = "not seen"  # it stood, or its encoders fell silent, and it was not seen since
 
 
 UNOBEYED: Final = (Stop.PWM_ZEROS, Stop.ESC_OFF)
 
 
 def envelope(v0: float, t: float) -> float:
-    """The speed in m/s of a vehicle that coasts, t s after it was stopped at v0 m/s."""
+    """Speed in m/s of a coasting vehicle, t s after it was stopped at v0 m/s."""
     return max(0.0, (v0 + FRICTION) * exp(-max(0.0, t - DELAY) / TAU) - FRICTION)
 
 
 def coasting_time(v0: float) -> float:
-    """Time in s in which the envelope of v0 m/s comes to 0."""
+    """Time in s after which the envelope of v0 m/s has come to 0."""
     return DELAY + TAU * log(1.0 + v0 / FRICTION)
 
 
@@ -77,10 +78,10 @@ class Standstill:
     """Watches stops; `step` it some twenty times a second.
 
     Attributes:
-        stop: how the last one is going.
-        failed: the strongest means so far that a stop of this run has called for; NONE when zeros were enough.
-        blind: that was without odometry: nobody knows whether it stood.
-        drove: the vehicle was commanded at some time.
+        stop: how the last stop is going.
+        failed: the strongest measure that a stop of this run needed so far; NONE if zeros were enough.
+        blind: that stop was without odometry, so it is unknown whether the robot stood.
+        drove: the vehicle was commanded at least once.
 
     """
 
@@ -89,24 +90,24 @@ class Standstill:
         self.failed = Stop.NONE
         self.blind = False
         self.drove = False
-        self._since: float  # s of the run, of the present means, once there is one
-        self._v0: float  # speed then, m/s
-        self._rest: Stop  # what a vehicle is that does not move
+        self._since: float  # start of the present measure, s of the run, once there is one
+        self._v0: float  # speed at that time, m/s
+        self._rest: Stop  # state of a vehicle that does not move
         self._still_since: float | None = None
         self._moving_since: float | None = None
 
     def step(
         self, now: float, v: float | None, *, commanded: bool, armed: bool, connected: bool, fell: bool = False
     ) -> Stop:
-        """How the stop is going at `now`, s of the run.
+        """Return how the stop is going at `now`, s of the run.
 
         Args:
             now: s of the run.
-            v: measured speed, m/s; None when none came lately.
+            v: measured speed, m/s; None if there was no recent measurement.
             commanded: outputs that move it are being sent.
             armed: the safety gate is open.
-            connected: something can be sent; where nothing can, the means keep their time.
-            fell: v fell faster than it can: a vehicle that does not move by it is not seen to stand.
+            connected: commands can be sent; while they cannot, the time of the measures stops.
+            fell: v fell faster than a vehicle can brake, so a speed of 0 does not show that it stands.
 
         """
         self._look(now, v)
@@ -129,7 +130,7 @@ class Standstill:
         return self.stop
 
     def stands(self, now: float) -> bool:
-        """Whether it was seen to stand after its last motion, and still is."""
+        """Whether it was seen to stand after its last motion, and still stands."""
         return self.stop is Stop.STANDING and self._is_still(now)
 
     def _look(self, now: float, v: float | None) -> None:

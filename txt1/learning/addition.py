@@ -1,4 +1,4 @@
-"""Learning as an addition: the task beside a robot, and the command of many trials."""
+"""Learning as an addition: the task on a robot, and the command for many trials."""
 
 from txt1.additions import Addition
 

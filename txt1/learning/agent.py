@@ -1,4 +1,4 @@
-"""The interface of every learner: it sees light and odometry, and says which action to take."""
+"""The interface of every learner: it sees light and odometry, and decides which action to take."""
 
 from math import inf
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -11,33 +11,34 @@ from txt1.learning.qtable import StoredTable
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
-Rows = NDArray[np.float64]  # of numbers that were learned, shape (rows, columns)
+Rows = NDArray[np.float64]  # learned numbers, shape (rows, columns)
 
 
 class Decision(NamedTuple):
     """The grounds of a learner's last decision, or its state when the episode ended."""
 
-    state: int | None  # row of its table; None where the sensors tell no direction
-    reward: float | None  # for what came of the action before; None when nothing was learned from it
+    state: int | None  # row of its table; None if the sensors tell no direction
+    reward: float | None  # for the result of the last action; None if nothing was learned from it
     values: tuple[float, ...]  # of the actions in this state, after learning
 
 
 class Agent(Protocol):
-    """A learner. It knows no clock, no vehicle and no asyncio: a trial (`txt1.learning.trial`) tells it everything.
+    """A learner. It knows no clock, no vehicle and no asyncio: a trial (`txt1.learning.trial`) calls it.
 
-    In one episode: `begin`, then `see` with every sample of the light, and, as soon as it is `ready` and 20 times a
-    second from then on, `waits` and, when it does not, `act`. At last `end`, or `void` when it does not count.
+    An episode begins with `begin`; `see` then brings every sample of the light. Once the learner is `ready`, `waits` is
+    called 20 times a second, and `act` follows when it is false. The episode ends with `end`, or with `void` if it does
+    not count.
     """
 
     @property
     def name(self) -> str:
-        """The name it is asked for by."""
+        """The name by which a user chooses it."""
 
     def begin(self) -> None:
-        """An episode begins: the robot rests on its start pose, and what was sensed before is past."""
+        """An episode begins: the robot rests on its start pose, and earlier samples count no more."""
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
-        """One sample of the four light sensors, lux, every 16 ms; LightFault: a sensor cannot be believed."""
+        """Take one sample of the four light sensors, lux, every 16 ms; LightFault: a sensor cannot be believed."""
 
     @property
     def ready(self) -> bool:
@@ -47,7 +48,7 @@ class Agent(Protocol):
         """Whether the action in force goes on, at `now` s."""
 
     def act(self, now: float, odometry: Odometry) -> int:
-        """The index of the next action, after learning from what came of the last one."""
+        """Learn from the result of the last action, and return the index of the next."""
 
     def end(self, success: bool, odometry: Odometry) -> None:
         """The episode is over: the robot has reached the light, or left the boundary."""
@@ -65,7 +66,7 @@ class Agent(Protocol):
         """All that it needs to carry on later, JSON values only; `recall` takes it."""
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Carry on from what `memory` gave."""
+        """Carry on from the result of `memory`."""
 
 
 @runtime_checkable
@@ -76,23 +77,23 @@ class Sharer(Protocol):
         """Return its rows, and how well each is known."""
 
     def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
-        """Take over rows of all, of those `taken` that others have a part in; return how many.
+        """Take over the rows marked in `taken`, in which others have a part; return how many were taken over.
 
-        `episodes` is how many the others have learned in since the last time.
+        `episodes` is the number of episodes that the others have learned in since the last call.
         """
 
 
 @runtime_checkable
 class Doubter(Protocol):
-    """A learner that says when what it sees contradicts its model, and drives on."""
+    """A learner that reports when its observations contradict its model, and drives on."""
 
     @property
     def unfit(self) -> str:
-        """What its model does not fit, once it has said so in this episode; nothing before."""
+        """The part that its model does not fit, once reported in this episode; "" before."""
 
 
 class PeriodicAgent:
-    """The part of a learner that decides once in a `period`, s, by all it has seen of the light since."""
+    """Base of a learner that decides once in a `period`, s, by all samples since the last decision."""
 
     def __init__(self, period: float) -> None:
         self._period = period
@@ -105,7 +106,7 @@ class PeriodicAgent:
 
     @property
     def ready(self) -> bool:
-        """Whether it has seen anything."""
+        """Whether it has seen a sample."""
         return len(self._samples) > 5
 
     def waits(self, now: float, odometry: Odometry) -> bool:
@@ -114,15 +115,15 @@ class PeriodicAgent:
         return now < self._due - 1e-9
 
     def _rest(self) -> None:
-        """Nothing is in force, and nothing has been seen."""
+        """Reset: no action is in force, and no sample has been seen."""
         self._samples: list[Readings] = []
         self._due = -inf
 
     def _decides(self, now: float) -> None:
-        """A decision falls at `now` s, and is in force for a period."""
+        """Note a decision at `now` s; its action is in force for a period."""
         self._due = now + self._period
 
     def _seen(self) -> NDArray[np.float64]:
-        """The samples since the last decision, lux, shape (samples, 4), which then are past."""
+        """Return the samples since the last decision, lux, shape (samples, 4), and forget them."""
         samples, self._samples = self._samples, []
         return np.array(samples).reshape(-1, 4)

@@ -6,9 +6,9 @@ pyproject.toml::
     [project.entry-points."txt1.learners"]
     mine = "mypackage.mine:create"
 
-where ``create(config, rng, stored) -> txt1.learning.agent.Agent``: a learner that knows nothing yet, or with a stored
-table (else None) one that takes the best action of it and learns no more; ValueError says why the table does not fit.
-Its settings come in ``learning.options``. The table that it stores has its name as `agent`.
+Here ``create(config, rng, stored) -> txt1.learning.agent.Agent``. With `stored` None the learner knows nothing yet.
+With a stored table it always takes the best action and does not learn; ValueError says why the table does not fit. The
+settings come in ``learning.options``. The table that it stores has its name as `agent`.
 """
 
 from pathlib import Path
@@ -40,7 +40,7 @@ LEARNERS: Final = Registry(
 
 
 def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
-    """Return a learner that knows nothing yet; ConfigError: there is none of that name, or its options are wrong."""
+    """Return a learner that knows nothing yet; ConfigError: the name is unknown, or its options are wrong."""
     return _made(name, config, rng, None)
 
 
@@ -53,9 +53,9 @@ def _made(name: str, config: Config, rng: np.random.Generator, stored: StoredTab
 
 
 def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | None:
-    """The learner of this name, or one that drives by the table in this file; None for neither.
+    """Return the learner of this name, or a driver by the table in this file; None without both.
 
-    Raises ConfigError: there is no learner of that name; QTableError: the file is no sound table.
+    Raises ConfigError: the name is unknown; QTableError: the file is no sound table.
     """
     rng = stream(config.own_seed, 1, AGENT)
     if policy is not None:
@@ -64,9 +64,9 @@ def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | 
 
 
 def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
-    """Return a driver that takes the best action of a stored table and learns no more.
+    """Return a driver that takes the best action of a stored table and does not learn.
 
-    Raises QTableError: the file is no sound table, or not one of a learner that is installed.
+    Raises QTableError: the file is no sound table, or its learner is not installed.
     """
     table = load(path)
     name = str(table.about.get("agent"))
@@ -76,6 +76,6 @@ def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
         raise QTableError(str(path), f"was learned by '{name}' ({error})", RELEARN) from None
     except ValueError as error:
         raise QTableError(str(path), str(error), "give a table that this agent learned") from None
-    except (LookupError, TypeError, AttributeError, ArithmeticError) as error:  # of what it keeps with its table
+    except (LookupError, TypeError, AttributeError, ArithmeticError) as error:  # from wrong notes in the table
         problem = f"lacks what '{name}' keeps with its table: {type(error).__name__}: {error}"
         raise QTableError(str(path), problem, "give a table that this agent learned") from error

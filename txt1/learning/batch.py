@@ -2,7 +2,8 @@
 
 The vehicles are `txt1.sim.batch`; the loops and the light are the runtime's own `txt1.control` and
 `txt1.sim.lamp.lux_at`. The odometry's velocities and the filter are written out here over arrays;
-tests/unit/learning/test_batch.py holds it all against the running robot. Without numba it is the same, slowly.
+tests/unit/learning/test_batch.py compares all of it with the running robot. Without numba the results are the same, but
+slow.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -30,16 +31,16 @@ from txt1.sim.parameters import VehicleParameters
 TICK_MS: Final = 20  # one vehicle step, ms: the controller's period. The light is sampled with it.
 WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)  # (5.10) at 20 ms in place of 16
 
-# rows of the robots' state: those of `txt1.sim.batch` first, then the encoders', the loops' and the light's
+# rows of the robots' state: the rows of `txt1.sim.batch` first, then the encoders', the loops' and the light's
 PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED, LEAD = 7, 9, 11, 13, 16, 19, 21, 25
 ROWS: Final = 26
 
-SHARE_MIN: Final = 200  # fewer robots than this are not worth a thread of their own
+SHARE_MIN: Final = 200  # with fewer robots a thread of their own does not pay
 BLOCK: Final = 128  # robots that are moved together: their state stays in the processor's nearest cache
 
 UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or CarParameters(
     *[1.0] * 9
-)  # stands in where loops know nothing
+)  # for loops without knowledge of the car
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
 _at_rest = compiled(at_rest, forceinline=True)
 _errors = compiled(errors, forceinline=True)
@@ -51,10 +52,10 @@ _lux_at = compiled(lux_at)
 
 
 def only_ours(config: Config) -> None:
-    """Refuse a configuration whose vehicle is moved by another physics, which many robots at once do not have."""
+    """Refuse a configuration with another vehicle physics: a batch of robots has only ours."""
     if config.sim.physics != "plain":
         raise ConfigError(
-            f"sim.physics: many robots at once move as our own vehicle does, and it is {config.sim.physics}; set "
+            f"sim.physics: many robots at once need our own vehicle, not {config.sim.physics}; set "
             "sim.physics=plain, or take one robot at a time (txt1 learn)"
         )
 
@@ -63,7 +64,7 @@ def only_ours(config: Config) -> None:
 def control(
     robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains, car: CarParameters, known: bool
 ) -> None:
-    """The controller's tick, on the velocities that the encoders saw a tick before; `known`: by loops that know it."""
+    """Run the controller on the velocities that the encoders saw a tick before; `known`: by loops that know the car."""
     for i in range(robots.shape[1]):
         v, omega, v_now, omega_now = commands[i, 0], commands[i, 1], robots[SENSED, i], robots[SENSED + 1, i]
         if _at_rest(v, v_now):
@@ -99,7 +100,7 @@ def control(
 
 @compiled
 def encode(robots: Array, rolled: Array, dt: float, count_length: float, track_width: float) -> None:
-    """The encoders' tick; `rolled` is where the two wheels were before it, shape (2, n)."""
+    """Run the encoders; `rolled` is the place of the two wheels a tick before, shape (2, n)."""
     for i in range(robots.shape[1]):
         robots[PHASE, i] += (robots[RIGHT, i] - rolled[0, i]) / count_length
         robots[PHASE + 1, i] += (robots[LEFT, i] - rolled[1, i]) / count_length
@@ -112,7 +113,7 @@ def encode(robots: Array, rolled: Array, dt: float, count_length: float, track_w
 
 @compiled
 def _look(robots: Array, noise: Array, light: PointLight) -> None:
-    """A sample of the light, through the filter; `noise` is a share of each reading, shape (n, 4)."""
+    """Take a sample of the light, through the filter; `noise` is a share of each reading, shape (n, 4)."""
     for i in range(robots.shape[1]):
         lux = _lux_at(robots[X, i], robots[Y, i], robots[THETA, i], light)
         for k in range(4):
@@ -143,7 +144,7 @@ def _run(
     """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`."""
     for at in range(begin, end, BLOCK):
         until = min(at + BLOCK, end)
-        block = robots[:, at:until].copy()  # whose rows lie together
+        block = robots[:, at:until].copy()  # a copy, so that its rows lie together
         rolled, target, remaining = block[:2].copy(), block[0].copy(), block[0].copy()
         for k in range(drag.shape[0]):
             tick = first + k
@@ -161,7 +162,8 @@ def _run(
 class Batch:
     """Simulated robots side by side, each with its velocity loops and its light sensors.
 
-    `noise` and `drag` are standard deviations: of a reading, as a share of it, and of the floor's drag, of the speed.
+    `noise` and `drag` are standard deviations: `noise` of a reading, as its share; `drag` of the floor's drag, as a
+    share of the speed.
     """
 
     def __init__(
@@ -189,35 +191,35 @@ class Batch:
 
     @property
     def poses(self) -> Array:
-        """x, y (m) and theta (rad) of each, shape (count, 3)."""
+        """x, y (m) and theta (rad) of each robot, shape (count, 3)."""
         return self.robots[:3].T
 
     @property
     def readings(self) -> Array:
-        """Filtered readings FL FR RL RR of each, lux, shape (count, 4); 0 before the first."""
+        """Filtered readings FL FR RL RR of each robot, lux, shape (count, 4); 0 before the first sample."""
         return self.robots[FILTERED : FILTERED + 4].T
 
     @property
     def velocities(self) -> Array:
-        """Sensed v (m/s) and omega (rad/s) of each, shape (count, 2)."""
+        """Sensed v (m/s) and omega (rad/s) of each robot, shape (count, 2)."""
         return self.robots[SENSED : SENSED + 2].T
 
     def place(self, which: NDArray[np.bool_], poses: Array, rng: np.random.Generator) -> None:
-        """Put some of them down at poses (m, rad), at rest, as new; shape (which.sum(), 3)."""
+        """Put the robots in `which` at poses (m, rad), at rest and reset; shape (which.sum(), 3)."""
         self.robots[:, which] = 0.0
         self.robots[:3, which] = poses.T
         self.robots[PHASE : PHASE + 2, which] = rng.random((int(which.sum()), 2)).T
         self.commands[which] = 0.0
 
     def run(self, ticks: int, rng: np.random.Generator, *, sense: bool = True) -> None:
-        """Let them drive on by so many ticks of 20 ms; `sense` has the light sampled."""
+        """Let all robots drive on by `ticks` of 20 ms; `sense`: whether the light is sampled."""
         count = self.robots.shape[1]
         drag = self.drag * rng.standard_normal((ticks, count))
         noise = self.noise * rng.standard_normal((ticks if sense else 0, count, 4))
         self.run_with(drag, noise)
 
     def run_with(self, drag: Array, noise: Array) -> None:
-        """The same with given random values: shares of the speed (ticks, count) and of a reading (ticks, count, 4)."""
+        """As `run`, with given random values: shares of the speed (ticks, count) and of a reading (ticks, count, 4)."""
         run = partial(
             _run,
             self.robots,
@@ -237,6 +239,6 @@ class Batch:
         )
         if self._threads is None:
             run(*self._shares[0])
-        else:  # the compiled loop lets go of the interpreter's lock
+        else:  # the compiled loop releases the interpreter's lock
             list(self._threads.map(lambda share: run(*share), self._shares))
         self.tick += len(drag)

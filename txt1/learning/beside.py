@@ -1,4 +1,4 @@
-"""The learning task beside a robot that others may watch and stop."""
+"""The learning task on a robot that an operator may watch and stop."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -18,7 +18,7 @@ async def beside(robot: Robot, learner: Learner) -> AsyncIterator[None]:
         sharing = None
         if learner.share is not None:
             exchange = next((part for part in robot.runtime.parts if isinstance(part, Exchange)), None)
-            assert exchange is not None  # the options see to it that the robot is in a fleet
+            assert exchange is not None  # the options make sure that the robot is in a fleet
             sharing = Sharing(sharer(str(learner.name), learner.agent), exchange, learner.share, tell=robot.tell)
             await sharing.joined()
         start(robot, learner.agent, sharing=sharing)

@@ -1,8 +1,8 @@
-"""The floor of a world: the best time that full knowledge reaches through the real loops and the goal's sampling.
+"""The floor of a world: the best time with full knowledge, through the real loops and with the goal's sampling.
 
-By the light's symmetry a start is one number, the bearing of the light in the robot's frame; between the bearings that
-were driven the time is interpolated before it is rounded up to a decision. Decisions are 0.1 s apart, whatever the
-learner's own. The floors of known worlds are in floors.json; `studies/learners/floor.py` searches for others.
+By the light's symmetry a start is a single number, the bearing of the light in the robot's frame. Between the driven
+bearings the time is interpolated, and then rounded up to a decision. Decisions are 0.1 s apart, whatever the learner's
+period. The floors of known worlds are in floors.json; `studies/learners/floor.py` searches for others.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start
 from txt1.sim.dynamics import VERSION
 
-BEARINGS: Final = 120  # that are driven, 3 degrees apart
+BEARINGS: Final = 120  # number of driven bearings, 3 degrees apart
 DECISION_MS: Final = 100  # between two looks for the goal
 DEPENDS: Final = (
     "geometry.",
@@ -40,8 +40,8 @@ class Floor(NamedTuple):
     """The floor by the light's bearing in the robot's frame at the start."""
 
     times: tuple[float, ...]  # s, unrounded, for bearings from -pi on, evenly; inf: no plan reaches the goal
-    gap: float  # mean share by which a third piece of the plan still brought the time down
-    ways: tuple[float, ...] = ()  # m driven in these times; none in floors.json
+    gap: float  # mean share by which a third piece of the plan still shortened the time
+    ways: tuple[float, ...] = ()  # way driven in these times, m; floors.json has none
 
     @property
     def exists(self) -> bool:
@@ -49,20 +49,20 @@ class Floor(NamedTuple):
         return bool(np.isfinite(self.times).all())
 
     def time(self, start: Start) -> float:
-        """The least time from a start, s, at a decision."""
+        """The least time from a start, s, rounded up to a decision."""
         return float(np.ceil(self.exact(start) / (0.001 * DECISION_MS) - 1e-6)) * 0.001 * DECISION_MS
 
     def exact(self, start: Start) -> float:
-        """The same were the goal looked for all the time, s."""
+        """The least time from a start if the goal is looked for all the time, s."""
         return _between(self.times, start)
 
     def way(self, start: Start) -> float:
-        """The way driven in that, m; NaN: not known."""
+        """The way driven in the least time, m; NaN: unknown."""
         return _between(self.ways, start) if self.ways else nan
 
 
 def _between(values: Sequence[float], start: Start) -> float:
-    """The value for a start, of values for bearings from -pi on."""
+    """Return the value for a start, interpolated between values for bearings from -pi on."""
     bearing = (start.bearing + pi - start.heading + pi) % (2.0 * pi)
     return float(np.interp(bearing / (2.0 * pi) * BEARINGS, range(BEARINGS + 1), (*values, values[0])))
 
@@ -80,7 +80,7 @@ def known_floor(config: Config) -> Floor | None:
 
 
 def key_of(config: Config) -> str:
-    """All that a floor depends on and that is not its default, and the version of our physics, as a hash."""
+    """Return a hash of all that a floor depends on and that is not its default, and of our physics' version."""
     usual = dict(flatten(completed(Config())))
     told = {
         key: value for key, value in flatten(completed(config)) if key.startswith(DEPENDS) and usual.get(key) != value

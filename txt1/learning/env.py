@@ -4,8 +4,8 @@
 
 One step is one decision of the thesis's learner, 0.5 s.
 
-- Observation: the logarithms of the four filtered readings over that of the brightest a sensor can tell, FL FR RL RR,
-  0 to 1; and the sensed v (m/s) and omega (rad/s). Shape (6,), float32.
+- Observation: the logarithms of the four filtered readings over the logarithm of a sensor's upper limit, FL FR RL RR, 0
+  to 1; and the sensed v (m/s) and omega (rad/s). Shape (6,), float32.
 - Action: 0 right, 1 straight, 2 left (table 5.2).
 - Reward: the thesis's, from one sector of the light's direction to the next (5.8): -1, 0 or 1.
 - Terminated at the goal circle, outside the boundary, and by touching a post, a box or a wall, which `info` tells;
@@ -90,7 +90,7 @@ class EpisodeCar:
         return pose
 
     def control(self, now: float) -> None:
-        """The controller's cycle and the encoders' at `now` s."""
+        """Run the cycle of the controller and of the encoders at `now` s."""
         v, omega = self.command
         v_now, omega_now = self.odometry.v, self.odometry.omega
         motor = steering = 0.0
@@ -181,7 +181,7 @@ class Seeker:
         return success, over, self._ms - REST_MS >= 1000.0 * self.task.time_limit
 
     def _look(self, sample: Readings) -> None:
-        """Take in a sample; a sensor that tells no number reads as dark, as a learner has to live with it."""
+        """Take a sample; a sensor without a number reads as dark, as a learner has to live with it."""
         self._filter.step(Readings(*(lux if 0.0 <= lux < inf else 0.0 for lux in sample)))
 
     def _state(self, otherwise: int) -> int:
@@ -305,15 +305,15 @@ class LightSeekingVectorEnv(Many):
         self.sectors = np.zeros(num_envs, int)
         self.steps = np.zeros(num_envs, int)
         self._over = np.ones(num_envs, bool)
-        self._own: list[np.random.Generator] = []  # of each robot's starts, where each was given a seed
+        self._own: list[np.random.Generator] = []  # random starts of each robot, if each was given a seed
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """The first observations, at rest on random starts.
+        """Return the first observations, at rest on random starts.
 
-        A list of seeds gives each robot's starts one of its own, None drawn at random, and all of them together the
-        noise. The option `reset_mask`, shape (num_envs,), has only those robots begin anew, while the others go on.
+        A list of seeds gives each robot its own random starts (None: a random seed), and all seeds together decide the
+        noise. The option `reset_mask`, shape (num_envs,), restarts only the robots marked in it; the others go on.
         """
         if isinstance(seed, list):
             if len(seed) != self.num_envs:
@@ -334,7 +334,7 @@ class LightSeekingVectorEnv(Many):
         others, over = self.robots.robots[:, ~which].copy(), self._over & ~which
         self._over = which
         self._begin()
-        if others.size:  # they stay as they are while those that begin rest
+        if others.size:  # the others keep their state while the restarted robots rest
             self.robots.run(REST_MS // TICK_MS, self.np_random)
             self.robots.robots[:, ~which] = others
         self._over = over
@@ -342,7 +342,7 @@ class LightSeekingVectorEnv(Many):
         return self._observations(), {}
 
     def _begin(self) -> None:
-        """Put those whose episode is over on new starts; they have rested when the others have made a step."""
+        """Put robots whose episode is over on new starts; they rest while the others make a step."""
         count = int(self._over.sum())
         if not count:
             return
@@ -361,7 +361,7 @@ class LightSeekingVectorEnv(Many):
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Observations, rewards, terminated, truncated and `success` of each, one decision later.
+        """Return observations, rewards, terminated, truncated and `success` of each robot after a decision.
 
         Raises ValueError: actions outside the space.
         """
@@ -369,7 +369,7 @@ class LightSeekingVectorEnv(Many):
             raise ValueError(f"actions {actions!r} are not in {self.action_space}")
         fresh = self._over.copy()
         self.robots.commands[:] = self._commands[actions]
-        self._begin()  # and their command is 0: the first step is the rest on the start
+        self._begin()  # their command is 0, as their first step is the rest on the start
         self.robots.run(DECISION_MS // TICK_MS, self.np_random)
         before, self.sectors = self.sectors, self.states()
         task = self._task
@@ -384,7 +384,7 @@ class LightSeekingVectorEnv(Many):
         return self._observations(), rewards, terminated, truncated, {"success": success}
 
     def states(self) -> NDArray[np.int64]:
-        """The sectors, as `txt1.learning.light_direction` computes one."""
+        """The sectors, as `txt1.learning.light_direction` computes them."""
         fl, fr, rl, rr = self.robots.readings.T
         angle = np.arctan2(SENSOR_Y * (fl + rl - fr - rr), SENSOR_X * (fl + fr - rl - rr))
         sectors: NDArray[np.int64] = ((np.floor(angle / (pi / 4.0) + 0.5) + 4) % 8).astype(np.int64)

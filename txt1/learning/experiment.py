@@ -1,18 +1,18 @@
 """The files of a learning experiment, its figures, and how it is carried on.
 
-    experiment.json      what is done: agent, seed, episodes, settings
+        experiment.json      the experiment: agent, seed, episodes, settings
     trials/0001.json     each trial: its episodes, its table, the paths of some of them
     qtable.json          the table of the best trial: most successes, then least time over its last 10 episodes
     learning.csv         a line for each episode
-    metrics.json         what it all amounts to
+        metrics.json         the summary of all trials
     *.png                pictures, where matplotlib is installed
 
-How it goes: `prepare` writes or compares experiment.json and returns the trials that are there; the command does those
-that are missing, and each is saved as it ends (`save_result`); `write` makes the other files of all of them, each time
-anew. Nothing but experiment.json and trials/ is ever read back.
+How it goes: `prepare` writes or compares experiment.json and returns the finished trials. The command does the missing
+trials and saves each as it ends (`save_result`). `write` then makes the other files from all trials, each time anew.
+Only experiment.json and trials/ are ever read back.
 
-A trial in simulation repeats bit for bit from its seed, so one that was interrupted is done again from its start. A
-real robot does not repeat: there, the agent carries on from what it had learned.
+A trial in simulation repeats bit for bit from its seed, so an interrupted trial is done again from its start. A real
+robot does not repeat: there the agent carries on from its memory.
 """
 
 import itertools
@@ -48,7 +48,7 @@ KEPT: Final = ("trial", "complete", "voided", "memory")  # of a `TrialResult`, a
 
 THESIS_MEAN: Final = 7.165  # mean time to the light after the first seven episodes that the thesis reports, s (5.4)
 LEARNED: Final = 7  # episodes after which the thesis takes its mean
-LAST: Final = 10  # episodes at the end that are looked at by themselves
+LAST: Final = 10  # episodes at the end that are reported separately
 MILESTONES: Final = (1, 2, 4, 8, 16, 31)  # episodes whose ratio to the optimum is reported
 
 
@@ -56,40 +56,40 @@ class Plan(NamedTuple):
     """The trials to be done."""
 
     agent: str  # name of the learner
-    trials: int  # how many, each from scratch
-    episodes: int  # of each trial
+    trials: int  # number of trials, each from scratch
+    episodes: int  # episodes of each trial
     seed: int  # repeats every random value
     config: Config  # of everything else
     speed: Speed = "max"  # of the robot's time
     arm: bool = False  # whether to arm a robot that does not arm by itself
-    log: Path | None = None  # the file to record to; with several trials, what the names of their files begin with
+    log: Path | None = None  # the file to record to; with several trials, the beginning of their names
 
     @property
     def simulated(self) -> bool:
-        """Whether trials repeat, and can be done side by side."""
+        """Whether trials repeat, so that several can run in parallel."""
         light = self.config.sensors.get(self.config.section(LearningConfig).sensor)
         return self.config.hal == "sim" and (light is None or light.driver == SIMULATED)
 
     def keep_paths(self) -> set[int]:
-        """Numbers of the episodes whose paths are kept: the first, the thesis's 10th, the last."""
+        """Numbers of the episodes whose paths are kept: the first, the thesis's tenth, and the last."""
         return {1, min(10, self.episodes), self.episodes}
 
     def identity(self) -> dict[str, Any]:
-        """Return all that must be equal for one run to carry on where another ended; the number of trials may grow."""
+        """Return all that must be equal when a run carries on another; only the number of trials may grow."""
         config = completed(self.config).model_dump(mode="json", exclude={"seed"})
         return {"agent": self.agent, "episodes": self.episodes, "seed": self.seed, "config": config}
 
 
-Watch = Callable[[int, Episode], None]  # told each episode as it ends, with the number of its trial
+Watch = Callable[[int, Episode], None]  # called with each episode as it ends, and the number of its trial
 
 
 def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resume: bool) -> dict[int, Path]:
-    """The files to which these trials are to be recorded, and nothing stands in their way; none without `plan.log`.
+    """Return the file to record each trial to; empty without `plan.log`.
 
-    A trial that is done again from its start is recorded anew; one that carries on, to a file of its own.
+    A trial that is done again from its start replaces its recording. A trial that carries on gets a new file.
 
-    Raises ConfigError: there is such a file already, and it is no recording of that trial; MissingExtra: the extra
-    `record` is not installed.
+    Raises ConfigError: such a file exists and is not a recording of this trial; MissingExtra: the extra `record` is not
+    installed.
     """
     log = plan.log
     if log is None:
@@ -98,7 +98,7 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
     files = {}
     for number in numbers:
         file = log if plan.trials == 1 else log.with_name(f"{log.stem}-trial-{number:04d}{log.suffix}")
-        if number in begun or (resume and file.exists() and not plan.simulated):  # it does not repeat
+        if number in begun or (resume and file.exists() and not plan.simulated):  # a real robot does not repeat
             again = (file.with_name(f"{file.stem}-again-{k}{file.suffix}") for k in itertools.count(1))
             file = next(each for each in again if not each.exists())
         elif file.exists():
@@ -111,9 +111,9 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
 
 
 def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
-    """The trials that the directory holds already; it is made when there is none.
+    """Return the trials that the directory holds already; the directory is made if it is missing.
 
-    Raises ConfigError: it cannot be used, or it holds another experiment, or one that is not to be carried on.
+    Raises ConfigError: it cannot be used, it holds another experiment, or it must not be carried on.
     """
     mark = out / "experiment.json"
     identity = plan.identity()
@@ -123,7 +123,7 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
         before = json.loads(mark.read_text(encoding="utf-8")) if mark.exists() else None
         if before is not None and (before.get("format"), before.get("version")) != (FORMAT, VERSION):
             raise ConfigError(f"--out {out}: experiment.json is not this program's; give another directory")
-        if not trials:  # nothing came of what was begun here, if anything was
+        if not trials:  # no trial was finished here, if any was begun
             content = {"format": FORMAT, "version": VERSION, **identity, "provenance": provenance()}
             mark.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
             return []
@@ -132,7 +132,7 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
     except (ValueError, AttributeError) as error:
         raise ConfigError(f"--out {out}: experiment.json is damaged ({error}); give another directory") from None
     if before is None:
-        raise ConfigError(f"--out {out}: holds trials, but no experiment.json to say of what; give another directory")
+        raise ConfigError(f"--out {out}: holds trials without their experiment.json; give another directory")
     if not resume:
         raise ConfigError(f"--out {out}: holds an experiment; --resume carries it on, or give another directory")
     begun = (before.get("provenance") or {}).get("code")
@@ -152,7 +152,7 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
 
 
 def load_results(out: Path) -> list[TrialResult]:
-    """Return the trials in a directory, in their order; raises QTableError for one that is damaged."""
+    """Return the trials in a directory, in order; raises QTableError: one of them is damaged."""
     return [load_result(path) for path in sorted((out / "trials").glob("*.json"))]
 
 
@@ -171,7 +171,7 @@ def result_file(out: Path, number: int) -> Path:
 
 
 def save_result(out: Path, result: TrialResult) -> None:
-    """Write a trial to a file of its own, which holds a checked Q-table with the rest beside it."""
+    """Write a trial to a file of its own: a checked Q-table, and the rest beside it."""
     about = {
         **result.table.about,
         **{key: getattr(result, key) for key in KEPT},
@@ -182,7 +182,7 @@ def save_result(out: Path, result: TrialResult) -> None:
 
 
 def load_result(path: Path) -> TrialResult:
-    """A trial from its file; raises QTableError: it was cut off or altered, or is no trial."""
+    """Return a trial from its file; raises QTableError: it was cut off or altered, or is no trial."""
     again = "delete it, and it is done again"
     try:
         stored = qtable.load(path)
@@ -212,7 +212,7 @@ def best(results: Sequence[TrialResult]) -> TrialResult:
 
 
 def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, Any]:
-    """The metrics, after writing them and all but the pictures; raises QTableError or OSError: it cannot."""
+    """Write all files but the pictures, and return the metrics; raises QTableError or OSError: it cannot."""
     floor = known_floor(plan.config)
     lines: list[tuple[str, ...]] = [COLUMNS]
     for result in results:
@@ -241,16 +241,17 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
 
 
 def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> dict[str, Any]:
-    """Times in s, success as shares, ratios to the optimum and the floor; JSON values. Trials may differ in length.
+    """Return times in s, success as shares, ratios to the optimum and the floor; JSON values. Trials may differ in
+    length.
 
-    Failures are counted apart: times and ratios are of successes, and None where there are none. Only robot seconds
-    have the failures' time in them, because the robot drove it.
+    Failures are counted separately. Times and ratios are of successes, and None if there are none. Only the robot
+    seconds include the time of failures, because the robot drove it.
     """
     every = [one for trial in trials for one in trial]
     if not every:
         return {"trials": len(trials), "episodes": 0}
     length = max(len(trial) for trial in trials)
-    # an episode over the trials that got so far
+    # an episode, over all trials that reached it
     curve = [[trial[k] for trial in trials if len(trial) > k] for k in range(length)]
     means = [np.mean([one.time for one in row]) for row in curve]
     milestones = [k for k in MILESTONES if k <= length]
@@ -272,13 +273,13 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
 
 
 def _unfit(every: Sequence[Episode]) -> dict[str, Any]:
-    """In how many episodes the learner said that its model does not fit, and how long after the first decision, s."""
+    """Count the episodes in which the learner reported that its model does not fit; the mean time of the report, s."""
     said = [one.unfit for one in every if one.unfit is not None]
     return {"episodes": len(said), "median_s": _round(np.median(said)) if said else None}
 
 
 def _figures(by_trial: Sequence[Sequence[Episode]], floor: Floor | None) -> dict[str, Any]:
-    """Success, and the times and regret of the successes, of some episodes of each trial."""
+    """Return the success, and the times and regret of the successes, over some episodes of each trial."""
     some = [one for trial in by_trial for one in trial]
     if not some:
         return {"episodes": 0}
@@ -311,7 +312,7 @@ def _times(some: Sequence[Episode]) -> NDArray[np.float64]:
 
 
 def _ratio(some: Sequence[Episode]) -> float | None:
-    """Of the successes; None where there are none."""
+    """Mean ratio of the successes to the optimum; None if there are none."""
     won = [one for one in some if one.success]
     return _round(_times(won).sum() / sum(one.optimal_time for one in won)) if won else None
 

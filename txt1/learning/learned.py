@@ -1,6 +1,6 @@
-"""The part of what a robot has learned that it tells the others of its fleet: rows of numbers, checked as they arrive.
+"""The knowledge that a robot tells the others of its fleet: rows of numbers, checked as they arrive.
 
-A learner's table is one, or whatever else it keeps in numbers; the others are robots alike, with the same learner.
+The rows are a learner's table, or its other learned numbers. The other robots are alike, with the same learner.
 """
 
 from collections.abc import Mapping
@@ -9,20 +9,20 @@ from typing import Any, Final, NamedTuple
 
 from txt1.telemetry.topics import Rule, Topic, declare
 
-NUMBERS_MAX: Final = 512  # in all rows together: with visits 20 kB at most as they are told
+NUMBERS_MAX: Final = 512  # in all rows together; with visits it makes a message of at most 20 kB
 COUNT_MAX: Final = 10**9  # of visits and episodes
 LARGEST: Final = 1e9  # of a number
 NAME_MAX: Final = 40  # letters
-TOLD: Final = 1.5  # s in which everybody has told it once
-FORGET: Final = 5.0  # s after which one who is not heard is lost; it is told once a second
+TOLD: Final = 1.5  # s in which every robot has told its rows at least once
+FORGET: Final = 5.0  # s without a message after which a robot is lost; rows are told once a second
 
 
 class Learned(NamedTuple):
     """The rows that a learner has learned."""
 
-    learner: str  # its name: others take nothing from another one
-    episodes: int  # that it has learned in
-    visits: tuple[int, ...]  # of each row: how often something was learned of it; 0: it is not known
+    learner: str  # its name; rows of a learner with another name are not taken over
+    episodes: int  # number of episodes in which it has learned
+    visits: tuple[int, ...]  # for each row, how often it was updated; 0: unknown
     rows: tuple[tuple[float, ...], ...]  # of equal length
 
 
@@ -32,7 +32,7 @@ LEARNED: Final = declare(
 
 
 def learned_of(told: Mapping[str, Any]) -> Learned:
-    """The same as `Learned`, from whatever somebody has told; ValueError says what is wrong with it."""
+    """Return a `Learned` from a received message; ValueError says what is wrong with it."""
     try:
         learner, episodes = str(told["learner"]), int(told["episodes"])
         visits = tuple(int(count) for count in told["visits"])

@@ -2,14 +2,14 @@
 
 Directions are in the vehicle's frame, rad, counter-clockwise positive: 0 straight ahead, pi/2 to the left.
 
-A reading that cannot be believed raises `LightFault`, so that no direction is ever made of it:
+A reading that cannot be believed raises `LightFault`, so that no direction is made of it:
 
 - not a number, infinite or negative: at once (`LightFilter.step`, `direction`)
 - dead, at 0 while the others see the light: `direction` at once; `LightFilter.step` within half a second, as soon as
-  the filtered readings differ more than any place of the light could make them (`spread_limit`). So does a sensor that
+  the filtered readings differ more than at any place of the light (`spread_limit`). The same happens to a sensor that
   sticks at its upper limit while the light is farther away than about 1.4 m
-- frozen in between: `LightFilter.step`, when one reading has not changed for a second in which each of the others
-  changed at least every other time
+- frozen in between: `LightFilter.step`, when a reading has not changed for a second, and each of the others changed at
+  least every other time
 """
 
 from math import atan2, exp, floor, hypot, inf, isfinite, pi, sqrt
@@ -30,14 +30,15 @@ SECTORS: Final = (
     "centre left",
     "rear left",
 )  # by index (figure 5.5)
-SETTLING_SAMPLES: Final = 22  # after so many samples the first one has lost nine tenths of its weight in the filter
-FROZEN_SAMPLES: Final = 63  # A sensor's changes are counted over so many samples, about a second
+# after this many samples the first sample has lost nine tenths of its weight in the filter
+SETTLING_SAMPLES: Final = 22
+FROZEN_SAMPLES: Final = 63  # a sensor's changes are counted over this many samples, about a second
 
 
 def direction(readings: Readings) -> float:
     """Direction of the light as the thesis computes it (5.3), rad in (-pi, pi].
 
-    Each reading is a vector from the robot's centre out through its sensor; the direction is that of their sum.
+    Each reading is a vector from the robot's centre out through its sensor; the direction is that of the vectors' sum.
 
     The sum compresses the bearing. With the light at distance D in the direction u, a sensor at p, small beside D,
     reads I = |D u - p|^-n, which is D^-n (1 + n p.u / D) to first order, so that with the offsets a and b
@@ -54,17 +55,17 @@ def direction(readings: Readings) -> float:
 
 
 def corrected_direction(readings: Readings) -> float:
-    """Direction of the light without the compression of `direction`, rad in (-pi, pi]; raises as that does.
+    """Direction of the light without the compression of `direction`, rad in (-pi, pi]; raises as `direction` does.
 
-    The differences front - rear and left - right are 4 n D^-(n+1) (a u_x, b u_y). Exact for a light far away; off by at
-    most 1.1 degrees at 2.5 m, 4.4 at 1.25 m and 23 at 0.5 m.
+    The differences front - rear and left - right are 4 n D^-(n+1) (a u_x, b u_y). It is exact for a light far away; the
+    error is at most 1.1 degrees at 2.5 m, 4.4 at 1.25 m and 23 at 0.5 m.
     """
     front, left = _differences(readings)
     return atan2(left / SENSOR_Y, front / SENSOR_X)
 
 
 def diagonal_direction(readings: Readings) -> float:
-    """Direction of the light were each sensor at 45 degrees, rad in (-pi, pi]; raises as `direction` does.
+    """Direction of the light as if each sensor sat at 45 degrees, rad in (-pi, pi]; raises as `direction` does.
 
     tan(direction) = (b / a) tan(bearing) = 0.56 tan(bearing): compressed less than `direction`.
     """
@@ -77,7 +78,7 @@ def _differences(readings: Readings) -> tuple[float, float]:
     fl, fr, rl, rr = readings
     if not (0.0 < fl < inf and 0.0 < fr < inf and 0.0 < rl < inf and 0.0 < rr < inf):
         _refuse(readings)
-    # over the diagonals, so that equal readings leave exactly nothing
+    # over the diagonals, so that equal readings give exactly zero
     one, other = fl - rr, fr - rl
     if one == other == 0.0:
         raise NoDirection(fl)
@@ -85,7 +86,7 @@ def _differences(readings: Readings) -> tuple[float, float]:
 
 
 def _refuse(readings: Readings) -> None:
-    """Raise what is wrong with readings of which one is not positive and finite."""
+    """Raise the fault of the readings; at least one is not positive and finite."""
     for sensor, reading in zip(SENSORS, readings, strict=True):
         if not isfinite(reading):
             raise LightFault(f"light sensor {sensor} reads {reading:g}, which is no reading")
@@ -97,7 +98,7 @@ def _refuse(readings: Readings) -> None:
 
 
 def _odd_one_out(readings: Readings) -> LightFault:
-    """The fault of the sensor that differs most from the middle of the others."""
+    """Return the fault of the sensor that differs most from the middle of the others."""
     first, second, third, last = sorted(readings)
     odd, what = (first, "dead or covered") if second * third >= first * last else (last, "stuck or dazzled")
     listed = ", ".join(f"{sensor} {reading:.4g}" for sensor, reading in zip(SENSORS, readings, strict=True))
@@ -106,11 +107,11 @@ def _odd_one_out(readings: Readings) -> LightFault:
 
 
 def spread_limit(exponent: float = 2.0, noise: float = 0.3) -> float:
-    """Ratio of the brightest filtered reading to the dimmest that no light at least 0.5 m away exceeds.
+    """Largest ratio of the brightest filtered reading to the dimmest, for a light at least 0.5 m away.
 
     The sensors are r = 0.26 m from the centre, so the ratio is at most ((D + r) / (D - r))^n at a distance D: 10.2 at
-    the goal circle for the exponent n = 2. `noise` is the standard deviation of a sample, as a share of it. The
-    filter leaves sqrt((1 - w) / (1 + w)) of it; four standard deviations of the ratio's logarithm are allowed for that.
+    the goal circle for the exponent n = 2. `noise` is the standard deviation of a sample, as a share of it. The filter
+    leaves sqrt((1 - w) / (1 + w)) of the noise. Four standard deviations of the ratio's logarithm are added for it.
     """
     nearest, r = 0.5, hypot(SENSOR_X, SENSOR_Y)
     filtered = noise * sqrt((1.0 - FILTER_WEIGHT) / (1.0 + FILTER_WEIGHT))
@@ -146,7 +147,7 @@ class LightFilter:
 
     @property
     def settled(self) -> bool:
-        """Whether enough samples have passed that the readings are filtered and the watch is on duty."""
+        """Whether there were enough samples: the readings are filtered, and the watch over the sensors is active."""
         return self._samples >= SETTLING_SAMPLES
 
     def step(self, sample: Readings) -> None:
@@ -180,7 +181,7 @@ class LightFilter:
         self._samples += 1
 
     def _refuse_frozen(self, sample: Readings) -> None:
-        """Raise when one sensor has frozen and the others have not."""
+        """Raise LightFault if a single sensor has frozen while the others change."""
         changes, self._changes = self._changes, [0, 0, 0, 0]
         if changes.count(0) != 1 or sum(count >= FROZEN_SAMPLES // 2 for count in changes) != 3:
             return
@@ -191,7 +192,7 @@ class LightFilter:
 
 
 def sector(angle: float) -> int:
-    """The sector a direction in rad falls into, 0 to 7 (figure 5.5).
+    """Return the sector of a direction in rad, 0 to 7 (figure 5.5).
 
     Sector 0 is centred on straight behind, 4 on straight ahead, and they count counter-clockwise, 45 degrees each. A
     direction on a boundary belongs to the sector counter-clockwise of it: 22.5 degrees is front left.
@@ -200,9 +201,9 @@ def sector(angle: float) -> int:
 
 
 def reward(before: int, after: int) -> int:
-    """The reward for going from one sector to another, (5.6) to (5.8).
+    """Return the reward for going from a sector to the next, (5.6) to (5.8).
 
-    1 if the light stays straight ahead or comes nearer to it, 0 if it stays neither ahead nor behind, otherwise -1.
+    It is 1 if the light stays straight ahead or comes nearer to it, 0 if it stays neither ahead nor behind, else -1.
     """
     s0, s1 = before - 4, after - 4
     if s0 == s1 == 0 or abs(s1) < abs(s0):

@@ -1,7 +1,7 @@
-"""What simulations of many trials model, so that a setting without effect is refused by its name.
+"""The settings that simulations of many trials model; a setting without effect is refused by its name.
 
-The running robot (`txt1 learn`) models everything. Trials in lockstep, floors and environments leave the rest of the
-robot out: the settings that they read are listed here, by key or by what a key begins with. Any other that differs
+The running robot (`txt1 learn`) models everything. Trials in lockstep, floors and environments leave out the rest of
+the robot. The settings that they read are listed here, by key or by the beginning of a key. Any other that differs
 from the default of the vehicle is refused. What a vehicle's own file sets came with the vehicle, and stays.
 """
 
@@ -47,7 +47,7 @@ ONE: Final = (
 
 @cache
 def _usual(vehicle: str) -> dict[str, Any]:
-    """Every value of a vehicle for which nothing else was set."""
+    """Every value of a vehicle without any other setting."""
     return dict(flatten(completed(load(options={"vehicle": vehicle}).config)))
 
 
@@ -60,10 +60,10 @@ def differing(config: Config) -> Iterator[tuple[str, Any]]:
 
 
 def refuse_others(config: Config, modelled: Sequence[str], who: str) -> None:
-    """Refuse what `who`, a simulation in words, does not model; ConfigError names the key."""
+    """Refuse the settings that `who`, a simulation in words, does not model; ConfigError names the key."""
     body = config.geometry
     if config.hal != "sim":
-        raise ConfigError(f"hal: {config.hal}: {who} know the simulated robot alone; set hal=sim")
+        raise ConfigError(f"hal: {config.hal}: {who} know only the simulated robot; set hal=sim")
     if modelled is not ONE and (body.steering == "skid" or not body.counts_per_rev):
         lacks = "geometry.steering: skid" if body.steering == "skid" else "geometry.counts_per_rev: 0"
         raise ConfigError(f"{lacks}: {who} model cars that steer, with encoders; take txt1 learn")
@@ -81,12 +81,12 @@ def refuse_others(config: Config, modelled: Sequence[str], who: str) -> None:
 
 
 def _among(key: str, modelled: Sequence[str]) -> bool:
-    """Whether a key, or what it is below of, is among others."""
+    """Whether a key, or the key of a section around it, is in the list."""
     return any(key == each or key.startswith(f"{each}.") for each in modelled)
 
 
 def _sees_plainly(config: Config, key: str) -> bool:
-    """Whether a setting of a sensor, or of the pose, is what trials in lockstep model."""
+    """Whether a setting of a sensor, or of the pose, is modelled by trials in lockstep."""
     learning = config.section(LearningConfig)
     if key == "learning.pose":
         told = config.sensors.get(learning.pose)

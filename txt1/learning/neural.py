@@ -1,19 +1,22 @@
-"""A learner of the raw readings: an ensemble of small networks that foretell them, and a search over plans.
+"""A learner from raw readings: an ensemble of small networks predicts them, and a search compares plans.
 
-It is told nothing of its sensors, its actions or its speed, nor that there is a light: only that bright is good. The
-thesis's outlook (chapter 6) asks for a neural learner; this one is of the kind of
+It is not told about its sensors, its actions or its speed, nor that there is a light. It knows only that bright is
+good. The thesis's outlook (chapter 6) asks for a neural learner; this learner follows
 
     K. Chua, R. Calandra, R. McAllister, S. Levine: Deep Reinforcement Learning in a Handful of Trials using
     Probabilistic Dynamics Models. NeurIPS 2018 (an ensemble, each on samples of its own, and planning with all of it)
     D. Hafner et al.: Learning Latent Dynamics for Planning from Pixels. ICML 2019 (trained on many steps ahead)
 
-    x     <- logarithms of the mean readings since the last decision: their mean, and each one's difference to it
+        x     <- logarithms of the mean readings since the last decision: their mean, and each sensor's difference from
+        it
     h     <- encode(the last `history` of x, odometry's distance and turn, and actions)           for each network
-    learn   h' = h + C tanh(A [h, a]),  x = D h:  so that x is foretold `ahead` decisions on        (Adam)
-    a     <- first action of the plan "a for m decisions, then b" with the brightest foretold course, mean of networks
+        learn   h' = h + C tanh(A [h, a]),  x = D h:  to predict x `ahead` decisions on                 (Adam)
+        a     <- first action of the plan "a for m decisions, then b" with the brightest predicted course, mean of
+        networks
 
-The last actions are part of what it encodes, so delays are. It trains all the while, half of each sample on what it saw
-last, so that it follows a world that changes. At first, and when an episode takes long, it tries actions at random.
+The encoded history includes the last actions, and so it includes delays. The networks train all the time. Half of each
+batch comes from the latest decisions, so that the learner follows a world that changes. At first, and when an episode
+takes long, it tries actions at random.
 """
 
 from dataclasses import dataclass
@@ -36,9 +39,9 @@ Array = NDArray[np.float64]
 Weights = dict[str, Array]  # each with the networks along its first axis
 
 SEEN: Final = 5  # numbers of x: the mean of the logarithms, and four differences
-ROW: Final = SEEN + 3  # of what is kept of a decision: x, distance, turn, and the action before
-GAIN: Final = 3.0  # factor on logarithms, so that the networks' numbers are about 1
-SWITCHES: Final = (1, 2, 3, 5, 8, 12, 17)  # decisions after which a plan goes on with another action
+ROW: Final = SEEN + 3  # numbers kept for each decision: x, distance, turn, and the action before
+GAIN: Final = 3.0  # factor on logarithms, which brings the networks' numbers to about 1
+SWITCHES: Final = (1, 2, 3, 5, 8, 12, 17)  # decisions after which a plan may change to another action
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,17 +51,18 @@ class NeuralSettings:
     period: Positive = 0.1  # time from one decision to the next, s
     members: PositiveInt = 3  # networks
     hidden: PositiveInt = 32  # units of each layer
-    latent: PositiveInt = 10  # numbers of the state that is foretold
-    history: PositiveInt = 5  # decisions that it is encoded from
-    ahead: PositiveInt = 20  # decisions foretold, in training and for a plan
-    batch: PositiveInt = 32  # samples of a step of training, each network its own
-    steps: PositiveInt = 2  # of training after each decision; a few ms together
-    rate: Positive = 3e-3  # Adam's
-    tries: PositiveInt = 5  # decisions for which each action is tried at first, in one go
-    blind: PositiveInt = 40  # decisions at first that are taken at random, and the usual episode before one succeeded
-    patience: Positive = 2.0  # an episode is long from so many times the usual one
+    latent: PositiveInt = 10  # numbers of the predicted state
+    history: PositiveInt = 5  # decisions from which it is encoded
+    ahead: PositiveInt = 20  # decisions predicted, in training and for a plan
+    batch: PositiveInt = 32  # samples for a step of training; each network has its own
+    steps: PositiveInt = 2  # steps of training after each decision; a few ms together
+    rate: Positive = 3e-3  # learning rate of Adam
+    tries: PositiveInt = 5  # decisions in a row for which each action is tried at first
+    # decisions at first that are random; also the usual length of an episode before the first success
+    blind: PositiveInt = 40
+    patience: Positive = 2.0  # an episode is long if it takes this many times the usual number of decisions
     tumble: Share = 0.1  # probability to try an action for up to 30 decisions, per decision of a long episode
-    memory: PositiveInt = 6000  # decisions kept to train on
+    memory: PositiveInt = 6000  # decisions kept for training
     latest: PositiveInt = 600  # those from which half of the samples come
 
 
@@ -66,7 +70,7 @@ SETTINGS: Final = NeuralSettings()
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "NeuralAgent":
-    """Return a learner as configured, or one that drives by stored networks; ValueError: they have another shape."""
+    """Return a learner as configured, or a driver by stored networks; ValueError: they have another shape."""
     settings = checked(NeuralSettings, config.section(LearningConfig).neural, "learning.neural")
     agent = NeuralAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
@@ -88,11 +92,11 @@ class NeuralAgent(PeriodicAgent):
         one = settings
         self.weights = initial(rng, one.members, one.history * (SEEN + 2 + actions), one.hidden, one.latent, actions)
         self.adam = [{name: np.zeros_like(w) for name, w in self.weights.items()} for _ in range(2)]
-        self.steps = 0  # of training so far
-        self.rows: Array = np.zeros((0, ROW))  # of the decisions kept
-        self.last: NDArray[np.int64] = np.zeros(0, np.int64)  # of each row, the number of its episode's last
-        self.usual = 0.0  # decisions that a success takes, on average; 0: none yet
-        self.level: Array | None = None  # the first readings' logarithms
+        self.steps = 0  # steps of training so far
+        self.rows: Array = np.zeros((0, ROW))  # the kept decisions
+        self.last: NDArray[np.int64] = np.zeros(0, np.int64)  # for each row, the number of the last row of its episode
+        self.usual = 0.0  # decisions that a success takes, on average; 0: no success yet
+        self.level: Array | None = None  # logarithms of the first readings
         self.scale = np.zeros(2)  # largest distance and turn of a decision so far, in odometry's units
         self._plans = plans(actions, one.ahead)
         self._rng = rng
@@ -108,13 +112,13 @@ class NeuralAgent(PeriodicAgent):
         self._first = len(self.rows)  # the episode's first row
         self._at: Odometry | None = None
         self._a = -1
-        self._random = 0  # decisions for which the action in force was drawn, yet to come
+        self._random = 0  # decisions for which the randomly drawn action still stays in force
         self._untried = [int(a) for a in self._rng.permutation(self.actions)] if not len(self.rows) else []
         self._values: tuple[float, ...] = ()
         self._error: float | None = None
 
     def act(self, now: float, odometry: Odometry) -> int:
-        """Learn from what came of the last action, and choose the next one."""
+        """Learn from the result of the last action, and choose the next action."""
         self._decides(now)
         self._take(odometry)
         if self.training:
@@ -136,7 +140,7 @@ class NeuralAgent(PeriodicAgent):
     # -- what it does --------------------------------------------------------------------------------------------
 
     def _take(self, odometry: Odometry) -> None:
-        """Keep what was seen since the last decision."""
+        """Keep the data since the last decision."""
         lux = np.nan_to_num(self._seen()) if self._samples else np.full((1, 4), LUX_MIN)
         z = np.log(np.clip(lux.mean(axis=0), LUX_MIN, LUX_MAX))
         if self.level is None:
@@ -170,7 +174,7 @@ class NeuralAgent(PeriodicAgent):
         return self._best()
 
     def _best(self) -> int:
-        """The first action of the plan whose course is foretold to be the brightest."""
+        """The first action of the plan with the brightest predicted course."""
         here = np.array([len(self.rows) - 1])
         seen = self._history(np.tile(here, (self.settings.members, 1)))
         given = np.broadcast_to(self._plans, (self.settings.members, *self._plans.shape))
@@ -180,7 +184,7 @@ class NeuralAgent(PeriodicAgent):
         return int(self._plans[bright.argmax(), 0])
 
     def _history(self, which: NDArray[np.int64]) -> Array:
-        """What is encoded of rows, shape (networks, samples, numbers): the row, and those before it in its episode."""
+        """The encoder's input for rows, shape (networks, samples, numbers): each row and its episode's rows before."""
         back = np.arange(self.settings.history)
         rows = which[..., None] - back
         first = self._firsts(which)[..., None]
@@ -190,11 +194,11 @@ class NeuralAgent(PeriodicAgent):
         return np.concatenate([kept[..., :SEEN], moved, taken], axis=-1).reshape(*which.shape, -1)
 
     def _firsts(self, which: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The first row of each one's episode."""
+        """The first row of each row's episode."""
         return np.searchsorted(self.last, self.last[which])
 
     def _train(self, steps: int) -> None:
-        """Adam steps on samples of all that is kept, half of them of the latest."""
+        """Make Adam steps on samples of all kept rows, half of them from the latest."""
         one, count = self.settings, len(self.rows)
         if count < 2 * one.history:
             return
@@ -214,7 +218,7 @@ class NeuralAgent(PeriodicAgent):
             adam(self.weights, slopes, self.adam, self.steps, one.rate)
 
     def decision(self, odometry: Odometry) -> Decision:
-        """No state of a table; the mean square of the last forecasts' error, negative; the best course by action."""
+        """No state of a table; minus the mean square error of the last predictions; the best course of each action."""
         del odometry
         return Decision(None, None if self._error is None else -self._error, self._values)
 
@@ -231,7 +235,7 @@ class NeuralAgent(PeriodicAgent):
         self.steps, self.rows, self.last, self.usual, self.level, self.scale, self.episode = rest
 
     def table(self) -> StoredTable:
-        """The networks: a row for each, all its weights one after the other."""
+        """The networks: a row for each, with all its weights in sequence."""
         values = np.concatenate([w.reshape(self.settings.members, -1) for w in self.weights.values()], axis=1)
         about = {
             "agent": self.name,
@@ -269,7 +273,7 @@ class NeuralAgent(PeriodicAgent):
         }
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Carry on from what `memory` gave."""
+        """Carry on from the result of `memory`."""
         nets = [{name: np.array(w) for name, w in each.items()} for each in memory["nets"]]
         self.weights, *self.adam = nets
         self.steps, self.usual, self.episode = int(memory["steps"]), float(memory["usual"]), int(memory["episode"])
@@ -294,7 +298,7 @@ def plans(actions: int, ahead: int) -> NDArray[np.int64]:
 
 
 def initial(rng: np.random.Generator, members: int, seen: int, hidden: int, latent: int, actions: int) -> Weights:
-    """Random weights; what is foretold at first is nothing."""
+    """Random weights, with which the first prediction is zero change."""
 
     def some(rows: int, columns: int, share: float = 1.0) -> Array:
         return share / sqrt(rows) * rng.standard_normal((members, rows, columns))
@@ -314,9 +318,9 @@ def initial(rng: np.random.Generator, members: int, seen: int, hidden: int, late
 
 
 def foretell(w: Weights, seen: Array, given: NDArray[np.int64]) -> tuple[Array, tuple[Array, ...]]:
-    """What is foretold, shape (networks, samples, ahead, SEEN), and what `slopes_of` needs.
+    """Return the predictions, shape (networks, samples, ahead, SEEN), and intermediate values for `slopes_of`.
 
-    `seen` is what is encoded, shape (networks, samples, numbers), `given` the actions (networks, samples, ahead).
+    `seen` is the encoder's input, shape (networks, samples, numbers); `given` the actions (networks, samples, ahead).
     """
     u = np.tanh(seen @ w["in"] + w["in_bias"])
     h = u @ w["to"] + seen @ w["straight"]
@@ -333,7 +337,7 @@ def foretell(w: Weights, seen: Array, given: NDArray[np.int64]) -> tuple[Array, 
 
 
 def slopes_of(w: Weights, seen: Array, given: NDArray[np.int64], came: Array, there: Array) -> tuple[float, Weights]:
-    """Mean square of the forecasts' error, and its slopes by all weights; `there`: 1 where something came."""
+    """Return the mean square error of the predictions, and its slopes by all weights; `there`: 1 where data came."""
     course, (u, states, units) = foretell(w, seen, given)
     members, samples, ahead = given.shape
     weight = there / np.maximum(there.sum(axis=(1, 2), keepdims=True), 1.0)
@@ -374,7 +378,7 @@ def slopes_of(w: Weights, seen: Array, given: NDArray[np.int64], came: Array, th
 
 
 def adam(w: Weights, slopes: Weights, moments: list[Weights], step: int, rate: float) -> None:
-    """One step of Adam (Kingma, Ba: Adam. ICLR 2015), in place; slopes longer than 1 are shortened to that."""
+    """Make one step of Adam (Kingma, Ba: Adam. ICLR 2015), in place; slopes longer than 1 are shortened to 1."""
     first, second = moments
     length = sqrt(sum(float((g * g).sum()) for g in slopes.values()))
     shorter = min(1.0, 1.0 / max(length, 1e-9))

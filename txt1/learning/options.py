@@ -1,4 +1,4 @@
-"""The options by which the robot of `txt1 run` learns, or drives by what was learned."""
+"""The options of `txt1 run` with which the robot learns, or drives by a learned table."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 
 class Learner(NamedTuple):
-    """Who learns, or drives by a policy."""
+    """The agent that learns, or drives by a stored table."""
 
     name: str | None
     agent: Agent
     share: int | None
-    """Episodes between two times at which it takes over what the fleet has learned; None: never."""
+    """Episodes between two times at which it takes over the fleet's rows; None: never."""
 
 
 def asked(arguments: Namespace, config: Config) -> Learner | None:
-    """Return the learner that was asked for, None where there is none; raises ConfigError."""
+    """Return the learner that was asked for, None if there is none; raises ConfigError."""
     if arguments.learn is None and arguments.policy is None:
         if arguments.share is not None:
             raise ConfigError("--share: this robot does not learn; add --learn")
@@ -35,7 +35,7 @@ def asked(arguments: Namespace, config: Config) -> Learner | None:
     from txt1.learning.agents import agent_of
 
     agent = agent_of(config, arguments.learn, arguments.policy)
-    assert agent is not None  # one of the two is given
+    assert agent is not None  # one of the two options is given
     if arguments.share is not None:
         from txt1.learning.sharing import sharer
 
@@ -52,7 +52,7 @@ OPTIONS: Final = Options(
     {
         "--learn": takes("AGENT", "let this learner learn to find the light (see txt1 learn)"),
         "--policy": takes("FILE", "drive to the light by a learned qtable.json", existing),
-        "--share": takes("EPISODES", "with --learn: learn from the fleet before every so many episodes", count),
+        "--share": takes("EPISODES", "with --learn: learn from the fleet every EPISODES episodes", count),
     },
     asked,
 )

@@ -1,8 +1,8 @@
-"""A learner that surveys its own sensors, keeps the light on a map, and plots the quickest course to it.
+"""A learner that surveys its own sensors, keeps the light on a map, and plans the quickest course to it.
 
-It is told neither where its sensors sit nor which way an action turns nor how fast. It knows that the light is one
-point whose brightness falls by some power of the distance, that sensors sit somewhere on the robot, and that odometry
-tells how far it went and how much it turned (perhaps by a wrong scale). Lengths are odometry's, times are decisions:
+It is not told where its sensors sit, which way an action turns, or how fast. It knows three things. The light is a
+point, and its brightness falls by some power of the distance. The sensors sit somewhere on the robot. Odometry tells
+how far the robot went and how much it turned (perhaps with a wrong scale). Lengths are odometry's, times are decisions:
 
     z     <- log of the mean of the readings since the last decision
     d, h  <- distance and turn since then, by odometry
@@ -14,19 +14,24 @@ tells how far it went and how much it turned (perhaps by a wrong scale). Lengths
     a     <- first action of the plan "a for m decisions, then b" that is quickest to the goal's distance from q, on
              average over the likely q: what grazes the goal may miss it, and go round once more (`course`)
 
-with sensors at p, of brightness g, power n, and a turn of s h for the h that odometry says. The goal's distance is the
-mean of those at which episodes ended well. It is lost at first, and when the readings fit no longer or it is late by
-half of what it had planned, although it surveyed with what it saw: then it forgets its survey, and surveys from several
-guesses at where the light is. At first and when it is late it tries each action before that.
+The sensors sit at p with brightness g and power n; the robot turns by s h when odometry says h. A course that only
+grazes the goal may miss it and go round again, so it counts as longer. The goal's distance is the mean of the distances
+at which episodes ended well.
 
-Every half second it judges itself by the last 5 s (`_judge`): it says that its model does not fit where
+The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
+although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
+first and when it is late it tries each action before that.
 
-    sum (z - g + n log|q - p|)^2 / var z  >  chi^2   with the survey that fits them best, for a light that stands still
-    (turn and way of the last second - what its actions were foretold to do) ^2 / (slip of odometry)^2  >  chi^2
+Every half second it judges itself by the last 5 s (`_judge`). It says that its model does not fit if
 
-the quantile of chi^2 that noise as it states it exceeds with the probability `alarm`: the global test of an adjustment
-(W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and that of innovations (Y. Bar-Shalom, X. R. Li
-and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). It drives on as before.
+        sum (z - g + n log|q - p|)^2 / var z  >  chi^2   with the best survey for these readings and a light that stands
+        still
+        (turn and way of the last second - those predicted) ^2 / (slip of odometry)^2  >  chi^2
+
+Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
+adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
+Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). After such
+a report it drives on as before.
 """
 
 from dataclasses import dataclass
@@ -72,25 +77,26 @@ class PilotSettings:
     """The hyper-parameters, which `learning.pilot` sets."""
 
     period: Positive = 0.1  # time from one decision to the next, s
-    tries: PositiveInt = 5  # decisions for which each action is tried when it is lost, in one go
-    forgets: Share = 0.99  # weight of the past in what an action does, per decision that it is in force
-    window: PositiveInt = 250  # decisions that a survey looks back on
+    tries: PositiveInt = 5  # decisions in a row for which each action is tried when it is lost
+    forgets: Share = 0.99  # weight of the past in the effects of an action, per decision that it is in force
+    window: PositiveInt = 250  # decisions that a survey uses
     anew: PositiveInt = 5  # decisions from one survey to the next when it is lost
-    doubt: Positive = 2.5  # mean square of the readings' misfit, in its own deviations, from which it is lost
+    doubt: Positive = 2.5  # mean square of the readings' misfit, in their own deviations, above which it is lost
     slip: NotNegative = 0.15  # standard deviation of odometry in one decision, as a share of distance and turn
     model: NotNegative = 0.03  # standard deviation of the brightness's law, as a share
-    graze: Share = 0.06  # standard deviation of the goal's distance, as a share: what grazes the goal might miss it
+    # standard deviation of the goal's distance, as a share: a course that grazes the goal might miss it
+    graze: Share = 0.06
     judged: PositiveInt = 50  # decisions by which it judges whether its model fits
-    alarm: Rare = 1e-6  # probability, each time it judges, of saying that it does not although it does
-    delays: PositiveInt = 5  # an action acts at most so many decisions less one after it was taken
+    alarm: Rare = 1e-6  # probability of a false report that the model does not fit, each time it judges
+    delays: PositiveInt = 5  # an action takes effect at most this many decisions, less one, after it was taken
 
 
 SETTINGS: Final = PilotSettings()
-SECOND: Final = 10  # decisions over which it foretells what its actions do, to judge itself
+SECOND: Final = 10  # decisions over which it predicts the effects of its actions, to judge itself
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
-    """Return a learner as configured, or one that drives by a stored survey; ValueError: it has another shape."""
+    """Return a learner as configured, or a driver by a stored survey; ValueError: the survey has another shape."""
     settings = checked(PilotSettings, config.section(LearningConfig).pilot, "learning.pilot")
     agent = PilotAgent(rng, len(config.section(LearningConfig).actions), settings)
     _compile()
@@ -119,13 +125,13 @@ class PilotAgent(PeriodicAgent):
         self.survey = np.zeros(NUMBERS)  # see POWER, PLACES, SCALE
         self.survey[POWER], self.survey[SCALE] = 2.0, 1.0
         self.spread = np.full(SENSORS, 0.1)  # mean square of one sample, as a share of its mean
-        self.goal = 0.0  # distance from the light at which an episode ends; 0: not known
-        self._goals = 0  # episodes that it is the mean of
+        self.goal = 0.0  # distance from the light at which an episode ends; 0: unknown
+        self._goals = 0  # number of episodes of which it is the mean
         self.lost = True
         self.misfit = 1.0
         self._rng = rng
         self._untried = self._all()
-        self._past: list[Array] = []  # of each episode, rows of _RECORD numbers a decision
+        self._past: list[Array] = []  # for each episode, rows of _RECORD numbers a decision
         self._before = self.memory()
         self.begin()
 
@@ -142,20 +148,21 @@ class PilotAgent(PeriodicAgent):
         self._taken = [self.actions] * self.settings.delays  # actions, the latest first
         self._at: Odometry | None = None
         self._pace: Place = (0.0, 0.0)  # distance and curvature of the last decision
-        self._lights: list[tuple[Belief, float]] = []  # its likely places in the robot's frame, the likeliest first
+        # likely places of the light in the robot's frame, the likeliest first
+        self._lights: list[tuple[Belief, float]] = []
         self._range = (inf, inf)  # distance from the light at the last decision but one, and at the last
         self._near = self.goal  # the goal's distance as it shows in this episode
-        self._arrival = inf  # decision at which it is there at the latest if all goes well
-        self.unfit = ""  # what its model does not fit, once it has said so in this episode
-        self._course: list[Any] = []  # of the last decisions: what was known before, actions, and what came of them
-        self._surveyed = False  # whether it surveyed again in this episode for being late
-        self.plan = inf  # decisions that the plan takes
+        self._arrival = inf  # latest decision at which it arrives if all goes well
+        self.unfit = ""  # the part that its model does not fit, once reported in this episode
+        self._course: list[Any] = []  # of the last decisions: the state before, the actions, and their results
+        self._surveyed = False  # whether it has surveyed again in this episode because it was late
+        self.plan = inf  # length of the plan, decisions
 
     def act(self, now: float, odometry: Odometry) -> int:
-        """Learn from what came of the last action, and choose the next one."""
+        """Learn from the result of the last action, and choose the next action."""
         self._decides(now)
         self._learn(odometry)
-        if self._lights:  # wherever it may be, the episode goes on: the goal is no farther from the light
+        if self._lights:  # at every likely place the episode goes on, so the goal is no farther from the light
             farthest = max(hypot(x, y) + sqrt(0.5 * (xx + yy)) for (x, y, xx, yy, _), _ in self._lights)
             self._near = min(self._near, farthest)
         if self.lost and len(self._rows) % self.settings.anew == 0:
@@ -208,11 +215,11 @@ class PilotAgent(PeriodicAgent):
         self._track(distance, turn, z, noise)
 
     def _delay(self) -> int:
-        """The delay that foretold best, in decisions."""
+        """The delay with the best predictions, in decisions."""
         return int((self.effects.error * (1.0 + 0.02 * np.arange(self.settings.delays))).argmin())
 
     def _strayed(self) -> float:
-        """Squared misfit of distance and turn in the last second, foretold as it began, in deviations."""
+        """Squared error, in deviations, of the distance and turn that were predicted for the last second."""
         (pace, delay, k, c, known), _, _ = self._course[0]
         d, bend = pace
         distance = turn = 0.0
@@ -227,7 +234,7 @@ class PilotAgent(PeriodicAgent):
         return ((distance / slip) ** 2 + (turn / (slip * max(float(sharpest), 1e-3))) ** 2) / len(self._course)
 
     def _judge(self) -> str:
-        """What the model does not fit in the last decisions; nothing where noise as it is stated explains them."""
+        """Return the part that the model does not fit in the last decisions; "" if the stated noise explains them."""
         if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
             return "what the actions do"
         rows = np.array(self._rows[-self.settings.judged :])
@@ -236,17 +243,17 @@ class PilotAgent(PeriodicAgent):
             return ""
         limit = chi_square(readings, self.settings.alarm)
         _, square = seen_along(self.survey, rows, 0.0)
-        if square * readings <= limit:  # with the survey as it is: what fits better needs no search
+        if square * readings <= limit:  # the survey fits as it is, so no search for a better survey is needed
             return ""
         survey, lights, _, _ = self._survey_with([*self._past, rows])
         return "the light" if _misfit(survey, rows, lights[-1]) > limit else ""
 
     def _usual(self) -> float:
-        """The longest distance that an action leads to, in a decision."""
+        """The longest distance to which an action leads in a decision."""
         return float(np.abs(self.effects.c[0, 0] / (1.0 - self.effects.k[0, 0])).max()) or 1e-9
 
     def _readings(self) -> tuple[Array, Array]:
-        """The logarithms of the mean readings, and their variances; infinite where a sensor is of no use."""
+        """Logarithms of the mean readings, and their variances; infinite for a useless sensor."""
         lux = self._seen()
         n = len(lux)
         z, noise = np.zeros(SENSORS), np.full(SENSORS, inf)
@@ -262,7 +269,7 @@ class PilotAgent(PeriodicAgent):
             if n > 2 and not dazzled[k]:
                 share = float(lux[:, k].var()) / (mean * mean) * n / (n - 1)
                 self.spread[k] += 0.02 * (share - self.spread[k])
-            # the limit of what a sensor can tell cuts off a mean, but no median, which varies more
+            # the limit of a sensor's range distorts a mean but no median, which has more noise
             z[k] = log(np.median(lux[:, k]) if dazzled[k] else mean)
             noise[k] = self.spread[k] * (0.5 * pi if dazzled[k] else 1.0) / n + self.settings.model**2
         return z, noise
@@ -282,7 +289,7 @@ class PilotAgent(PeriodicAgent):
             self._range = self._range[1], hypot(*self._light[:2])
 
     def _misfits(self) -> None:
-        """Survey again with what was seen in this episode; forget the survey where the readings do not fit then too."""
+        """Survey again with the data of this episode; forget the survey if the readings do not fit even then."""
         rows = np.array(self._rows[-self.settings.window :])
         light, doubt = self._survey_on([*self._past, rows])
         _, misfit = seen_along(self.survey, rows, self.settings.slip)
@@ -295,7 +302,7 @@ class PilotAgent(PeriodicAgent):
             self._follow(rows, light, doubt)
 
     def _late(self) -> None:
-        """Survey again with what was seen in this episode; forget the survey where that was done before."""
+        """Survey again with the data of this episode; forget the survey if that was done before."""
         if self._surveyed:
             self._lose()
             self._rows, self._untried = self._rows[-10:], self._all()
@@ -307,7 +314,7 @@ class PilotAgent(PeriodicAgent):
 
     @property
     def _light(self) -> Belief | None:
-        """The light's likeliest place in the robot's frame; None: not known."""
+        """The light's likeliest place in the robot's frame; None: unknown."""
         return self._lights[0][0] if self._lights else None
 
     def _lose(self) -> None:
@@ -319,13 +326,13 @@ class PilotAgent(PeriodicAgent):
         self._arrival = inf
 
     def _trim(self) -> None:
-        """Keep the latest episodes only."""
+        """Keep only the latest episodes."""
         while len(self._past) > 1 and sum(map(len, self._past)) - len(self._past[0]) > self.settings.window:
             self._past.pop(0)
         self._past[-1:] = [rows[-self.settings.window :] for rows in self._past[-1:]]
 
     def _prior(self) -> tuple[Array, Array]:
-        """What a survey would say without readings, and the square of its deviations: sensors alike, on the robot."""
+        """The survey to expect without readings, with squared deviations: equal sensors, placed on the robot."""
         curvature = np.abs(self.effects.c[0, 1] / (1.0 - self.effects.k[0, 1])).max()
         on_robot = 0.5 / max(curvature, 1e-3)  # half its smallest turning circle
         deviations = np.array([0.2] * 4 + [0.7] + [on_robot] * 8 + [0.1])
@@ -334,7 +341,7 @@ class PilotAgent(PeriodicAgent):
         return mean, deviations**2
 
     def _survey_anew(self) -> None:
-        """Survey from guesses at where the light is, with what was seen in this episode."""
+        """Survey from guesses at the light's place, with the data of this episode."""
         rows = np.array(self._rows[-self.settings.window :])
         if len(rows) < 2 * self.settings.anew or self._untried:
             return
@@ -353,7 +360,7 @@ class PilotAgent(PeriodicAgent):
                     self._follow(rows, lights[0], doubt)
 
     def _follow(self, rows: Array, on_the_map: Array, doubt: Array) -> None:
-        """Have the light where a survey put it on the map of this episode."""
+        """Place the light where a survey put it on the map of this episode."""
         x, y, heading = way(rows[:, 0], rows[:, 1] * self.survey[SCALE])
         on_map = on_the_map[0], on_the_map[1], doubt[0, 0], doubt[1, 1], doubt[0, 1]
         distance, bearing = hypot(x[-1], y[-1]), atan2(y[-1], x[-1])
@@ -363,7 +370,7 @@ class PilotAgent(PeriodicAgent):
         self._range = self._range[1], hypot(*light[:2])
 
     def _survey_with(self, episodes: list[Array]) -> tuple[Array, Array, float, Array]:
-        """The survey of these episodes, from what is known and from sensors in the middle; see `surveyed`."""
+        """Survey these episodes, starting from the known survey and from sensors in the middle; see `surveyed`."""
         mean, square = self._prior()
         lights = np.array([self._sight(rows) for rows in episodes])
         which = np.repeat(np.arange(len(episodes)), [len(rows) for rows in episodes])
@@ -375,14 +382,14 @@ class PilotAgent(PeriodicAgent):
         return best
 
     def _survey_on(self, episodes: list[Array]) -> tuple[Array, Array]:
-        """Survey with these episodes; the last one's light."""
+        """Survey with these episodes; return the light's place in the last."""
         survey, lights, cost, doubt = self._survey_with(episodes)
         if isfinite(cost):
             self.survey = survey
         return lights[-1], doubt
 
     def _sight(self, rows: Array) -> Place:
-        """Where the light was on the map of an episode, as far as the survey tells."""
+        """The light's place on the map of an episode, by the survey."""
         x, y, heading = way(rows[:, 0], rows[:, 1] * self.survey[SCALE])
         (ahead, left, _, _, _), _ = seen_along(self.survey, rows, self.settings.slip)
         c, s = cos(heading[-1]), sin(heading[-1])
@@ -426,7 +433,7 @@ class PilotAgent(PeriodicAgent):
         self.recall(self._before)
 
     def table(self) -> StoredTable:
-        """The survey: a row for each sensor with brightness, power, place; about: the rest of what it learned."""
+        """The survey: a row for each sensor with brightness, power and place; `about` holds all else it knows."""
         places = self.survey[PLACES:SCALE].reshape(4, 2)
         values = np.column_stack([self.survey[:4], np.full(4, self.survey[POWER]), places])
         memory = self.memory()
@@ -435,12 +442,12 @@ class PilotAgent(PeriodicAgent):
         return StoredTable(values, about)
 
     def shared(self) -> Learned:
-        """One row: survey, spread, goal, and what the actions do; known by who is not lost."""
+        """One row: survey, spread, goal, and the actions' effects; it counts as known unless the pilot is lost."""
         row = np.concatenate([self.survey, self.spread, [self.goal], self.effects.numbers()])
         return Learned(self.name, self.episode, (0 if self.lost else max(1, self._goals),), (tuple(row.tolist()),))
 
     def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
-        """Take over what others have learned while it is lost: what it has measured on itself it keeps."""
+        """Take over the others' row while it is lost; otherwise it keeps its own measurements."""
         del episodes
         survey, spread, goal, effects = np.split(rows[0], np.cumsum([NUMBERS, SENSORS, 1]))
         if not (self.lost and taken[0] and _possible(survey, spread, float(goal[0]))):
@@ -467,7 +474,7 @@ class PilotAgent(PeriodicAgent):
         }
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Carry on from what `memory` gave."""
+        """Carry on from the result of `memory`."""
         for name, kept in memory["effects"].items():
             setattr(self.effects, name, np.array(kept))
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
@@ -480,7 +487,7 @@ class PilotAgent(PeriodicAgent):
 
 
 def chi_square(count: int, alarm: float) -> float:
-    """What the sum of so many squared deviations exceeds with the probability `alarm`.
+    """Return the value that the sum of `count` squared deviations exceeds with the probability `alarm`.
 
     By E. B. Wilson and M. M. Hilferty, The Distribution of Chi-Square, 1931: its cube root is nearly normal.
     """
@@ -494,7 +501,7 @@ def _misfit(survey: Array, rows: Array, light: Array) -> float:
     """Sum of the squared misfits of an episode's readings, in deviations, with the light at a place on its map."""
     distance, turn = rows[:, 0], survey[SCALE] * rows[:, 1]
     x, y, heading = way(distance, turn)
-    middle, quarter = heading - 0.5 * turn, heading - 0.25 * turn  # the readings are those of the middle of the way
+    middle, quarter = heading - 0.5 * turn, heading - 0.25 * turn  # the readings belong to the middle of the way
     east = light[0] - x + 0.5 * distance * np.cos(quarter)
     north = light[1] - y + 0.5 * distance * np.sin(quarter)
     ahead, left = (
@@ -508,16 +515,17 @@ def _misfit(survey: Array, rows: Array, light: Array) -> float:
 
 
 def _possible(survey: Array, spread: Array, goal: float) -> bool:
-    """Whether there can be such a robot, and such a goal."""
+    """Whether these numbers can belong to a real robot and goal."""
     usual = POWERS[0] <= survey[POWER] <= POWERS[1] and SCALES[0] <= survey[SCALE] <= SCALES[1]
     positive = 0.0 < spread.min() <= spread.max() < 10.0 and 0.0 < goal < 50.0
     return bool(usual and positive and np.abs(survey).max() < 50.0)
 
 
 def courses(table: StoredTable, lights: Array) -> Array:
-    """The curvature that a stored survey drives with the light at places in the robot's frame, 1/m; shape (places,).
+    """Return the curvature that a stored survey drives for each place of the light, 1/m; shape (places,).
 
-    It comes along straight ahead, and nothing is under way. `lights` has the shape (places, 2), m.
+    The robot comes along straight ahead, and no action is pending. `lights` are places in the robot's frame, shape
+    (places, 2), m.
     """
     memory = table.about["knows"]
     k, c = np.array(memory["effects"]["k"])[0], np.array(memory["effects"]["c"])[0]
@@ -532,7 +540,7 @@ def courses(table: StoredTable, lights: Array) -> Array:
 
 
 def _compile() -> None:
-    """Have numba compile what is called while the robot drives: it must not wait for that."""
+    """Let numba compile now the functions that are called while the robot drives, so that driving never waits."""
     rows, survey, square = np.ones((2, 2 + 2 * SENSORS)), np.ones(NUMBERS), np.ones(NUMBERS)
     surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 1)
     seen_along(survey, rows, 0.1)

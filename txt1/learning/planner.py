@@ -1,8 +1,8 @@
-"""What each action does, as it was seen to do, and the quickest course to the light by it.
+"""The effects of each action, as observed, and the quickest course to the light by them.
 
     d' = k d + c(a),  (h/d)' = l (h/d) + e(a)        a: the action in force, d and h: distance and turn in a decision
 
-by least squares that forget; a plan is "a for m decisions, then b", with b for good.
+The coefficients come from least squares that forget. A plan is "a for m decisions, then b", with b for good.
 """
 
 from functools import partial
@@ -17,20 +17,22 @@ from txt1.sim.batch import compiled as compiled_anew
 Array = NDArray[np.float64]
 Place = tuple[float, float]
 Belief = tuple[float, float, float, float, float]  # the light's place (forward, left); variances, and covariance
-SETTLE: Final = 6  # decisions after which distance and curvature of an action have come to rest
-compiled = partial(compiled_anew, cache=True)  # of functions that call none of another file: it would not be noticed
+SETTLE: Final = 6  # decisions after which an action's distance and curvature have settled
+# for functions that call no function of another file, as the cache would not notice its change
+compiled = partial(compiled_anew, cache=True)
 
 
 class Effects:
-    """What each action does to distance and curvature, were it in force 0, 1, 2, ... decisions after it was taken.
+    """The effects of each action on distance and curvature, for each delay of 0, 1, 2, ... decisions.
 
-    y' = k y + c(a), with one k for all, by least squares that forget; the last action stands for none.
+    y' = k y + c(a), with one k for all actions, by least squares that forget; the last action stands for "no action".
     """
 
     def __init__(self, actions: int, delays: int) -> None:
-        self.sums = np.zeros((delays, 2, actions + 1, 5))  # of 1, y, y', y^2, y y': of distance, and of curvature
+        # sums of 1, y, y', y^2, y y': for distance, and for curvature
+        self.sums = np.zeros((delays, 2, actions + 1, 5))
         self.sums[..., 3] = 1e-6
-        self.error = np.zeros(delays)  # mean squares of what was foretold wrong
+        self.error = np.zeros(delays)  # mean square error of the predictions
         self.k = np.zeros((delays, 2))
         self.c = np.zeros((delays, 2, actions + 1))
 
@@ -39,14 +41,14 @@ class Effects:
         learn_effects(self.sums, self.error, self.k, self.c, taken, distance, curvature, forgets)
 
     def numbers(self) -> Array:
-        """How wrong each delay is, k, c, and weight, mean and mean square of what was before; alike for like robots."""
+        """Errors of each delay, k, c, and weight, mean and mean square of the inputs; equal for equal robots."""
         weight, before, square = self.sums[..., 0], self.sums[..., 1], self.sums[..., 3]
         once = weight > 1e-9
         means = [np.divide(each, weight, out=np.zeros_like(weight), where=once) for each in (before, square)]
         return np.concatenate([each.ravel() for each in (self.error, self.k, self.c, weight, *means)])
 
     def take(self, numbers: Array) -> None:
-        """Take over what `numbers` gave: what followed on what was before is what its k and c say."""
+        """Take over the result of `numbers`; the outputs are computed from its k and c."""
         ends = np.cumsum([self.error.size, self.k.size, self.c.size])
         error, k, c, rest = np.split(numbers, ends)
         weight, mean, square = rest.reshape(3, *self.c.shape)
@@ -98,9 +100,10 @@ def learn_effects(
 
 @compiled
 def _to_circle(ahead: float, left: float, curvature: float, goal: float) -> tuple[float, float]:
-    """Distance along an arc to a circle of radius `goal` around the light at (ahead, left), how deep it enters.
+    """Return the distance along an arc to a circle of radius `goal` around the light, and how deep the arc enters it.
 
-    A depth below 0 is by how much it misses it; the distance is then that to the place nearest to the light.
+    The light is at (ahead, left). A negative depth is the distance by which the arc misses the circle; the distance is
+    then that to the arc's nearest place to the light.
     """
     if abs(curvature) < 1e-3:
         if ahead < 0.0:
@@ -151,10 +154,11 @@ def _onwards(
     spread: tuple[float, float, float],
     sharpest: float,
 ) -> float:
-    """Decisions that action b takes to the goal, on average: a course that grazes it may miss, and go round once more.
+    """Return the mean number of decisions that action b takes to the goal; a grazing course may miss and go round
+    again.
 
-    `spread` has the variances of where the goal's edge is, and their covariance, in the frame of heading 0. Infinite:
-    the action does not move the robot.
+    `spread` holds the variances of the place of the goal's edge, and their covariance, in the frame of heading 0. The
+    result is infinite if the action does not move the robot.
     """
     time, near = 0.0, hypot(ahead, left)
     for _ in range(SETTLE):
@@ -190,22 +194,23 @@ def quickest(
     goal: float,
     graze: float,
 ) -> Array:
-    """Decisions to the goal by the quickest plan "a for m decisions, then b", on average; shape (actions a,).
+    """Return the mean number of decisions to the goal by the quickest plan "a for m, then b"; shape (actions a,).
 
-    Distance and curvature are those of the last decision; actions that are under way come first. The goal's distance
-    has the standard deviation `graze`. `k` and `c`: see `Effects`.
+    Distance and curvature are those of the last decision; pending actions come first. The goal's distance has the
+    standard deviation `graze`. `k` and `c`: see `Effects`.
     """
     ahead, left, xx, yy, xy = light
     spread = xx + graze * graze, yy + graze * graze, xy
     heading = 0.0
     for a in pending:
         ahead, left, heading, distance, curvature = _driven(ahead, left, heading, distance, curvature, a, k, c, scale)
-    actions = c.shape[1] - 1  # the last stands for none
+    actions = c.shape[1] - 1  # the last action stands for "no action"
     sharpest = 1e-3
     for b in range(actions):
         sharpest = max(sharpest, abs(scale * c[1, b] / (1.0 - k[1])))
     step = max([abs(c[0, b] / (1.0 - k[0])) for b in range(actions)])
-    circle = int(min(2.0 * pi / (sharpest * step + 1e-9), 1e4))  # decisions; nobody turns farther than that at first
+    # decisions; no plan turns farther than a circle at first
+    circle = int(min(2.0 * pi / (sharpest * step + 1e-9), 1e4))
     best = np.full(actions, inf)
     for a in range(actions):
         best[a] = _onwards(ahead, left, heading, distance, curvature, a, k, c, scale, goal, spread, sharpest)

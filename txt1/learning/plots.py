@@ -1,4 +1,4 @@
-"""Pictures of what was learned: the curve, paths, the table and where it drives. Needs matplotlib (extra `plots`)."""
+"""Pictures of the learning: the curve, paths, the table and where it drives. Needs matplotlib (extra `plots`)."""
 
 from collections.abc import Callable, Sequence
 from math import cos, sin
@@ -15,7 +15,7 @@ from txt1.learning.trial import Task, TrialResult
 from txt1.model.light_sensors import MOUNT, SENSORS
 
 DPI: Final = 120
-LEGIBLE: Final = 200  # of a table with more numbers only the colours are drawn
+LEGIBLE: Final = 200  # a table with more numbers is drawn without them, by colours only
 PATH, PART = 3.2, 4.8  # in, one path and one part of a table across: of all beside one another, shown 600 pixels wide,
 # letters can be read
 RESAMPLES: Final = 500  # of the trials, for an interval
@@ -24,7 +24,7 @@ COURSES: Final[dict[str, Callable[[StoredTable, Any], Any]]] = {
     "pilot": pilot.courses,
     "sweeps": sweeps.courses,
     "thesis": thesis.courses,
-}  # of learners whose tables tell how sharply they turn, left positive, by where the light is
+}  # for learners whose tables hold the turning, left positive, for each place of the light
 
 
 def draw(
@@ -42,7 +42,7 @@ def draw(
         raise MissingExtra("drawing pictures", "plots") from None
     table = chosen.table
     parts: list[Callable[[Any, float], None]] = []
-    if table.about.get("agent") != pilot.PilotAgent.name:  # its table is a survey, which the floor shows
+    if table.about.get("agent") != pilot.PilotAgent.name:  # the pilot's table is a survey, which the floor shows
         parts.append(lambda figure, left: _table(figure, left, table, colormaps))
     if table.about.get("agent") in COURSES:
         parts.append(lambda figure, left: _floor(figure, left, table, task))
@@ -62,7 +62,7 @@ def draw(
 
 
 def _panel(figure: Any, left: float, bottom: float, width: float, height: float) -> Any:
-    """Axes, title and labels at places in inches, as finding them takes matplotlib longer than all the rest."""
+    """Place axes, title and labels in inches: matplotlib's own layout takes longer than all the rest."""
     across, up = figure.get_size_inches()
     axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
     axes.set_title("", y=1.0)
@@ -74,10 +74,10 @@ def _panel(figure: Any, left: float, bottom: float, width: float, height: float)
 def _curve(
     figure: Any, outcomes: Sequence[TrialResult], floor: Floor | None, ticker: Any, line_collection: Any
 ) -> None:
-    """Ratio of each episode's time to its optimum, so that no luck of the starts is in it (cf. figure 5.10).
+    """Draw the ratio of each episode's time to its optimum, which removes the luck of the starts (cf. figure 5.10).
 
-    Every trial, the mean of the successes with an interval of 95 % over trials, the same mean to the floor, and how
-    many failed.
+    It shows every trial, the mean of the successes with an interval of 95 % over trials, the mean ratio to the floor,
+    and the number of failures.
     """
     axes = _panel(figure, 0.65, 0.475, 7.2, 3.5)
     length = max((len(one.episodes) for one in outcomes), default=0)
@@ -136,7 +136,7 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         axes.plot(x, y, color=BLUE)
         axes.plot(x[0], y[0], "o", color=RED)
         title = f"episode {number}"
-        if len(chosen.episodes) >= number:  # else it was broken off
+        if len(chosen.episodes) >= number:  # otherwise the episode was broken off
             one = chosen.episodes[number - 1]
             tip = x[0] + 0.4 * cos(one.start.heading), y[0] + 0.4 * sin(one.start.heading)
             axes.annotate("", tip, (x[0], y[0]), arrowprops={"arrowstyle": "->"})
@@ -154,13 +154,13 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
 
 
 def _learned(figure: Any, parts: Sequence[Callable[[Any, float], None]]) -> None:
-    """The table, and beside it where it drives, as far as there are such."""
+    """Draw the table, and beside it the driving directions, as far as they exist."""
     for k, part in enumerate(parts):
         part(figure, PART * k)
 
 
 def _floor(figure: Any, edge: float, table: StoredTable, task: Task) -> None:
-    """Which way it drives for each place of the light on the floor, and where it takes its sensors to be."""
+    """Draw the direction in which it drives for each place of the light, and its estimate of the sensors' places."""
     axes = _panel(figure, edge + 0.9, 0.475, 3.7, 3.7)
     reach = 4.0 * task.goal_radius
     ahead, left = (each.ravel() for each in np.meshgrid(*[np.linspace(-reach, reach, 15)] * 2, indexing="ij"))
@@ -184,7 +184,7 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task) -> None:
 
 
 def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None:
-    """The Q-table as a heat map; where it says what its `axes` are (label, cells, from, to), the best actions."""
+    """Draw the Q-table as a heat map, or the best actions if the table has `axes` (label, cells, from, to)."""
     if "axes" in table.about:
         (across, columns, *x), (up, rows, *y) = table.about["axes"]
         best = np.asarray(table.values).reshape(columns, rows, -1).argmax(axis=2).T

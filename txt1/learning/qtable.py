@@ -1,8 +1,8 @@
 """The Q-table: what is learned, how it is updated (thesis 5.2.1), and the file it is kept in.
 
-The file, qtable.json, holds format, version, values (a list for each state, a number in it for each action), about
-(what the agent keeps with it: its name, seed, episodes) and sha256, the checksum of all these: a table that was cut
-off, altered or written by something else is refused instead of driven by.
+The file, qtable.json, holds format, version, `values` (a list for each state, with a number for each action), `about`
+(the agent's notes: its name, seed, episodes) and sha256, the checksum of all these. A table that was cut off, altered
+or written by another program is refused, and no robot drives by it.
 """
 
 import hashlib
@@ -30,12 +30,12 @@ RELEARN: Final = "take a sound copy, or learn it again with 'txt1 learn'"
 
 
 def initial(rng: np.random.Generator, states: int = STATES, actions: int = len(ACTIONS), spread: float = 0.1) -> Table:
-    """A table that knows nothing: uniform random values in [-spread, spread] (5.4), shape (states, actions)."""
+    """Make a table without knowledge: uniform random values in [-spread, spread] (5.4), shape (states, actions)."""
     return rng.uniform(-spread, spread, (states, actions))
 
 
 def update(q: Table, s: int, a: int, reward: float, s_next: int, alpha: float = 0.3, gamma: float = 0.5) -> float:
-    """The temporal difference by which Q(s, a) was wrong; the table is updated in place, (5.1).
+    """Update the table in place, and return the temporal difference by which Q(s, a) was wrong, (5.1).
 
     Q(s, a) <- Q(s, a) + alpha [r + gamma max Q(s', .) - Q(s, a)]
     """
@@ -49,7 +49,7 @@ class StoredTable:
     """A Q-table as a file holds it."""
 
     values: Table  # Q(s, a), shape (states, actions)
-    about: Mapping[str, Any] = field(default_factory=dict)  # what its agent keeps with it: JSON values only
+    about: Mapping[str, Any] = field(default_factory=dict)  # the agent's notes: JSON values only
 
     def shaped(self, states: int, actions: int) -> Table:
         """Return the values; ValueError: their shape is not (states, actions)."""
@@ -67,7 +67,7 @@ class StoredTable:
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Write a text to a file; one that was there is replaced as a whole or, should this fail, left as it was."""
+    """Write a text to a file; the file is replaced as a whole, or left as it was if this fails."""
     part = path.with_name(path.name + ".part")
     with part.open("w", encoding="utf-8") as file:
         file.write(text)
@@ -87,7 +87,7 @@ def save(path: Path, table: StoredTable) -> None:
     try:
         about = json.loads(json.dumps(dict(table.about), allow_nan=False))  # as it will be read: keys are strings
     except (TypeError, ValueError) as error:
-        raise ValueError(f"what is to be kept with a Q-table is no JSON: {error}") from error
+        raise ValueError(f"the notes of a Q-table are no JSON: {error}") from error
     content = {"format": FORMAT, "version": VERSION, "values": values.tolist(), "about": about}
     content["sha256"] = _checksum(content)
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in content.items())
@@ -99,7 +99,7 @@ def save(path: Path, table: StoredTable) -> None:
 
 
 def load(path: Path) -> StoredTable:
-    """Return the table in a file; raises QTableError: there is none, or it is not a whole, unaltered Q-table."""
+    """Return the table in a file; raises QTableError: there is no file, or it is not a whole, unaltered Q-table."""
     ours = "give the qtable.json that 'txt1 learn' wrote"
     try:
         content = json.loads(path.read_text(encoding="utf-8"), parse_float=_finite, parse_constant=_finite)
@@ -114,7 +114,7 @@ def load(path: Path) -> StoredTable:
         raise QTableError(str(path), problem, "use the txt1 that wrote it")
     if content.pop("sha256", None) != _checksum(content):
         raise QTableError(str(path), "was altered after it was written: its checksum does not match", RELEARN)
-    # a checksum says that nobody altered it by chance, not that a learner wrote it
+    # the checksum only shows that the file was not altered by chance; the table may still be wrong
     try:
         values, about = np.array(content["values"], float), content["about"]
     except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -125,7 +125,7 @@ def load(path: Path) -> StoredTable:
 
 
 def _finite(text: str) -> float:
-    """Return a number of JSON; ValueError for one that is infinite or none, as no robot may drive by it."""
+    """Return a number of JSON; ValueError: it is infinite or not a number, and no robot may drive by it."""
     if not isfinite(value := float(text)):
         raise ValueError(f"{text} is no finite number")
     return value

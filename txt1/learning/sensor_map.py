@@ -1,9 +1,9 @@
-"""A survey of light sensors: where they sit, how bright each reads, by which power light falls, where the light is.
+"""A survey of light sensors: their places and brightness, the power by which light falls, the light's place.
 
-It is made from an episode's rows, one a decision: distance, turn, four log readings, their four variances (infinite
-for a sensor of no use). With sensors at p, of brightness g, power n and a turn of s h for the h that odometry says,
+It is made from an episode's rows, a row a decision: distance, turn, four log readings, their four variances (infinite
+for a useless sensor). The sensors sit at p with brightness g and power n; the robot turns by s h when odometry says h:
 
-    survey, light  <-  argmin  sum (z - g + n log|light - p|)^2        (Gauss-Newton, what lies far off counts less)
+        survey, light  <-  argmin  sum (z - g + n log|light - p|)^2        (Gauss-Newton, outliers count less)
 
 and between surveys a Kalman filter keeps the light's place in the robot's frame.
 """
@@ -20,13 +20,13 @@ POWER, PLACES, SCALE = 4, 5, 13  # of the survey's numbers: brightness of the fo
 NUMBERS: Final = 14
 POWERS: Final = (0.5, 6.0)  # least and largest power by which light may fall, and ...
 SCALES: Final = (0.5, 2.0)  # ... scale of turns
-UNLIKELY: Final = 20.0  # square of the misfit, in deviations, by which a place of the light is less likely, and dropped
+UNLIKELY: Final = 20.0  # squared misfit, in deviations, by which a place of the light is too unlikely, and is dropped
 TAIL: Final = 8.0  # square of the misfit, in deviations, from which a reading counts less
 
 
 @compiled
 def moved(belief: Belief, distance: float, turn: float, slip: float) -> Belief:
-    """The light in the robot's frame after the robot went on, which odometry tells but for a share `slip`."""
+    """Move the light in the robot's frame after the robot's motion, by odometry with an error of the share `slip`."""
     x, y, xx, yy, xy = belief
     c, s = cos(turn), sin(turn)
     x, y = x - distance * cos(0.5 * turn), y - distance * sin(0.5 * turn)
@@ -45,7 +45,7 @@ def moved(belief: Belief, distance: float, turn: float, slip: float) -> Belief:
 
 @compiled
 def _foretold(survey: Array, k: int, x: float, y: float) -> tuple[float, float, float, float]:
-    """The log reading of sensor k with the light at (x, y), and its slopes by x, y and the power."""
+    """Return the predicted log reading of sensor k with the light at (x, y), and its slopes by x, y and the power."""
     apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
     square = apart_x * apart_x + apart_y * apart_y + 1e-4
     by_power = -0.5 * log(square)
@@ -55,7 +55,7 @@ def _foretold(survey: Array, k: int, x: float, y: float) -> tuple[float, float, 
 
 @compiled
 def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Belief, float, int]:
-    """The light's place after readings; the sum of their squared misfits, in deviations, and how many they were."""
+    """Correct the light's place by readings; return it, the sum of squared misfits in deviations, and their number."""
     x, y, xx, yy, xy = belief
     total, count = 0.0, 0
     for k in range(SENSORS):
@@ -80,7 +80,7 @@ def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Be
 
 @compiled
 def _likely(lights: list[tuple[Belief, float]]) -> list[tuple[Belief, float]]:
-    """The places that are likely enough, the likeliest first; with each, how much more it costs than that."""
+    """Return the likely places with their extra cost over the likeliest, which comes first."""
     best = 0
     for i in range(len(lights)):
         if lights[i][1] < lights[best][1]:
@@ -94,9 +94,9 @@ def _likely(lights: list[tuple[Belief, float]]) -> list[tuple[Belief, float]]:
 
 @compiled
 def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]:
-    """Places of the light that one set of readings allows, the likeliest first: by Gauss-Newton from 16 bearings.
+    """Find the places of the light that a set of readings allows, the likeliest first: Gauss-Newton from 16 bearings.
 
-    With each stands how much more it costs than the first. With two sensors, or three in a line, there are two of them.
+    Each comes with its extra cost over the first. With two sensors, or three in a line, there are two places.
     """
     level, weights = 0.0, 1e-12
     for k in range(SENSORS):
@@ -145,10 +145,10 @@ def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]
 def followed(
     lights: list[tuple[Belief, float]], survey: Array, z: Array, noise: Array, distance: float, turn: float, slip: float
 ) -> tuple[list[tuple[Belief, float]], float, int]:
-    """Places of the light after a decision, those that the readings still allow, the likeliest first.
+    """Update the places of the light after a decision; keep the places that the readings allow, the likeliest first.
 
-    Also the squared misfit of the likeliest, in deviations, and how many readings it is the sum over. Readings are
-    those of the middle of the way; `turn` is true to scale.
+    Also returned: the squared misfit of the likeliest place, in deviations, and the number of readings in it. The
+    readings belong to the middle of the way; `turn` is true to scale.
     """
     after = list(lights)
     least, misfit, readings = inf, 0.0, 0
@@ -164,7 +164,7 @@ def followed(
 
 @compiled
 def seen_along(survey: Array, rows: Array, slip: float) -> tuple[Belief, float]:
-    """Place of the light at the end of an episode's rows, as the survey has it, and the mean square of the misfit."""
+    """Return the light's place at the end of an episode's rows, by the survey, and the mean square of the misfit."""
     lights = sighted(survey, rows[0, 2:6], rows[0, 6:])
     total, readings = 0.0, 1e-9
     for k in range(1, rows.shape[0]):
@@ -204,7 +204,7 @@ def _cost(
         if t > 0 and which[t - 1] != e:
             x = y = heading = x_by = y_by = heading_by = 0.0
         distance, turn = rows[t, 0], rows[t, 1]
-        for half in range(2):  # the readings are those of the middle of a decision's way
+        for half in range(2):  # the readings belong to the middle of a decision's way
             middle, middle_by = (
                 heading + (0.25 + 0.5 * half) * survey[SCALE] * turn,
                 heading_by + (0.25 + 0.5 * half) * turn,
@@ -247,10 +247,10 @@ def _cost(
 def surveyed(
     rows: Array, which: Array, survey: Array, lights: Array, mean: Array, square: Array, rounds: int
 ) -> tuple[Array, Array, float, Array]:
-    """A survey by Gauss-Newton from a guess; the light's place in each episode, the cost, and the last's covariance.
+    """Make a survey by Gauss-Newton from a guess; also returns each episode's light, the cost, the last covariance.
 
-    `rows` are those of all decisions: distance, turn, four log readings, their four variances; `which` tells the
-    episode of each. Deviations from `mean` cost their square over `square`, brightnesses those from each other.
+    `rows` are the rows of all decisions: distance, turn, four log readings, their four variances; `which` gives the
+    episode of each row. Deviations from `mean` cost their square over `square`; brightnesses pay for their differences.
     """
     size = NUMBERS + 2 * lights.shape[0]
     gradient, normal = np.zeros(size), np.zeros((size, size))

@@ -19,7 +19,7 @@ class ChangeConfig(Section):
     episode: PositiveInt
     """The first episode in which it is in force."""
     set: dict[str, Any]
-    """What is set, by dotted key, as with --set."""
+    """The settings that change, by dotted key, as with --set."""
 
 
 class ThesisConfig(Section):
@@ -28,31 +28,31 @@ class ThesisConfig(Section):
     period: Positive = 0.5
     """Time between two decisions, s."""
     remedy: Literal["none", "hold", "sensed"] = "sensed"
-    """Its remedy for the delay: update what was commanded; hold until that is reached; update what was sensed."""
+    """Remedy for the delay: update the commanded action; hold until it is reached; update the sensed action."""
     policy: Literal["boltzmann", "greedy", "random"] = "boltzmann"
-    """How it chooses."""
+    """How it chooses an action."""
     alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.3
-    """Its learning rate."""
+    """Learning rate."""
     rate: Literal["constant", "fading", "per_state"] = "constant"
-    """How its learning rate goes on: over episodes, or by visits of each state."""
+    """How the learning rate changes: not at all, over episodes, or by visits of each state."""
     gamma: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
-    """Its discount factor."""
+    """Discount factor."""
     temperature: Positive = 5.0
-    """Its temperature in the first episode."""
+    """Temperature in the first episode."""
     temperature_decay: Annotated[float, Field(gt=0.0, le=1.0)] = 0.65
-    """Factor on it from one episode to the next."""
+    """Factor of the temperature from an episode to the next."""
     temperature_floor: Positive = 0.05
-    """The lowest."""
+    """Lowest temperature."""
     cooling: Literal["episodes", "decisions"] = "episodes"
-    """What the temperature falls with."""
+    """Whether the temperature falls with episodes or with decisions."""
     filtered: bool = True
-    """Whether its readings pass the filter (5.10)."""
+    """Whether the readings pass the filter (5.10)."""
     direction: Literal["summed", "diagonal", "corrected"] = "summed"
-    """How it makes a direction of them: the thesis's sum (5.3), with 45 degrees a sensor, or without compression."""
+    """How the readings make a direction: the thesis's sum (5.3), with 45 degrees a sensor, or without compression."""
     training: Annotated[int, Field(ge=0)] | None = None
     """Episodes after which it chooses greedily; null: never."""
     learn_on: bool = True
-    """Whether it goes on learning then."""
+    """Whether it goes on learning when it chooses greedily."""
 
 
 class LearningConfig(Section):
@@ -61,20 +61,20 @@ class LearningConfig(Section):
     actions: Annotated[tuple[Action, ...], Field(min_length=2)] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
     """(v, omega) of each action, m/s and rad/s; right, straight, left (table 5.2). The learners see their numbers."""
     delay: NotNegative = 0.0
-    """Every action reaches the robot so much later, s, as over a slow link."""
+    """Delay with which every action reaches the robot, s, as over a slow link."""
     changes: tuple[ChangeConfig, ...] = ()
-    """Changes of the simulated world in mid-trial; for trials in lockstep (studies/learners)."""
+    """Changes of the simulated world in mid-trial; only for trials in lockstep (studies/learners)."""
     drift: dict[str, tuple[float, float]] = {}
-    """Numbers that change slowly, by dotted key: their values in the first and in the last episode; likewise."""
+    """Numbers that change slowly, by dotted key, with first and last value; only for trials in lockstep."""
 
     start_radius: Positive = 1.25
     """Distance from the light at which an episode begins, m."""
     goal_radius: Positive = 0.5
-    """Distance at which it has succeeded, m."""
+    """Distance at which an episode has succeeded, m."""
     boundary: Positive = 8.0
-    """It has failed when abs(x) or abs(y) is more, m; the simulated room is made large enough."""
+    """An episode has failed when abs(x) or abs(y) is more, m; the simulated room is made large enough."""
     time_limit: Positive = 300.0
-    """It has failed when it takes longer, s; not in the thesis."""
+    """An episode has failed when it takes longer, s; not in the thesis."""
     goal_period: Positive | None = None
     """Time between two looks for the goal and the boundary, s; null: at the learner's decisions, as in the thesis."""
     pose: Annotated[str, Field(min_length=1)] = "truth"
@@ -85,19 +85,19 @@ class LearningConfig(Section):
     world_options: dict[str, Any] = {}
     """Its settings, handed to it as they are."""
     sensor: Annotated[str, Field(min_length=1)] = "light"
-    """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
+    """Name of the four light sensors; if it is not among `sensors`, a simulated robot gets simulated sensors."""
     thesis: ThesisConfig = ThesisConfig()
     sweeps: dict[str, Any] = {}
-    """Settings of the learner sweeps, handed to it as they are."""
+    """Settings of the learner sweeps; the learner checks them."""
     pilot: dict[str, Any] = {}
-    """The same of the learner pilot."""
+    """Settings of the learner pilot."""
     neural: dict[str, Any] = {}
-    """The same of the learner neural."""
+    """Settings of the learner neural."""
     taxis: dict[str, Any] = {}
-    """The same of the learner taxis."""
+    """Settings of the learner taxis."""
     ppo: dict[str, Any] = {}
     """Settings of Stable-Baselines3's PPO, a contender in studies/learners."""
     dqn: dict[str, Any] = {}
-    """The same of its DQN."""
+    """Settings of Stable-Baselines3's DQN, a contender in studies/learners."""
     options: dict[str, Any] = {}
-    """The same of a learner from another package."""
+    """Settings of a learner from another package."""

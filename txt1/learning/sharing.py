@@ -1,14 +1,15 @@
-"""Learning by several robots: each learns by itself, and before an episode takes over what the others have learned.
+"""Several robots learn together: before an episode each takes over what the others have learned.
 
-Rows (of a table, say) are merged number by number by their median, over those who know the row: so fewer than half of
-these may lie as they like (D. Yin, Y. Chen, K. Ramchandran and P. Bartlett, "Byzantine-robust distributed learning",
-ICML 2018). As up to `liars` may, a row is taken over when 2 liars + 1 know it, so that the others outvote them; of two
-robots, where nobody can say who lies, each believes the other. Who is lost is missing, and no more.
+The rows of a learner (for example of its table) are merged number by number: each number becomes the median over the
+robots that know the row. So a minority of these robots may report anything (D. Yin, Y. Chen, K. Ramchandran and P.
+Bartlett, "Byzantine-robust distributed learning", ICML 2018). With up to `liars` false reports, a row is taken over
+when 2 liars + 1 robots know it: then the true reports outvote the false. Two robots cannot find out a false report, so
+each believes the other. A lost robot is only missing.
 
-Each keeps its own episodes and its own random values; its exploration fades by the episodes of all whom it hears,
-because shared tables spare no repetition while it goes on exploring (each of n that learn in parallel needs a share of
-the repetitions: R. M. Kretchmar, "Parallel reinforcement learning", SCI 2002). How many they were is not asked of them:
-each counts for as many as one's own, so nobody can lie about it.
+Each robot keeps its own episodes and its own random values. Its exploration fades by the episodes of all robots that it
+hears, because shared tables save no repetition while exploration goes on (each of n parallel learners needs a share of
+the repetitions: R. M. Kretchmar, "Parallel reinforcement learning", SCI 2002). The others' numbers of episodes are not
+asked for: each robot counts for as many episodes as this robot has done. So no robot can lie about its number.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,29 +29,29 @@ LIARS: Final = 1
 
 @runtime_checkable
 class Exchange(Protocol):
-    """A robot's way to those who learn with it; over a network it is the fleet's link."""
+    """A robot's connection to the robots that learn with it; over a network it is the fleet's link."""
 
     def teach(self, learned: Learned) -> None:
         """Tell the others what this robot has learned."""
 
     def taught(self) -> Mapping[str, Learned]:
-        """What each of the others has learned, of those who are heard now."""
+        """The rows of each other robot that is heard now, by name."""
 
     async def joined(self) -> None:
-        """Wait until the others have had the time to tell it, when this robot is new among them."""
+        """Wait until the others have had time to tell their rows, if this robot is new among them."""
 
 
 def sharer(name: str, agent: object) -> Sharer:
-    """The learner of this name, as one that can learn together with others; ConfigError: it cannot."""
+    """Return the learner if it can learn together with others; raises ConfigError: it cannot."""
     if not isinstance(agent, Sharer):
         raise ConfigError(f"--share: the learner '{name}' shares nothing; choose thesis, sweeps or pilot")
     return agent
 
 
 def merge(own: Learned, others: Sequence[Learned], liars: int = LIARS) -> tuple[Rows, NDArray[np.bool_]]:
-    """The rows of all, shape (rows, columns), and which of them others have a part in; the rest are one's own.
+    """Return the merged rows, shape (rows, columns), and a mask of the rows in which others have a part.
 
-    All are of one shape. `liars` is how many of three or more robots may lie.
+    Rows outside the mask are this robot's own. All have one shape. `liars` is how many of three or more robots may lie.
     """
     every = [own, *others]
     rows, known = np.array([one.rows for one in every]), np.array([one.visits for one in every]) > 0
@@ -65,8 +66,8 @@ def merge(own: Learned, others: Sequence[Learned], liars: int = LIARS) -> tuple[
 class Sharing:
     """One robot's part in learning together; see the module.
 
-    `every` so many episodes it takes over what it hears; `hurry` says whether exploration fades by the episodes of all,
-    or by its own; `tell` is told in words what was taken over, and from whom.
+    It takes over rows before every `every`-th episode. `hurry` lets exploration fade by the episodes of all robots,
+    else by its own. `tell` is called with a text: how much was taken over, and from which robots.
     """
 
     def __init__(
@@ -81,11 +82,11 @@ class Sharing:
         self._learner, self._exchange, self._every = learner, exchange, every
         self._liars, self._hurry, self._tell = liars, hurry, tell
         self._done = 0
-        self._known: dict[str, int] = {}  # episodes of each of whom something was taken over
-        self._strange: set[str] = set()  # names of those who learn something else
+        self._known: dict[str, int] = {}  # the number of episodes of each robot, as last taken over
+        self._strange: set[str] = set()  # names of robots that learn something else
 
     def accompany(self, trial: Trial) -> None:
-        """Do its part before and after each episode of the learner's trial."""
+        """Take part before and after each episode of the learner's trial."""
         told = trial.done
 
         def done(one: Episode) -> None:
@@ -95,16 +96,16 @@ class Sharing:
         trial.begins, trial.done = self.episode_begins, done
 
     async def joined(self) -> None:
-        """Wait until it can take over what others have learned before the first episode."""
+        """Wait until the rows of others can be taken over before the first episode."""
         await self._exchange.joined()
 
     def episode_over(self) -> None:
-        """Tell the others."""
+        """Tell the others this robot's rows."""
         self._done += 1
         self._exchange.teach(self._learner.shared())
 
     def episode_begins(self) -> None:
-        """Take over what the others have learned, if it is time for that."""
+        """Take over what the others have learned, if this episode is due for it."""
         if self._done % self._every:
             return
         own = self._learner.shared()
@@ -119,7 +120,7 @@ class Sharing:
             self._tell(f"took over {count} of {len(rows)} rows from {len(heard)}: {', '.join(sorted(heard))}")
 
     def _fits(self, name: str, own: Learned, other: Learned) -> bool:
-        """Whether another's rows mean the same as one's own; tells once when they do not."""
+        """Return whether another's rows have the same meaning as ours; report once if they do not."""
         if (other.learner, len(other.rows), len(other.rows[0])) == (own.learner, len(own.rows), len(own.rows[0])):
             return True
         if name not in self._strange:
@@ -130,10 +131,10 @@ class Sharing:
 
 
 class Lessons:
-    """What the robots of one process teach one another.
+    """The exchange among the robots of one process.
 
-    `lies` makes of a robot's name and what it has learned what it teaches; `lost` are the names of those who neither
-    teach nor hear.
+    `lies` changes what a robot teaches, given its name and its rows. `lost` are the names of robots that neither teach
+    nor hear.
     """
 
     def __init__(
@@ -145,23 +146,23 @@ class Lessons:
         self._lies, self._lost = lies, lost
 
     def of(self, name: str) -> "Pupil":
-        """A robot's way to the others."""
+        """Return a robot's connection to the others."""
         return Pupil(self, name)
 
     def teach(self, name: str, learned: Learned) -> None:
-        """Let the others know it, unless it is refused."""
+        """Pass a robot's rows on, unless they are refused."""
         self.taught.pop(name, None)
         with suppress(ValueError):
             if name not in self._lost:
                 self.taught[name] = learned_of(self._lies(name, learned)._asdict())
 
     def heard(self, name: str) -> Mapping[str, Learned]:
-        """What a robot hears of the others."""
+        """Return the rows that a robot hears from the others."""
         return {other: one for other, one in self.taught.items() if name != other and name not in self._lost}
 
 
 class Pupil(NamedTuple):
-    """One robot's end of the lessons."""
+    """One robot's connection to the lessons."""
 
     lessons: Lessons
     name: str
@@ -171,8 +172,8 @@ class Pupil(NamedTuple):
         self.lessons.teach(self.name, learned)
 
     def taught(self) -> Mapping[str, Learned]:
-        """What each of the others has learned, of those who are heard now."""
+        """The rows of each other robot that is heard now, by name."""
         return self.lessons.heard(self.name)
 
     async def joined(self) -> None:
-        """They are heard at once."""
+        """Return at once: the others are heard immediately."""

@@ -1,4 +1,4 @@
-"""What no learner can solve, refused before a trial begins: a line each, with the key, the value and the remedy."""
+"""Refuses unsolvable learning tasks before a trial begins, in a line with the key, the value and the remedy."""
 
 from math import cos, pi, sin
 from typing import Final
@@ -9,14 +9,14 @@ from txt1.learning.settings import LearningConfig
 from txt1.sim.obstacles import gap
 from txt1.sim.parameters import Box
 
-LOOK: Final = 0.1  # s between two looks for the goal where nothing else is said: the quickest learner's decisions
-BEARINGS: Final = 72  # of starts that are tried, around the light
+LOOK: Final = 0.1  # s between two looks for the goal by default: the quickest learner's decisions
+BEARINGS: Final = 72  # number of starts that are tried around the light
 
 
 def refuse_unsolvable(config: Config) -> None:
-    """Refuse a world that cannot be solved; ConfigError says which setting, and what to set.
+    """Refuse a world that cannot be solved; ConfigError names the setting, and a value to set.
 
-    Starts are tried on the circle around the light, against posts and boxes, as the robot stands with its middle there.
+    Starts are tried on the circle around the light, with the robot's middle there, against posts and boxes.
     """
     one, (x, y) = config.section(LearningConfig), config.sim.room.light
     if not any(omega for _, omega in one.actions):

@@ -1,7 +1,7 @@
-"""A learner of another package, made to tell by its name what it does wrong.
+"""A learner of another package, checked so that its mistakes are reported with its name.
 
-`Checked` asks the learner for each attribute of an `Agent`; `KINDS` has what must come back. An error travels on as one
-line that names who made the learner.
+`Checked` asks the learner for each attribute of an `Agent`; `KINDS` has the type that each must return. An error
+becomes a single line that names the learner's package.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ MADE: Final[dict[str, Callable[[Any], Any]]] = {
     "act": index,
     "decision": _decision,
     "take": index,
-}  # what other returns are made, which raises TypeError or ValueError
+}  # the types that other results are converted to; TypeError or ValueError if that fails
 
 
 def checked(agent: Agent, who: str, actions: int) -> Agent:
-    """Return the learner, its errors told with `who` made it, and what it returns looked at; Txt1Error: it is none."""
+    """Return the learner with its results checked and its errors named after `who`; Txt1Error: it is no Agent."""
     there = dir(agent)
     if missing := [name for name in METHODS if name not in there]:
         raise Txt1Error(f"{who} is no txt1.learning.agent.Agent: {type(agent).__name__} has no {', '.join(missing)}")
@@ -47,13 +47,13 @@ def checked(agent: Agent, who: str, actions: int) -> Agent:
 
 
 class Checked:
-    """An `Agent` that asks another, which may fail."""
+    """An `Agent` that calls another agent, which may fail."""
 
     def __init__(self, agent: Any, who: str, actions: int) -> None:
         self._agent, self._who, self._actions = agent, who, actions
 
     def ask(self, name: str, *given: Any) -> Any:
-        """Return an attribute of the learner, or what its method gives; Txt1Error: it failed, or gave nonsense."""
+        """Return an attribute of the learner, or its method's result; Txt1Error: it failed, or the type is wrong."""
         try:
             value = getattr(self._agent, name)
             value = value if name in PROPERTIES else value(*given)
@@ -71,11 +71,11 @@ class Checked:
 
 
 class CheckedSharer(Checked):
-    """One that can learn together with others."""
+    """A checked learner that can learn together with others."""
 
 
 def _asks(name: str) -> Any:
-    """Return the attribute of `Checked` that asks the learner for its own."""
+    """Return the attribute of `Checked` that asks the learner for the attribute of this name."""
     if name in PROPERTIES:
         return property(lambda self: self.ask(name))
     return lambda self, *given: self.ask(name, *given)

@@ -1,6 +1,6 @@
-"""A learner that finds out how the robot turns, and sweeps over a table of what follows from it.
+"""A learner that measures how each action turns the robot, and plans with a table by sweeps of value iteration.
 
-Of its actions it knows nothing but the index; see docs/learning.md. At every decision:
+It knows its actions only by their indices; see docs/learning.md. At every decision:
 
     w    <- heading since the last decision / period
     learn c(a), k(a) from (w before, a, w)
@@ -43,17 +43,17 @@ class SweepsSettings:
     period: Positive = 0.1  # time from one decision to the next, s
     memory: Share = 0.97  # weight of the past in the direction's average, per sample of 16 ms: half a second
     gamma: Share = 0.97  # discount factor, per decision: 0.97 looks three seconds ahead
-    tries: PositiveInt = 6  # decisions for which each action is tried at first, in one go
-    moving: NotNegative = 0.2  # slower than this, m/s, nothing is learned about turning
-    sweeps: PositiveInt = 10  # at most so many after each decision
-    tolerance: Positive = 1e-3  # sweeping ends when no value changes by more
+    tries: PositiveInt = 6  # decisions in a row for which each action is tried at first
+    moving: NotNegative = 0.2  # m/s; slower than this it learns nothing about turning
+    sweeps: PositiveInt = 10  # largest number of sweeps after each decision
+    tolerance: Positive = 1e-3  # sweeping ends when every change of a value is smaller
 
 
 SETTINGS: Final = SweepsSettings()
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
-    """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
+    """Return a learner as configured, or a driver by a stored table; ValueError: the table has another shape."""
     settings = checked(SweepsSettings, config.section(LearningConfig).sweeps, "learning.sweeps")
     return SweepsAgent(
         rng, settings, float(config.sim.light.exponent), table, len(config.section(LearningConfig).actions)
@@ -64,29 +64,29 @@ class TurnModel:
     """The model of turning: w' = c(a) + k(a) w, by least squares over everything seen so far."""
 
     def __init__(self, actions: int = 3) -> None:
-        # per action the sums of 1, w, w^2, w', w w'; the prior pair says that nothing changes the yaw rate
+        # per action the sums of 1, w, w^2, w', w w'; the prior says that an action keeps the yaw rate
         self.sums = np.tile([0.0, 0.0, 0.01, 0.0, 0.01], (actions, 1))
         self.count = np.zeros(actions, int)
 
     def learn(self, a: int, w: float, w_next: float) -> None:
-        """Take one decision's outcome; yaw rates in rad/s."""
+        """Take the result of a decision; yaw rates in rad/s."""
         self.sums[a] += (1.0, w, w * w, w_next, w * w_next)
         self.count[a] += 1
 
     def rows(self) -> Array:
-        """C, k, mean and mean square of the yaw rate before, of every action; shape (actions, 4)."""
+        """C, k, and the mean and mean square of the yaw rate before, for every action; shape (actions, 4)."""
         n = np.maximum(self.sums[:, 0], 1.0)
         return np.column_stack([*self.coefficients(), self.sums[:, 1] / n, self.sums[:, 2] / n])
 
     def suppose(self, a: int, row: Array, times: int) -> None:
-        """Have seen an action so many times, with outcomes that give such a row."""
+        """Act as if the action had been seen `times` times, with results that give this row."""
         c, k, mean, square = row
         before, squared = times * mean, times * max(square, mean * mean + 1e-4)
         self.sums[a] = times, before, squared, c * times + k * before, c * before + k * squared
         self.count[a] = times
 
     def coefficients(self) -> tuple[Array, Array]:
-        """C in rad/s and k, one of each for every action."""
+        """C in rad/s and k, for every action."""
         n, w, ww, y, wy = self.sums.T
         n = n + 1e-3
         k = np.clip((n * wy - w * y) / (n * ww - w * w), 0.0, 0.95)
@@ -94,7 +94,7 @@ class TurnModel:
 
 
 class SweepsAgent:
-    """The learner; see the module. `exponent` is that of the light's fall; with a `table` it learns no more."""
+    """The learner; see the module. `exponent` is the light's power of distance; with a `table` it no longer learns."""
 
     name = "sweeps"
 
@@ -138,7 +138,7 @@ class SweepsAgent:
         """One sample of the light, lux."""
         self._watch.step(readings)
         fl, fr, rl, rr = readings
-        if fl <= 0.0 or fr <= 0.0 or rl <= 0.0 or rr <= 0.0:  # dead, as the watch will find out soon
+        if fl <= 0.0 or fr <= 0.0 or rl <= 0.0 or rr <= 0.0:  # dead, as the watch will soon find out
             return
         ahead, left = towards(readings)
         c, s = cos(odometry.theta), sin(odometry.theta)
@@ -168,7 +168,7 @@ class SweepsAgent:
         return self._a
 
     def _learn(self, odometry: Odometry) -> bool:
-        """Take what the last action did to the yaw rate, and sweep; whether there was something to learn."""
+        """Learn the last action's effect on the yaw rate, and sweep; return whether there was something to learn."""
         learns = False
         if self._a >= 0:
             w = wrap_angle(odometry.theta - self._theta) / self.settings.period
@@ -206,7 +206,7 @@ class SweepsAgent:
         self.recall(self._before)
 
     def refit(self) -> None:
-        """Work out where the model leads from every cell, when a tenth more is known than last time."""
+        """Compute where the model leads from every cell, if its data has grown by a tenth since the last time."""
         known = int(self.model.count.sum())
         if self._cells and known < 1.1 * self._fitted:
             return
@@ -228,7 +228,7 @@ class SweepsAgent:
         self._cells = (np.cos(b_next), np.stack([i for i, _ in corners]), np.stack([w for _, w in corners]))
 
     def sweep(self) -> None:
-        """Bring the table nearer to what follows from the model: value iteration."""
+        """Improve the table by the model: value iteration."""
         if self.converged:
             return
         reward, cells, weights = self._cells
@@ -242,7 +242,7 @@ class SweepsAgent:
                 return
 
     def table(self) -> StoredTable:
-        """The Q-table, a row for every bearing and yaw rate, and what it needs to be driven by."""
+        """The Q-table, a row for every bearing and yaw rate, and all that is needed to drive by it."""
         names = [f"action {a}" for a, _ in enumerate(self.model.count)]
         about = {
             "agent": self.name,
@@ -257,12 +257,12 @@ class SweepsAgent:
         return StoredTable(self.q.reshape(-1, self.q.shape[2]).copy(), about)
 
     def shared(self) -> Learned:
-        """A row for each action: how it turns the robot; known when it was tried often enough."""
+        """A row for each action: how it turns the robot; an action counts as known when it was tried often enough."""
         visits = tuple(count if count >= self.settings.tries else 0 for count in self.model.count.tolist())
         return Learned(self.name, self.episode, visits, tuple(map(tuple, self.model.rows().tolist())))
 
     def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
-        """Take over how those actions turn the robot that it has not tried often enough itself."""
+        """Take over the effects of actions that it has not tried often enough itself."""
         del episodes
         new = np.flatnonzero(taken & (self.model.count < self.settings.tries))
         for a in new.tolist():
@@ -280,7 +280,7 @@ class SweepsAgent:
         return {**learned, "untried": list(self._untried), "episode": self.episode, "rng": rng}
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Carry on from what `memory` gave."""
+        """Carry on from the result of `memory`."""
         self.q = np.array(memory["q"], float)
         self.model.sums = np.array(memory["sums"], float)
         self.model.count = np.array(memory["count"], int)
@@ -292,16 +292,16 @@ class SweepsAgent:
 
 
 def towards(readings: Readings) -> tuple[float, float]:
-    """The way to the light as the sensors show it, ahead and left: of any length, and alike for a dim light."""
+    """Direction to the light from the sensors, ahead and left; its length has no meaning and no effect of dimness."""
     fl, fr, rl, rr = readings
     one, other = log(fl / rr), log(fr / rl)
     return (one + other) / SENSOR_X, (one - other) / SENSOR_Y
 
 
 def courses(table: StoredTable, lights: Array) -> Array:
-    """The yaw rate that a stored table comes to with the light at places in the robot's frame, rad/s; shape (places,).
+    """Return the yaw rate at which a stored table arrives for each place of the light, rad/s; shape (places,).
 
-    It comes along straight ahead. `lights` has the shape (places, 2), m.
+    The robot comes along straight ahead. `lights` are places in the robot's frame, shape (places, 2), m.
     """
     q = table.values.reshape(BEARINGS, YAW_RATES, -1)
     c, k = np.array(table.about["turning"])
@@ -327,7 +327,7 @@ def _bearing_cells(bearing: Any) -> tuple[Any, Any, Any]:
 
 
 def _yaw_cells(w: Any) -> tuple[Any, Any]:
-    """The lower of the two nearest cells of yaw rates (rad/s), and the share of the next."""
+    """The lower of the two nearest cells of yaw rates (rad/s), and the share of the upper cell."""
     place = (np.clip(w, -YAW_MAX, YAW_MAX) + YAW_MAX) / (2.0 * YAW_MAX / (YAW_RATES - 1))
     j = np.minimum(place.astype(int), YAW_RATES - 2)
     return j, place - j

@@ -1,7 +1,7 @@
-"""The learning task: a trial on the running robot, beside its other tasks and through its API alone (thesis 5).
+"""The learning task: a trial on the running robot, through its public API (thesis 5).
 
-It listens to the light sensors, and a periodic task, `learning`, refreshes the set-point 20 times a second. Where the
-HAL can place the robot it is placed at the next start; elsewhere it drives there.
+It listens to the light sensors, and a periodic task, `learning`, refreshes the set-point 20 times a second. If the HAL
+can place the robot, it is placed at the next start; otherwise it drives there.
 """
 
 import asyncio
@@ -33,18 +33,18 @@ from txt1.telemetry.topics import Rule, Topic, declare
 LEARNING_PRIORITY = 0
 SIMULATED: Final = "sim_light"  # the driver of simulated light sensors
 TRACKED: Final = 0.2  # s, the age at which a pose of motion capture is no longer believed
-TO_START: Final = 0.4  # m/s, the fastest on the way to a start
-EPISODES: Final = 10_000  # more than anybody will watch
-FROM_WALL: Final = 0.5  # the boundary is at least so far inside the simulated room's walls, m
+TO_START: Final = 0.4  # m/s, top speed on the way to a start
+EPISODES: Final = 10_000  # more than anyone will watch
+FROM_WALL: Final = 0.5  # least distance of the boundary from the simulated room's walls, m
 
 
 class LearningStep(NamedTuple):
     """A decision of the learner, or the end of an episode."""
 
     episode: int  # its number, from 1
-    state: int  # the row of the learner's table that it is in; -1: in none
-    action: int  # the one that it takes; -1: the episode is over
-    reward: float  # for what came of the action before; NaN when nothing was learned from it
+    state: int  # row of the learner's table; -1: none
+    action: int  # the decided action; -1: the episode is over
+    reward: float  # for the result of the last action; NaN if nothing was learned from it
     values: tuple[float, ...]  # of the actions in this state, after learning
 
 
@@ -68,7 +68,7 @@ class ModelDoubt(NamedTuple):
     """The learner says that its model does not fit what it sees."""
 
     episode: int  # its number, from 1
-    what: str  # that the model does not fit
+    what: str  # the part that the model does not fit
 
 
 DOUBT: Final = declare(
@@ -87,12 +87,12 @@ DOUBT: Final = declare(
 class LearningTask:
     """A trial, conducted on a robot.
 
-    A disarm voids the episode, and so does another source of commands that takes the wheel; after the arm the robot
-    goes to the start once more and repeats it.
+    A disarm voids the episode, and so does another source of commands that takes the wheel. After the arm the robot
+    goes to the start once more and repeats the episode.
 
-    `pose` is where the robot is in the room, for the goal and the boundary; None: the simulation's truth or, where
-    there is none or `learning.pose` says so, odometry or the fused pose. `stopped` is asked 20 times a second;
-    once it says yes the trial is over.
+    `pose` is the robot's place in the room, for the goal and the boundary. None: the simulation's truth; without a
+    truth, or if `learning.pose` says so, odometry or the fused pose. `stopped` is asked 20 times a second; the trial is
+    over once it returns True.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class LearningTask:
     ) -> None:
         self.trial = trial
         trial.decided = self._tell
-        self.ended = asyncio.Event()  # the last episode is over, or somebody stopped the trial: it commands nothing
+        self.ended = asyncio.Event()  # the last episode is over, or the trial was stopped: no more commands
         self._robot = robot
         self._light = robot.sensors[robot.config.section(LearningConfig).sensor]
         by = robot.config.section(LearningConfig).pose
@@ -111,7 +111,7 @@ class LearningTask:
         self._places = robot.hal.capabilities.place
         self._drive: asyncio.Task[Arrival] | None = None
         self._wheel = robot.source("learner")
-        self.overruled = ""  # the source that has taken the wheel; the learner waits for the robot to be armed anew
+        self.overruled = ""  # the source that has taken the wheel; the learner waits until the robot is armed anew
         self._doubted = 0  # the episode in which the learner last said that its model does not fit
         self._epoch = 0  # of the arming that it waits for to pass
         sim = robot.config.sim
@@ -120,7 +120,7 @@ class LearningTask:
             self._touches = getattr(robot.hal, "blocked_by", self._touches)
 
     def start(self) -> None:
-        """Listen to the light sensors while an episode is on, and add the task to the robot's."""
+        """Listen to the light sensors during episodes, and add the task to the robot's tasks."""
         trial = self.trial
         light = self._light
         light.needed = lambda: trial.phase is Phase.REST or trial.phase is Phase.DRIVE
@@ -132,7 +132,7 @@ class LearningTask:
         self.trial.see(time, lux, self._robot.odometry)
 
     async def learning(self, ticks: Ticks) -> None:
-        """Bring the robot to each start, and command what the agent decides."""
+        """Bring the robot to each start, and command the agent's decisions."""
         robot, trial = self._robot, self.trial
         try:
             async for now in ticks:
@@ -153,7 +153,7 @@ class LearningTask:
                     if not self._moved(now):
                         continue
                     pose = self._pose.read()
-                if pose is None:  # lost, so there is no telling where the boundary is
+                if pose is None:  # without a pose the boundary is unknown, too
                     trial.void()
                     self._wheel.command(0.0, 0.0)
                     continue
@@ -169,7 +169,7 @@ class LearningTask:
             self._let_go()
 
     def _may_drive(self) -> bool:
-        """Whether the learner has the wheel; it holds it all the time, so it learns of everybody who takes it."""
+        """Whether the learner has the wheel; it holds it all the time, so it notices when another source takes it."""
         if self.overruled:
             if self._robot.runtime.gate.epoch == self._epoch or not self._wheel.request():
                 return False
@@ -179,7 +179,7 @@ class LearningTask:
         return not self.overruled
 
     def _give_way(self, driver: str) -> None:
-        """Void the episode, and wait for the robot to be armed anew."""
+        """Void the episode, and wait until the robot is armed anew."""
         robot = self._robot
         self.overruled, self._epoch = driver, robot.runtime.gate.epoch
         self._let_go()
@@ -187,7 +187,7 @@ class LearningTask:
         robot.tell(f"'{driver}' drives; the learner goes on when the robot is armed anew (press m)")
 
     def _tell(self, action: int) -> None:
-        """Tell whoever listens what the agent has decided."""
+        """Publish the agent's decision."""
         trial = self.trial
         runtime = self._robot.runtime
         number = len(trial.episodes) + 1
@@ -203,19 +203,19 @@ class LearningTask:
         runtime.bus.publish(STEP, step, runtime.now)
 
     def _let_go(self) -> None:
-        """Drive no farther towards the start."""
+        """Stop driving towards the start."""
         if self._drive is not None:
             self._drive.cancel()
             self._drive = None
 
     def _moved(self, now: float) -> bool:
-        """Whether the robot is at its start now; sees to it that it will be."""
+        """Whether the robot is at its start now; otherwise send it there."""
         robot, trial = self._robot, self.trial
         if not robot.armed:
             return False
         if self._places:
             self._wheel.command(0.0, 0.0)
-            if robot.odometry.v or robot.odometry.omega:  # a robot that rolls is not lifted
+            if robot.odometry.v or robot.odometry.omega:  # a robot that rolls must not be lifted
                 return False
             robot.place(*trial.start)
             if self._given is None and not self._truth:
@@ -235,7 +235,7 @@ class LearningTask:
             if isinstance(error, Overruled):
                 self._give_way(error.driver)
                 return False
-            if isinstance(error, NotArmed) or self._pose.read() is None:  # on the way; it will drive on
+            if isinstance(error, NotArmed) or self._pose.read() is None:  # on the way; it drives on later
                 return False
             if error is not None:
                 raise error
@@ -246,7 +246,7 @@ class LearningTask:
 
 
 def _told_pose(robot: Robot, by: str) -> PoseSource:
-    """The pose by all sensors, on the map, or as a motion capture system sees it; ConfigError: there is none."""
+    """Return the source of the configured pose: fused, on the map, or motion capture; ConfigError: there is none."""
     if by in ("fused", "map"):
         return fused_pose(robot) if by == "fused" else map_pose(robot)
     if by not in robot.sensors:
@@ -268,10 +268,10 @@ def _told_pose(robot: Robot, by: str) -> PoseSource:
 def start(
     robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: int = EPISODES, sharing: Sharing | None = None
 ) -> LearningTask:
-    """The learning task, at work beside the robot's others under an operator's eyes (`txt1 run`).
+    """Start the learning task beside the robot's other tasks, under an operator's eyes (`txt1 run`).
 
-    The robot has its gains and light sensors (see `need_light`); `pose` None: as configured.
-    `sharing` is its part in learning together.
+    The robot has its gains and light sensors (see `need_light`). With `pose` None the configured pose is used.
+    `sharing` is its part in learning with a fleet.
     """
     config = robot.config
     if robot.hal.capabilities.place:
@@ -336,4 +336,4 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None, trial: Tri
         )
     options = {} if seed is None else {"seed": list(seed)}
     sensor = robot.runtime.make_sensor(name, SensorConfig(driver=SIMULATED, options=options))
-    (await robot.add_sensor(name, sensor)).needed = lambda: False  # until the learner says when
+    (await robot.add_sensor(name, sensor)).needed = lambda: False  # until the learner needs it

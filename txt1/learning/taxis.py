@@ -1,23 +1,24 @@
-"""A learner that finds the light as small animals find what they like: by taxis, with synapses that it learns.
+"""A learner that finds the light as small animals find food: by taxis, with synapses that it learns.
 
-    x     <- sensors' logarithms, quickly averaged, less their mean and less what each is used to, in its own deviations
-    r     <- change of the mean logarithm since the last decision: it gets brighter
-    delta <- r + gamma v.x' - v.x,   v <- v + alpha delta e_v                             (what a place promises)
+        x     <- sensors' logarithms, quickly averaged, less their mean and less each sensor's usual value, in
+        deviations
+        r     <- change of the mean logarithm since the last decision: positive when it gets brighter
+        delta <- r + gamma v.x' - v.x,   v <- v + alpha delta e_v                             (the promise of a place)
     w     <- w + beta delta e_w,   e_w <- lambda e_w + (1[a] - pi) x  when a is chosen     (synapses to the muscles)
     when it tumbles: a <- drawn from pi = softmax(w x); else the action in force goes on
 
-It tumbles the more seldom, the more quickly it gets brighter. It is made of
+The more quickly it gets brighter, the more seldom it tumbles. It combines
 
-- run and tumble, with adaptation: runs up the gradient are longer, as the change of concentration in time tells
+- run and tumble, with adaptation: runs up the gradient are longer, as the change of concentration over time tells
   (H. C. Berg, D. A. Brown: Chemotaxis in Escherichia coli analysed by three-dimensional tracking. Nature 239, 1972);
-- steering beside it, by what differs between the sensors (Y. Iino, K. Yoshida: Parallel use of two behavioral
-  mechanisms for chemotaxis in Caenorhabditis elegans. J. Neurosci. 29, 2009: pirouettes and weathervane);
-- synapses that are learned by the product of what came in, what was done, and a reward that all of them hear of,
-  through a trace that fades (A. G. Barto, R. S. Sutton, C. W. Anderson: Neuronlike adaptive elements that can solve
-  difficult learning control problems. IEEE Trans. SMC 13, 1983; A. G. Barto, R. S. Sutton: Landmark learning. Biol.
-  Cybern. 42, 1981, where such a net finds a tree by its smell).
+- steering, by the difference between the sensors (Y. Iino, K. Yoshida: Parallel use of two behavioral mechanisms for
+  chemotaxis in Caenorhabditis elegans. J. Neurosci. 29, 2009: pirouettes and weathervane);
+- synapses that learn from the product of input, action and a common reward, through a trace that fades (A. G. Barto, R.
+  S. Sutton, C. W. Anderson: Neuronlike adaptive elements that can solve difficult learning control problems. IEEE
+  Trans. SMC 13, 1983; A. G. Barto, R. S. Sutton: Landmark learning. Biol. Cybern. 42, 1981, where a net of this kind
+  finds a tree by its smell).
 
-It knows neither where its sensors sit nor what its actions do, plans nothing, keeps no map, and needs no odometry.
+It does not know where its sensors sit or what its actions do. It plans nothing, keeps no map, and needs no odometry.
 """
 
 from dataclasses import dataclass
@@ -45,16 +46,16 @@ class TaxisSettings:
     """The hyper-parameters, which `learning.taxis` sets."""
 
     period: Positive = 0.1  # time from one decision to the next, s
-    quick: Share = 0.7  # weight of the past in what it senses, per decision: 0.3 s
-    slow: Share = 0.9  # the same for the brightness that tumbles are compared with: 1 s
-    used: Share = 0.9995  # the same for what a sensor is used to, and how much it varies: 200 s
-    gamma: Share = 0.95  # of what a place promises, per decision
-    fades: Share = 0.85  # what is left of a trace after a decision
+    quick: Share = 0.7  # weight of the past in its senses, per decision: 0.3 s
+    slow: Share = 0.9  # the same for the average with which tumbles compare the brightness: 1 s
+    used: Share = 0.9995  # the same for a sensor's usual value and its variance: 200 s
+    gamma: Share = 0.95  # discount of the promise of a place, per decision
+    fades: Share = 0.85  # share of a trace that is left after a decision
     alpha: Positive = 0.02  # learning rate of promises
-    beta: Positive = 1.0  # of synapses
+    beta: Positive = 1.0  # learning rate of synapses
     tumble: Positive = 0.4  # probability of a tumble in a decision while the brightness stays
-    pirouette: NotNegative = 0.02  # probability of one in a decision while it darkens
-    reorient: Positive = 20.0  # decisions that one takes, on average
+    pirouette: NotNegative = 0.02  # probability of a pirouette in a decision while it darkens
+    reorient: Positive = 20.0  # decisions that a pirouette takes, on average
     longer: NotNegative = 0.5  # how much a run is prolonged, by deviations of the brightening
 
 
@@ -62,7 +63,7 @@ SETTINGS: Final = TaxisSettings()
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "TaxisAgent":
-    """Return a learner as configured, or one that drives by stored synapses; ValueError: they have another shape."""
+    """Return a learner as configured, or a driver by stored synapses; ValueError: they have another shape."""
     settings = checked(TaxisSettings, config.section(LearningConfig).taxis, "learning.taxis")
     agent = TaxisAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
@@ -83,10 +84,10 @@ class TaxisAgent(PeriodicAgent):
         self.actions = actions
         self.episode = 0
         self.learns = True
-        self.synapses: Array = np.zeros((SENSORS + 1, actions))  # from each sensor, and one that always fires
+        self.synapses: Array = np.zeros((SENSORS + 1, actions))  # from each sensor, and from a unit that always fires
         self.promises: Array = np.zeros(SENSORS + 1)
-        self.used: Array = np.zeros(SENSORS)  # what each sensor's difference usually is
-        self.varies: Array = np.full(SENSORS, 0.04)  # and its variance
+        self.used: Array = np.zeros(SENSORS)  # usual difference of each sensor
+        self.varies: Array = np.full(SENSORS, 0.04)  # variance of this difference
         self.brightens = 0.01  # variance of the brightening
         self._rng = rng
         self._before = self.memory()
@@ -107,7 +108,7 @@ class TaxisAgent(PeriodicAgent):
         self._likes: Array = np.zeros(self.actions)
 
     def act(self, now: float, odometry: Odometry) -> int:
-        """Learn from how bright it has become, and choose the next action."""
+        """Learn from the change of brightness, and choose the next action."""
         del odometry
         self._decides(now)
         x, r, rise = self._sense()
@@ -135,7 +136,7 @@ class TaxisAgent(PeriodicAgent):
         self.episode += 1
 
     def _sense(self) -> tuple[Array, float, float]:
-        """What comes in; how much brighter it is than at the last decision; how quickly it brightens, in deviations."""
+        """The input, the rise of brightness since the last decision, and the speed of brightening in deviations."""
         one = self.settings
         lux = np.nan_to_num(self._seen()) if self._samples else np.full((1, SENSORS), LUX_MIN)
         z = np.log(np.clip(lux.mean(axis=0), LUX_MIN, LUX_MAX))
@@ -155,7 +156,7 @@ class TaxisAgent(PeriodicAgent):
         return x, r, rise / float(np.sqrt(self.brightens + 1e-9))
 
     def _learn(self, x: Array, r: float) -> None:
-        """Change promises and synapses by how much better it is than was promised."""
+        """Change promises and synapses by how much the result exceeds the promise."""
         if self._x is None or not self.learns:
             return
         one = self.settings
@@ -164,7 +165,7 @@ class TaxisAgent(PeriodicAgent):
         self.synapses += one.beta * self._delta * self._did
 
     def decision(self, odometry: Odometry) -> Decision:
-        """No state of a table; by how much it was better than promised; how it likes each action."""
+        """No state of a table; by how much the result exceeded the promise; the preference for each action."""
         del odometry
         return Decision(None, self._delta, tuple(map(float, self._likes)))
 
@@ -173,7 +174,7 @@ class TaxisAgent(PeriodicAgent):
         self.recall(self._before)
 
     def table(self) -> StoredTable:
-        """The synapses: a row for each sensor and one for what always fires, a column for each action."""
+        """The synapses: a row for each sensor and a row for the unit that always fires, a column for each action."""
         about = {
             "agent": self.name,
             "episodes": self.episode,
@@ -191,7 +192,7 @@ class TaxisAgent(PeriodicAgent):
         return {**arrays, "brightens": self.brightens, "episode": self.episode, "rng": rng}
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Carry on from what `memory` gave."""
+        """Carry on from the result of `memory`."""
         for name in ("synapses", "promises", "used", "varies"):
             setattr(self, name, np.array(memory[name], float))
         self.brightens, self.episode = float(memory["brightens"]), int(memory["episode"])

@@ -33,7 +33,7 @@ from txt1.sim.lamp import PointLight, illuminances
 
 REACHED: Final = 0.15  # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
 SENSED: Final = 0.18  # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
-RATE_DECAY: Final = 0.9  # factor on a fading learning rate, from one episode to the next
+RATE_DECAY: Final = 0.9  # factor of a fading learning rate, from an episode to the next
 
 DIRECTIONS: Final = {"summed": direction, "diagonal": diagonal_direction, "corrected": corrected_direction}
 
@@ -43,10 +43,10 @@ QRow = NDArray[np.floating[Any]]  # the Q-values of one state's actions
 def boltzmann(q: QRow, temperature: float) -> list[float]:
     """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2); q has the shape (actions,).
 
-    The largest Q is subtracted first, which changes nothing in the quotient, so that nothing overflows. Towards T = 0
-    it is the greedy policy (5.4), towards infinity a uniform one (5.3).
+    The largest Q is subtracted first. That does not change the quotient, and it prevents an overflow. Towards T = 0 the
+    result is the greedy policy (5.4), towards infinity a uniform policy (5.3).
     """
-    values: list[float] = q.tolist()  # for so few an array costs ten times as much
+    values: list[float] = q.tolist()  # for so few numbers an array takes ten times as long
     largest = max(values)
     weights = [exp((value - largest) / temperature) for value in values]
     total = 0.0
@@ -56,7 +56,7 @@ def boltzmann(q: QRow, temperature: float) -> list[float]:
 
 
 def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
-    """An action drawn with these probabilities: the one whose share of their cumulative sum holds a random number."""
+    """Draw an action with these probabilities, by the cumulative sum and a random number."""
     u = rng.random()
     cumulative = 0.0
     for action, probability in enumerate(probabilities):
@@ -67,7 +67,7 @@ def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
 
 
 def greedy_action(q: QRow, rng: np.random.Generator) -> int:
-    """The action with the largest Q-value; of equal ones one drawn at random, as the lowest would favour the right."""
+    """The action with the largest Q-value; among equal values a random draw, as the lowest index would favour right."""
     values: list[float] = q.tolist()
     largest = max(values)
     best = [action for action, value in enumerate(values) if value == largest]
@@ -77,23 +77,23 @@ def greedy_action(q: QRow, rng: np.random.Generator) -> int:
 def fading(episode: int, start: float, decay: float, floor: float = 0.0) -> float:
     """Return start decay^k for episode k, from 0, but at least the floor: a temperature or a learning rate (5.4).
 
-    The thesis's temperature is 5 x 0.65^k, at least 0.05, which k = 11 reaches; its learning rate does not decay, one
-    that begins at 1 and does is its outlook (5.2.1).
+    The thesis's temperature is 5 x 0.65^k, at least 0.05, which k = 11 reaches. Its learning rate does not decay; a
+    rate that begins at 1 and decays is part of its outlook (5.2.1).
     """
     return max(floor, start * decay**episode)
 
 
 def state_learning_rate(visits: int) -> float:
-    """Return the learning rate alpha of a state updated so many times before: 1 / (1 + visits / 10).
+    """Return the learning rate alpha of a state after `visits` updates: 1 / (1 + visits / 10).
 
-    The sum of all rates grows without bound and that of their squares does not, as Q-learning's convergence asks for
-    (5.2.1).
+    The sum of all rates grows without bound, and the sum of their squares does not. The convergence of Q-learning needs
+    both (5.2.1).
     """
     return 1.0 / (1.0 + visits / 10.0)
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
-    """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
+    """Return a learner as configured, or a driver by a stored table; ValueError: the table has another shape."""
     settings, exponent = config.section(LearningConfig).thesis, float(config.sim.light.exponent)
     commands = config.section(LearningConfig).actions
     if table is None:
@@ -107,7 +107,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ThesisAgent:
-    """Q-learning on the light's direction in eight sectors; `exponent` is that of the light's fall.
+    """Q-learning on the light's direction in eight sectors; `exponent` is the light's power of distance.
 
     `commands` are (v, omega) of each action, m/s and rad/s, which remedy 1 compares with the sensed velocities.
     """
@@ -131,7 +131,7 @@ class ThesisAgent:
         self._commands = commands
         self._direction = DIRECTIONS[settings.direction]
         self.filter = LightFilter(spread_limit(exponent))
-        self._sample: Readings | None = None  # where there is no filter
+        self._sample: Readings | None = None  # only without a filter
         self._before = (self.q.copy(), self.visits.copy())
         self.begin()
 
@@ -158,7 +158,7 @@ class ThesisAgent:
         return self.filter.settled
 
     def state(self) -> int | None:
-        """The sector the light is in now; None where the sensors tell no direction."""
+        """The sector of the light now; None if the sensors tell no direction."""
         sample = self.filter.readings if self.settings.filtered else self._sample
         assert sample is not None
         try:
@@ -167,7 +167,7 @@ class ThesisAgent:
             return None
 
     def sensed(self, odometry: Odometry) -> int:
-        """The action the robot is seen to carry out (figure 5.7); of other actions than the thesis's, the nearest."""
+        """The action that the robot seems to carry out (figure 5.7); the nearest, if the thesis has no such action."""
         if self._commands != COMMANDS:
             return min(range(len(self._commands)), key=lambda a: abs(self._commands[a][1] - odometry.omega))
         return 0 if odometry.omega < -SENSED else 2 if odometry.omega > SENSED else 1
@@ -197,7 +197,7 @@ class ThesisAgent:
         return self._a
 
     def _learn(self, s_next: int | None, odometry: Odometry) -> float | None:
-        """Update the table (5.1); the reward, or None without a direction before and after, as that teaches nothing."""
+        """Update the table (5.1) and return the reward; None: without two directions nothing is learned."""
         if self._a < 0 or self._s is None or s_next is None or not (self.training or self.settings.learn_on):
             return None
         a = self.sensed(odometry) if self.settings.remedy == "sensed" else self._a
@@ -213,7 +213,7 @@ class ThesisAgent:
         return fading(self.episode, one.alpha, 1.0 if one.rate == "constant" else RATE_DECAY)
 
     def choose(self, s: int | None) -> int:
-        """Return the action for a state by the policy; any, where the state is not known."""
+        """Return the action for a state by the policy; any action for an unknown state."""
         one = self.settings
         if s is None or (one.policy == "random" and self.training):
             return int(self._rng.integers(len(self.q[0])))
@@ -251,13 +251,13 @@ class ThesisAgent:
         return Learned(self.name, self.episode, tuple([int(count) for count in self.visits]), rows)
 
     def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
-        """Take over a table; the temperature falls by the others' episodes, too."""
+        """Take over a table; the temperature also falls by the others' episodes."""
         self.q[:] = rows
         self.episode += episodes
         return int(taken.sum())
 
     def table(self) -> StoredTable:
-        """The Q-table, and which agent made it."""
+        """The Q-table, and the name of its agent."""
         about = {
             "agent": self.name,
             "episodes": self.episode,
@@ -279,7 +279,7 @@ class ThesisAgent:
         return {"q": self.q.tolist(), "visits": self.visits.tolist(), **counts, "rng": rng}
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Carry on from what `memory` gave."""
+        """Carry on from the result of `memory`."""
         self.q = np.array(memory["q"], float)
         self.visits = np.array(memory["visits"], int)
         self.episode, self.decisions = int(memory["episode"]), int(memory.get("decisions", 0))
@@ -287,9 +287,9 @@ class ThesisAgent:
 
 
 def courses(table: StoredTable, lights: Table) -> Table:
-    """The yaw rate that a stored table commands with the light at places in the robot's frame, rad/s; shape (places,).
+    """Return the yaw rate that a stored table commands for each place of the light, rad/s; shape (places,).
 
-    `lights` has the shape (places, 2), m.
+    `lights` are places in the robot's frame, shape (places, 2), m.
     """
     seen = DIRECTIONS.get(str(table.about.get("direction")), direction)
     commands = table.about.get("commands", COMMANDS)

@@ -1,6 +1,6 @@
-"""One trial: episodes of the task by one agent, and everything that its seed decides (thesis 5.3).
+"""One trial: an agent's episodes of the task, and everything that the seed decides (thesis 5.3).
 
-It knows neither asyncio nor the robot: `txt1.learning.task` conducts it on the running robot.
+A trial knows neither asyncio nor the robot; `txt1.learning.task` conducts it on the running robot.
 """
 
 from collections.abc import Callable, Collection
@@ -31,26 +31,26 @@ TICK: Final = 0.05  # the set-point is refreshed 20 times a second, s
 Commands = tuple[tuple[float, float], ...]  # (v, omega) of each action, m/s and rad/s
 COMMANDS: Final[Commands] = LearningConfig().actions  # right, straight, left (table 5.2)
 
-OVER: Final = -1  # in place of an action, when an episode has ended
+OVER: Final = -1  # in place of an action, after the end of an episode
 
 STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4  # streams of random numbers of a trial
 
-MARGIN: Final = 1.0  # the walls stand so much beyond the boundary, m: the body's half, and room to stop
+MARGIN: Final = 1.0  # distance of the walls beyond the boundary, m: half a body, and room to stop
 
 
 class Task(NamedTuple):
     """The task to be learned."""
 
-    light: tuple[float, float] = (0.0, 0.0)  # where it is in the room, x and y in m
+    light: tuple[float, float] = (0.0, 0.0)  # place of the light in the room, x and y in m
     start_radius: float = 1.25  # distance from the light at which an episode begins, m (5.4)
-    goal_radius: float = GOAL_RADIUS  # distance at which it has succeeded, m (5.4)
-    boundary: float = 8.0  # it has failed outside the square of +-this around the room's centre, m
-    time_limit: float = 300.0  # it has failed after so long, s; not in the thesis
+    goal_radius: float = GOAL_RADIUS  # distance at which an episode has succeeded, m (5.4)
+    boundary: float = 8.0  # an episode has failed outside the square of +-this around the room's centre, m
+    time_limit: float = 300.0  # an episode has failed after this time, s; not in the thesis
     settle: float = 0.5  # rest before the first decision, s
     speed: float = SPEED  # the fastest of the actions, m/s
     radius_min: float = Geometry().radius_min  # of the sharpest turn among the actions, m
-    delay: float = 0.0  # after which an action reaches the robot, s
-    goal_period: float | None = None  # between two looks for goal and boundary, s; None: at the agent's decisions
+    delay: float = 0.0  # delay with which an action reaches the robot, s
+    goal_period: float | None = None  # time between two looks for goal and boundary, s; None: at the agent's decisions
 
 
 class Start(NamedTuple):
@@ -60,12 +60,12 @@ class Start(NamedTuple):
     heading: float
 
     def pose(self, task: Task) -> Pose:
-        """The same as a pose in the room, m and rad."""
+        """The start as a pose in the room, m and rad."""
         x, y = task.light
         return x + task.start_radius * cos(self.bearing), y + task.start_radius * sin(self.bearing), self.heading
 
     def optimal_time(self, task: Task) -> float:
-        """The least time it can take from here, s."""
+        """The least possible time to the light from here, s."""
         x, y, theta = self.pose(task)
         x, y = x - task.light[0], y - task.light[1]
         return float(optimal_time(x, y, theta, task.speed, task.radius_min, task.goal_radius))
@@ -75,7 +75,7 @@ class Episode(NamedTuple):
     """The course of an episode: one line of learning.csv."""
 
     number: int  # from 1
-    start: Start  # where it began
+    start: Start  # pose at its beginning
     time: float  # from the first decision to the end, s
     success: bool  # whether it ended at the light
     optimal_time: float  # the least time from this start, s
@@ -97,10 +97,10 @@ class TrialResult:
     """The result of a trial."""
 
     trial: int  # its number, from 1
-    episodes: list[Episode]  # those that were completed
-    complete: bool  # whether that is all of them
-    table: StoredTable  # what was learned
-    memory: dict[str, Any]  # with which the agent can carry on
+    episodes: list[Episode]  # the completed episodes
+    complete: bool  # whether all episodes are completed
+    table: StoredTable  # the learned table
+    memory: dict[str, Any]  # memory with which the agent can carry on
     paths: dict[int, list[tuple[float, float]]]  # by the episode's number, (x, y) in m 20 times a second
     voided: int = 0  # episodes that were broken off by a disarm and done again
 
@@ -136,7 +136,7 @@ def task_of(config: Config) -> Task:
 
 
 def ready_to_learn(config: Config) -> Config:
-    """The configuration with a simulated room that holds the boundary, and power that outlasts a pack."""
+    """Return the configuration with a simulated room that holds the boundary, and power that never runs out."""
     side = 2.0 * (config.section(LearningConfig).boundary + MARGIN)
     sim = config.sim
     room = sim.room.model_copy(update={"length": max(side, sim.room.length), "width": max(side, sim.room.width)})
@@ -167,9 +167,10 @@ class Trial:
     task: Task
     starts: list[Start]
     commands: Commands = COMMANDS
-    done: Callable[[Episode], None] = lambda _: None  # told each episode as it ends
+    done: Callable[[Episode], None] = lambda _: None  # called with each episode as it ends
     keep_paths: Collection[int] = ()  # numbers of the episodes whose paths are kept
-    decided: Callable[[int], None] = lambda _: None  # told every action as it is decided, OVER when an episode ended
+    # called with every decided action, and with OVER at the end of an episode
+    decided: Callable[[int], None] = lambda _: None
     begins: Callable[[], None] = lambda: None  # called before an episode begins
     world: "World | Checked | None" = None  # what the learner is told; None: odometry as it is
     episodes: list[Episode] = field(default_factory=list)  # those that are over
@@ -179,7 +180,7 @@ class Trial:
     def __post_init__(self) -> None:
         self.since = 0.0  # when the robot was put on its start
         self._began = 0.0
-        self._looks = 0.0  # when the goal is looked for next
+        self._looks = 0.0  # time of the next look for the goal
         self._action = 0
         self._under_way: list[tuple[float, tuple[float, float]]] = []  # commands, and when each reaches the robot
         self._in_force = (0.0, 0.0)
@@ -188,7 +189,7 @@ class Trial:
         self._next()
 
     def carry_on(self, before: TrialResult) -> None:
-        """Count episodes that were done before, keep their paths, and remind the agent of what it had learned."""
+        """Count the episodes of an earlier result, keep their paths, and restore the agent's memory."""
         self.agent.recall(before.memory)
         self.episodes.extend(before.episodes)
         self.paths.update({number: path for number, path in before.paths.items() if number <= len(before.episodes)})
@@ -196,7 +197,7 @@ class Trial:
         self._next()
 
     def result(self, number: int) -> TrialResult:
-        """Return the result so far of the trial of this number."""
+        """Return the result so far; `number` is the trial's."""
         complete, agent = len(self.episodes) == len(self.starts), self.agent
         return TrialResult(number, self.episodes, complete, agent.table(), agent.memory(), self.paths, self.voided)
 
@@ -206,7 +207,7 @@ class Trial:
         return self.starts[len(self.episodes)].pose(self.task)
 
     def placed(self, now: float) -> None:
-        """The robot stands on its start pose since `now`."""
+        """Note that the robot stands on its start pose since `now`."""
         self.phase = Phase.REST
         self._began = self.since = now
         self._under_way, self._in_force, self._unfit = [], (0.0, 0.0), None
@@ -269,7 +270,7 @@ class Trial:
         return self._in_force
 
     def void(self) -> None:
-        """Do the present episode again, as if it had never begun."""
+        """Do the present episode again from a new beginning."""
         if self.phase is Phase.REST or self.phase is Phase.DRIVE:
             self.agent.void()
             self.voided += 1
@@ -277,7 +278,7 @@ class Trial:
             self.phase = Phase.MOVE
 
     def _looks_now(self, now: float, decides: bool) -> bool:
-        """Whether the goal is looked for: at decisions, as the original's learner did (O), or by the task's period."""
+        """Whether to look for the goal now: at decisions, as the original learner did (O), or by the task's period."""
         period = self.task.goal_period
         if period is None:
             return decides
@@ -287,7 +288,7 @@ class Trial:
         return True
 
     def _ended(self, now: float, pose: Pose) -> bool | None:
-        """Whether it has ended, True in success."""
+        """Whether the episode has ended: True in success, False in failure, None if it goes on."""
         task = self.task
         x, y, _ = pose
         light = task.light if self.world is None else self.world.goal(now - self.since)

@@ -1,4 +1,4 @@
-"""The worlds that come with the package (config/worlds): a configuration each, which `txt1 learn --world` takes."""
+"""The worlds that come with the package (config/worlds): configurations for `txt1 learn --world`."""
 
 from pathlib import Path
 from typing import Final
@@ -7,7 +7,7 @@ from txt1.errors import ConfigError
 from txt1.resources import resource
 
 WORLDS: Final = "config/worlds"
-OWN: Final = {"thesis": "thesis-simulation"}  # the world in which a learner learns where nothing else is said
+OWN: Final = {"thesis": "thesis-simulation"}  # the default world of a learner
 
 
 def world_file(name: str) -> Path:

@@ -412,7 +412,7 @@ def test_a_speed_or_difference_has_to_last_without_a_break(sign: float) -> None:
         assert runaway.check(8000, 40, 0, 0.0, sign * 0.5, DT) is None
     for _ in range(4):
         assert runaway.check(8000, 40, 40, sign * 2.01, None, DT) is None
-    assert runaway.check(8000, 40, 40, sign * 2.01, None, DT) == "2.0 m/s is faster than was ever asked for"
+    assert runaway.check(8000, 40, 40, sign * 2.01, None, DT) == "2.0 m/s is faster than any command"
 
 
 ROVER = Limits(radius_min=0.0)

@@ -38,7 +38,7 @@ def test_many_robots_at_once_refuse_physics_that_they_do_not_have() -> None:
     """Their floors, too: a floor of our physics is none of another's."""
     other = load(None, ["sim.physics=mujoco"], {}, {}).config
     for begin in (lambda: env.LightSeekingVectorEnv(2, other), lambda: floor_of(other)):
-        with pytest.raises(ConfigError, match=r"it is mujoco; set sim\.physics=plain, or take one robot"):
+        with pytest.raises(ConfigError, match=r"not mujoco; set sim\.physics=plain, or take one robot"):
             begin()
     assert known_floor(load(None, (), {}, {}).config) is not None
     assert known_floor(other) is None

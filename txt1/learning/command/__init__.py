@@ -1,4 +1,4 @@
-"""`txt1 learn`: its progress, and what it prints."""
+"""`txt1 learn`: its options, its progress, and its report."""
 
 import argparse
 from pathlib import Path
@@ -22,7 +22,7 @@ from txt1.trials.workers import OPTIONS, workers_of
 
 
 def _moved(study: str) -> dict[str, Any]:
-    """Return what argparse is to be told of an option that is refused, as a study has taken its place."""
+    """Return argparse's settings for an option that is refused because a study has replaced it."""
 
     def refuse(word: str) -> None:
         raise argparse.ArgumentTypeError(f"is now, in a source tree: python -m studies.learners {study}")
@@ -31,7 +31,7 @@ def _moved(study: str) -> dict[str, Any]:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `learn` takes."""
+    """Add the arguments of `learn`."""
     parser.epilog = (
         "Ctrl-C keeps all that was learned; --resume continues. Settings are under learning in the "
         "configuration, e.g. --set learning.thesis.remedy=hold. A disarm ends it, because nobody can arm again: "
@@ -64,10 +64,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Do the trials and write what came of them; the exit code."""
+    """Do the trials and write their results; return the exit code."""
     name = arguments.agent or "thesis"
     config = loaded(_in_world(arguments, name)).config
-    make(name, config, np.random.default_rng(0))  # refuses a wrong name or options before anything begins
+    make(name, config, np.random.default_rng(0))  # refuses a wrong name or options at once
     speed = robot_speed(arguments, config)
     plan = Plan(
         name,
@@ -108,7 +108,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _in_world(arguments: argparse.Namespace, learner: str) -> argparse.Namespace:
-    """The arguments with the world's file as the configuration; a learner's own world is for simulations alone."""
+    """Return the arguments with the world's file as the configuration; default worlds are for simulations only."""
     name = arguments.world
     if name is not None and arguments.config is not None:
         raise ConfigError("--world: a world is a configuration file, and --config gives another; leave out one of them")

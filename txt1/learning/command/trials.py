@@ -53,10 +53,9 @@ Ended = signal.Signals | Txt1Error | None  # why there are no more trials; None:
 def conduct(
     plan: Plan, out: Path, resume: bool, watch: Watch, machines: Workers = HERE
 ) -> tuple[list[TrialResult], Ended]:
-    """Return what came of the trials, in their order, and why there are no more; a signal ends it, nothing is lost.
+    """Return the trials' results in order, and why there are no more; a signal ends the trials, and nothing is lost.
 
-    Raises ConfigError: the directory cannot be used, or holds another experiment, or a real robot, or a recording,
-    would be elsewhere.
+    Raises ConfigError: the directory cannot be used or holds another experiment, or a cluster cannot do the trials.
     """
     if plan.config.hal == "sim":
         refuse_unsolvable(settled(plan.config))
@@ -100,7 +99,7 @@ def conduct(
 
 
 def simulated(told: Sequence[Any]) -> str:
-    """Do a trial of a plan in simulation, given with its number and its log, and return its file's content."""
+    """Do a trial of a plan in simulation, given with its number and its log; return its file's content."""
     tree, number, log = told
     plan = Plan(**tree | {"config": Config.model_validate(tree["config"])})
     with TemporaryDirectory() as folder:
@@ -115,17 +114,17 @@ def on_robot(
     plan: Plan,
     number: int,
     *,
-    agent: Agent | None = None,  # who learns, in place of the plan's
-    done: Callable[[Episode], None] = lambda _: None,  # told each episode as it ends
+    agent: Agent | None = None,  # the learner, in place of the plan's
+    done: Callable[[Episode], None] = lambda _: None,  # called with each episode as it ends
     commands: Commands | None = None,  # (v, omega) of each action, m/s and rad/s, in place of the configured
-    stopped: Callable[[], bool] = lambda: False,  # asked all the time; once it says yes the trial ends
-    before: TrialResult | None = None,  # what came of it when it was broken off, and from which it carries on
-    out: Path | None = None,  # the directory for the result; after an error, too, if an episode was completed
+    stopped: Callable[[], bool] = lambda: False,  # asked all the time; the trial ends once it returns True
+    before: TrialResult | None = None,  # the result so far of an interrupted trial, which then carries on
+    out: Path | None = None,  # the directory for the result; also written after an error if an episode was completed
     log: Path | None = None,  # the file to record it to
 ) -> TrialResult:
-    """Do a trial of a plan through the robot's real tasks, and return what came of it.
+    """Do a trial of a plan through the robot's real tasks, and return its result.
 
-    Where nobody is there to arm the robot again, a disarm ends it, and so does a signal, which is then passed on.
+    A disarm ends the trial, unless the robot arms again by itself. A signal ends it too, and is then passed on.
 
     Raises HalError: the hardware cannot be used, or there are no light sensors; NotArmed: the robot was disarmed;
     Overruled: another source of commands took the wheel; TaskFault: a task failed; the robot was stopped first.
