@@ -129,7 +129,7 @@ async def _by_hand(robot: Robot) -> None:
     await asyncio.sleep(0.2)
     robot.switch_power(Switch.ATX, True)
     robot.switch_power(Switch.ESC, True)
-    await asyncio.sleep(0.1)
+    await asyncio.sleep(0.5)  # it is seen to stand
     robot.arm()
     await robot.drive(-0.4, 0.0, 0.4)
 
