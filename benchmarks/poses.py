@@ -88,11 +88,11 @@ def sentence(found: Sequence[Trip]) -> str:
     """Return the figures of these trips."""
     inside = sum(trip.optimum is not None for trip in found)
     return (
-        f"{sum(trip.arrived for trip in found)} of {len(found)} arrived within 5 cm and 5 degrees and touched no wall; "
-        f"off by {100.0 * sum(trip.distance for trip in found) / len(found):.1f} cm in the mean, "
+        f"{sum(trip.arrived for trip in found)} of {len(found)} arrived within 5 cm and 5 degrees and touched no wall. "
+        f"They were off by {100.0 * sum(trip.distance for trip in found) / len(found):.1f} cm in the mean, "
         f"{100.0 * max(trip.distance for trip in found):.1f} cm and "
-        f"{degrees(max(trip.turn for trip in found)):.1f} degrees at worst; "
-        f"{100.0 * min(trip.clear for trip in found):.1f} cm from a wall at the nearest; "
-        f"the way is {ratio(found):.3f} times the Reeds-Shepp optimum in the mean of the {inside} trips where that "
-        "stays inside"
+        f"{degrees(max(trip.turn for trip in found)):.1f} degrees at worst. "
+        f"The nearest came within {100.0 * min(trip.clear for trip in found):.1f} cm of a wall. "
+        f"In {inside} trips the Reeds-Shepp optimum stays inside the room; "
+        f"there the path is {ratio(found):.3f} times the optimum in the mean"
     )

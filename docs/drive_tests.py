@@ -226,9 +226,9 @@ def behind_the_wire(sim: dict[str, Run], others: Sequence[dict[str, Run]], intro
         )
 
     told = " ".join(
-        f"Of {name} behind the wire the difference is at most {most(channel, 'rms', False):.1f} {unit} (rms; "
-        f"{most(channel, 'largest', False):.0f} {unit} at a single sample), between two simulations "
-        f"{most(channel, 'rms', True):.1f} {unit} ({most(channel, 'largest', True):.0f} {unit}); one count is "
+        f"Behind the wire, {name} differ by {most(channel, 'rms', False):.1f} {unit} at most (rms; "
+        f"{most(channel, 'largest', False):.0f} {unit} at a single sample). Two simulations differ by "
+        f"{most(channel, 'rms', True):.1f} {unit} ({most(channel, 'largest', True):.0f} {unit}). A count is "
         f"{1000.0 * QUANTUM[channel]:.0f} {unit}."
         for channel, name, unit in (("v", "speeds", "mm/s"), ("omega", "yaw rates", "mrad/s"))
     )
@@ -270,7 +270,7 @@ def tuning(key: str, settings: Sequence[str]) -> list[str]:
         parts.append(paragraph(gain(pairs)))
         seeds = range(OTHER_SEED, OTHER_SEED + REPEATS)
         others = [Pair(*(over(seeds, test, file, settings) for file in (None, gains))) for test in TESTS]
-        told = f"The same gains on the seeds {seeds[0]} to {seeds[-1]}, which nothing was tuned on: {gain(others)}"
+        told = f"The same gains on the seeds {seeds[0]} to {seeds[-1]}, which tuning did not use: {gain(others)}"
         parts.append(paragraph(told))
     return parts
 
@@ -299,7 +299,7 @@ def gain(pairs: Sequence[Pair]) -> str:
     )
     return (
         f"{sum(each > 0.0 for each in sooner)} of {len(steps)} steps settle sooner, by {min(sooner):.3f} to "
-        f"{max(sooner):.2f} s; the most that any overshoots more, by its standard errors, is "
+        f"{max(sooner):.2f} s. The largest additional overshoot, in its standard errors, is "
         f"{100.0 * more:.2f} ± {100.0 * error:.2f} % of the step ({more / error:.1f} standard errors)."
     )
 
@@ -393,72 +393,74 @@ WEAK_TITLE = "30 % less motor gain, and twice the lag of motors and servos"
 INTRODUCTION = """\
 # The drive tests
 
-The thesis's tests of its controllers (4.4), the way along waypoints and the battery run (3.6.3), driven again in
-simulation with the thesis's gains. `python -m docs.drive_tests --real-time` makes this page: every number and figure in
-it is measured by that run.
+This page repeats three tests of the thesis in simulation, with the thesis's gains: its tests of the controllers (4.4),
+the path along waypoints, and the battery run (3.6.3). `python -m docs.drive_tests --real-time` makes this page, and
+measures every number and figure in it.
 
-Responses are judged as means over 0.2 s: by the simulator's true motion, or by the way that the encoders have counted
-where it says so. A response has settled when it stays within 5 % of the step around its end value, on hardware within
-at least one count of the encoders (16 mm/s, 64 mrad/s): that is why yaw rates settle sooner by the encoders. The end
-value is the mean over the second half of a step; overshoot is by how much it is exceeded in the first half. "off" is
-the end value less the set-point, "noise" the standard deviation of single readings. Set-points are published every
-0.1 s.
+Responses are judged as means over 0.2 s. They come from the simulator's true motion; a table says so if they come from
+the encoders instead. A response has settled when it stays within 5 % of the step around its end value. On hardware the
+limit is at least a count of the encoders (16 mm/s, 64 mrad/s), so by the encoders yaw rates settle sooner. The end
+value is the mean over the second half of a step. Overshoot is the largest excess over the end value in the first half.
+"off" is the end value less the set-point, "noise" the standard deviation of single readings. Set-points are published
+every 0.1 s.
 """
 
 DIFFERENCES = """\
-Where they differ:
+The results differ from the thesis in four points:
 
 - The encoders sit on the steered front wheels. In a curve they read 1 / cos φ of the speed and cos φ of the yaw rate.
-  The loops bring what they read to the set-points, so the true circle is smaller than v / ω, the true yaw rate higher
-  and the true speed lower; behind the wire, where only the encoders tell, the circles have their radius. The thesis's
-  figures 4.5 and 4.6 are drawn from odometry, which cannot show it.
+  The loops bring these readings to the set-points. So the true circle is smaller than v / ω, the true yaw rate higher
+  and the true speed lower. Behind the wire only the encoders measure, and by their readings the circles have the right
+  radius. The thesis's figures 4.5 and 4.6 are drawn from odometry, which cannot show the difference.
 - The thesis's robot lost traction in the faster steps. The simulated tyres do not slip (`sim.vehicle.slip` is 0), so
-  the steps to 1 m/s are as clean as the others.
-- The simulated floor is even but for 3 % of drag, so laps lie closer together than on tile.
+  the steps to 1 m/s are as clean as the slower steps.
+- The simulated floor is even, except for 3 % of drag, so laps lie closer together than on tile.
 - The safe end comes a little early: the robot judges a voltage that is read with 10 mV of noise.
 """
 
 BATTERY = """\
-The robot stops by itself when its voltage says that no time is left (`--no-safe-end` switches that off).
-Here the packs are drained as in the thesis, by the full load whenever the motors turn. The same with a consumption that
-depends on speed and turning, and at the economical speed, is in [energy](energy.md#the-battery-run-with-it).
+The robot stops by itself when its voltage says that no time is left (`--no-safe-end` switches this off). Here the full
+load drains the packs whenever the motors turn, as in the thesis. [Energy](energy.md#the-battery-run-with-it) has the
+battery run with a consumption that depends on speed and turning, and at the economical speed.
 """
 
 BEHIND_THE_WIRE = """\
 ## Behind the wire
 
-How far the responses over `--hal serial` lie apart from those of the simulation, by the encoders of both: against a
-board in the same process in virtual time (`--port virtual`), and against one in another process, on a pseudo-terminal,
-in real time. Beside them, the simulation with another seed says what encoders and floor alone make different. v is in
-mm/s, ω in mrad/s. By counting alone a single reading is off by 5 mm/s and 37 mrad/s (standard deviation); means over
-0.2 s hide most of that.
+The table compares the responses over `--hal serial` with the responses of the simulation, by the encoders of both. The
+board runs in the same process in virtual time (`--port virtual`), or in a separate process, on a pseudo-terminal, in
+real time. The simulation with another seed shows the differences due to encoders and floor alone. v is in mm/s, ω in
+mrad/s. Counting alone gives a single reading an error of 5 mm/s and 37 mrad/s (standard deviation); means over 0.2 s
+hide most of this error.
 
-Behind the wire everything comes later, because set-points wait for the next message, and readings, too. Each response
-is moved by the delay with which it fits best; "later by" has the least and the most of them. Waypoints steer by where
-the robot believes it is, so their set-points differ, too: there only the paths are compared. The first sharp turn
-begins later, and is off by as much. The largest differences on the pseudo-terminal are the operating system's: odometry
-that the board sends 10 ms late has one more of its 20 ms readings in it, which is 10 % of a mean over 0.2 s.
+Behind the wire everything comes later, because set-points and readings wait for the next message. Each response is
+moved by the delay with which it fits best; "later by" has the smallest and the largest of these delays. Waypoints steer
+by the robot's own estimate of its place, so their set-points differ, too, and only the paths are compared. The first
+sharp turn begins later, and its path is off by this delay. The largest differences on the pseudo-terminal come from the
+operating system. Odometry that the board sends 10 ms late contains an additional reading of 20 ms, which is 10 % of a
+mean over 0.2 s.
 """
 
 POSES = f"""\
-`go_to` from {PAIRS} random poses to as many others, all at least 0.6 m from the walls of the 5 x 5 m room, by odometry,
-judged by the simulator's true motion (`POSE_PAIRS={PAIRS} pytest tests/e2e/test_navigation.py -k anywhere -s`
-repeats it):
+`go_to` drives from {PAIRS} random poses to {PAIRS} random goals, all at least 0.6 m from the walls of the 5 x 5 m room.
+It drives by odometry, and is judged by the simulator's true motion. `POSE_PAIRS={PAIRS} pytest
+tests/e2e/test_navigation.py -k anywhere -s` repeats it:
 """
 
 TUNING = f"""\
 ## Tuning
 
-`txt1 tune` sets the motor and the steering by hand for a minute, finds the vehicle in what the encoders tell, and tries
-gains on a model of it: those that settle soonest with no more overshoot and noise than the gains in force. The yaw
-rate's loop is found at one speed and scaled to every set of the schedule by the highest speed it is in force at. Then
-old and new gains drive both step tests. Behind a board, which closes the loops itself, it drives with K_P alone: the
-board's output is then K_P times the error, which set-point and odometry tell.
+`txt1 tune` sets the motor and the steering by hand for a minute, and identifies the vehicle from the encoders. Then it
+tries gains on a model of the vehicle. It takes the gains that settle soonest, with no more overshoot and noise than the
+gains in force. The loop of the yaw rate is found at a single speed. It is scaled to every set of the schedule by the
+highest speed of the set. Then old and new gains drive both step tests. A board closes the loops itself; behind it,
+`txt1 tune` drives with K_P alone. The board's output is then K_P times the error, and set-point and odometry give the
+error.
 
 Each table shows the mean of {REPEATS} runs with different seeds. The highest of noisy values is too high, and so is its
 mean. So the runs are split in two halves. The first half gives the time of the highest response, and the second half
 its value at that time; then the halves change places. After ± is the standard error of the result. An overshoot of 0.3
-± 0.2 % of a step of 0.1 rad/s is 0.3 ± 0.2 mrad/s, a hundredth of what a single reading of the encoders is off.
+± 0.2 % of a step of 0.1 rad/s is 0.3 ± 0.2 mrad/s, a hundredth of the error of a single encoder reading.
 """
 
 ALONE: Final = {"battery-run": battery_runs, "Tuning": tunings}  # sections that need nothing of the others

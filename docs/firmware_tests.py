@@ -24,9 +24,9 @@ STYLES: Final = (("#0072b2", 2.6), ("#e69f00", 1.5), ("black", 0.7))  # colours 
 INTRODUCTION: Final = """\
 # The firmware in the thesis's drive tests
 
-The Pico's firmware, run by MicroPython's unix port with a simulated vehicle behind its pins, drives the thesis's tests
-beside the virtual board (`txt1 board`) and the simulation without a wire, all with seed 1. This page is made by
-`python -m docs.firmware_tests`. Nothing here was measured on a real Pico.
+MicroPython's unix port runs the Pico's firmware, with a simulated vehicle behind its pins. The firmware drives the
+thesis's tests beside the virtual board (`txt1 board`) and the simulation without a wire, all with seed 1.
+`python -m docs.firmware_tests` makes this page. No figure was measured on a real Pico.
 
 ![The six tests: firmware, virtual board and simulation](firmware-tests.png)
 
@@ -34,11 +34,11 @@ Speeds and yaw rates are means over 0.2 s by the encoders, paths are by odometry
 """
 
 DIFFERENCES: Final = """\
-## How far they lie apart
+## The differences
 
-The responses of board and firmware beside those of the simulation, by the encoders of all, as in
-[the drive tests](drive-tests.md#behind-the-wire); v is in mm/s, ω in mrad/s. The simulation with another seed says what
-encoders and floor alone make different.
+The table compares the responses of board and firmware with the responses of the simulation, by the encoders of each, as
+in [the drive tests](drive-tests.md#behind-the-wire). v is in mm/s, ω in mrad/s. The simulation with another seed shows
+the differences due to encoders and floor alone.
 """
 
 
