@@ -26,7 +26,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from txt1.estimation.ekf import OMEGA as TURNING
-from txt1.estimation.ekf import ROLLED, SLIP, THETA, Array, Seven
+from txt1.estimation.ekf import ROLLED, SLIP, THETA, Array, Drift, Seven
 from txt1.estimation.measurement import Measurement
 from txt1.model.kinematics import wrap_angle
 
@@ -37,13 +37,14 @@ GAP: Final = 0.1  # s, the longest between two readings of a gyro
 LX, LY, TAU, SLIPPED, SCALE, BIAS = range(6)
 START: Final = np.array([0.02, 0.02, 0.01, 0.05, 0.01, 0.02]) ** 2
 """Variances at the start: m, m, s, 1, 1, rad/s; a tape measure's, a network's, and a data sheet's."""
-WALK: Final = np.array([1e-5, 1e-5, 1e-5, 0.05, 1e-5, 0.0002]) ** 2
-"""Variances that a second adds; the slip's is that of a car that drives from one floor to another."""
+WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias]) ** 2
+"""Variances that a second adds; slip and bias are the filter's."""
 CHANGED: Final = 0.1  # standard deviation of a slip that has changed
 ALONG: Final = 0.004  # m by which the wheels miss the way after 1 s
 ACROSS: Final = 0.003  # m by which the robot slides sideways in 1 s
 AIMED: Final = 0.002  # rad, of the heading in which a way begins
 GYRO: Final = 0.0006  # rad by which a gyro's noise has turned after 1 s
+GYRO_CLOCK: Final = 0.01 / sqrt(12.0)  # s by which its readings are older than they say: anything up to their period
 BY_WHEELS: Final = 0.02  # share of a turn by which the wheels miss it
 GATE: Final = 16.3  # chi-square of three numbers at 99.9 %
 WRONG: Final = 0.1  # probability that a stated value is wrong, before anything was measured
@@ -190,7 +191,7 @@ class Calibration:
         if by_gyro and one.theta is not None and two.theta is not None:
             residual.append(wrap_angle(two.theta - one.theta - turn) + tau * (w_b - w_a))
             rows.append([0.0, 0.0, -(w_b - w_a), 0.0, -turn, -span])
-            variances.append(2.0 * one.sigma_theta**2 + GYRO**2 * span)
+            variances.append(2.0 * one.sigma_theta**2 + GYRO**2 * span + (GYRO_CLOCK * (w_b - w_a)) ** 2)
         elif not by_gyro:
             variances[1] += (BY_WHEELS * turn * way_length) ** 2
         self._absorb(np.array(residual), np.array(rows), np.diag(variances), two.time)

@@ -13,13 +13,14 @@ tau, another speed u than the wheels tell, and the frame's own velocity w. The f
 the two refutes the car, which does not fit, while the frame does: a generalised likelihood ratio test (A. S. Willsky,
 H. L. Jones, IEEE TAC 21(1), 1976). Slip that changes within the window fits neither, and decides nothing. Where gyro
 and wheels miss the headings, they err: nothing is decided. On a straight way slip and a frame that moves along it are
-the same: the next curve tells.
+the same: the next curve tells. Meanwhile the frame's probability, by the densities of both hypotheses, weighs the
+covariance of a pose that follows it.
 """
 
 from bisect import bisect_left
 from collections import deque
 from itertools import islice
-from math import cos, hypot, sin, sqrt
+from math import cos, exp, hypot, sin, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -45,6 +46,7 @@ CLOCK: Final = 0.01  # s
 MOVES: Final = 1.0  # m/s of the frame
 RECKONED: Final = 0.004  # m by which dead reckoning misses besides within a window
 REFUTED: Final = 27.6  # chi-square of two numbers at 99.9999 %
+OTHER: Final = 0.2  # probability that a frame moves, before anything tells it
 FITS: Final = 2.33  # standard deviations of a normal number at 99 %
 
 
@@ -127,6 +129,8 @@ class Frame:
     def __init__(self) -> None:
         self.moves = False
         """Whether it moves."""
+        self.probability = 0.0
+        """That it does, by the window that makes it most likely."""
         self._picks: deque[_Pick] = deque(maxlen=round(WINDOWS[-1] / PICKED) + 2)
         self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
         self._last = -1.0
@@ -135,6 +139,7 @@ class Frame:
         """Begin anew: a reading leapt, or the robot was carried."""
         self._picks.clear()
         self._waiting.clear()
+        self.probability = 0.0
 
     def take(self, measurement: Measurement, belief: Belief) -> None:
         """Take in a position, and the filter's belief there."""
@@ -158,17 +163,21 @@ class Frame:
                 self._picks.append(_Pick(time, x, y, theta, sigmas[0], sigma_theta, (here_x, here_y), spot))
                 more = True
         if more:
-            self.moves = any(self._moves(span) for span in WINDOWS)
+            told = [self._moves(span) for span in WINDOWS]
+            self.moves = any(moves for moves, _ in told)
+            self.probability = max(probability for _, probability in told)
 
-    def _moves(self, span: float) -> bool:
-        """Whether it moves, by the last `span` seconds."""
+    def _moves(self, span: float) -> tuple[bool, float]:
+        """Whether it moves, by the last `span` seconds, and with what probability: its share of the evidence."""
         all_picks, end = self._picks, self._picks[-1].time if self._picks else 0.0
         count = sum(end - each.time <= span + 1e-6 for each in all_picks)
         if count < ENOUGH or end - all_picks[0].time < 0.9 * span:
-            return False
+            return False, 0.0
         picks = list(islice(all_picks, len(all_picks) - count, None))
-        if _agrees(picks[0], picks[-1]) or _misturned(picks):
-            return False
+        if _agrees(picks[0], picks[-1]):
+            return False, 0.0
+        if _misturned(picks):
+            return False, OTHER
         times, xs, ys = np.array([each[:3] for each in picks]).T
         spots = np.array([each.spot for each in picks])
         turn = picks[0].theta - picks[0].spot.theta
@@ -190,13 +199,14 @@ class Frame:
         noise = hypot(max(each.sigma for each in picks), RECKONED)
         left = np.concatenate((xs - xs.mean(), ys - ys.mean())) / noise
         rows = rows / noise
-        frame = _misfit(left, np.delete(rows, 7, 0), [*shared, MOVES, MOVES])
+        frame, frame_unlikely = _misfit(left, np.delete(rows, 7, 0), [*shared, MOVES, MOVES])
         shared[2] = SLIPS
-        car = _misfit(left, rows[:8], [*shared, UNTOLD])
+        car, car_unlikely = _misfit(left, rows[:8], [*shared, UNTOLD])
         free = 2 * count - 2
         # Wilson and Hilferty's quantile of chi-square
         limit = free * (1.0 - 2.0 / (9.0 * free) + FITS * sqrt(2.0 / (9.0 * free))) ** 3
-        return car - frame > REFUTED and frame < limit < car
+        odds = OTHER / (1.0 - OTHER) * exp(min(0.5 * (car_unlikely - frame_unlikely), 100.0))
+        return car - frame > REFUTED and frame < limit < car, odds / (1.0 + odds)
 
     @property
     def pulled(self) -> tuple[float, float]:
@@ -244,8 +254,13 @@ def _integral(values: Array, times: Array) -> Array:
     return middled
 
 
-def _misfit(left: Array, rows: Array, priors: list[float]) -> float:
-    """The square of a Mahalanobis distance: of numbers of variance 1 from a linear model with priors."""
-    side = rows @ left
-    normal = rows @ rows.T + np.diag(np.array(priors) ** -2.0)
-    return float(left @ left) - float(side @ np.linalg.solve(normal, side))
+def _misfit(left: Array, rows: Array, priors: list[float]) -> tuple[float, float]:
+    """The square of a Mahalanobis distance: of numbers of variance 1 from a linear model with priors.
+
+    And -2 times the logarithm of the numbers' density, but for what all models share: the distance and the logarithm of
+    their covariance's determinant, which a model pays for what it leaves open.
+    """
+    side, sigmas = rows @ left, np.array(priors)
+    normal = rows @ rows.T + np.diag(sigmas**-2.0)
+    distance = float(left @ left) - float(side @ np.linalg.solve(normal, side))
+    return distance, distance + float(np.linalg.slogdet(normal)[1]) + 2.0 * float(np.log(sigmas).sum())

@@ -713,12 +713,16 @@ class Fusion:
         x, y, theta, _, omega, bias, slip = belief.mean
         v, told = outside(belief)
         xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
-        others = [self._carried, self._dispute]
-        others += [(*frame.pulled, 0.0) for name, frame in self._frames.items() if self._judges[name].believed]
-        for other in others:
+        others = [(OTHER, self._carried), (OTHER, self._dispute)]
+        others += [
+            (frame.probability, (*frame.pulled, 0.0))
+            for name, frame in self._frames.items()
+            if self._judges[name].believed
+        ]
+        for probability, other in others:
             if other is not None:
                 # of two hypotheses: the pose, and where a sensor or dead reckoning would have it
-                share = OTHER * (1.0 - OTHER)
+                share = probability * (1.0 - probability)
                 dx, dy, turn = other
                 xx, xy = xx + share * dx * dx, xy + share * dx * dy
                 yy, tt = yy + share * dy * dy, tt + share * turn * turn

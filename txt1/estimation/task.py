@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from txt1.estimation.calibration import Calibration
+from txt1.estimation.calibration import GYRO_CLOCK, Calibration
 from txt1.estimation.ekf import Seven, centred
 from txt1.estimation.fusion import Fusion
 from txt1.estimation.judge import Belonging, Trust
@@ -39,7 +39,6 @@ TURN_TIME: Final = 1.0  # s over which wheels and gyro are compared
 TURN_READINGS: Final = 10  # of the gyro in that time, at least
 TURN_NOISE: Final = 0.001  # rad by which the wheels miss it after 1 s besides their counts: the floor; assumed
 SKID_SHARE: Final = 0.3  # of a turn by which sides at two speeds differ besides, whose tyres scrub
-GYRO_CLOCK: Final = 0.01 / sqrt(12.0)  # s by which its readings are older than they say: anything up to their period
 SIGMA_GYRO: Final = 0.006  # rad/s, each reading at 100 Hz; assumed
 GYRO_KEPT: Final = 1000  # readings
 GAP: Final = 0.1  # s, the longest between two of its readings that are integrated
