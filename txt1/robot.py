@@ -105,6 +105,8 @@ class Robot:
         """Awaited in turn when the robot is ready to drive: linked, armed where that is wanted, its gains loaded."""
         self.alongside: list[asyncio.Future[Any]] = []
         """The run ends when one of these does, with its error if it has one."""
+        self.unfinished: list[Callable[[], str]] = []
+        """Say why a run that ends by itself has not done what it was for; "" where it has."""
         self._pid_response: asyncio.Future[bool] | None = None
         self._streams: list[tuple[object, asyncio.Queue[Any]]] = []
 

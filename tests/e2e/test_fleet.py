@@ -21,6 +21,8 @@ from tests.e2e.conftest import may_block
 from tests.patience import TXT1, until
 from txt1.bridges.registry import bridge
 from txt1.cli import execute
+from txt1.cli.operating import RunStart
+from txt1.commands import FAULT, OK
 from txt1.config import Config, load
 from txt1.errors import ConfigError
 from txt1.fleet.command import line, verdict
@@ -223,6 +225,36 @@ async def test_a_robot_that_its_guard_holds_for_long_says_so_and_the_run_does_no
         assert "stuck: a wall" in _text(Selection(fleet).snapshot) and "stuck: a wall" in line(fleet)
         assert verdict(fleet) == (1, "txt01 is stuck; in its way: a wall")
         assert any("in the way: a wall" in event.text for event in robot.runtime.state.events)
+
+
+async def test_a_robot_of_a_network_that_is_stuck_does_not_end_well() -> None:
+    at_wall = ["sim.room.length=4", "sim.room.width=4", "sim.start=[1.0, 0.0, 0.0]", "name=txt01"]
+    async with Robot.open(settings=at_wall) as robot:
+        await robot.load_gains()
+        link = FleetLink(robot)
+        robot.unfinished.append(link.unfinished)
+        run = RunStart(robot, True)
+        assert run.verdict(30.0) == (OK, "")
+        link.cooperate("convoy", ["txt01"])
+        await asyncio.sleep(30.0)
+        assert run.verdict(30.0) == (FAULT, "the robot is stuck; in its way: a wall")
+
+
+ROVER = load(None, ["vehicle=rover"], {}, {}).config
+
+
+async def test_who_turns_in_place_or_creeps_is_moving() -> None:
+    plan = FleetPlan(
+        robots={
+            "turns": MemberPlan(start=(-1.0, 0.0, 0.0), drive=(0.0, 0.8)),
+            "creeps": MemberPlan(start=(1.0, 0.0, 0.0), drive=(0.04, 0.0)),
+            "stands": MemberPlan(start=(1.0, 1.5, 0.0)),
+        },
+    )
+    async with Fleet.open(plan, config=ROVER) as fleet:
+        fleet.begin_tasks()
+        await asyncio.sleep(3.0)
+        assert "3 armed, 2 moving" in line(fleet)
 
 
 def test_each_robot_of_a_mixed_team_is_a_car_of_its_own() -> None:

@@ -143,6 +143,9 @@ class RunStart:
             return DISARMED, f"never armed: {board.text}"
         if board is not None and duration is not None and not self.linked:
             return FAULT, f"there was no link to the board in {duration:g} s: {board.text}"
+        for why in self.robot.unfinished:
+            if reason := why():
+                return FAULT, reason
         return OK, gate.reason
 
 

@@ -17,6 +17,7 @@ async def beside(robot: Robot, joining: Joining) -> AsyncIterator[None]:
     robot.requests["stop"] = link.stop_all
     robot.keys["x"] = Key("stop all", link.stop_all)
     robot.alongside.append(link.refused)
+    robot.unfinished.append(link.unfinished)
     async with bridge(robot, "fleet", joining.bridge, link.requests):
         if joining.law is not None:
             link.cooperate(joining.law, joining.team or ())

@@ -34,6 +34,7 @@ from txt1.web.options import WEB, WebPage, web_page
 if TYPE_CHECKING:
     from txt1.fleet.network import Peer
 
+STILL: Final = (0.01, 0.02)  # m/s and rad/s up to which a robot counts as standing
 EARLY: Final = 3.5  # s after which an incomplete stop of all is reported as it stands
 
 
@@ -243,7 +244,7 @@ def line(fleet: Fleet) -> str:
     """A fleet in one line: how many robots are armed, how many move, and the smallest distance between two centres."""
     robots = list(fleet.robots.values())
     armed = sum(robot.armed for robot in robots)
-    moving = sum(abs(robot.odometry.v) > 0.05 for robot in robots)
+    moving = sum(abs(robot.odometry.v) > STILL[0] or abs(robot.odometry.omega) > STILL[1] for robot in robots)
     apart = min((dist(a[:2], b[:2]) for a, b in combinations([r.pose for r in robots if r.pose], 2)), default=None)
     near = "" if apart is None else f"  nearest two {apart:.2f} m apart"
     held = "".join(f"; {name} is stuck: {part.stuck}" for name, part in fleet.cooperations.items() if part.stuck)

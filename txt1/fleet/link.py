@@ -82,6 +82,11 @@ class FleetLink:
         self._cooperation = Cooperation(self._robot, self, made, room, see_simulated)
         self._cooperation.begin()
 
+    def unfinished(self) -> str:
+        """Say that the robot is stuck, and what holds it; "" where nothing does."""
+        part = self._cooperation
+        return f"the robot is stuck; in its way: {part.stuck}" if part is not None and part.stuck else ""
+
     def stop_all(self) -> None:
         """Stop this robot at once, and the others of the fleet; the event log then names the robots that stopped."""
         self._robot.stop()
