@@ -1,4 +1,4 @@
-"""Conformance suites: the promises of an interface, one test each, that any implementation can be run through.
+"""Conformance suites: the promises of an interface, a test for each, for any implementation.
 
 With pytest, which collects the `test_` methods of a subclass whose name starts with "Test"::
 
@@ -6,7 +6,7 @@ With pytest, which collects the `test_` methods of a subclass whose name starts 
         def make(self):
             return MyCarHal(port="/dev/ttyUSB0")
 
-A failure names the promise that was broken, and the module where it stands.
+A failure names the broken promise, and the module that states it.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from unittest import SkipTest
 from txt1.kernel.clock import NS_PER_S, processor_ns, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 
-BROKEN: Final = "BROKEN"  # how the verdict on a promise that is not kept begins
+BROKEN: Final = "BROKEN"  # how the verdict on a broken promise begins
 ROUNDS: Final = 3
 LOOP: Final = 7500  # turns of a plain loop in Python, which take 0.2 ms on a usual computer
 
@@ -33,7 +33,7 @@ class Part(Protocol):
         """Make the hardware ready."""
 
     async def close(self) -> None:
-        """Let go of the hardware."""
+        """Release the hardware."""
 
 
 P = TypeVar("P", bound=Part)
@@ -65,7 +65,7 @@ def opened(test: Callable[[S], Coroutine[Any, Any, None]]) -> Callable[[S], None
             await self.ready()
             await test(self)
         except BaseException:
-            with suppress(Exception):  # what the test found matters more
+            with suppress(Exception):  # the test's own error matters more
                 await self.part.close()
             raise
         await self.waited("close")
@@ -74,23 +74,23 @@ def opened(test: Callable[[S], Coroutine[Any, Any, None]]) -> Callable[[S], None
 
 
 class Conformance(Generic[P]):
-    """The promises of one interface. Override `make`, and the settings where the defaults do not fit."""
+    """The promises of one interface. Override `make`, and the settings whose defaults do not fit."""
 
     interface: ClassVar[type]
 
     speed: ClassVar[Speed] = "max"  # virtual time; None is real time, for hardware, other processes or threads
     settle: ClassVar[float] = 3.0  # s in which every sensor has reported and a robot rolling at 0.5 m/s has stopped
-    prompt: ClassVar[float] = 0.002  # s that a call may wait at the median, for the controller to keep its period
+    prompt: ClassVar[float] = 0.002  # s that a call may wait at the median, so that the controller can keep its period
     processor: ClassVar[float] = 0.0002  # s of the processor that a call may take at the median, on a usual computer
     started = 0.0
 
     def make(self) -> P:
-        """A new part, not opened yet; override this."""
-        raise NotImplementedError(f"override {type(self).__name__}.make: it returns a new one that is not opened yet")
+        """Make a new part, not yet opened; override this."""
+        raise NotImplementedError(f"override {type(self).__name__}.make: return a new part that is not opened yet")
 
     @cached_property
     def part(self) -> P:
-        """The one that is tested."""
+        """Make the part that is tested."""
         return self.make()
 
     @property
@@ -136,11 +136,11 @@ class Conformance(Generic[P]):
         return value
 
     async def expect_prompt(self, where: str, period: float, call: Callable[[], object]) -> None:
-        """Check that calls, one each period, neither wait nor compute for long.
+        """Check that calls, each a period apart, neither wait nor compute for long.
 
-        Only processor time is limited that tightly: others' load does not count in it. On a computer that is slower
-        than usual, a loop measured between the calls takes longer than `processor`, and is the limit in its place. What
-        shares the processor's cache costs time, too, so one round of `ROUNDS` is enough.
+        Only processor time has a tight limit, as it excludes the load of other programs. On a slow computer the limit
+        is larger: the time of a plain loop, measured between the calls, replaces `processor` if it is longer. Programs
+        that share the processor's cache cost time, too, so one good round of `ROUNDS` is enough.
         """
         for _ in range(ROUNDS):
             waited, took, usual = [], [], []
@@ -163,7 +163,7 @@ class Conformance(Generic[P]):
 
 
 def promise(kept: bool, where: str, text: str) -> None:
-    """Fail unless the promise is kept; `where` it stands in the interface, and what it says there."""
+    """Fail unless the promise is kept; `where` names its place in the interface, `text` repeats it."""
     if not kept:
         broken(where, text)
 
@@ -175,7 +175,7 @@ def broken(where: str, text: str) -> NoReturn:
 
 @contextmanager
 def kept(where: str, text: str) -> Iterator[None]:
-    """Fail when anything is raised inside: it breaks a promise."""
+    """Fail if the block raises anything, as that breaks a promise."""
     try:
         yield
     except AssertionError:
@@ -185,17 +185,17 @@ def kept(where: str, text: str) -> Iterator[None]:
 
 
 def named(error: Exception) -> str:
-    """An error with its type before it."""
+    """Return an error's text with its type before it."""
     return f"{type(error).__name__}: {error}"
 
 
 def promises(suite: type) -> list[str]:
-    """The names of a suite's tests."""
+    """Return the names of a suite's tests."""
     return [name for kind in reversed(suite.__mro__) for name in vars(kind) if name.startswith("test_")]
 
 
 def verdicts(suite: type, make: Callable[[], Any], **settings: object) -> Iterator[tuple[str, str]]:
-    """Every promise in words, and "ok", "skipped: ..." or "BROKEN: ...", for a suite with these settings."""
+    """Yield every promise in words with "ok", "skipped: ..." or "BROKEN: ...", for a suite with these settings."""
     checked = type("Checked", (suite,), {"make": staticmethod(make), **settings})
     for name in promises(suite):
         verdict = "ok"

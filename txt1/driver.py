@@ -1,4 +1,4 @@
-"""The driver: the host's half of driving. It sends the set-point of whoever drives to the board, 20 times a second."""
+"""The driver: the host's half of driving. It sends the driving source's set-point to the board, 20 times a second."""
 
 from math import isfinite, nan
 from typing import Final
@@ -10,46 +10,46 @@ from txt1.protocol.messages import Velocity
 from txt1.runtime import Runtime
 from txt1.tasks.fields import DRIVER
 
-REFRESH: Final = 0.05  # seconds between two Velocity messages: the driver sends them all the time (20 Hz)
+REFRESH: Final = 0.05  # seconds between two Velocity messages, which the driver sends all the time (20 Hz)
 SOURCES: Final = Registry("source of commands", "txt1.sources", {})
 """Sources from other packages: ``async def steer(robot: Robot) -> None``, run beside the robot by `run --source NAME`.
 
-It makes itself a `Robot.source`, and commands from there or from a task that it adds.
+It makes a `Robot.source` for itself, and commands from there or from a task that it adds.
 """
 
 
 class Wheel:
-    """A robot's commander, with the time and the way to the board."""
+    """A robot's commander, with the clock and the way to the board."""
 
     def __init__(self, runtime: Runtime) -> None:
         self.runtime = runtime
         self.commander = Commander(runtime.gate.limits.command_timeout)
         self._message = Velocity(0.0, 0.0)
-        self._sent = False  # since the driver's last tick
+        self._sent = False  # whether a message was sent since the driver's last tick
         scheduler, driver = runtime.scheduler, self.commander.driver
         runtime.bus.offer(DRIVER, lambda: driver(scheduler.now))
 
     @property
     def driver(self) -> Driver:
-        """Who drives, and who was refused."""
+        """The driving source, and the counts of refused commands."""
         return self.commander.driver(self.runtime.now)
 
     def send(self, v: float, omega: float, time: float) -> None:
-        """Send a set-point at once, m/s and rad/s, given at `time`."""
-        if v is not self._message.v or omega is not self._message.omega:  # commanding on goes without making another
+        """Send a set-point at once, m/s and rad/s; its author gave it at `time`."""
+        if v is not self._message.v or omega is not self._message.omega:  # an unchanged command makes no new message
             self._message = Velocity(v, omega)
         self.runtime.post(self._message, time)
         self._sent = True
 
     def tick(self, now: float) -> None:
-        """Send the set-point, unless one was sent since the tick before; that does not make it fresh."""
+        """Send the set-point, unless one was sent since the last tick; sending does not make it fresh."""
         if not self._sent:
             self.send(*self.commander.setpoint(now))
         self._sent = False
 
 
 class CommandSource:
-    """A source of commands, of that name in telemetry and messages; get one from `Robot.source`."""
+    """A source of commands, with its name in telemetry and messages; get one from `Robot.source`."""
 
     def __init__(self, name: str, wheel: Wheel) -> None:
         self.name = name
@@ -62,18 +62,18 @@ class CommandSource:
 
     @property
     def overruled(self) -> str:
-        """The source that overruled it; "" once that has let go, and this one then commanded zero or asked anew."""
+        """The source that overruled it; "" after that source has let go and this one has sent a zero or a request."""
         return self._wheel.commander.overruled(self.name)
 
     def command(self, v: float, omega: float, time: float | None = None) -> bool:
         """Ask for a speed in m/s and a yaw rate in rad/s, until the source's time-out after `time`.
 
-        A command that is not zero takes the wheel or holds it, if no other source keeps it from this one; zeros stop
-        the robot and hold nothing. Beyond safety.v_max and abs(v) / R_min commands are clipped and counted. Its author
-        gave it at `time`, s of the run; None is now.
+        A command that is not zero takes the wheel or holds it, unless another source keeps it. Zeros stop the robot and
+        hold nothing. Commands beyond safety.v_max and abs(v) / R_min are clipped and counted. `time` is when its author
+        gave the command, s of the run; None is now.
 
-        Returns whether it is the robot's set-point now; a refused one is counted.
-        Raises CommandRefused: a value is not finite, or the time lies in the future. The command before stays in force,
+        Returns whether the command is the robot's set-point now; a refused command is counted.
+        Raises CommandRefused: a value is not finite, or the time lies in the future. The command before stays in force
         until it is stale.
         """
         wheel = self._wheel
@@ -93,33 +93,34 @@ class CommandSource:
         return taken
 
     def request(self) -> bool:
-        """Ask for the wheel, or hold it for another time-out, without a command: the robot stands until one comes.
+        """Ask for the wheel, or hold it for another time-out, without a command: the robot stands until a command
+        comes.
 
-        Returns whether it has the wheel now. A source that was overruled may ask anew when the other has let go.
+        Returns whether it has the wheel now. A source that was overruled may ask again when the other has let go.
         """
         wheel = self._wheel
         now, before = wheel.runtime.now, wheel.driver.name
         granted = wheel.commander.request(self.name, now)
         if granted and before not in ("", self.name):
-            wheel.send(0.0, 0.0, now)  # in place of what the other one wanted
+            wheel.send(0.0, 0.0, now)  # in place of the other source's command
         return granted
 
     def release(self) -> None:
-        """Command zero once, and let go of the wheel: the dead-man is up."""
+        """Command zero once, and let go of the wheel, as when a dead-man's handle is released."""
         now = self._wheel.runtime.now
         if self._wheel.commander.release(self.name, now):
             self._wheel.send(0.0, 0.0, now)
 
     def begin(self) -> None:
-        """Ask for the wheel; raises Overruled when another source keeps it."""
+        """Ask for the wheel; raises Overruled: another source keeps it."""
         if not self.request():
             raise Overruled(self.name, self.overruled)
 
     def insist(self, v: float, omega: float) -> None:
-        """Drive, as `command` does; hold the wheel with zeros, too.
+        """Drive, as `command` does, but hold the wheel with zeros, too.
 
-        Raises NotArmed: the safety gate is closed; Overruled: another source has taken the wheel since this one asked
-        for it; CommandRefused: a value is not finite.
+        Raises NotArmed: the safety gate is closed; Overruled: another source has taken the wheel since this source
+        asked for it; CommandRefused: a value is not finite.
         """
         gate = self._wheel.runtime.gate
         if not gate.armed:
@@ -130,12 +131,12 @@ class CommandSource:
 
 
 def finite(message: str, **values: float) -> list[float]:
-    """The values as floats, of whatever kind of number; raises CommandRefused, which names the first that is none."""
+    """Convert values of any kind of number to floats; raises CommandRefused, which names the first not finite."""
     return [number(f"{message}: {name}", value) for name, value in values.items()]
 
 
 def number(name: str, value: float) -> float:
-    """The value as a float, of whatever kind of number; raises CommandRefused, with the name, if it is not finite."""
+    """Convert a value of any kind of number to a float; raises CommandRefused, with the name, if it is not finite."""
     try:
         if isfinite(value):
             return float(value)

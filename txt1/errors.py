@@ -1,17 +1,17 @@
-"""Every exception the package raises on purpose.
+"""Every exception that the package raises on purpose.
 
-A fault the robot is expected to survive (a missed cycle, a stale command, a clipped set-point) is no exception:
-it is counted in the state and shown.
+A fault that the robot is expected to survive (a missed cycle, a stale command, a clipped set-point) is no exception: it
+is counted in the state and shown.
 """
 
 from typing import Any
 
 
 class Txt1Error(Exception):
-    """The root: catch this to catch everything txt1 raises on purpose."""
+    """The base class: catch it to catch everything that txt1 raises on purpose."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """How it travels from one process to another, whatever its own `__init__` takes."""
+        """Make it picklable between processes, whatever the arguments of its own `__init__`."""
         return Exception.__new__, (type(self), *self.args), self.__dict__
 
 
@@ -20,7 +20,7 @@ class ConfigError(Txt1Error):
 
 
 class MissingExtra(Txt1Error):
-    """A feature was asked for whose optional dependency is not installed."""
+    """The user asked for a feature whose optional dependency is not installed."""
 
     def __init__(self, feature: str, extra: str) -> None:
         from txt1.installing import installs
@@ -33,11 +33,11 @@ class HalError(Txt1Error):
 
 
 class LinkLost(HalError):
-    """Bytes were given to a link that is down; nothing was sent."""
+    """Bytes were to be sent over a link that is down; nothing was sent."""
 
 
 class NotCapable(HalError):
-    """The HAL in use has no such capability; a single argument is a message of your own."""
+    """The HAL in use lacks a capability; a single argument is a complete message."""
 
     def __init__(self, hal: str, capability: str = "") -> None:
         super().__init__(f"the HAL '{hal}' cannot do this: it has no capability '{capability}'" if capability else hal)
@@ -53,15 +53,15 @@ class EncodeError(Txt1Error, ValueError):
 
 
 class CaptureError(Txt1Error):
-    """A capture given as text holds something else than hexadecimal digits; the message names line and column."""
+    """A capture given as text has other characters than hexadecimal digits; the message names line and column."""
 
 
 class LightFault(Txt1Error):
-    """A light sensor cannot be believed, so there is no direction to go by."""
+    """A light sensor cannot be believed, so there is no direction."""
 
 
 class NoDirection(LightFault):
-    """The four sensors read the same: no light, or one too far away, and nothing says where."""
+    """The four sensors read the same, so they show no direction: there is no light, or it is too far away."""
 
     def __init__(self, reading: float) -> None:
         super().__init__(f"light sensors FL, FR, RL and RR all read {reading:g} lux: they tell no direction")
@@ -80,33 +80,33 @@ class RecordingError(Txt1Error):
 
 
 class CommandRefused(Txt1Error):
-    """A command was not carried out; the message says which value or rule is the reason."""
+    """A command was refused; the message names the value or rule that is the reason."""
 
 
 class NotArmed(CommandRefused):
     """The safety gate is closed, so nothing moves. The message gives the reason, then the remedy."""
 
     def __init__(self, reason: str, remedy: str = "call Robot.arm() or press m") -> None:
-        # a gate that nobody has opened yet gives "not armed yet" as its reason
+        # a gate that was never opened gives "not armed yet" as its reason
         told = reason if reason.startswith("not armed") else f"not armed: {reason}"
         super().__init__(f"{told}; {remedy}" if remedy else told)
         self.reason = reason
 
 
 class Overruled(CommandRefused):
-    """Another source of commands has the wheel, or had it and nobody has asked anew since."""
+    """Another source of commands has the wheel, or had it, and this source has not asked again since."""
 
     def __init__(self, source: str, driver: str) -> None:
-        super().__init__(f"'{source}' does not drive: '{driver}' has taken the wheel; ask anew when it has let go")
+        super().__init__(f"'{source}' does not drive: '{driver}' has taken the wheel; ask again when it has let go")
         self.driver = driver
 
 
 class StopNotVerified(Txt1Error):
-    """A stop of the run was not obeyed, or nobody saw the robot stand; raised when the run has ended."""
+    """A stop of the run was not obeyed, or the robot was not seen to stand; raised when the run has ended."""
 
 
 class TaskFault(Txt1Error):
-    """A task raised an exception nobody expected; the robot was stopped first. The cause is chained."""
+    """A task raised an unexpected exception; the robot was stopped first. The cause is chained."""
 
     def __init__(self, task: str, cause: BaseException) -> None:
         super().__init__(f"task '{task}' failed: {type(cause).__name__}: {cause}")
@@ -114,7 +114,7 @@ class TaskFault(Txt1Error):
 
 
 class AdditionFault(Txt1Error):
-    """An addition raised an exception nobody expected, or cannot be imported; the cause is chained."""
+    """An addition raised an unexpected exception, or cannot be imported; the cause is chained."""
 
     def __init__(self, addition: str, function: str, cause: BaseException) -> None:
         told = " ".join(f"{type(cause).__name__}: {cause}".split())
@@ -123,4 +123,4 @@ class AdditionFault(Txt1Error):
 
 
 class TerminalLost(Txt1Error):
-    """The process that draws the terminal ended without being asked to."""
+    """The process that draws the terminal ended unexpectedly."""

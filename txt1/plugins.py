@@ -1,4 +1,4 @@
-"""Parts by name: ours from a table or an addition, those of other packages through entry points; imported when used."""
+"""Parts by name, imported when used: the package's own from a table or an addition, others through entry points."""
 
 import asyncio
 import difflib
@@ -17,25 +17,25 @@ class Registry(NamedTuple):
 
     kind: str  # its word in error messages, such as "HAL"
     group: str  # of the entry points, such as "txt1.hal"
-    table: Mapping[str, Factory | str]  # the spine's own: the function that makes one, or "module:function"
-    error: type[Txt1Error] = Txt1Error  # raised when one cannot be imported or made
+    table: Mapping[str, Factory | str]  # the spine's own parts: the function that makes the part, or "module:function"
+    error: type[Txt1Error] = Txt1Error  # raised when a part cannot be imported or made
 
     @property
     def ours(self) -> Mapping[str, Factory | str]:
-        """Those of the table and of additions, of strangers' ones once they were found; ours come first."""
+        """The parts of the table and of additions, also of strangers' once found; the package's own come first."""
         brought = [addition.parts.get(self.group, {}) for addition in additions.known().values()]
         return {**{name: place for each in reversed(brought) for name, place in each.items()}, **self.table}
 
     def names(self) -> list[str]:
-        """The names of all that are installed."""
+        """The names of all installed parts."""
         additions.strangers()
         return sorted({*self.ours, *(point.name for point in entry_points(group=self.group))})
 
     def make(self, key: str, name: str, *arguments: Any) -> Any:
-        """The part of this name, made with these arguments; `key` is the setting that named it.
+        """Make the part of this name with these arguments; `key` is the setting that named it.
 
-        A ConfigError when there is none of that name, or its settings are wrong; `error` when it cannot be imported or
-        made, the cause chained.
+        Raises ConfigError: the name is unknown, or its settings are wrong; `error`: it cannot be imported or made, with
+        the cause chained.
         """
         factory, origin = self.find(key, name)
         try:
@@ -46,7 +46,7 @@ class Registry(NamedTuple):
             raise self._failed(name, origin, "made", error) from error
 
     def find(self, key: str, name: str) -> tuple[Factory, str]:
-        """The function that makes the part of this name, and where it comes from; raises as `make`."""
+        """Return the function that makes the part of this name, and its origin; raises as `make`."""
         place = self.place(key, name)
         if callable(place):
             return place, "txt1"
@@ -56,12 +56,12 @@ class Registry(NamedTuple):
             raise self._failed(name, place, "imported", error) from error
 
     def place(self, key: str, name: str) -> Factory | str:
-        """The function that makes the part of this name, or "module:function", not imported; raises as `make`."""
+        """Return the function that makes the part, or "module:function", not imported; raises as `make`."""
         if name in self.ours:
             return self.ours[name]
         for point in entry_points(group=self.group, name=name):
             return point.value
-        additions.strangers()  # which takes a while
+        additions.strangers()  # takes a while
         if name in self.ours:
             return self.ours[name]
         near = difflib.get_close_matches(name, self.names(), n=1)
@@ -77,7 +77,7 @@ class Registry(NamedTuple):
 async def settled(who: str, done: str, method: Callable[[], Awaitable[None]], limit: float | None = None) -> None:
     """Wait for a part to be opened or closed, for at most `limit` s.
 
-    Whatever a stranger's raises becomes a HalError that names the part.
+    Any error of a stranger's part becomes a HalError that names the part.
     """
     timeout = asyncio.timeout(limit)
     try:

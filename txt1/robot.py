@@ -1,4 +1,4 @@
-"""The robot as a user's program sees it: what the original's ROS driver offered, in one class (thesis 3.4.3)."""
+"""The robot as a user's program sees it: the services of the original's ROS driver, in one class (thesis 3.4.3)."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.telemetry.topics import Topic
 
 STREAM_MAX: Final = 1000
-"""Messages a slow reader of a stream may lag behind before it loses the oldest."""
+"""Messages that a slow reader of a stream may lag behind before it loses the oldest."""
 
 SHUTDOWN: Final = ("shutdown", "-h", "now")
-"""How the host is powered down; the one command this package ever runs."""
+"""Command that powers the host down; the only command that this package ever runs."""
 
 T = TypeVar("T")
 
@@ -71,14 +71,14 @@ class Key(NamedTuple):
 
     meaning: str
     do: Callable[[], None]
-    """Does it, or refuses (Txt1Error)."""
+    """Its action; it may raise Txt1Error to refuse."""
 
 
 class Robot:
     """A running robot; `Robot.open` starts one.
 
     Commands are requests: they pass the safety gate. A velocity or PWM command is valid only for
-    `safety.command_timeout` (0.25 s), so send it again and again, or use `drive`, which repeats it.
+    `safety.command_timeout` (0.25 s). So repeat it, or use `drive`, which repeats it.
     """
 
     def __init__(self, runtime: Runtime) -> None:
@@ -89,20 +89,20 @@ class Robot:
         self.hal = runtime.hal
         """The hardware layer underneath."""
         self.sensors: Mapping[str, Polled[Any]] = runtime.sensors
-        """The additional sensors, beside those of the hardware layer, by name: last reading and health of each."""
+        """The sensors that the hardware layer does not have itself, by name: last reading and health of each."""
         self._wheel = Wheel(runtime)
         self.program = self.source("program")
         """The source of commands behind `command` and `drive`."""
         self.gains_rejected = False
         """Whether the board refused the last gains that were sent to it."""
         self.touched = False
-        """Whether somebody has stopped or disarmed the robot since it started."""
+        """Whether an operator or a program has stopped or disarmed the robot since it started."""
         self.requests: dict[str, Callable[..., object]] = {}
-        """What bridges may ask for beyond driving, by name: an addition enters its own."""
+        """Requests that bridges may make beyond driving, by name; an addition enters its own."""
         self.keys: dict[str, Key] = {}
         """Further keys of the terminal."""
         self.on_ready: list[Callable[[], Awaitable[None]]] = []
-        """Awaited in turn when the robot is ready to drive: linked, armed where that is wanted, its gains loaded."""
+        """Awaited in turn when the robot is ready to drive: linked, armed if wanted, and its gains loaded."""
         self.alongside: list[asyncio.Future[Any]] = []
         """The run ends when one of these does, with its error if it has one."""
         self.unfinished: list[Callable[[], str]] = []
@@ -131,23 +131,23 @@ class Robot:
         by itself. When a task fails, the robot is stopped and the block is left with a TaskFault.
 
         Args:
-            hal: name of the hardware layer, or an object that is one.
+            hal: name of the hardware layer, or the hardware layer itself.
             config: a YAML file or a ready configuration.
-            name: of one robot of several; comes before the names of its topics, and gives it its own random values.
+            name: of this robot among several; it prefixes the topics, and gives the robot its own random values.
             seed: repeats every random value of a simulation.
             world: shared with other simulated robots on this event loop, instead of the configured room and obstacles.
             settings: ``a.b=c`` each, as with ``--set``.
             arm: whether to arm now; None leaves it to ``safety.auto_arm``.
             patience: s to wait for the link; with 0 it neither waits nor arms, and the caller does both.
-            attach: called with the runtime before it starts, such as a recorder that watches from the first tick on.
-            additions: by name, with their settings, those that take part though the configuration does not want them.
+            attach: called with the runtime before it starts, for example to record from the first tick on.
+            additions: further additions that take part, by name, with their settings.
 
         Raises:
             ConfigError: a setting is wrong.
             HalError: the hardware cannot be opened, or the board does not answer.
             TaskFault: a task raised an exception; the cause is chained.
-            StopNotVerified: a stop took more than zeros, or the robot was not seen to stand; raised when the block is
-                left. An error that ended the block, or the TaskFault, is its cause.
+            StopNotVerified: zeros were not enough for a stop, or the robot was not seen to stand; raised when the
+                block is left. An error that ended the block, or the TaskFault, is its cause.
 
         """
         given = {"hal": hal if isinstance(hal, str) else None, "name": name, "seed": seed}
@@ -174,7 +174,7 @@ class Robot:
 
         def interrupt(ended: asyncio.Future[None]) -> None:
             nonlocal failed
-            # the block may have been left in the same turn of the loop: then whatever follows it is not to be cancelled
+            # the block may have been left in the same turn of the loop: then the code after it must not be cancelled
             if not ended.cancelled() and ended.exception() is not None and inside:
                 failed = True
                 body.cancel()
@@ -194,9 +194,9 @@ class Robot:
                     yield robot
             except (asyncio.CancelledError, AdditionFault, NotArmed) as error:
                 if failed:
-                    body.uncancel()  # it is the TaskFault that counts
+                    body.uncancel()  # the TaskFault is the real cause
                 elif runtime.failed and isinstance(error, NotArmed):
-                    failed = True  # a command came between the fault and the telling of it
+                    failed = True  # a command came between the fault and its report
                 else:
                     raise
             finally:
@@ -215,7 +215,7 @@ class Robot:
 
     @asynccontextmanager
     async def _beside(self) -> AsyncIterator[None]:
-        """Have the additions at work that want a robot that runs."""
+        """Run the additions that need a running robot."""
         async with AsyncExitStack() as stack:
             for each in self.runtime.additions:
                 name, function = each.addition.name, each.addition.beside
@@ -257,7 +257,7 @@ class Robot:
 
     @property
     def estimate(self) -> Estimate | None:
-        """Pose and velocities from all sensors together, with covariance; None while ``estimation`` is off."""
+        """Pose and velocities fused from all sensors, with covariance; None while ``estimation`` is off."""
         return self.runtime.estimate()
 
     @property
@@ -293,12 +293,12 @@ class Robot:
 
     @property
     def trouble(self) -> str:
-        """Why a stop of this run failed, or nobody saw the robot stand; "" when zeros were enough each time."""
+        """Why a stop of this run failed, or was not seen to end; "" if zeros were enough each time."""
         return "" if self.runtime.watch is None else self.runtime.watch.trouble
 
     @property
     def faults(self) -> dict[str, int]:
-        """Counts of everything that was refused, limited or lost so far, by name."""
+        """Counts of everything that was refused, limited or lost so far, by the fault's name."""
         return self.runtime.faults()
 
     @property
@@ -340,11 +340,11 @@ class Robot:
 
     def arm(self) -> None:
         """Let commands through, and release the emergency stop; raises NotArmed with the reason when it may not."""
-        self._wheel.commander.clear(self.now)  # nothing from before counts
+        self._wheel.commander.clear(self.now)  # earlier commands do not count
         self.runtime.arm()
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
-        """Stop, and let nothing through until armed again."""
+        """Stop, and let no command through until armed again."""
         self.touched = True
         self.runtime.disarm(reason)
 
@@ -356,11 +356,11 @@ class Robot:
     # -- driving -----------------------------------------------------------------------------------------------
 
     def source(self, name: str, priority: int | None = None, timeout: float | None = None) -> CommandSource:
-        """A new source of commands, beside the keys, the live view and the program.
+        """Return a new source of commands, beside the keys, the live view and the program.
 
-        One source at a time has the wheel (see `txt1.control.commander`); the one of higher priority wins. `priority`
-        None takes ``commander.priorities``, or goes by the name: keys 50, gamepad 40, web 30, ros 20, any other 10.
-        Commands are stale after `timeout` s; None takes ``commander.timeouts``, or the safety gate's.
+        Only one source at a time has the wheel (see `txt1.control.commander`); the higher priority wins. `priority`
+        None means ``commander.priorities``, or else by the name: keys 50, gamepad 40, web 30, ros 20, any other 10.
+        Commands are stale after `timeout` s; None means ``commander.timeouts``, or else the safety gate's.
 
         Raises ConfigError: the name is taken, or the time-out is longer than ``safety.command_timeout``.
         """
@@ -376,15 +376,15 @@ class Robot:
 
     @property
     def driver(self) -> Driver:
-        """The source that drives, since when, and how often each source was refused."""
+        """The driving source, the time since when it drives, and the number of refused commands of each source."""
         return self._wheel.driver
 
     def command(self, v: float, omega: float) -> bool:
         """Ask for a speed in m/s and a yaw rate in rad/s, for the next 0.25 s, as the source "program".
 
-        Returns whether it is the set-point now: not while a source of higher priority drives, nor after it has let go
-        until this one has commanded zero once (see `CommandSource.command`).
-        Raises CommandRefused: a value is not finite; the command before stays in force, until it is stale.
+        Returns whether the command is the set-point now. It is not while a source of higher priority drives. After that
+        source has let go, this source has to command zero once first (see `CommandSource.command`). Raises
+        CommandRefused: a value is not finite; the command before stays in force until it is stale.
         """
         return self.program.command(v, omega)
 
@@ -399,7 +399,7 @@ class Robot:
 
         def give() -> None:
             self.program.insist(v, omega)
-            # a switch or gains that were sent just before take until the next tick
+            # a switch or gains sent just before take effect with the next tick
             late = (v or omega) and self.now > began
             if late and (reason := reason_not_to_move(self.runtime.state, self.hal.capabilities)):
                 raise CommandRefused(reason)
@@ -409,9 +409,9 @@ class Robot:
         self.program.release()
 
     def combined_odometry(self, x: float, y: float, theta: float, v: float, omega: float) -> None:
-        """Offer odometry from sensors that are better than the encoders; only v (m/s) and omega (rad/s) are used.
+        """Offer odometry from better sensors than the encoders; only v (m/s) and omega (rad/s) are used.
 
-        The loops use it while more than two a second come and the last is at most 0.1 s old.
+        The loops use it while more than two messages a second come and the last is at most 0.1 s old.
 
         Raises CommandRefused: a value is not finite.
         """
@@ -422,8 +422,8 @@ class Robot:
     ) -> bool:
         """Send the gains, by default the configured ones, once a second until they are acknowledged.
 
-        Returns True when they were accepted, False when they were rejected or nobody answered within `timeout` s.
-        Raises CommandRefused: one is negative, not finite, beyond the vehicle's limits (`txt1.control.gains`) or its
+        Returns True if they were accepted, False if they were rejected or no answer came within `timeout` s. Raises
+        CommandRefused: a gain is negative, not finite, or too large for the vehicle (`txt1.control.gains`) or for its
         field on the wire.
         """
         control = self.config.loops()
@@ -473,12 +473,13 @@ class Robot:
 
         The motor is limited to `safety.motor_max` and the steering to +-18000.
 
-        Raises CommandRefused: it is in controller mode, or a value is not finite; NotCapable: the HAL has no PWM.
+        Raises CommandRefused: the robot is in controller mode, or a value is not finite; NotCapable: the HAL has no
+        PWM.
         """
         self._require_hand()
         self._post(PwmTest, motor=motor, front=front, rear=rear, pwm4=pwm4, pwm5=pwm5)
         if not self.runtime.state.panel.manual:
-            raise CommandRefused("PWM test is obeyed in manual mode only: call Robot.set_manual(True) or press c")
+            raise CommandRefused("a PWM test needs manual mode: call Robot.set_manual(True) or press c")
 
     async def hold_pwm(
         self, motor: int, front: int, rear: int, pwm4: int = 0, pwm5: int = 0, *, duration: float
@@ -503,11 +504,11 @@ class Robot:
     def switch_power(self, switch: Switch, on: bool) -> None:
         """Turn the ATX supply or the ESC on or off.
 
-        Behind a line the ESC comes on 3.2 s later: first the board's loops have to forget what they wound up.
+        The ESC of a board comes on 3.2 s later: first the board's loops have to forget their integral part.
 
-        Raises NotCapable: the HAL has no such switch; CommandRefused: the ATX supply, which feeds the encoders and the
-        computer, cannot be turned off while armed, nor before the robot was seen to stand; nor the ESC of a board on
-        while armed.
+        Raises NotCapable: the HAL has no such switch; CommandRefused: it is not safe. The ATX supply feeds the encoders
+        and the computer; it cannot be turned off while armed, or before the robot was seen to stand. A board's ESC
+        cannot be turned on while armed.
         """
         self._require("power")
         reason = self.runtime.reason_to_keep_atx(self.now) if switch is Switch.ATX and not on else None
@@ -515,17 +516,17 @@ class Robot:
         if reason is not None:
             raise CommandRefused(reason)
         if switch is Switch.ESC and on and self.armed and not self.hal.capabilities.power_known:
-            raise CommandRefused("the ESC comes on while disarmed only: call Robot.disarm() first")
+            raise CommandRefused("the ESC can come on only while the robot is disarmed: call Robot.disarm() first")
 
     def toggle_esc(self) -> None:
-        """Turn the ESC on when it is known, or was asked, to be off, else off; raises as `switch_power`."""
+        """Turn the ESC on if it is known or was asked to be off, else turn it off; raises as `switch_power`."""
         self.switch_power(Switch.ESC, self.runtime.state.power.esc is False)
 
     async def shutdown_host(self) -> None:
         """Power the host down.
 
-        Raises CommandRefused unless `host.allow_shutdown` is on and the robot is disarmed and was seen to stand; one
-        without encoders only has to be disarmed.
+        Raises CommandRefused unless `host.allow_shutdown` is on and the robot is disarmed and was seen to stand. A
+        robot without encoders only has to be disarmed.
         """
         if not self.config.host.allow_shutdown:
             raise CommandRefused("host shutdown is off: set host.allow_shutdown=true to allow it")
@@ -533,7 +534,7 @@ class Robot:
             raise CommandRefused("the robot is armed: call Robot.disarm() before shutting the host down")
         if not self.hal.capabilities.blind and not self.runtime.stands(self.now):
             raise CommandRefused(
-                "the host watches the robot until it was seen to stand: ask again then, or shut it down by hand"
+                "the robot was not seen to stand: the host still watches it; ask again later, or shut it down by hand"
             )
         process = await asyncio.create_subprocess_exec(*SHUTDOWN)
         if await process.wait() != 0:
@@ -542,7 +543,7 @@ class Robot:
     def place(self, x: float, y: float, theta: float) -> None:
         """Place a simulated robot at a pose in the room, at rest; m and rad. Its odometry goes on.
 
-        Raises NotCapable: it is not simulated; ValueError: it would stick into a wall.
+        Raises NotCapable: the robot is not simulated; ValueError: it would stick in a wall.
         """
         self._require("place")
         self.runtime.place(x, y, theta)
@@ -569,15 +570,15 @@ class Robot:
         self.runtime.tell(text)
 
     async def _drive_messages(self, ticks: Ticks) -> None:
-        """The driver: a Velocity message in every period."""
+        """Run the driver: send a Velocity message in every period."""
         async for now in ticks:
             if self.arms_again and self.runtime.linked:
-                with suppress(NotArmed):  # for another reason, which may pass
+                with suppress(NotArmed):  # it may be disarmed for another reason, which may pass
                     self.arm()
             self._wheel.tick(now)
 
     async def _repeat(self, give: Callable[[], None], duration: float) -> None:
-        """Give a command again and again for `duration` s, as long as the gate is open."""
+        """Repeat a command for `duration` s, as long as the gate is open."""
         if not duration >= 0.0:
             raise CommandRefused(f"duration must be a number of seconds, not {duration!r}")
         ends = self.now + duration
@@ -591,7 +592,7 @@ class Robot:
             await asyncio.sleep(min(REFRESH, left))
 
     def _post(self, kind: Callable[..., HostMessage], **values: float) -> None:
-        """Post a message of these values; one that is not finite is refused, and counted by the gate."""
+        """Post a message of these values; a value that is not finite is refused, and the gate counts it."""
         try:
             message = kind(*finite(kind.__name__, **values))  # given in the order of its fields
         except CommandRefused:
@@ -622,7 +623,7 @@ class Robot:
                 _put(queue, message)
 
     async def _stream(self, source: type[BoardMessage] | Topic[Any]) -> AsyncIterator[Any]:
-        """All messages of a kind or readings of a topic; a slow reader loses the oldest."""
+        """Yield all messages of a kind or readings of a topic; a slow reader loses the oldest."""
         stream = source, asyncio.Queue[Any](STREAM_MAX)
         self._streams.append(stream)
         leave = None
@@ -638,7 +639,7 @@ class Robot:
 
 
 def _blamed(name: str, function: str, future: asyncio.Future[Any]) -> asyncio.Future[Any]:
-    """Return a future that ends as this one of an addition's does, an error of it told by the addition's name."""
+    """Return a future that ends as an addition's future does; its error names the addition."""
     told: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
 
     def ended(future: asyncio.Future[Any]) -> None:
@@ -650,7 +651,7 @@ def _blamed(name: str, function: str, future: asyncio.Future[Any]) -> asyncio.Fu
                 told.set_result(future.result())
         except Exception as error:
             told.set_exception(error)
-            told.exception()  # whether or not somebody waits for it
+            told.exception()  # whether or not its result is awaited
 
     future.add_done_callback(ended)
     return told

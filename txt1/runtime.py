@@ -1,4 +1,4 @@
-"""The robot at work: a configuration, a hardware layer and the running loop's clock make running tasks."""
+"""The robot at work: running tasks, made from a configuration, a hardware layer and the running loop's clock."""
 
 import asyncio
 from collections import deque
@@ -42,14 +42,14 @@ from txt1.telemetry.snapshot import Snapshot
 T = TypeVar("T")
 OnFault = Callable[[str, BaseException], None]
 Through = Callable[[str, Sensor[Any]], Sensor[Any]]
-"""Given the name of a configured sensor and the sensor, not opened yet, returns the one to be read in its place."""
+"""Given the name of a configured sensor and the sensor, not yet opened, returns the sensor to read in its place."""
 
 
 def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
     """The robot's tasks: name, priority, period in s (None: when a message comes) and coroutine.
 
-    In the same instant those of higher priority run first, and those of equal priority in this order (thesis 3.3.3).
-    The tasks of sensors, of additions and of the user's programs come behind them.
+    At the same instant, higher priorities run first, and equal priorities run in this order (thesis 3.3.3). The tasks
+    of sensors, of additions and of the user's programs come after them.
     """
     state, hal, gate, geometry = robot.state, robot.io, robot.gate, robot.config.geometry
     loops: controller.Loops
@@ -89,16 +89,16 @@ class Runtime:
     """The tasks over a hardware layer.
 
     Args:
-        config: of the robot, or of the board that this is.
-        send: called with every message the tasks send to their host.
+        config: of the robot, or of the board that this runtime is.
+        send: called with every message that the tasks send to their host.
         hal: the hardware layer.
         limits: of the safety gate; None takes the configured ones.
-        name: on the screens; None takes the HAL's.
-        scheduler: made with the function that is told of a task that raised.
-        sensing: whether this is the robot itself, with its sensors, guards and estimate: no board is.
-        through: in a replay, every configured sensor passes it, and the recorded readings are given again there.
+        name: shown on the screens; None takes the HAL's.
+        scheduler: makes a scheduler, given the function to call when a task fails.
+        sensing: whether this is the robot itself, with sensors, guards and estimate, and not a board.
+        through: replaces every configured sensor in a replay, to give the recorded readings again.
         tasks: builds another list of tasks; the virtual board of 2011 passes its own.
-        asked: additions that take part though the configuration does not want them, by name, with their settings.
+        asked: further additions that take part, by name, with their settings.
 
     """
 
@@ -119,31 +119,31 @@ class Runtime:
         self.config = config
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self.bus = Bus(config.name, begin=self._begin_sampling)
-        """What the robot tells."""
+        """The robot's telemetry."""
         self.scheduler = scheduler(self._task_failed)
         self.scheduler.on_sleep = self.slept
-        stepwise = sensing and not self._virtual  # a replay takes the very steps of this run
+        stepwise = sensing and not self._virtual  # a replay then takes exactly the steps of this run
         self.journal = Journal(self.bus, self.scheduler, stepwise)
         self._begin = self.journal.begin
         self._witnessed = stepwise and not hal.capabilities.repeats
         self.hal = rewired(hal, config.channels, config.geometry.steering == "skid")
         hal = self.io = witnessed(self.hal, partial(self.journal.report, "hal")) if self._witnessed else self.hal
-        """The hardware layer as the tasks have it; on the real clock its reports are recorded there."""
+        """The hardware layer as the tasks use it; on the real clock its reports are recorded here."""
         self.name = config.name or hal.name if name is None else name
         self.state = State(self.bus, hal.capabilities)
         self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
-        """The sensors beside those of the hardware layer, by name."""
+        """The sensors that the hardware layer does not have itself, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
         self.additions = additions.active(config, asked) if sensing else ()
-        """What takes part beside the tasks."""
+        """The additions that take part."""
         self._watching = AsyncExitStack()
         self.parts: list[object] = []
-        """What the additions have put there, for `part`."""
+        """Objects that additions have put there, found by `part`."""
         self.estimate: Callable[[], Estimate | None] = lambda: None
-        """Returns pose and velocities by all sensors together, where an addition makes them."""
+        """Returns pose and velocities fused from all sensors, if an addition computes them."""
         self.on_place: list[Callable[[], None]] = []
-        """Called when the robot was put down elsewhere."""
+        """Called when the robot was put down at another place."""
         self._sensing = sensing
         self._through = through
         self.send = send
@@ -159,7 +159,7 @@ class Runtime:
         """Whether a task has raised."""
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
         self.watch = watch() if hal.capabilities.halt else None
-        """Verifies stops, where something lies between the gate and the actuators that may not obey one."""
+        """Verifies stops, if the path from the gate to the actuators may fail to obey one."""
         offers = Offers(self.bus, self.state, self.gate, self.hal, config, self.watch, self._reports, lambda: self.now)
         offers.offer(self.faults, lambda: self._open, self._recorded_snapshot)
 
@@ -167,17 +167,17 @@ class Runtime:
         serial.switch_power(self.state, self.io, switch, on, now)
 
     def snapshot(self, topics: Iterable[str] | None = None) -> Snapshot:
-        """Everything that the robot tells, or the topics of these names, as it is now."""
+        """All telemetry of this instant, or only the topics of these names."""
         return Snapshot.take(self.bus, self.now, self.name, topics)
 
     def _recorded_snapshot(self) -> Snapshot:
-        """The same without what the configuration says; in virtual time without the tasks' times: never the same."""
+        """The snapshot to record: no configuration, and in virtual time no run times of tasks, which vary."""
         without = (fields.HAND, fields.TASK_REPORTS) if self._virtual else (fields.HAND,)
         return Snapshot.take(self.bus, self.now, self.name, without=without)
 
     async def start(self) -> None:
         """Open the hardware and start the tasks; raises HalError when it cannot be opened."""
-        needs_simulated = self._virtual and self._through is None  # what a replay has reports again
+        needs_simulated = self._virtual and self._through is None  # in a replay the recorded hardware reports again
         if needs_simulated and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
         configured = self.config.sensors if self._sensing else {}
@@ -185,7 +185,7 @@ class Runtime:
         for name, sensor in made.items():
             if needs_simulated and not sensor.simulated:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
-        self._open = True  # from here on `stop` closes it, also when opening fails half-way
+        self._open = True  # from here on `stop` closes it, even if opening fails half-way
         garbage.begin(real_time=not self._virtual)
         for each in self.additions:
             if each.addition.watch:
@@ -210,13 +210,13 @@ class Runtime:
         self.scheduler.start()
 
     async def stop(self) -> None:
-        """Leave the outputs neutral, stop the tasks and let go of the hardware; harmless when stopped already."""
+        """Make the outputs neutral, stop the tasks and release the hardware; harmless when stopped already."""
         if not self._open:
             return
         ended = self._begin("end")
         self._open = False
         self.gate.disarm("the run has ended")
-        async with AsyncExitStack() as stack:  # whatever fails on the way; last in, first out
+        async with AsyncExitStack() as stack:  # all of it is done, even if a part fails; last in, first out
             stack.push_async_callback(self._watching.aclose)
             stack.push_async_callback(settled, f"the HAL '{self.hal.name}'", "closed", self.hal.close)
             stack.push_async_callback(self.sensors.close)
@@ -225,20 +225,20 @@ class Runtime:
             if self.watch is not None:
                 stack.push_async_callback(standstill.settle, self.watch, self.io, lambda: self.now)
             stack.callback(self.scheduler.stop)
-            if not self.failed:  # else it was made safe then, as far as that was possible
+            if not self.failed:  # after a failure it was made safe already, as far as possible
                 self.make_safe(self.now)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
-        """A sensor, not opened yet, as ``sensors.NAME`` of the configuration or as given here.
+        """Make a sensor, not yet opened, from ``sensors.NAME`` of the configuration or from the given options.
 
-        Raises ConfigError: there is no such driver, or its settings are wrong; HalError: it cannot be imported or made.
+        Raises ConfigError: the driver is unknown, or its settings are wrong; HalError: it cannot be imported or made.
         """
         given = self.config.sensors[name] if options is None else options
         pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
         return create(given, Setup(name, given.options, self.config, pose, self.hal))
 
     async def open_sensor(self, name: str, options: SensorConfig) -> None:
-        """Open a sensor of the robot's own that is not configured, whose readings a replay gives again."""
+        """Open a sensor that is not in the configuration; a replay gives its readings again."""
         await self._open_sensor(name, self.make_sensor(name, options), options.period)
 
     async def _open_sensor(self, name: str, sensor: Sensor[Any], period: float | None) -> None:
@@ -247,13 +247,13 @@ class Runtime:
         await self.sensors.add(name, given, period, own, self.journal.reading)
 
     def guard(self, name: str, guard: Guard) -> None:
-        """Let a guard lower every set-point in the safety gate; one that fails is told once, and 0 from then on."""
+        """Let a guard lower every set-point in the safety gate; if it fails, it is reported once, and then allows 0."""
         from txt1.control.guarding import contained  # a plain robot has no guards
 
         self.gate.guards.append(contained(name, guard, self.state.tell))
 
     def part(self, kind: type[T]) -> T | None:
-        """Return what an addition has put beside the tasks, by its class; None where there is none."""
+        """Return the object of this class that an addition has put into `parts`; None if there is none."""
         return next((part for part in self.parts if isinstance(part, kind)), None)
 
     @property
@@ -262,7 +262,7 @@ class Runtime:
         return self.scheduler.now
 
     def post(self, message: Message, time: float) -> None:
-        """Hand the serial task a message; `time` (s of the run) is when its author gave it."""
+        """Give the serial task a message; `time` (s of the run) is when its author made it."""
         if self.bus.heard:
             if type(message) is Velocity:
                 now = self._begin("Velocity", "", (message.v, message.omega), time)
@@ -272,11 +272,11 @@ class Runtime:
         self.put(message, time)
 
     def answer(self, accepted: bool) -> None:
-        """Take the board's answer to gains."""
+        """Take the board's answer to a set of gains."""
         (self.post if self._witnessed else self.put)(PidResponse(accepted), self.now)
 
     def put(self, message: Message, time: float) -> None:
-        """Hand the serial task a message of the robot's own, which a replay makes again."""
+        """Give the serial task a message of the robot itself, which a replay makes again."""
         if len(self.inbox) == self.inbox.maxlen:
             self.gate.count(Fault.OVERFLOW)
         self.inbox.append((message, time, self.gate.epoch))
@@ -289,12 +289,12 @@ class Runtime:
 
     @property
     def linked(self) -> bool:
-        """Whether the host is heard and, behind a line, the board answers."""
+        """Whether the host is heard and a board, if there is one, answers."""
         board = self.state.board
         return self.state.link.alive and (board is None or board.ready)
 
     def arm(self) -> None:
-        """Open the safety gate; raises NotArmed, which says why it may not be opened now."""
+        """Open the safety gate; raises NotArmed with the reason why it may not be opened now."""
         now = self._begin("arm")
         line = self.config.serial
         held = self.config.hal == "serial" and line.control == "host" and not line.allow_host
@@ -306,11 +306,11 @@ class Runtime:
         self.state.tell(now, "armed")
 
     def reason_to_keep_atx(self, now: float) -> str | None:
-        """Why the ATX supply may not be turned off at `now`, with the remedy; None when it may."""
+        """Return why the ATX supply may not be turned off at `now`, with the remedy; None if it may."""
         return standstill.reason_to_keep_atx(self.state, self.hal.capabilities, self.gate, self.watch, now)
 
     def stands(self, now: float) -> bool:
-        """Whether the robot was seen to stand, and still is at `now`."""
+        """Whether the robot was seen to stand, and still stands at `now`."""
         return standstill.stands(self.state, self.watch, now)
 
     def emergency_stop(self) -> None:
@@ -326,7 +326,7 @@ class Runtime:
         self.make_safe(now)
 
     def slept(self, duration: float) -> None:
-        """Disarm after the computer was suspended for `duration` s: whatever was to be done then is over."""
+        """Disarm after the computer was suspended for `duration` s, as all commands are out of date."""
         now = self._begin("slept", values=(duration,))
         self.gate.slept(duration, controller.CONTROL_PERIOD)
         if not self.gate.armed:
@@ -339,7 +339,7 @@ class Runtime:
             told()
 
     def look(self) -> Inputs:
-        """The hardware's report now, for a task of the user's: a simulation is moved on by being looked at."""
+        """Return the hardware's report now, for a task of the user's; looking at a simulation moves it on."""
         return self.io.read(self._begin("look"))
 
     def tell(self, text: str) -> None:
@@ -364,7 +364,7 @@ class Runtime:
         self._reports.add(name, priority, period)
 
     def faults(self) -> dict[str, int]:
-        """Everything that was refused, clipped or lost so far, by name."""
+        """Counts of everything that was refused, clipped or lost so far, by the fault's name."""
         counted = {fault.value: count for fault, count in self.gate.counts.items()} | self.state.line_faults
         return counted if self.state.board is None else counted | self.state.board.faults
 
@@ -373,7 +373,7 @@ class Runtime:
         return self.scheduler.statistics()
 
     def _begin_sampling(self) -> None:
-        # below every task of the robot's and the user's: it sees what they have done in the same instant
+        # below every task of the robot's and the user's: it sees the results of the same instant
         self._add("telemetry", -100, controller.CONTROL_PERIOD, self._sample)
 
     async def _sample(self, ticks: Ticks) -> None:
@@ -381,7 +381,7 @@ class Runtime:
             self.bus.sample(now)
 
     def _gate_closed(self, reason: str) -> None:
-        blocked_by = getattr(self.hal, "blocked_by", None)  # where the hardware knows, as a simulation does
+        blocked_by = getattr(self.hal, "blocked_by", None)  # only some hardware knows, for example a simulation
         if self.gate.closed_by is Fault.RUNAWAY and blocked_by is not None and (blocked := blocked_by()) is not None:
             told = f"blocked: {blocked}; {WAY_BACK}" if reason is BLOCKED else f"{reason}: it is at {blocked}"
             self.gate.reason = reason = told
@@ -394,5 +394,5 @@ class Runtime:
             self.journal.source = ""
         self.failed = True
         self.gate.disarm(f"task '{name}' failed: {error}", Fault.TASK)
-        with suppress(Exception):  # it may be the hardware itself that failed; the first error is the one that counts
+        with suppress(Exception):  # the hardware itself may have failed; the first error is the important one
             self.make_safe(self.now)

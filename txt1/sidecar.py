@@ -4,13 +4,13 @@ How it works
 ------------
 
 Screens and bridges draw, compress and wait for networks. None of that may delay the tasks. So each of them is a process
-of its own, and this module is the line to it: `Sidecar` is the robot's end, `Connection` the other one's.
+of its own, and this module is the line to it: `Sidecar` is the robot's end, `Connection` is the process's end.
 
-*What is said.* Both ends send one JSON object a line over a socket pair. The robot sends telemetry, the newest only,
-and nothing before the last piece was received: a slow reader gets fewer pieces, and none of them is old. The process
-sends ``{"time": ..., "received": ...}`` again and again, as its heartbeat, and adds "request" and further fields when
-it wants something. "time" is the origin's, in ns of the monotonic clock, which both processes share. So the robot knows
-how old a request is, however late it is read.
+*The messages.* Both ends send one JSON object a line over a socket pair. The robot sends its newest telemetry, but only
+after the last piece was received. So a slow reader gets fewer pieces, and none of them is old. The process sends
+``{"time": ..., "received": ...}`` again and again as its heartbeat; for a request it adds "request" and further fields.
+"time" is the origin's, in ns of the monotonic clock, which both processes share. So the robot knows how old a request
+is, however late it is read.
 
 *When it is read.* In real time, the task `serve` reads in its tick, behind all other tasks, and the socket never wakes
 the event loop. With `prompt` its messages are read at once, except in the last millisecond before a tick. Before the
@@ -19,14 +19,14 @@ robot starts there is no `serve`; then a timer reads the line.
 *A flood.* At most 20 messages are taken at a time; each tick allows 8 more. The rest is dropped and counted. An
 emergency stop is never dropped: dropped and malformed messages are searched for one.
 
-*What ends it.* A message too long, a heartbeat too late where `silence` says so, or its own end. Its memory is limited,
-and the system ends it first when memory runs out. A process that failed is started again, after longer and longer
-pauses, as often as `Restart` allows. A process that is silent loses the wheel by the ordinary rule: its commands go
-stale.
+*The end.* The line ends after a message that is too long, after a heartbeat that is too late (with `silence`), or when
+the process ends. Its memory is limited, and the system ends it first when memory runs out. A process that failed is
+started again, after longer and longer pauses, as often as `Restart` allows. A silent process loses the wheel by the
+ordinary rule: its commands go stale.
 
-*A life.* `_start` starts the process and makes the line. `_drop` hears it no more and says why, in the future `_end`.
-The coroutine `_live` waits for that, reaps the process, and starts it again or returns the reason. All other methods
-run in callbacks of the loop and never wait. Starting and reaping take milliseconds, so they are done in threads.
+*A life.* `_start` starts the process and makes the line. `_drop` closes the line and puts the reason into the future
+`_end`. The coroutine `_live` waits for that, reaps the process, and starts it again or returns the reason. All other
+methods run in callbacks of the loop and never wait. Starting and reaping take milliseconds, so threads do both.
 """
 
 import asyncio
@@ -57,21 +57,22 @@ Reason = Literal["ended", "failed"]
 
 BEAT: Final = 0.05  # s between heartbeats
 SILENT: Final = 0.25  # s without a heartbeat after which the process counts as silent
-START: Final = 10.0  # s that a process has for its first heartbeat
+START: Final = 10.0  # s within which a process has to send its first heartbeat
 END_PATIENCE: Final = 1.0  # s of real time that it has to end by itself
-NICENESS: Final = 10  # on a processor they share the robot's process is woken at once, not when a slice ends
-MEMORY: Final = 1 << 30  # bytes of memory it may take
-MESSAGES: Final = 20  # messages taken at once; the newest count
-REFILL: Final = 8  # messages that a tick adds to those that may be taken
+# on a shared processor the robot's process is then woken at once, and not at the end of a time slice
+NICENESS: Final = 10
+MEMORY: Final = 1 << 30  # bytes of memory that the process may take
+MESSAGES: Final = 20  # messages taken at once; the newest are kept
+REFILL: Final = 8  # messages that may be taken in addition after each tick
 LINE_MAX: Final = 1 << 15  # bytes of the longest message, and of one reading
-TELEMETRY_PERIOD: Final = 0.02  # s between two ticks: the controller's, behind it
-HELD: Final = 0.001  # s before a tick in which nothing is read: as long as it takes to obey `MESSAGES`
-SERVE_PRIORITY: Final = -50  # of the task `Sidecar.serve`: behind all the robot's and the user's
+TELEMETRY_PERIOD: Final = 0.02  # s between two ticks: the same as the controller's, after which it runs
+HELD: Final = 0.001  # s before a tick in which nothing is read: the time that it takes to obey `MESSAGES`
+SERVE_PRIORITY: Final = -50  # of the task `Sidecar.serve`: after all tasks of the robot and the user
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
 _STOP: Final = b'"stop"'
-_OUTER: Final = ("time", "received", "request")  # fields of a message that are not the request's
+_OUTER: Final = ("time", "received", "request")  # fields of a message that do not belong to the request
 _clock: Final = RealClock()
 
 
@@ -84,7 +85,7 @@ class Request(NamedTuple):
 
 
 def stop_in(line: bytes) -> Request | None:
-    """The emergency stop that a message asks for, by itself or by a node's "call"; None for any other message."""
+    """Return the emergency stop in a message, by itself or in a node's "call"; None for any other message."""
     if _STOP not in line:
         return None
     try:
@@ -98,10 +99,10 @@ def stop_in(line: bytes) -> Request | None:
 
 
 class Restart(NamedTuple):
-    """How often a process that failed is started again, inf for ever, and after how many s.
+    """How often a process that failed is started again (inf: for ever), and after how many s.
 
-    The pause doubles with each failure up to the longest. After the process has worked for that long, the pause is
-    short again.
+    The pause doubles with each failure up to the longest. When the process has worked for the longest pause, the pause
+    is short again.
     """
 
     limit: float = 0
@@ -115,34 +116,36 @@ class Sidecar:
 
     target: str  # the function that the process calls with its `Connection` and the options
     telemetry: Callable[[], bytes | None]
-    """The next line to send, or None when there is nothing new; called when the last one was received."""
+    """Returns the next line to send, or None if there is nothing new; called when the last line was received."""
     request: Callable[[Request], None]
-    """Told what the process asks for, and with an empty name of every heartbeat without a request."""
+    """Called with each request, and with an empty name for every heartbeat without a request."""
     _: KW_ONLY
     options: Mapping[str, object] = field(default_factory=dict)  # keyword arguments of the function
-    program: Sequence[str] = (sys.executable, "-m", "txt1.sidecar")  # another Python's calls `main` of this module, too
+    program: Sequence[str] = (sys.executable, "-m", "txt1.sidecar")  # another Python calls `main` of this module, too
     environment: Mapping[str, str] | None = None  # of the process; None: this one's
     beat: float = BEAT  # s of real time between heartbeats
     restart: Restart = field(default_factory=Restart)
     niceness: int = NICENESS  # of the process; 0: it has as large a share of the processor as any program
-    prompt: bool = False  # what it asks for is read at once, up to `HELD` s before a tick; else in the ticks
-    on_terminal: bool = False  # stays in the terminal's session; else it has its own, and a share of the processor
-    silence: float | None = None  # s without a heartbeat after which it is ended as hung; None: never
-    tell: Callable[[str], None] = lambda text: None  # told in words when it fails, falls silent or is started again
-    lost: Callable[[], None] = lambda: None  # called at once when it has gone
+    prompt: bool = False  # whether requests are read at once, up to `HELD` s before a tick; otherwise in the ticks
+    # stays in the terminal's session; otherwise it has its own session, with its own share of the processor
+    on_terminal: bool = False
+    silence: float | None = None  # s without a heartbeat after which it counts as hung and is ended; None: never
+    # called with a text when it fails, falls silent or is started again
+    tell: Callable[[str], None] = lambda text: None
+    lost: Callable[[], None] = lambda: None  # called at once when it has ended
 
     def __post_init__(self) -> None:
         self.counts: Counter[str] = Counter()
-        """Messages taken, dropped (there were too many) and malformed; restarts; and times it was silent."""
+        """Numbers of messages taken, dropped (there were too many) and malformed; of restarts; and of silences."""
         self.returncode: int | None = None
-        """Of the process, once it has ended."""
+        """Exit code of the process, once it has ended."""
         self.trouble = ""
-        """Why it is not at work, as it was told; "" while it is."""
-        self._failures = 0  # in a row, of a process that did not work for long
+        """Why it does not work, as it was reported; "" while it works."""
+        self._failures = 0  # number of failures in a row, each soon after the start
         self._allowance = MESSAGES
         self._ticking = False
-        self._polled = False  # read in the ticks alone
-        self._due = 0.0  # time of the loop at the next tick
+        self._polled = False  # whether the line is read only in the ticks
+        self._due = 0.0  # the loop's time at the next tick
         self._child: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
 
@@ -156,27 +159,28 @@ class Sidecar:
     async def __aexit__(self, *_: object) -> None:
         self._closing.set()
         self._drop("")
-        await asyncio.wait([self._life])  # goes on if a second Ctrl-C ends this: no process is left behind
+        await asyncio.wait([self._life])  # goes on if a second Ctrl-C ends this: no process is left running
         await self._reap(END_PATIENCE)  # the loop may have cancelled it with all other tasks
 
     @property
     def pid(self) -> int | None:
-        """The process's id; None when there is none."""
+        """The process's id; None while there is no process."""
         return None if self._child is None else self._child.pid
 
     async def ended(self) -> Reason:
-        """Wait until it has ended for good: by itself, or failed more often than it is started again.
+        """Wait until it has ended for good: by itself, or after more failures than `Restart` allows.
 
-        Raises whatever `telemetry`, `request` or `lost` raised; where it is started again, that is told as a failure.
+        Raises any error of `telemetry`, `request` or `lost`; if the process is started again, the error is only
+        reported.
         """
         return await asyncio.shield(self._life)
 
     async def serve(self, ticks: Ticks) -> None:
-        """The task that sends telemetry and reads, of the lowest priority: both wait for the controller."""
+        """Run the task that sends telemetry and reads; it has the lowest priority, after the controller."""
         self._ticking = True
         loop = asyncio.get_running_loop()
-        # a process that writes whenever it likes does so just when the controller is due, too; in virtual time nobody
-        # is late, and to look at a socket 50 times a second of it would cost a tenth of the speed
+        # the process may write just when the controller is due; and in virtual time no task is late, and to look at a
+        # socket 50 times a second of virtual time would cost a tenth of the speed
         real = not isinstance(loop, VirtualTimeLoop)
         self._poll(real and not self.prompt)
         try:
@@ -187,7 +191,7 @@ class Sidecar:
             self._poll(False)
 
     def _poll(self, polled: bool) -> None:
-        """Read in the ticks alone, or whenever something has come."""
+        """Choose whether to read only in the ticks, or whenever data has come."""
         if polled is not self._polled:
             self._polled = polled
             if self._socket is not None and not self._loop.is_closed():
@@ -229,7 +233,7 @@ class Sidecar:
     def _readable(self) -> None:
         """Take a few messages; in a flood the rest waits for the next turn."""
         if self._ticking and not self._polled and self._loop.time() > self._due - HELD:
-            self._pause()  # for the controller's tick
+            self._pause()  # until the controller's tick is over
             return
         try:
             fault = self._take()
@@ -243,13 +247,13 @@ class Sidecar:
             self._drop(error)
 
     def _pause(self) -> None:
-        """Read on in the next turn."""
+        """Go on reading in the next turn."""
         if self._socket is not None:
             self._loop.remove_reader(self._socket)
             self._paused = True
 
     def _turn(self) -> None:
-        """Read on, and look after the process."""
+        """Go on reading, and check the process."""
         self._allowance = min(MESSAGES, max(self._allowance, 0) + REFILL)
         if self._socket is None:
             return
@@ -262,7 +266,7 @@ class Sidecar:
         self._tend()
 
     def _tend(self) -> None:
-        """Look whether the process is still there, and send it the newest telemetry."""
+        """Check whether the process still runs, and send it the newest telemetry."""
         if self._socket is None:
             return
         quiet = seconds(_clock.now_ns() - self._heard)
@@ -273,14 +277,14 @@ class Sidecar:
                 self._hushed = True
                 self.counts["silent"] += 1
                 self._report(
-                    "is silent: this computer is too busy, or that program hangs; if it lasts, start txt1 again"
+                    "is silent: this computer is too busy, or the program hangs; if this lasts, start txt1 again"
                 )
             self._send()
         except Exception as error:
             self._drop(error)
 
     def _take(self) -> str | None:
-        """Act on what has arrived; why the process is lost, if it is."""
+        """Act on the data that has arrived; return why the process is lost, if it is."""
         assert self._socket is not None
         try:
             data = self._socket.recv(LINE_MAX)
@@ -302,7 +306,7 @@ class Sidecar:
         return f"sent a message of more than {LINE_MAX} bytes" if len(self._tail) > LINE_MAX else None
 
     def _obey(self, line: bytes) -> None:
-        """Act on one message; a stop is obeyed however malformed the rest of it is."""
+        """Act on one message; a stop is obeyed even if the rest of the message is malformed."""
         now = _clock.now_ns()
         try:
             message = json.loads(line)
@@ -321,7 +325,7 @@ class Sidecar:
         self.request(Request(name, message, age))
 
     def _obey_stops(self, data: bytes) -> None:
-        """Act on the stops among messages that are not taken, and on nothing else."""
+        """Act on the stops, and only the stops, among messages that are not taken."""
         if _STOP not in data:  # nearly always, and looking costs nothing
             return
         obeyed: set[str] = set()
@@ -331,7 +335,7 @@ class Sidecar:
                 self.request(stop)
 
     def _send(self) -> None:
-        """Send the newest telemetry if the last has been received: never more than one is on its way."""
+        """Send the newest telemetry if the last was received, so that never more than one line is on its way."""
         if self._socket is None:
             return
         if not self._unsent:
@@ -339,16 +343,16 @@ class Sidecar:
             if line is None:
                 return
             self._sent, self._unsent = self._sent + 1, line
-        with suppress(BlockingIOError, ConnectionError):  # next time, if there is one
+        with suppress(BlockingIOError, ConnectionError):  # otherwise at the next time
             self._unsent = self._unsent[self._socket.send(self._unsent) :]
 
     def _gone(self, fault: str) -> None:
-        """The process is lost, or is to be ended for a fault."""
+        """Note that the process is lost, or has to be ended for a fault."""
         self.lost()
         self._drop(fault)
 
     def _drop(self, end: str | Exception) -> None:
-        """Hear the process no more and have it ended, for a fault or for an error of the owner's, to be handed on."""
+        """Close the line and have the process ended, for a fault or for an error of the owner, which is passed on."""
         if self._socket is not None:
             self._loop.remove_reader(self._socket)
             self._socket.close()
@@ -361,7 +365,7 @@ class Sidecar:
             self._child = None
 
     async def _live(self) -> Reason:
-        """End the process when it is dropped, and start it again if it failed and that is allowed."""
+        """End the process when its line is closed, and start it again if it failed and `Restart` allows it."""
         while True:
             end = await asyncio.shield(self._end)
             await self._reap(0.0 if end else END_PATIENCE)
@@ -383,13 +387,13 @@ class Sidecar:
                 try:
                     await self._start()
                     break
-                except OSError as error:  # no processes or descriptors left
+                except OSError as error:  # the system has no processes or descriptors left
                     why = f"cannot be started: {error}"
             if self._closing.is_set():
                 self._drop("")
 
     async def _may_start(self, why: str) -> bool:
-        """Tell why it is not at work, and wait until it may be started again; False: it may not."""
+        """Report why it does not work, and wait until it may be started again; False: it may not."""
         if self.counts["restarts"] >= self.restart.limit:
             self._report(f"{why} and is not started again")
             return False
@@ -403,7 +407,7 @@ class Sidecar:
         return True
 
     def _report(self, trouble: str) -> None:
-        """Tell that it is not at work."""
+        """Report that it does not work."""
         self.trouble = trouble
         self.tell(trouble)
 
@@ -416,15 +420,15 @@ def start_beside(
     environment: Mapping[str, str] | None,
     niceness: int,
 ) -> subprocess.Popen[bytes]:
-    """The process, which inherits the socket `fd`, and the terminal's session or none; to be called in a thread."""
-    # Ctrl-C goes to the whole foreground group: the child is born deaf to it, before it can say so itself
+    """Start the process, which inherits the socket `fd`, and the terminal's session or none; call it in a thread."""
+    # Ctrl-C goes to the whole foreground group: the child ignores it from its birth, before its own code can say so
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         child = subprocess.Popen(  # noqa: S603
             [*program, str(fd), *words],
             pass_fds=(fd,),
             env=environment,
-            # Linux shares the processor out among sessions first: in ours it would use up the loop's own share
+            # Linux first divides the processor among sessions: in this session it would use up the loop's own share
             start_new_session=not on_terminal,
         )
     finally:
@@ -435,12 +439,13 @@ def start_beside(
     with suppress(OSError):  # it has ended already
         if hasattr(resource, "prlimit"):
             resource.prlimit(child.pid, resource.RLIMIT_DATA, (MEMORY, MEMORY))
-            Path(f"/proc/{child.pid}/oom_score_adj").write_text("1000")  # the first to go when memory runs out
+            # the first process to be ended when memory runs out
+            Path(f"/proc/{child.pid}/oom_score_adj").write_text("1000")
     return child
 
 
 def end_beside(child: subprocess.Popen[bytes], patience: float) -> int:
-    """The exit code of a process that is given `patience` s to end and is killed then; in a thread."""
+    """Wait `patience` s for a process to end, then kill it; return its exit code; call it in a thread."""
     try:
         return child.wait(patience)
     except subprocess.TimeoutExpired:
@@ -452,16 +457,16 @@ def end_beside(child: subprocess.Popen[bytes], patience: float) -> int:
 
 
 class Connection:
-    """The other process's end: ``for telemetry in connection: ... connection.request("drive", v=0.5, omega=0.0)``.
+    """The process's end: ``for telemetry in connection: ... connection.request("drive", v=0.5, omega=0.0)``.
 
-    Its heartbeat comes from `receive`, which the process has to call again and again, as iterating does: when the
-    process hangs the heartbeat ceases, which is the point of it.
+    Its heartbeat comes from `receive`, which the process has to call again and again; iterating does so. When the
+    process hangs, the heartbeat stops, so that the robot notices.
     """
 
     def __init__(self, link: socket.socket, beat: float = BEAT) -> None:
         self._socket, self._beat = link, nanoseconds(beat)
         self._tail = b""
-        self._received = 0  # pieces of telemetry
+        self._received = 0  # number of pieces of telemetry received
         self._next = _clock.now_ns()
         self._lock = threading.Lock()
 
@@ -470,11 +475,11 @@ class Connection:
         return self._socket.fileno()
 
     def due(self) -> float:
-        """S until the next heartbeat; 0 when it is due."""
+        """Time until the next heartbeat, s; 0 when it is due."""
         return max(0.0, seconds(self._next - _clock.now_ns()))
 
     def request(self, name: str, /, **fields: object) -> None:
-        """Ask the robot for something, as of now, from any thread; OSError: its process is gone."""
+        """Send the robot a request with the present time, from any thread; OSError: its process is gone."""
         with self._lock:
             now = _clock.now_ns()
             message = {"time": now, "received": self._received, "request": name, **fields}
@@ -482,7 +487,7 @@ class Connection:
             self._next = now + self._beat
 
     def receive(self, timeout: float = 0.0) -> dict[str, Any] | None:
-        """The newest telemetry; None when there is none within `timeout` s, and after each heartbeat.
+        """Return the newest telemetry; None if none comes within `timeout` s, and after each heartbeat.
 
         Raises EOFError: the robot's process is gone.
         """
@@ -492,7 +497,7 @@ class Connection:
         return None if line is None else json.loads(line)
 
     def newest(self) -> bytes | None:
-        """The last of the lines that have arrived, None if none is complete yet; waits for at least a piece.
+        """Return the last complete line that has arrived, None if there is none; waits until some data comes.
 
         Raises EOFError: the robot's process is gone.
         """
@@ -504,7 +509,7 @@ class Connection:
         return lines[-1] if lines else None
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Every piece of telemetry until the run ends."""
+        """Yield every piece of telemetry until the run ends."""
         while True:
             try:
                 telemetry = self.receive(seconds(self._beat))
@@ -515,23 +520,23 @@ class Connection:
 
 
 def _terminated(number: int, _: FrameType | None) -> None:
-    """End this process by way of every `finally`; once is enough."""
+    """End this process by way of every `finally`; further signals have no effect."""
     for each in ENDING:
         signal.signal(each, signal.SIG_IGN)
     sys.exit(128 + number)
 
 
 def main(fd: str, target: str, beat: str, options: str) -> None:
-    """Call the target with the connection that the socket `fd` is."""
+    """Call the target with the connection over the socket `fd`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the robot's process, which then closes the socket
     for each in ENDING:
         signal.signal(each, _terminated)
     module, _, function = target.partition(":")
-    with socket.socket(fileno=int(fd)) as link, suppress(EOFError, ConnectionError):  # the robot's process ended
+    with socket.socket(fileno=int(fd)) as link, suppress(EOFError, ConnectionError):  # the robot's process has ended
         getattr(import_module(module), function)(Connection(link, float(beat)), **json.loads(options))
 
 
 if __name__ == "__main__":
-    from txt1.sidecar import main as begin  # under the module's own name, which is how the target knows it
+    from txt1.sidecar import main as begin  # under the module's own name, by which the target knows it
 
     begin(*sys.argv[1:])

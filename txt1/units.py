@@ -1,4 +1,4 @@
-"""Wire integers and SI values (thesis 3.5), and the numbers a parameter may be.
+"""Wire integers and SI values (thesis 3.5), and the ranges of parameters.
 
 The wire counts mm, mm/s, mrad, mrad/s and mV, and carries the gains times 1000: always thousandths of the SI value.
 """
@@ -14,16 +14,16 @@ NotNegative = Annotated[float, Ge(0.0)]
 Share = Annotated[float, Ge(0.0), Le(1.0)]
 
 new: Final = tuple.__new__
-"""Makes a NamedTuple past its class's own `__new__`, which stays interpreted in a compiled wheel."""
+"""Makes a NamedTuple without its class's `__new__`, which stays interpreted in a compiled wheel."""
 
 PER_UNIT: Final = 1000  # wire counts per m, m/s, rad, rad/s, V, or 1 of a gain
 
 
 def to_thousandths(value: float) -> int:
-    """The whole number of thousandths nearest to `value`, m -> mm and so on; exactly between two, the even one.
+    """Return the whole number of thousandths nearest to `value`, m -> mm and so on; a tie goes to the even number.
 
-    Exact: a binary fraction times 1000 in floating point can land on a tie that it is not on (0.0005 is a little more
-    than half a thousandth), so the arithmetic is done in integers.
+    It is exact. In floating point, a binary fraction times 1000 can become a tie although it is none (0.0005 is a
+    little more than half a thousandth), so the arithmetic is done in integers.
 
     Raises ValueError: the value is not finite.
     """
@@ -35,5 +35,5 @@ def to_thousandths(value: float) -> int:
 
 
 def from_thousandths(count: int) -> float:
-    """The float nearest to `count` thousandths, mm -> m and so on: 1127 gives just what is written 1.127."""
+    """Return the float nearest to `count` thousandths, mm -> m and so on: 1127 gives the float written 1.127."""
     return count / PER_UNIT

@@ -192,7 +192,7 @@ async def test_a_name_stands_for_one_source() -> None:
         robot.source("gamepad").command(0.5, 0.0)
         await asyncio.sleep(0.12)
         assert robot.driver.name == "", "its time-out is configured"
-        with pytest.raises(ConfigError, match=r"'gamepad'.*one of that name"):
+        with pytest.raises(ConfigError, match=r"'gamepad'.*this name is taken"):
             robot.source("gamepad")
         with pytest.raises(ConfigError, match=r"0\.5 s.*safety\.command_timeout"):
             robot.source("web", timeout=0.5)

@@ -1,4 +1,4 @@
-"""What time it is: the one place in the package that asks.
+"""The time: the only place in the package that asks for it.
 
 Times are integers in nanoseconds, so a deadline ``t0 + k * period`` is exact for every k. A clock starts at an
 origin of its own; only differences mean something.
@@ -13,9 +13,9 @@ stopwatch_ns: Final = time.perf_counter_ns
 """Elapsed real time in ns: how long a step took, whatever clock the tasks run on."""
 
 processor_ns: Final = time.thread_time_ns
-"""Processor time of the calling thread in ns: without the time in which it waited, or other programs had its turn."""
+"""Processor time of the calling thread in ns: without the time in which it waited, or other programs ran."""
 
-wall_ns: Final = time.time_ns  # the time of day, in ns since 1970: for the records, as nothing is timed by it
+wall_ns: Final = time.time_ns  # the time of day, in ns since 1970; only for records, as no duration is measured with it
 
 
 def seconds(ns: int) -> float:
@@ -35,7 +35,7 @@ class Clock(Protocol):
         """The time, in ns since this clock's origin. Never goes backwards."""
 
     def suspended_ns(self) -> int:
-        """Time in ns that the computer has been suspended, which `now_ns` leaves out; exact to 1 ms."""
+        """Time in ns for which the computer was suspended, which `now_ns` leaves out; exact to 1 ms."""
 
 
 class RealClock:
@@ -46,21 +46,22 @@ class RealClock:
         return time.monotonic_ns()
 
     def suspended_ns(self) -> int:
-        """Time in ns since the computer was started in which it was suspended; 0 where no clock tells."""
+        """Time in ns for which the computer was suspended since its start; 0 without a clock for it."""
         if not hasattr(time, "CLOCK_BOOTTIME"):  # Linux's
             return 0
         while True:
             before = time.monotonic_ns()
             boot = time.clock_gettime_ns(time.CLOCK_BOOTTIME)
-            if time.monotonic_ns() - before < NS_PER_S // 1000:  # else others had the processor between the two
+            # otherwise another program ran between the two readings
+            if time.monotonic_ns() - before < NS_PER_S // 1000:
                 return boot - before
 
 
 class VirtualClock:
-    """A clock that stands still until it is told to move.
+    """A clock that stands still until it is moved.
 
-    The virtual-time event loop moves it to the next timer. A test moves it with `spend` inside a task's step, which
-    is then a step that took that long.
+    The virtual-time event loop moves it to the next timer. A test moves it with `spend` inside a task's step, to make
+    the step take that long.
     """
 
     def __init__(self) -> None:
@@ -85,5 +86,5 @@ class VirtualClock:
         self.ns = ns
 
     def spend(self, duration: float) -> None:
-        """Let `duration` seconds pass at once, as a step that computes for so long does."""
+        """Let `duration` seconds pass at once, as in a step that computes for this long."""
         self.advance_to(self.ns + nanoseconds(duration))

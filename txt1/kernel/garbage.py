@@ -1,10 +1,10 @@
-"""Python's garbage collector while robots run. The process has one: the first run sets it, the last one resets it."""
+"""Python's garbage collector while robots run. The first run sets it, the last run resets it."""
 
 import gc
 from typing import Final
 
 COLLECT_AFTER: Final = 50_000
-"""New objects after which it looks for cycles while a robot runs: the tasks make none, so seldom."""
+"""New objects after which it looks for cycles while a robot runs: seldom, as the tasks make no cycles."""
 
 _runs = 0
 _freezes = False
@@ -12,11 +12,11 @@ _before = gc.get_threshold()
 
 
 def begin(*, real_time: bool) -> None:
-    """Let the collector run seldom; for every call there is one of `end`.
+    """Let the collector run seldom; each call needs a later call of `end`.
 
-    In real time what exists when the first run begins stays: the collector need not look through it in the middle of a
-    cycle. In virtual time nobody is late, and looking through it now would take as long as ten seconds of the run. A
-    program that has frozen what it has itself keeps it so.
+    In real time the objects that exist when the first run begins are frozen: so the collector never looks through them
+    in the middle of a cycle. In virtual time lateness does not exist, and freezing would take as long as ten seconds of
+    the run. If the program has frozen objects itself, they stay frozen.
     """
     global _runs, _before, _freezes
     if _runs == 0:
@@ -31,7 +31,7 @@ def begin(*, real_time: bool) -> None:
 
 
 def end() -> None:
-    """One run has ended; after the last one the collector is as it was."""
+    """Note the end of a run; after the last run the collector is as before."""
     global _runs
     _runs -= 1
     if _runs == 0:

@@ -1,4 +1,4 @@
-"""How virtual time moves on within one turn of the event loop, and from one scheduler to the next.
+"""Moves virtual time on within one turn of the event loop, and from one scheduler to the next.
 
 How it works
 ------------
@@ -41,21 +41,21 @@ from txt1.kernel.clock import NS_PER_S
 if TYPE_CHECKING:
     from txt1.kernel.loop import VirtualTimeLoop
 
-POLL_EVERY: Final = 64  # at full speed the operating system is asked for signals and input once in so many jumps
+POLL_EVERY: Final = 64  # at full speed the operating system is asked for signals and input once in this many jumps
 
 Dispatch = Callable[[], None]
 
 
 class Jumps:
-    """Moves a loop's virtual clock for callbacks that know they are called next, which saves turns of the loop.
+    """Moves a loop's virtual clock for callbacks that are certain to be called next, which saves turns of the loop.
 
-    Several schedulers on one loop take turns here: in the order of what is due, and of their making where two are due
-    at the same instant. A turn of the loop for each would cost ten robots a quarter of their speed.
+    Several schedulers on one loop take turns here, in the order of their due times; at the same instant in the order of
+    their making. A turn of the loop for each would cost ten robots a quarter of their speed.
     """
 
     def __init__(self, loop: VirtualTimeLoop, ready: deque[asyncio.Handle]) -> None:
         self.threads_outstanding = 0
-        """Jobs in other threads that still compute what happens now."""
+        """Jobs in other threads that still compute for the present instant."""
         self.made = 0
         self._loop = loop
         self.clock = loop.clock
@@ -68,17 +68,17 @@ class Jumps:
         self._dispatching = False
 
     def must_poll(self) -> bool:
-        """Whether the loop asks the operating system for input this time: once in POLL_EVERY, always when paced."""
+        """Return whether the loop asks the system for input this time: once in POLL_EVERY, always when paced."""
         self.made += 1
         return self._paced or self.made % POLL_EVERY == 0
 
     @property
     def timers(self) -> list[asyncio.TimerHandle]:
-        """The loop's heap of timers; the loop takes another at times, but not within a turn."""
+        """The loop's heap of timers; the loop may replace it, but not within a turn."""
         return self._loop.timers
 
     def reach(self, target_ns: int) -> bool:
-        """Whether it is `target_ns`, now or after moving there (see `to`)."""
+        """Return whether it is `target_ns`, now or after moving there (see `to`)."""
         return self.clock.ns == target_ns or self.to(target_ns, self._loop.timers)
 
     def to(self, target_ns: int, timers: list[asyncio.TimerHandle]) -> bool:
@@ -101,25 +101,25 @@ class Jumps:
     # -- schedulers --------------------------------------------------------------------------------------------
 
     def enter(self) -> int:
-        """A new scheduler's number."""
+        """Return a number for a new scheduler."""
         self._schedulers += 1
         return self._schedulers
 
     def call_at(self, due_ns: int, number: int, dispatch: Dispatch) -> None:
-        """Have the dispatch of a scheduler called at an instant, ns."""
+        """Let a scheduler's dispatch be called at an instant, ns."""
         heappush(self._due, (due_ns, number, dispatch))
         if not self._dispatching:
             self._set_timer()
 
     def forget(self, number: int) -> None:
-        """Do not call a scheduler that was to be called."""
+        """Cancel the call of a scheduler."""
         self._due = [each for each in self._due if each[1] != number]
         heapify(self._due)
         if not self._dispatching:
             self._set_timer()
 
     def _set_timer(self) -> None:
-        """See to it that the first dispatch is called."""
+        """Make sure that the first dispatch is called in time."""
         due_ns = self._due[0][0] if self._due else -1
         if self._timer is not None:
             if self._timer_ns == due_ns:
@@ -130,7 +130,7 @@ class Jumps:
             self._timer, self._timer_ns = self._loop.call_at(due_ns / NS_PER_S, self._dispatch), due_ns
 
     def _dispatch(self) -> None:
-        """Call the schedulers one after the other, as long as the loop would do nothing else."""
+        """Call the schedulers in turn, as long as the loop has nothing else to do."""
         self._timer = None
         self._dispatching = True
         try:
@@ -141,7 +141,7 @@ class Jumps:
             self._set_timer()
 
     def _to_first(self) -> bool:
-        """True after moving on to the first of the dispatches."""
+        """Move on to the first of the dispatches; return whether that was possible."""
         first = heappop(self._due)
         moved = self.to(first[0], self._loop.timers)
         heappush(self._due, first)

@@ -1,6 +1,6 @@
 """Two asyncio event loops: one punctual in real time, one in virtual time that jumps to the next timer.
 
-`run` starts a coroutine on one of them. Any coroutine runs on either, the user's own included: ``asyncio.sleep`` and
+`run` starts a coroutine on either of them. Any coroutine runs on both, the user's own included: ``asyncio.sleep`` and
 time-outs follow the loop's clock.
 """
 
@@ -38,7 +38,7 @@ class PunctualSelector(selectors.DefaultSelector):
     """
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """The ready file objects, at the latest `timeout` seconds from now (None: when there are any)."""
+        """Return the ready file objects, at the latest after `timeout` seconds (None: as soon as there are any)."""
         if timeout is not None and timeout > 0.0:
             select.select([self.fileno()], [], [], timeout)
             timeout = 0.0
@@ -58,7 +58,7 @@ class RealTimeLoop(asyncio.SelectorEventLoop):
 
 
 class _JumpingSelector(selectors.DefaultSelector):
-    """Where a virtual-time loop would wait, this moves its clock instead."""
+    """Moves the clock of a virtual-time loop, instead of waiting."""
 
     loop: VirtualTimeLoop
 
@@ -67,10 +67,10 @@ class _JumpingSelector(selectors.DefaultSelector):
         if timeout is not None and timeout <= 0.0:
             events = super().select(0) if jumps.must_poll() else []
             if events and loop.speed is not None and not jumps.threads_outstanding:
-                loop.catch_up(loop.next_timer_ns())  # input comes at the time it is, however busy the loop was
+                loop.catch_up(loop.next_timer_ns())  # input comes at its real time, however busy the loop was
             return events
         if timeout is None or jumps.threads_outstanding:
-            # Nothing to jump to, or a thread is still computing what happens now: wait for input in real time.
+            # No timer to jump to, or a thread still computes for the present instant: wait for input in real time.
             events = super().select(None)
             if loop.speed is not None and not jumps.threads_outstanding:
                 loop.catch_up(None)
@@ -90,19 +90,19 @@ class _JumpingSelector(selectors.DefaultSelector):
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """asyncio's event loop in virtual time: when nothing is ready it jumps to the next timer.
 
-    A run is as fast as the processor (or `speed` times real time) and repeats exactly. Time stands still while a job
-    in another thread (``run_in_executor``, ``asyncio.to_thread``) is outstanding. Peers outside the process know
-    nothing of virtual time, so only links in memory belong here.
+    A run is as fast as the processor (or `speed` times real time) and repeats exactly. Time stands still while a job in
+    another thread (``run_in_executor``, ``asyncio.to_thread``) is outstanding. Peers outside the process do not follow
+    virtual time, so it needs links in memory.
     """
 
     _clock_resolution: float  # asyncio's own, s
-    _ready: deque[asyncio.Handle]  # likewise: what is to be called now
-    _scheduled: list[asyncio.TimerHandle]  # and its heap of timers
+    _ready: deque[asyncio.Handle]  # asyncio's queue of callbacks to call now
+    _scheduled: list[asyncio.TimerHandle]  # asyncio's heap of timers
 
     def __init__(self, speed: float | None = None) -> None:
         self.clock = VirtualClock()
         self.speed = speed
-        self.real_start_ns = RealClock().now_ns()  # when virtual time began
+        self.real_start_ns = RealClock().now_ns()  # real time at which virtual time began
         self._threads = ThreadPoolExecutor(thread_name_prefix="txt1")
         selector = _JumpingSelector()
         selector.loop = self
@@ -114,7 +114,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     @property
     def timers(self) -> list[asyncio.TimerHandle]:
-        """The timers that are still to be called, as a heap."""
+        """The timers that are not called yet, as a heap."""
         return self._scheduled
 
     def time(self) -> float:
@@ -126,17 +126,17 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     ) -> asyncio.TimerHandle:
         """Like asyncio's own, but at least 1 ns from now.
 
-        A coroutine that sleeps for what is left until some instant may be left with less than the clock resolves;
-        without this it would find the same left over for ever.
+        A coroutine may sleep for the rest of the time until some instant. This rest may be smaller than the clock's
+        resolution; without the minimum the coroutine would never get there.
         """
         return super().call_later(max(delay, 1.0 / NS_PER_S), callback, *args, context=context)
 
     def next_timer_ns(self) -> int:
-        """The instant of the next timer, to the nearest ns; that of the clock when there is none."""
+        """Return the instant of the next timer, to the nearest ns; the clock's own time if there is none."""
         return nanoseconds(self._scheduled[0].when()) if self._scheduled else self.clock.ns
 
     def catch_up(self, limit_ns: int | None) -> None:
-        """Move virtual time to where real time has come at the loop's speed, but not beyond `limit_ns`, if any."""
+        """Move virtual time to follow real time at the loop's speed, but not beyond `limit_ns`, if given."""
         assert self.speed is not None
         reached = int((RealClock().now_ns() - self.real_start_ns) * self.speed)
         if limit_ns is not None:
@@ -146,7 +146,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def run_in_executor(  # type: ignore[override]
         self, executor: Executor | None, func: Callable[..., T], *args: Any
     ) -> asyncio.Future[T]:
-        """Like asyncio's own, and virtual time waits for the job, whether or not anyone still waits for its result."""
+        """Like asyncio's own; virtual time waits for the job, even if its result is no longer awaited."""
         if executor is None:
             executor = self._threads
         job = executor.submit(func, *args)
@@ -172,7 +172,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
     """Run a coroutine to its end, like ``asyncio.run``, and return its result.
 
-    `speed` None runs in real time. A number runs in virtual time, so many times as fast as real time; "max" as fast as
+    `speed` None runs in real time. A number runs in virtual time, at this multiple of real time; "max" is as fast as
     the processor. Virtual time is for simulations only.
 
     Raises ValueError: the speed is neither None, "max" nor a positive number.

@@ -4,7 +4,7 @@ import os
 
 
 def processors() -> int:
-    """Return how many there are."""
+    """Return their number."""
     if hasattr(os, "sched_getaffinity"):  # not on macOS
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -1,9 +1,9 @@
-"""Real-time scheduling for the event loop's thread, as far as the system grants it, and given back at the end.
+"""Real-time scheduling for the event loop's thread, as far as the system grants it; undone at the end.
 
-The process's other threads and its children leave its processor to it. While one of these threads holds Python's
-interpreter lock the loop has to wait for it, also while another program keeps that thread from its processor: for 13 ms
-once in an hour of load. So the recorder's and the live view's, which are ours and need it for moments only, go before
-other programs, too; a user's threads, which may compute for ever, get no more than a larger share.
+The process's other threads and its children leave its processor to it. But a thread that holds Python's interpreter
+lock keeps the loop waiting, even while another program keeps that thread from its processor: for 13 ms once in an hour
+of load. So the recorder's and the live view's threads also run before other programs; they need the lock only for
+moments. A user's threads may compute without end, so they only get a larger share of the processor.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
-FIFO: Final = 50  # as good as any priority of an application's, and below the kernel's own threads
-HELPERS: Final = "txt1 "  # how the names of our own threads begin
-HELPERS_FIFO: Final = 1  # their priority
+FIFO: Final = 50  # as good as any other application's priority, and below the kernel's own threads
+HELPERS: Final = "txt1 "  # how the names of txt1's own threads begin
+HELPERS_FIFO: Final = 1  # priority of txt1's own threads
 OTHERS_NICENESS: Final = -10  # of the other threads
-SWEEP: Final = 1.0  # s after which threads and children that are new have to leave the loop's processor
+SWEEP: Final = 1.0  # s after which new threads and children have to leave the loop's processor
 
 _LOCK_TOUCHED: Final = 1 | 2 | 4  # MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages are locked once they are used
 _CAP_IPC_LOCK: Final = 1 << 14
@@ -55,7 +55,7 @@ class Granted(NamedTuple):
 
 
 def grantable() -> Granted:
-    """Return what would be granted; nothing is changed."""
+    """Return the rights that would be granted; nothing is changed."""
     if sys.platform != "linux":
         return Granted()
     spare = os.sched_getaffinity(0)
@@ -65,7 +65,7 @@ def grantable() -> Granted:
 
 @contextmanager
 def realtime() -> Iterator[RealTime]:
-    """Ask for all of it, for the calling thread; on leaving the block, whatever the reason, everything is as before."""
+    """Ask for all rights, for the calling thread; on leaving the block, whatever the reason, all is as before."""
     if sys.platform != "linux":
         yield RealTime(Granted(), set())
         return
@@ -98,12 +98,12 @@ def realtime() -> Iterator[RealTime]:
         if fifo is not None:
             try:
                 os.sched_setscheduler(0, policy, parameters)
-            except PermissionError:  # the flag may be taken back by root alone; it does nothing at ordinary priorities
+            except PermissionError:  # only root may take the flag back; it has no effect at ordinary priorities
                 os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
 
 
 class RealTime:
-    """The rights at work: `granted` says which; `sweep` is to be called every `SWEEP` s."""
+    """The granted rights in use: `granted` names them; `sweep` has to be called every `SWEEP` s."""
 
     def __init__(self, granted: Granted, processors: set[int]) -> None:
         self.granted = granted
@@ -119,7 +119,7 @@ class RealTime:
         ours = {each.native_id for each in threading.enumerate() if each.name.startswith(HELPERS)}
         for thread in _ids(Path("/proc/self/task")):
             if thread != loop and thread not in self._swept:
-                with suppress(OSError):  # it has ended
+                with suppress(OSError):  # the thread has ended
                     self._swept[thread] = os.getpriority(os.PRIO_PROCESS, thread)
                     os.sched_setaffinity(thread, self._others)
                     # the flag: a process it starts has the ordinary niceness again
@@ -134,13 +134,13 @@ class RealTime:
                     self._leave(child)
 
     def _leave(self, process: int) -> None:
-        """Have all threads of a child of ours leave the loop's processor."""
+        """Make all threads of a child process leave the loop's processor."""
         for thread in _ids(Path(f"/proc/{process}/task")):
             if self.granted.processor in os.sched_getaffinity(thread):
                 os.sched_setaffinity(thread, self._others)
 
     def give_back(self) -> None:
-        """Let the other threads be as they were."""
+        """Restore the other threads."""
         for thread, niceness in self._swept.items():
             with suppress(OSError):
                 os.sched_setaffinity(thread, self._all)
@@ -154,7 +154,7 @@ def _ids(directory: Path) -> list[int]:
 
 
 def _capable(capability: int) -> bool:
-    """Whether this process has a capability, as root usually does."""
+    """Whether this process has a capability, which root usually has."""
     for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
         if line.startswith("CapEff:"):
             return bool(int(line.split()[1], 16) & capability)
@@ -162,11 +162,11 @@ def _capable(capability: int) -> bool:
 
 
 def _may_lock() -> bool:
-    """Whether all memory may be locked: with a limit, locking would let later requests for memory fail."""
+    """Whether all memory may be locked: under a limit, locking would make later requests for memory fail."""
     return _capable(_CAP_IPC_LOCK) or resource.getrlimit(resource.RLIMIT_MEMLOCK)[1] == resource.RLIM_INFINITY
 
 
 def _raise_limit(limit: int) -> None:
-    """Take what the hard limit allows."""
+    """Raise a limit to the hard limit."""
     hard = resource.getrlimit(limit)[1]
     resource.setrlimit(limit, (hard, hard))

@@ -1,4 +1,4 @@
-"""Periodic coroutine tasks by priority, the way an RTOS runs them.
+"""Periodic coroutine tasks by priority, run as in an RTOS.
 
 A task is a coroutine with a loop over its ticks::
 
@@ -20,25 +20,25 @@ the coroutine runs up to its next tick. That costs a tenth of what asyncio tasks
 The price: between two ticks a task cannot await anything else. Code that waits belongs in a coroutine of its own.
 
 *A place in the queue* is one integer: the due time in ns, shifted to the left, and the task's index in its lowest bits.
-Indices follow the priorities. So the smallest number is what is due first, and of that the most urgent.
+Indices follow the priorities. So the smallest number is due first, and is the most urgent of all that are due then.
 
-*A dispatch* runs all that is due, and then asks the event loop to call again when something is due next. There are two
+*A dispatch* runs all that is due, and then asks the event loop to call again at the next due time. There are two
 ways to run a cycle:
 
-- `_run_late` is the plain one. It takes whatever is due, the most urgent first, counts the cycles that this task missed
-  and how late it is. In real time every cycle is run so, as no cycle is in time to the ns. After one cycle of each task
-  the event loop has its turn: signals, input, other coroutines.
-- `_run_punctual` is for virtual time, where time stands still while a task runs. So nobody is late, nothing is missed,
-  and the order of the heap is already the order in which to run. It runs one cycle after the other off the heap. At the
-  end of an instant it asks `txt1.kernel.jumps` to move the clock to the next one. If that can be done, it goes on
-  there, without a turn of the event loop in between. Without it a simulation loses more than a third of its speed.
+- `_run_late` is the plain way. It takes all tasks that are due, the most urgent first. It counts the cycles that a task
+  missed, and how late it is. In real time it runs every cycle, as no cycle is in time to the ns. After one cycle of
+  each task the event loop has its turn: signals, input, other coroutines.
+- `_run_punctual` is for virtual time, where time stands still while a task runs. So no cycle is late or missed, and the
+  order of the heap is already the order in which to run. It runs the cycles off the heap, one after the other. At the
+  end of an instant it asks `txt1.kernel.jumps` to move the clock to the next instant. If the clock moves, it goes on
+  there, without a turn of the event loop in between. Without this a simulation loses more than a third of its speed.
 
-*When `_run_punctual` stops.* A task may do anything: end the run, add a task, make another due, let time pass. Each of
-these either moves the clock, empties the queue, or sets `_later` to 0, and these three are looked at behind each cycle.
-It also stops when something else is due first on the event loop, and after PUNCTUAL_MAX cycles.
+*When `_run_punctual` stops.* A task may do anything: end the run, add a task, make another task due, let time pass.
+Each of these either moves the clock, empties the queue, or sets `_later` to 0, and all three are checked after each
+cycle. It also stops if something else is due first on the event loop, and after PUNCTUAL_MAX cycles.
 
-*In real time* a sleeping thread wakes up late. So the timer is set early by a margin, and the rest is waited out with a
-busy loop. The margin follows the machine: it grows after a deadline that was missed, and shrinks otherwise.
+*In real time* a sleeping thread wakes up late. So the timer is set early by a margin, and a busy loop waits for the
+rest. The margin follows the machine: it grows after a missed deadline, and shrinks otherwise.
 
 *A fault* ends the run. `on_fault` makes the robot safe before anything else runs, and the error travels in `ended`.
 """
@@ -62,16 +62,16 @@ NS_PER_MS: Final = 1_000_000
 MARGIN_MIN_NS: Final = 20_000
 MARGIN_START_NS: Final = 100_000
 MARGIN_MAX_NS: Final = 250_000
-SLEPT_MIN_NS: Final = 10 * NS_PER_MS  # more than two clocks read one after the other differ by
+SLEPT_MIN_NS: Final = 10 * NS_PER_MS  # more than the difference between two clocks read in sequence
 
-# a place in the queue is one number, due time in ns << TASKS_BITS | the task's index: compared sooner than a tuple
+# a place in the queue is one number, due time in ns << TASKS_BITS | the task's index: quicker to compare than a tuple
 TASKS_BITS: Final = 10
 TASKS_MAX: Final = 1 << TASKS_BITS
 INDEX: Final = TASKS_MAX - 1
 
-# cycles run at a stretch in virtual time: tasks that wake one another for ever must leave the loop its turn
+# cycles run at a stretch in virtual time: tasks that wake one another without end must leave the loop its turn
 PUNCTUAL_MAX: Final = 1000
-# where virtual time jumps one cycle of so many is measured: to look at the clock each time costs a twentieth
+# in jumping virtual time one cycle of this many is measured: to read the clock each time costs a twentieth
 MEASURED: Final = 8
 
 PeriodicTask = Callable[[Ticks], Coroutine[Any, Any, None]]
@@ -113,7 +113,7 @@ class Scheduler:
     """Runs tasks at their deadlines on the running event loop's clock.
 
     Args:
-        on_fault: called at once, before anything else runs, with the name of a task that raised and the exception;
+        on_fault: called at once, before anything else runs, with the name of a failed task and its exception; it
             makes the robot safe.
 
     """
@@ -127,9 +127,9 @@ class Scheduler:
         self._number = 0 if self._jumps is None else self._jumps.enter()
         self._on_fault = on_fault
         self._entries: list[_Scheduled] = []
-        # by priority, then in the order they were added: an entry's index is in here
+        # by priority, then in the order of adding: an entry's index is its place in this list
         self._ranked: list[_Scheduled] = []
-        self._waiting: list[int] = []  # heap by due time, then index; what has arrived is due at once
+        self._waiting: list[int] = []  # heap by due time, then index; a task that runs on arrival is due at once
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
         self._stop_ns = NEVER
@@ -140,11 +140,11 @@ class Scheduler:
         self._later = 0  # places in the queue from here on are due after the present instant; 0: look anew, and first
         self._suspended_ns = self._clock.suspended_ns()
         self.on_sleep: Callable[[float], None] = lambda slept: None
-        """Told how long the computer was suspended, s, before any task runs after that; in real time only."""
+        """Called with the time of a suspension, s, before any task runs after it; in real time only."""
         self.steps = 0
-        """Cycles of all tasks so far, the present one included: with it, what happens has a place among them."""
+        """Number of cycles of all tasks so far, including the present: it gives each event a place among them."""
         self.ended: asyncio.Future[None] = self._loop.create_future()
-        """Done when the run reaches its end; holds the TaskFault when a task raised."""
+        """Done when the run reaches its end; holds the TaskFault if a task raised."""
 
     # -- the tasks ---------------------------------------------------------------------------------------------
 
@@ -164,7 +164,7 @@ class Scheduler:
     def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
         """Add a task that runs on arrival; the function returned makes it due now.
 
-        Arrivals before it has run are one tick: the task drains whatever has come.
+        Arrivals before it has run are one tick: the task takes all that has come.
 
         Raises ValueError: the name is taken, or there are TASKS_MAX tasks already.
         """
@@ -192,7 +192,7 @@ class Scheduler:
         return entry
 
     def _rank(self, entry: _Scheduled) -> None:
-        """Give a new task its index; those of lower priority move up by one, also where they wait."""
+        """Give a new task its index; tasks of lower priority move up by 1, also in the queue."""
         index = sum(one.priority >= entry.priority for one in self._ranked)
         self._ranked.insert(index, entry)
         for k in range(index, len(self._ranked)):
@@ -220,13 +220,14 @@ class Scheduler:
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
         self._running = True
-        for entry in self._entries.copy():  # what a task adds before its first tick is run up to it as it is added
+        # tasks that this task adds before its first tick are started as they are added
+        for entry in self._entries.copy():
             if self._running:  # not after a fault
                 self._prime(entry)
         self._wake()
 
     def end_at(self, time: float) -> None:
-        """Let `ended` be done at `time` seconds; a cycle due at that very instant does not run any more."""
+        """Let `ended` be done at `time` seconds; a cycle due at exactly this time does not run any more."""
         self._stop_ns = nanoseconds(time)
         self._later = 0
         self._wake()
@@ -234,7 +235,7 @@ class Scheduler:
     def stop(self) -> None:
         """Run nothing more and close every task: its ``finally`` clauses run now.
 
-        Raises TaskFault: one of these clauses raised; all the others have run nevertheless.
+        Raises TaskFault: one of these clauses raised; the others have run nevertheless.
         """
         self._running, self._later = False, 0
         self._cancel()
@@ -253,7 +254,7 @@ class Scheduler:
             self.ended.set_result(None)
 
     def _elapsed_ns(self) -> int:
-        virtual = self._virtual_clock  # which takes no call to read
+        virtual = self._virtual_clock  # an attribute, which is read without a call
         return (self._clock.now_ns() if virtual is None else virtual.ns) - self._origin_ns
 
     def _prime(self, entry: _Scheduled) -> None:
@@ -264,20 +265,20 @@ class Scheduler:
             self._raised(entry, error)
 
     def _wake(self) -> None:
-        """See to it that whatever is due next is dispatched in time."""
+        """Make sure that the next due task is dispatched in time."""
         if self._running and not self._dispatching:
             self._cancel()
             self._timer = self._loop.call_soon(self._dispatch)
 
     def _cancel(self) -> None:
-        """Take back that the dispatch is called."""
+        """Cancel the call of the dispatch."""
         if self._timer is not None:
             self._timer.cancel()
         if self._jumps is not None:
             self._jumps.forget(self._number)
 
     def _dispatch(self) -> None:
-        """Run everything that is due, then set the timer for what is due next."""
+        """Run everything that is due, then set the timer for the next due time."""
         jumps, origin_ns = self._jumps, self._origin_ns
         if jumps is None:
             self._spin_to_next_deadline()
@@ -295,7 +296,7 @@ class Scheduler:
                     return
                 due_ns = self._next_due_ns()
                 if due_ns < now_ns or (jumps is None and due_ns == now_ns):
-                    if late_cycles > len(self._entries):  # signals, input and coroutines have a turn
+                    if late_cycles > len(self._entries):  # signals, input and coroutines get a turn
                         self._timer = self._loop.call_soon(self._dispatch)
                         return
                     late_cycles += 1
@@ -313,14 +314,14 @@ class Scheduler:
             self._set_timer(due_ns)
 
     def _run_punctual(self, due_ns: int, jumps: Jumps) -> bool:
-        """Run what is due at an instant that virtual time has just reached, and at those it jumps to from there.
+        """Run all that is due at an instant that virtual time has just reached, and at the instants that it jumps to.
 
-        It stops before a late cycle and before the end of the run; True where tasks wake one another for ever and the
-        event loop must have a turn. Nobody is late, so the queue's own order is that of the priorities.
+        It stops before a late cycle and before the end of the run. It returns True if tasks wake one another without
+        end and the event loop must have a turn. No cycle is late, so the queue's own order is that of the priorities.
         """
         waiting, ranked, origin_ns = self._waiting, self._ranked, self._origin_ns
         clock, timers = jumps.clock, jumps.timers
-        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # found once instead of in every cycle
+        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # looked up once instead of in every cycle
         now, now_ns = due_ns / NS_PER_S, due_ns + origin_ns
         self._later = due_ns + 1 << TASKS_BITS
         for _ in range(PUNCTUAL_MAX):
@@ -355,7 +356,7 @@ class Scheduler:
         return True
 
     def _run_late(self, now_ns: int) -> None:
-        """Run the cycle of highest priority that is due; count what it has missed and how late it is."""
+        """Run the due cycle of highest priority; count the cycles it has missed and how late it is."""
         place = min((place for place in self._waiting if place >> TASKS_BITS <= now_ns), key=INDEX.__and__)
         entry = self._ranked[place & INDEX]
         late_ns = now_ns - (place >> TASKS_BITS)
@@ -377,7 +378,7 @@ class Scheduler:
         entry.statistics.cycles += 1
         entry.statistics.run_time.add(stopwatch_ns() - started_ns)
         entry.statistics.add_lateness(late_ns)
-        entry.ticks.missed = 0  # as it is for a cycle in time
+        entry.ticks.missed = 0  # as for a cycle in time
 
     def _waited(self, entry: _Scheduled) -> None:
         entry.coroutine.close()
@@ -396,7 +397,7 @@ class Scheduler:
         self._fault(entry, error)
 
     def _fault(self, entry: _Scheduled, error: BaseException) -> None:
-        """Make the robot safe, stop every task, and let the error travel."""
+        """Make the robot safe, stop every task, and pass the error on."""
         self._running, self._later = False, 0
         if not self.ended.done():
             self.ended.set_exception(_task_fault(entry, error))
@@ -412,12 +413,12 @@ class Scheduler:
             self.ended.set_result(None)
 
     def _next_due_ns(self) -> int:
-        """When something is due next, in ns since the start; NEVER when nothing is."""
+        """Return the next due time, in ns since the start; NEVER if there is none."""
         due_ns = self._waiting[0] >> TASKS_BITS if self._waiting else NEVER
         return due_ns if due_ns < self._stop_ns else self._stop_ns
 
     def _set_timer(self, due_ns: int) -> None:
-        """See to it that what is due next, at `due_ns` since the start, is dispatched in time."""
+        """Make sure that the next due task, at `due_ns` since the start, is dispatched in time."""
         due_ns += self._origin_ns
         self._timer = None
         if due_ns < NEVER:
@@ -427,13 +428,13 @@ class Scheduler:
                 self._timer = self._loop.call_at((due_ns - self._margin_ns) / NS_PER_S, self._dispatch)
 
     def _spin_to_next_deadline(self) -> None:
-        """Wait out the margin by which the timer was set early, and learn how large it has to be.
+        """Wait for the margin by which the timer was set early, and learn how large it has to be.
 
-        A sleeping thread wakes up late by an amount that differs from machine to machine. The margin grows when the
-        deadline had passed already and shrinks when it had not, which settles where nine wake-ups of ten are in time.
+        A sleeping thread wakes up late, by a time that differs from machine to machine. The margin grows after a
+        deadline that had already passed, and shrinks otherwise. So it settles where nine wake-ups of ten are in time.
         """
         if self._waiting and not self._ranked[self._waiting[0] & INDEX].period_ns:
-            return  # something has arrived: that is no deadline, and nothing to learn from
+            return  # a task on arrival is due: it has no deadline, so there is nothing to learn
         now_ns = self._clock.now_ns
         ahead_ns = self._next_due_ns() + self._origin_ns - now_ns()
         if not 0 < ahead_ns <= self._margin_ns:

@@ -35,7 +35,7 @@ class Histogram:
 
     @property
     def count(self) -> int:
-        """How many durations were counted."""
+        """Number of counted durations."""
         return sum(self._counts)
 
     def add(self, ns: int) -> None:
@@ -46,7 +46,7 @@ class Histogram:
         self.max_ns = max(self.max_ns, ns)
 
     def copy(self) -> Histogram:
-        """Return one with the same counts, which stay as they are."""
+        """Return a new histogram with the same counts."""
         copied = Histogram()
         copied._counts, copied.max_ns = self._counts.copy(), self.max_ns
         return copied
@@ -56,7 +56,7 @@ class Histogram:
         self._counts[0] += count - self.count
 
     def percentiles_ns(self, *shares: float) -> list[int]:
-        """The smallest durations in ns that such shares of the samples do not exceed, to 3 %; 0 without samples."""
+        """Return the smallest durations in ns that these shares of samples do not exceed, to 3 %; 0 without samples."""
         reached = list(accumulate(self._counts))
         return [min(_upper_bound_ns(bisect_left(reached, share * reached[-1])), self.max_ns) for share in shares]
 
@@ -76,7 +76,7 @@ def _upper_bound_ns(index: int) -> int:
 class TaskStatistics:
     """One task's statistics so far: cycles run, cycles missed, start lateness and run time.
 
-    Where virtual time jumps, the run time of one cycle in eight is measured, in real time that of each.
+    While virtual time jumps, the run time of one cycle in eight is measured; in real time that of each cycle.
     """
 
     def __init__(self) -> None:

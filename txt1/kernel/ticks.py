@@ -1,11 +1,11 @@
-"""A task's ticks: what its coroutine loops over."""
+"""A task's ticks, over which its coroutine loops."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from typing import Final
 
-NEXT_TICK: Final = object()  # what a task yields to whoever drives it when it waits for its next tick
+NEXT_TICK: Final = object()  # a task yields this to the scheduler when it waits for its next tick
 
 
 class Ticks:
@@ -16,8 +16,8 @@ class Ticks:
     Attributes:
         period: seconds between two ticks; None for a task that runs on arrival.
         missed: cycles missed immediately before the present one.
-        begins: told the time whenever a cycle begins, where somebody wants to know.
-        ends: called whenever a cycle has ended, before the task waits for the next one.
+        begins: called with the time when a cycle begins, if set.
+        ends: called when a cycle has ended, before the task waits for the next.
 
     """
 

@@ -1,7 +1,7 @@
-"""The length of a thread's turns on the processor, which on Linux from 6.12 on any thread may choose for itself.
+"""The length of a thread's turns on the processor; on Linux from 6.12 on, any thread may choose it for itself.
 
-A thread with shorter turns than the one at work interrupts it when woken, instead of waiting for the end of its turn, 3
-to 4 ms. It gets no more of the processor altogether, and it needs no privilege for it.
+A thread with shorter turns than the running thread interrupts it when woken. Otherwise it would wait for the end of
+that turn, 3 to 4 ms. It gets no larger share of the processor, and needs no privilege.
 """
 
 import ctypes
@@ -20,22 +20,22 @@ _NUMBERS: Final = {"x86_64": 314, "aarch64": 274, "riscv64": 274, "armv7l": 380}
 
 
 def short() -> None:
-    """Have the calling thread take short turns, unless it is under another rule than the ordinary one."""
+    """Give the calling thread short turns, unless it has another scheduling policy than the ordinary."""
     if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_OTHER:
         with suppress(OSError):
             _set(0, os.getpriority(os.PRIO_PROCESS, 0), SHORT)
 
 
 def ordinary(process: int, niceness: int) -> None:
-    """Have another process, that has inherited short turns, take ordinary ones; with this niceness."""
-    with suppress(OSError):  # it has ended
+    """Give another process, which has inherited short turns, ordinary turns and this niceness."""
+    with suppress(OSError):  # the process has ended
         os.setpriority(os.PRIO_PROCESS, process, niceness)
         if sys.platform == "linux":
             _set(process, niceness, 0)
 
 
 def whole_session(process: int, niceness: int) -> None:
-    """Set the niceness of a process's whole session, where sessions are what the processor is shared out among."""
+    """Set the niceness of a process's whole session, if the system shares the processor among sessions."""
     with suppress(OSError):
         Path(f"/proc/{process}/autogroup").write_text(str(niceness), encoding="ascii")
 

@@ -191,7 +191,7 @@ def test_a_source_may_be_stale_sooner_than_the_gate_but_never_later() -> None:
     for timeout in (0.26, inf, nan, 0.0, -1.0):
         with pytest.raises(ValueError, match="time-out"):
             one.add("web", timeout=timeout)
-    with pytest.raises(ValueError, match="one of that name"):
+    with pytest.raises(ValueError, match="this name is taken"):
         one.add("gamepad")
 
 
