@@ -30,7 +30,7 @@ from txt1.learning.modelled import LOCKSTEP, refuse_others
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import AGENT, SENSORS, Phase, Trial, starts, stream, task_of
-from txt1.learning.world import Checked, World, settled, touches, world_of
+from txt1.learning.world import CheckedWorld, LightWorld, settled, touches, world_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
 from txt1.sensors.sim_vicon import TrackerErrors
@@ -44,7 +44,7 @@ ABREAST: Final = 7  # marks the stream of random values of the vehicles and sens
 FROZEN, DEAD, NAN = 1.0, 2.0, 3.0  # faults of a sensor, as numbers
 CODES: Final = {SensorFault.NONE: 0.0, SensorFault.FROZEN: FROZEN, SensorFault.DEAD: DEAD, SensorFault.NAN: NAN}
 
-Shown = World | Checked | None
+Shown = LightWorld | CheckedWorld | None
 
 _lux_at = compiled(lux_at)
 
@@ -251,7 +251,7 @@ def shown(config: Config, rng: np.random.Generator) -> Shown:
     """What a robot is shown, sample by sample, which takes longer; None: nothing but the light."""
     world = world_of(config, rng)
     if world is None and (config.sim.light.true_bearing or touches(config) is not None):
-        return World(config, rng)
+        return LightWorld(config, rng)
     return world
 
 

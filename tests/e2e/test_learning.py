@@ -338,7 +338,7 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert "experiment.json is not this program's" in capsys.readouterr().err
     (done / "experiment.json").unlink()
     assert learn(done, "--resume") == 2
-    assert "no experiment.json to say of what" in capsys.readouterr().err
+    assert "holds trials without their experiment.json" in capsys.readouterr().err
     assert execute(["learn", "--agent", "genius", "--out", str(tmp_path / "x")]) == 2
     assert "there is no learner 'genius'; installed: neural, pilot, sweeps, taxis, thesis" in capsys.readouterr().err
 

@@ -286,7 +286,7 @@ async def test_a_hal_that_takes_set_points_gets_them_and_runs_no_second_pid() ->
         ):
             with pytest.raises(NotCapable, match="'board'"):
                 refused()
-        with pytest.raises(NotCapable, match="pwm"):
+        with pytest.raises(NotCapable, match="by_hand"):
             await robot.set_manual(True)
         robot.press(Button.CENTRE)
         await asyncio.sleep(0.2)

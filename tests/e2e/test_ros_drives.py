@@ -134,7 +134,7 @@ async def test_the_original_s_pwm_change_acts_in_manual_mode_only_and_through_th
             return next(answer for answer in told["answers"] if answer[0] == number)
 
         _, done, why = await call(1)
-        assert not done and "manual mode only" in str(why) and robot.runtime.state.control.outputs[:5] == (0,) * 5
+        assert not done and "needs manual mode" in str(why) and robot.runtime.state.control.outputs[:5] == (0,) * 5
         await robot.set_manual(True)
         assert (await call(2))[1] is True
         motor, front, rear, pwm4, _ = robot.runtime.state.control.outputs[:5]

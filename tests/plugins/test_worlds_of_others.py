@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
 from importlib.metadata import EntryPoint
@@ -36,20 +35,21 @@ def running(config: Config, episodes: int = 3) -> list[Episode]:
 @pytest.mark.parametrize("run", [running, pytest.param(lockstep, marks=pytest.mark.long)])  # it compiles
 def test_one_that_moves_the_goal_and_brings_a_post(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(SITE)
-    odd = importlib.import_module("plugin_world").Odd
+    from plugin_world import Odd
+
     begun: list[int] = []
-    monkeypatch.setattr(odd, "begin", lambda self, episode: begun.append(episode))
+    monkeypatch.setattr(Odd, "begin", lambda self, episode: begun.append(episode))
     config = load(overrides=SHORT).config
     episodes = run(config)
     assert begun == [1, 2, 3]
     assert len(episodes) == 3
-    monkeypatch.setattr(odd, "goal", lambda self, now: (1.25, 0.0) if now > 1.0 else (5.0, 0.0))
+    monkeypatch.setattr(Odd, "goal", lambda self, now: (1.25, 0.0) if now > 1.0 else (5.0, 0.0))
     near = load(overrides=[*SHORT, "learning.goal_radius=1.24"]).config
     assert min(each.time for each in run(near, 8)) > 0.3, "at first the goal was far away"
     monkeypatch.undo()
     monkeypatch.syspath_prepend(SITE)
-    monkeypatch.setattr(odd, "goal", lambda self, now: (3.0, 0.0))
-    monkeypatch.setattr(odd, "settings", lambda config: {"sim.obstacles": post(3.0, 0.0, 0.7)})
+    monkeypatch.setattr(Odd, "goal", lambda self, now: (3.0, 0.0))
+    monkeypatch.setattr(Odd, "settings", lambda config: {"sim.obstacles": post(3.0, 0.0, 0.7)})
     config = load(overrides=[*SHORT[:1], *SHORT[2:], "sim.room.light=[3,0]"]).config
     touched = [each for each in run(config, 4) if each.touched]
     assert touched and not any(each.success for each in touched), "which ends an episode, and not the trial"
@@ -128,8 +128,9 @@ def test_a_folder_with_wrong_worlds_goes_on_with_the_others(tmp_path: Path, caps
 @pytest.mark.parametrize("method", ["settings", "begin", "see", "odometry", "command", "goal"])
 def test_one_that_fails_in_lockstep_is_a_line_too(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(SITE)
-    odd = importlib.import_module("plugin_world").Odd
-    monkeypatch.setattr(odd, method, lambda *given: 1 / 0)
+    from plugin_world import Odd
+
+    monkeypatch.setattr(Odd, method, lambda *given: 1 / 0)
     with pytest.raises(Txt1Error, match=f"the world 'odd' .* failed in {method}: ZeroDivisionError: division by zero"):
         lockstep(load(overrides=SHORT).config, 1)
 

@@ -27,7 +27,7 @@ from pydantic import Field
 from txt1.config.sources import checked
 from txt1.errors import ConfigError
 from txt1.learning.settings import LearningConfig
-from txt1.learning.world import Command, Pose, World
+from txt1.learning.world import Command, LightWorld, Pose
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD, SENSORS, Readings, SensorFault
 from txt1.model.odometry import Odometry
@@ -77,7 +77,7 @@ class Lamp:
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class SensorErrors:
     """How a sensor errs, beside its gain, noise and fault in `sim.light`."""
 
     gain: NotNegative = 1.0
@@ -105,7 +105,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Wheels:
+class OdometryErrors:
     """How odometry errs, as the learner is told of it."""
 
     drift: float = 0.0
@@ -131,7 +131,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class WorldOptions:
     """What `learning.world_options` sets."""
 
     lamps: Annotated[tuple[Lamp, ...], Field(min_length=1)] = (Lamp(),)
@@ -140,9 +140,9 @@ class Options:
     """Light from everywhere, lux."""
     gradient: Point = (0.0, 0.0)
     """By how much it grows along x and y, lux a metre; it is never below 0."""
-    sensors: Annotated[tuple[Sensor, ...], Len(1, 4)] = (Sensor(),)
+    sensors: Annotated[tuple[SensorErrors, ...], Len(1, 4)] = (SensorErrors(),)
     """The four sensors' errors, or those of each alike."""
-    odometry: Wheels = field(default_factory=Wheels)
+    odometry: OdometryErrors = field(default_factory=OdometryErrors)
     """Odometry's errors."""
     turning: float = 1.0
     """Factor on the yaw rate of every action; -1 swaps left and right."""
@@ -168,7 +168,7 @@ class Spells:
         return now >= self._begins
 
 
-class Composed(World):
+class Composed(LightWorld):
     """The world; see the module."""
 
     def __init__(self, config: Config, rng: np.random.Generator, movers: Callable[[], Sequence[Box]] = tuple) -> None:
@@ -280,7 +280,7 @@ class Composed(World):
     def odometry(self, now: float, odometry: Odometry) -> Odometry:
         """Odometry with its errors: each step of it, driven on from where the learner was told that it is."""
         wrong = self.options.odometry
-        if wrong == Wheels():
+        if wrong == OdometryErrors():
             return odometry
         if wrong.missing:
             return Odometry()
@@ -307,9 +307,9 @@ class Composed(World):
         return v, omega * (self.options.turning if now >= self.options.turning_from else 1.0)
 
 
-def options_of(options: Mapping[str, Any]) -> Options:
+def options_of(options: Mapping[str, Any]) -> WorldOptions:
     """The options, checked; raises ConfigError."""
-    made = checked(Options, options, "learning.world_options")
+    made = checked(WorldOptions, options, "learning.world_options")
     if len(made.sensors) not in (1, len(SENSORS)):
         raise ConfigError(f"learning.world_options.sensors: {len(made.sensors)} of them; give one for all, or four")
     return made

@@ -36,16 +36,16 @@ from txt1.hal.sim import SimHal
 from txt1.learning.batch import TICK_MS, Batch, only_ours
 from txt1.learning.light_direction import LightFilter, direction, reward, sector
 from txt1.learning.modelled import BATCH, ONE, refuse_others
-from txt1.learning.picture import Scene, picture
+from txt1.learning.picture import Overview, picture
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import Start, ready_to_learn, task_of
-from txt1.learning.world import World, settled, world_of
+from txt1.learning.world import LightWorld, settled, world_of
 from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y, Readings
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.sim.batch import powered
 from txt1.sim.lamp import PointLight, noise_for_jitter
-from txt1.sim.world import World as SimWorld
+from txt1.sim.world import World
 
 try:
     import gymnasium
@@ -120,7 +120,7 @@ class Seeker:
         self._commands = config.section(LearningConfig).actions
         self._car = EpisodeCar(rewired(hal, config.channels, config.geometry.steering == "skid"), config)
         movers = hal.movers if config.sim.movers else tuple
-        self._world = world_of(config, rng, movers) or World(config, rng, movers)
+        self._world = world_of(config, rng, movers) or LightWorld(config, rng, movers)
         self._world.begin(1)
         self._blocked_by = hal.blocked_by
         self._filter = LightFilter(spread=inf)
@@ -198,7 +198,7 @@ class Seeker:
         return _observe(np.array(self._filter.readings), np.array(told[3:]))
 
 
-def placed(config: Config, rng: np.random.Generator, world: SimWorld | None = None) -> tuple[Seeker, Start]:
+def placed(config: Config, rng: np.random.Generator, world: World | None = None) -> tuple[Seeker, Start]:
     """A robot on a random start where it has room; ConfigError: there is none."""
     hal = create_sim(config.model_copy(update={"seed": int(rng.integers(2**32))}), world)
     for _ in range(STARTS):
@@ -272,7 +272,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         if self.render_mode is None:
             return None
         robot = self._robot
-        return picture(Scene(self._config, robot.light, [robot.pose], [robot.way]))
+        return picture(Overview(self._config, robot.light, [robot.pose], [robot.way]))
 
     def _run(self, duration_ms: int) -> None:
         """Let the robot go on."""

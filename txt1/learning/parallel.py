@@ -17,7 +17,7 @@ from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
 from txt1.hal.registry import world_of
 from txt1.learning.env import DECISION_MS, REST_MS, SPACE, Observation, Seeker, placed, ready, shows
-from txt1.learning.picture import Scene, picture
+from txt1.learning.picture import Overview, picture
 from txt1.learning.settings import LearningConfig
 
 try:
@@ -107,7 +107,7 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
         robots = list(self.robots.values())
         if self.render_mode is None or not robots:
             return None
-        scene = Scene(self._config, robots[0].light, [each.pose for each in robots], [each.way for each in robots])
+        scene = Overview(self._config, robots[0].light, [each.pose for each in robots], [each.way for each in robots])
         return picture(scene)
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ Point = tuple[float, float]
 Colour = tuple[int, int, int]
 
 
-class Scene(NamedTuple):
+class Overview(NamedTuple):
     """What there is to draw, m and rad."""
 
     config: Config
@@ -29,7 +29,7 @@ class Scene(NamedTuple):
     ways: Sequence[Sequence[Point]]  # that they came
 
 
-def picture(scene: Scene) -> NDArray[np.uint8]:
+def picture(scene: Overview) -> NDArray[np.uint8]:
     """The colours, shape (400, 400, 3): floor, goal, light, obstacles, walls of a map, and the robots on their ways."""
     one, sim = scene.config.section(LearningConfig), scene.config.sim
     middle = sim.room.light

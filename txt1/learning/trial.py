@@ -22,7 +22,7 @@ from txt1.model.vehicle import SPEED, Geometry
 from txt1.sensors.light import STREAM
 
 if TYPE_CHECKING:
-    from txt1.learning.world import Checked, World
+    from txt1.learning.world import CheckedWorld, LightWorld
 
 Pose = tuple[float, float, float]
 
@@ -172,7 +172,7 @@ class Trial:
     # called with every decided action, and with OVER at the end of an episode
     decided: Callable[[int], None] = lambda _: None
     begins: Callable[[], None] = lambda: None  # called before an episode begins
-    world: "World | Checked | None" = None  # what the learner is told; None: odometry as it is
+    world: "LightWorld | CheckedWorld | None" = None  # what the learner is told; None: odometry as it is
     episodes: list[Episode] = field(default_factory=list)  # those that are over
     paths: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     voided: int = 0

@@ -5,10 +5,10 @@ A package announces its class in its pyproject.toml::
     [project.entry-points."txt1.worlds"]
     mine = "mypackage.mine:Mine"
 
-where ``Mine(config, rng)`` is a `World`: it derives from that and replaces what differs. ``learning.world=mine`` asks
-for it, and its own settings come in ``learning.world_options``. The running robot, trials in lockstep
-(studies/learners) and the environments each make one for every robot, and ask all of it. Whatever it raises becomes one
-line with its name.
+where ``Mine(config, rng)`` is a `LightWorld`: it derives from that and replaces what differs.
+``learning.world=mine`` asks for it, and its own settings come in ``learning.world_options``. The running robot,
+trials in lockstep (studies/learners) and the environments each make one for every robot, and ask all of it. Whatever
+it raises becomes one line with its name.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Command = tuple[float, float]  # v and omega, m/s and rad/s
 TOUCH: Final = 0.02  # m: with less room than this the robot touches what is there
 
 
-class World:
+class LightWorld:
     """A world as the configuration has it; one that differs derives from it. One for each robot.
 
     Times are s since the robot was put on its start. Every random value comes from `rng`, so that trials repeat.
@@ -110,13 +110,13 @@ def settled(config: Config) -> Config:
 
 def world_of(
     config: Config, rng: np.random.Generator, movers: Callable[[], Sequence[Box]] = tuple
-) -> World | Checked | None:
+) -> LightWorld | CheckedWorld | None:
     """The world of one robot, of a configuration that is `settled`; None: no world is asked for."""
     name = named(config)
     if name is None:
         return None
     made = WORLDS.make("learning.world", name, config, rng, *(() if movers is tuple else (movers,)))
-    return Checked(made, f"the world '{name}' ({WORLDS.place('learning.world', name)})")
+    return CheckedWorld(made, f"the world '{name}' ({WORLDS.place('learning.world', name)})")
 
 
 def touches(config: Config) -> Callable[[Pose], bool] | None:
@@ -146,13 +146,13 @@ def _asked(who: str, name: str, method: Callable[..., Any], *given: Any) -> Any:
         raise Txt1Error(f"{who} failed in {name}: {told}") from error
 
 
-class Checked:
-    """A `World` whose errors name it, and whose answers are looked at: numbers where they belong."""
+class CheckedWorld:
+    """A `LightWorld` whose errors name it, and whose answers are looked at: numbers where they belong."""
 
-    def __init__(self, world: World, who: str) -> None:
+    def __init__(self, world: LightWorld, who: str) -> None:
         self.world, self.who = world, who
-        if missing := [name for name in vars(World) if not name.startswith("_") and not hasattr(world, name)]:
-            raise Txt1Error(f"{who} is no txt1.learning.world.World: it has no {', '.join(missing)}")
+        if missing := [name for name in vars(LightWorld) if not name.startswith("_") and not hasattr(world, name)]:
+            raise Txt1Error(f"{who} is no txt1.learning.world.LightWorld: it has no {', '.join(missing)}")
 
     def begin(self, episode: int) -> None:
         """As of a world."""

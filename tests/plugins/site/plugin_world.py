@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from txt1.config import Config
-from txt1.learning.world import Pose, World
+from txt1.learning.world import LightWorld, Pose
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
 SPEED = 0.02  # m/s
 
 
-class Odd(World):
+class Odd(LightWorld):
     @staticmethod
     def settings(config: Config) -> Mapping[str, Any]:
         return {"sim.obstacles": [{"kind": "post", "x": -1.6, "y": 0.0, "radius": 0.1}]}

@@ -303,7 +303,7 @@ def test_a_stop_is_not_said_for_long_to_a_robot_that_nobody_can_see_stand(
 
 
 def test_a_clock_is_measured_anew_when_a_robot_is_started_again(team: Team) -> None:
-    console, first = team.join("console1", console=True), team.join("net01", ahead=-1e3)
+    console, first = team.join("console1", console=True), team.join("net01", ahead=1e3)
 
     def driven() -> bool:
         console.drive("net01", 0.3, 0.1)

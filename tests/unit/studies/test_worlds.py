@@ -186,5 +186,5 @@ def test_the_table_tells_times_and_when_the_model_did_not_fit() -> None:
     assert suite.cell(suite.figures(result)).endswith("; 6.00 s; model does not fit in 1 of 9 episodes, after 2.5 s")
 
 
-def test_twenty_more_worlds_lie_in_a_folder_of_their_own() -> None:
-    assert len(suite.worlds(WORLDS / "suite", [])) == 20
+def test_the_harder_worlds_lie_in_a_folder_of_their_own() -> None:
+    assert len(suite.worlds(WORLDS / "suite", [])) == 82

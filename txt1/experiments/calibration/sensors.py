@@ -28,7 +28,7 @@ QUANTITIES: Final = {
 SHOWN: Final = 0.7  # of its sigma before the drive, below which a drive has shown a quantity; chosen
 
 
-class Learned(NamedTuple):
+class SensorFindings(NamedTuple):
     """What a drive tells of the sensors."""
 
     lines: list[str]
@@ -37,7 +37,7 @@ class Learned(NamedTuple):
     """What contradicts the settings of the recording, as `estimation.settings`."""
 
 
-def learned(recording: Path, robot: str | None) -> Learned:
+def learned(recording: Path, robot: str | None) -> SensorFindings:
     """What a recorded drive tells of the sensors of a robot; None: of the first.
 
     Raises RecordingError: it cannot be run again. Raises ConfigError: nothing in it measures positions.
@@ -56,7 +56,7 @@ def learned(recording: Path, robot: str | None) -> Learned:
     for name, calibration in estimator.calibrations.items():
         lines += [f"{name}: {line}" for line in _told(calibration)]
         settings.update(_settings(estimator, name, calibration, [each for each in gyros if each in estimator.settings]))
-    return Learned(lines, settings)
+    return SensorFindings(lines, settings)
 
 
 def _told(calibration: Calibration) -> Iterator[str]:
