@@ -14,6 +14,7 @@ from txt1.control.car import loops_for
 from txt1.control.limits import BLOCKED, WAY_BACK, Fault, Gate, Guard
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
+from txt1.control.standstill import coasting_time
 from txt1.errors import ConfigError, NotArmed
 from txt1.hal.base import Button, Hal, Inputs
 from txt1.hal.channels import rewired
@@ -155,6 +156,7 @@ class Runtime:
         self._reports = Reports(self.statistics, self._virtual)
         self._notify_serial: Callable[[], None] = lambda: None
         self._open = False
+        self._rolls_until: float | None = None  # s of the run; None unless the robot did not obey since it was armed
         self.failed = False
         """Whether a task has raised."""
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
@@ -298,10 +300,10 @@ class Runtime:
         now = self._begin("arm")
         line = self.config.serial
         held = self.config.hal == "serial" and line.control == "host" and not line.allow_host
-        ran_away = self.gate.closed_by is Fault.RUNAWAY
-        reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, ran_away, now)
+        reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, self._rolls_until, now)
         if reason is not None:
             raise NotArmed(reason, remedy="")
+        self._rolls_until = None
         self.gate.arm(now)
         self.state.tell(now, "armed")
 
@@ -381,10 +383,14 @@ class Runtime:
             self.bus.sample(now)
 
     def _gate_closed(self, reason: str) -> None:
-        blocked_by = getattr(self.hal, "blocked_by", None)  # only some hardware knows, for example a simulation
-        if self.gate.closed_by is Fault.RUNAWAY and blocked_by is not None and (blocked := blocked_by()) is not None:
-            told = f"blocked: {blocked}; {WAY_BACK}" if reason is BLOCKED else f"{reason}: it is at {blocked}"
-            self.gate.reason = reason = told
+        if self.gate.closed_by is Fault.RUNAWAY:
+            blocked_by = getattr(self.hal, "blocked_by", None)  # only some hardware knows, for example a simulation
+            blocked = None if blocked_by is None else blocked_by()
+            at_rest = blocked is not None and reason is BLOCKED
+            self._rolls_until = self.now + (0.0 if at_rest else coasting_time(self.gate.limits.runaway_speed))
+            if blocked is not None:
+                told = f"blocked: {blocked}; {WAY_BACK}" if at_rest else f"{reason}: it is at {blocked}"
+                self.gate.reason = reason = told
         way_back = "; arm it again to go on (key m)" if self.gate.closed_by in (Fault.MISSED, Fault.SLEPT) else ""
         self.state.tell(self.now, f"disarmed: {reason}{way_back}")
 

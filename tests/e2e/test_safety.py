@@ -147,12 +147,37 @@ async def test_a_dead_encoder_stops_the_vehicle(robot: Robot, faults: Faults, v:
     with pytest.raises(NotArmed, match=r"runaway|dead encoders"):
         await robot.drive(v, 0.0, 5.0)
     assert robot.faults["runaway"] == 1
-    if faults != Faults(True, True):  # one encoder sees it move
-        with pytest.raises(NotArmed, match="it did not obey, and still moves"):
+    closed = robot.now
+    robot.stop()  # whatever the operator does meanwhile
+    while True:
+        try:
             robot.arm()
-    await asyncio.sleep(2.0)
-    assert true_speed(robot) == 0.0
-    robot.arm()
+        except NotArmed as error:
+            assert "it did not obey, and " in str(error)
+            await asyncio.sleep(TICK)
+        else:
+            break
+    assert true_speed(robot) == 0.0, "dead encoders say 0 of a car that rolls"
+    assert robot.now - closed < 2.1
+
+
+async def test_who_rolls_by_one_encoder_is_not_armed_however_long_it_takes(robot: Robot) -> None:
+    await robot.drive(0.5, 0.0, 3.0)
+    vehicle = robot.hal.vehicle  # type: ignore[attr-defined]
+    vehicle.faults = Faults(right_encoder=True)
+    with pytest.raises(NotArmed, match="encoder is silent"):
+        await robot.drive(0.5, 0.0, 5.0)
+    read, pushed = robot.hal.read, [0]
+
+    def rolls(now: float) -> Inputs:
+        pushed[0] += 5
+        inputs = read(now)
+        return inputs._replace(ticks=(inputs.ticks[0], inputs.ticks[1] + pushed[0]))
+
+    robot.hal.read = rolls  # type: ignore[method-assign]
+    await asyncio.sleep(3.0)
+    with pytest.raises(NotArmed, match="it did not obey, and still moves"):
+        robot.arm()
 
 
 async def test_a_wall_ends_in_a_stop_and_backing_out_after_arming_works() -> None:

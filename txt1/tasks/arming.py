@@ -12,12 +12,13 @@ FIRST: Final = 1.0
 
 
 def reason_not_to_arm(
-    state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, ran_away: bool, now: float
+    state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, rolls_until: float | None, now: float
 ) -> str | None:
     """Return why the robot may not be armed at `now`, with the remedy; None when it may.
 
     `io` is the hardware layer as the tasks have it. `held` says that the loops run here behind a line, which is not
-    allowed; `ran_away` says that the gate was closed because the robot did not obey.
+    allowed. `rolls_until` is when a robot that did not obey has certainly rolled out, None of one that obeyed: dead
+    encoders say 0 of a car that rolls, so they are asked only after that.
     """
     board = None if state.board is None else hal.read(now).link  # as it is after what was done just now
     if board is not None and not board.ready:
@@ -35,8 +36,6 @@ def reason_not_to_arm(
         )
     if watch is not None and watch.standstill.stop in UNOBEYED:
         return "it has not stopped yet; wait until it stands"
-    if ran_away and not hal.capabilities.blind and not stands(state, watch, now):
-        return "it did not obey, and still moves: wait until it stands"
     if state.power.esc is False and not hal.capabilities.power_known:
         return "the ESC is off: switch it on first (e, or Robot.switch_power)"
     if state.power.atx is False:
@@ -45,4 +44,9 @@ def reason_not_to_arm(
         return "the batteries are cut off: change them first"
     if state.battery.exhausted:
         return "batteries bad: change them first"
+    if rolls_until is not None:
+        if now < rolls_until:
+            return f"it did not obey, and may still roll: try again in {rolls_until - now:.1f} s"
+        if not hal.capabilities.blind and not stands(state, watch, now):
+            return "it did not obey, and still moves: wait until it stands"
     return None
