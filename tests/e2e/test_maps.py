@@ -70,6 +70,26 @@ def test_a_file_is_drawn_whether_it_is_a_map_or_a_configuration(
     assert "obstacles: 1" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("lap", "closes"), [("false", False), ("true", True)])
+def test_what_moves_is_drawn_with_its_way(lap: str, closes: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    def drawn(movers: str) -> list[str]:
+        assert execute(["world", "show", "thesis", "--set", f"sim.movers=[{movers}]"]) == OK
+        return capsys.readouterr().out.splitlines()
+
+    room, world = drawn(""), drawn(f"{{path: [[-2, -2], [2, -2], [2, 2]], speed: 0.5, lap: {lap}}}")
+    changed = {
+        (row, column)
+        for row, line in enumerate(world[:-3])
+        for column, sign in enumerate(line)
+        if sign != room[row][column]
+    }
+    low, high, first, last = (f({place[axis] for place in changed}) for axis in (0, 1) for f in (min, max))
+    between = [(row, column) for row, column in changed if low + 2 < row < high - 2 and first + 6 < column < last - 6]
+    assert high - low > 5 and last - first > 10
+    assert bool(between) is closes  # the straight way back to the first point crosses the room
+    assert world[-1].endswith("movers: 1")
+
+
 def test_a_start_in_a_wall_is_refused_with_a_place_that_is_free(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["world", "show", "flat", "--set", "sim.start=[3.1, -1, 0]"]) == USAGE
     told = capsys.readouterr().err

@@ -19,9 +19,11 @@ from txt1.hal.registry import create_sim
 from txt1.maps.files import Map, names, read
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN
 from txt1.resources import resource
-from txt1.sim.obstacles import outline
+from txt1.sim.movers import Moving
+from txt1.sim.obstacles import Outline, outline
+from txt1.sim.parameters import Mover
 from txt1.tasks.encoder import POSE
-from txt1.tasks.fields import SURROUNDINGS, WALLS, Surroundings
+from txt1.tasks.fields import MOVERS, SURROUNDINGS, WALLS, Surroundings
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import draw_map
 from txt1.ui.viewer import Viewer
@@ -49,7 +51,11 @@ def show(arguments: argparse.Namespace) -> int:
     found = None if config.sim.room.map is None else read(config.sim.room.map)
     walls = config.sim.room.built().walls
     width, height = get_terminal_size()
-    told: dict[str, object] = {SURROUNDINGS.name: surroundings(config), POSE.name: config.sim.start}
+    told: dict[str, object] = {
+        SURROUNDINGS.name: surroundings(config),
+        POSE.name: config.sim.start,
+        MOVERS.name: tuple(each for mover in config.sim.movers for each in drawn(mover)),
+    }
     if walls is not None:
         told[WALLS.name] = walls.outlines
     console = Console(width=min(width, WIDTH_MAX), highlight=False)
@@ -93,6 +99,17 @@ def surroundings(config: Config) -> Surroundings:
     )
 
 
+def drawn(mover: Mover) -> tuple[Outline, ...]:
+    """Return the outlines of a mover at its start, and of its way."""
+    try:
+        start = Moving(mover).at(0.0)
+    except ValueError:
+        # a path without length, which is refused after the drawing
+        return ()
+    back = () if mover.lap else mover.path[-2:0:-1]
+    return outline(start), mover.path + back
+
+
 def describe(config: Config, found: Map | None) -> list[str]:
     """Return what there is to say of a world, a line each."""
     room, (x, y, theta) = config.sim.room, config.sim.start
@@ -114,6 +131,7 @@ def describe(config: Config, found: Map | None) -> list[str]:
             f"SHA-256 {found.digest[:12]}"
         )
     lines.append(f"start: ({x:g}, {y:g}, {theta:g}), light: ({room.light[0]:g}, {room.light[1]:g})")
-    if config.sim.obstacles:
-        lines[-1] += f", obstacles: {len(config.sim.obstacles)}"
+    for name, things in (("obstacles", config.sim.obstacles), ("movers", config.sim.movers)):
+        if things:
+            lines[-1] += f", {name}: {len(things)}"
     return lines
