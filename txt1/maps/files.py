@@ -26,6 +26,7 @@ from txt1.resources import resource
 MAPS: Final = "config/maps"
 CELLS_MAX: Final = 16_000_000  # 200 m x 200 m at 5 cm; the distances of so many are known in some seconds
 BYTES_MAX: Final = 100_000_000
+HEAD: Final = 1000  # bytes in which a picture tells its size
 PICTURES: Final = (".pgm", ".png")
 KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 FREE_BELOW: Final = 0.196  # map_server's default
@@ -94,8 +95,15 @@ def _read(file: Path, text: bytes, picture: Path, data: bytes) -> tuple[Grid, st
 
 def _bytes_of(file: Path) -> bytes:
     try:
-        if file.stat().st_size > BYTES_MAX:
-            raise ConfigError(f"{file}: of {file.stat().st_size / 1e6:.0f} MB; a map's file has at most 100 MB")
+        size = file.stat().st_size
+        if size > BYTES_MAX:
+            with file.open("rb") as opened:
+                header = _HEADER.match(opened.read(HEAD))
+            if header is not None:
+                _check_size(file, int(header[2]), int(header[3]))
+            raise ConfigError(
+                f"{file}: {size} bytes; a map's file has at most {BYTES_MAX}: cut it out, or make it coarser"
+            )
         return file.read_bytes()
     except OSError as error:
         raise ConfigError(f"{file}: cannot read the map: {error.strerror}; put the file there") from None

@@ -55,6 +55,15 @@ class FourWheels(Foreign):
                 f"sim.vehicle.speed_gain: at full throttle a wheel turns {turns:.2f} rad in a step, and mujoco holds "
                 f"to {FASTEST:g}; use less, or a larger geometry.circumference"
             )
+        for name, apart, least, most in (
+            ("wheelbase", body.wheelbase, 2.0 * self.radius, body.length),
+            ("track_width", body.track_width, settings.tyre_width, body.width),
+        ):
+            if not least <= apart <= most:
+                where = "overlap" if apart < least else "stand outside the body"
+                raise ConfigError(
+                    f"geometry.{name}: {apart:g} m, and mujoco's wheels would {where}; use {least:.3g} to {most:.3g} m"
+                )
         if settings.mass <= 8.0 * settings.wheel_mass:
             raise ConfigError(
                 f"physics.mass: {settings.mass:g} kg with wheels of {settings.wheel_mass:g} kg leaves less than half "

@@ -86,6 +86,22 @@ def test_a_map_that_cannot_be_read_is_refused_in_one_line(tmp_path: Path, text: 
     assert told in str(refused.value) and "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("head", "told"),
+    [
+        (b"P5\n10000 10000\n255\n", "floor.pgm: 10000 x 10000 pixels; a map has at most 16 million: cut it out, or"),
+        (b"", "floor.pgm: 100000001 bytes; a map's file has at most 100000000: cut it out, or make it coarser"),
+    ],
+)
+def test_a_map_of_100_megabytes_is_refused_by_its_head(tmp_path: Path, head: bytes, told: str) -> None:
+    file = written(tmp_path, MAP, head)
+    with (tmp_path / "floor.pgm").open("r+b") as picture:
+        picture.truncate(100_000_001)
+    with pytest.raises(ConfigError) as refused:
+        read(file)
+    assert told in str(refused.value) and "\n" not in str(refused.value)
+
+
 def test_a_map_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"there is no map 'cellar'; there are: .*; or give a \.yaml"):
         read("cellar")

@@ -226,6 +226,8 @@ def test_a_car_on_its_side_ends_the_run() -> None:
         (["sim.physics=mujoco", "sim.vehicle.speed_gain=0.01"], "a wheel turns 2.91 rad in a step"),
         (["sim.physics=mujoco", "physics.mass=1.0"], "physics.mass: 1 kg with wheels of 0.35 kg"),
         (["sim.physics=mujoco", "physics.gravity_height=0.01"], "use at least 0.082 m"),
+        (["sim.physics=mujoco", "geometry.wheelbase=0.1"], "wheels would overlap; use 0.163 to 0.51 m"),
+        (["sim.physics=mujoco", "geometry.track_width=0.5"], "stand outside the body; use 0.1 to 0.385 m"),
     ],
 )
 def test_what_a_model_does_not_hold_for_is_refused_in_a_line(settings: list[str], told: str) -> None:
