@@ -13,6 +13,7 @@ from types import ModuleType
 
 import pytest
 
+import txt1
 from txt1.cli import execute
 from txt1.config import Config, load
 from txt1.hal import Hal, Inputs, Outputs
@@ -127,17 +128,20 @@ def tank(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[
 ROVER = ("vehicle=rover", "sim.room.length=.inf", "sim.room.width=.inf")
 
 
-async def test_a_rover_s_skeleton_drives_as_it_is_asked(tank: Callable[[Config], Hal]) -> None:
-    async with Robot.open("tank", settings=ROVER) as robot:
-        await robot.load_gains()
-        for omega in (0.0, 0.5):
-            turned = []
-            for _ in range(40):
-                await robot.drive(0.5, omega, 0.05)
-                turned.append(robot.odometry.omega)
-            assert robot.odometry.v == pytest.approx(0.5, abs=0.05)
-            assert sum(turned[20:]) / 20 == pytest.approx(omega, abs=0.03)
-            assert all(abs(each - omega) < 0.2 for each in turned[20:])
+def test_a_rover_s_skeleton_drives_as_it_is_asked(tank: Callable[[Config], Hal]) -> None:
+    async def main() -> None:
+        async with Robot.open("tank", settings=ROVER, seed=1) as robot:
+            await robot.load_gains()
+            for omega in (0.0, 0.5):
+                turned = []
+                for _ in range(40):
+                    await robot.drive(0.5, omega, 0.05)
+                    turned.append(robot.odometry.omega)
+                assert robot.odometry.v == pytest.approx(0.5, abs=0.05)
+                assert sum(turned[20:]) / 20 == pytest.approx(omega, abs=0.03)
+                assert all(abs(each - omega) < 0.2 for each in turned[20:])
+
+    txt1.run(main(), speed="max")
 
 
 def test_a_rover_s_skeleton_keeps_the_promise_on_its_sides(tank: Callable[[Config], Hal]) -> None:
