@@ -14,6 +14,7 @@ inside the limits. Everything that is refused or clipped is counted:
 * The emergency stop disarms and latches: it, too, ends with an explicit `Gate.arm`.
 """
 
+import sys
 from collections.abc import Callable
 from enum import StrEnum
 from math import inf, isfinite
@@ -28,6 +29,7 @@ PERSISTS: Final = 0.1  # s; readings that the geometry forbids are believed when
 NOISE_COUNTS: Final = 3  # counts per period that a wheel at rest may show
 AHEAD: Final = 0.1  # s by which a command may seem to come from the future, as a late tick has an early time
 DISAGREEMENT: Final = 0.5  # m/s; slip does not explain a larger difference between combined odometry and the encoders
+LARGEST: Final = sys.float_info.max  # a whole number beyond it is no float, so it is not finite either
 WAY_BACK: Final = "arm it (m) and drive back"
 BLOCKED: Final = f"blocked: a wall or an obstacle, or dead encoders; {WAY_BACK}"
 
@@ -240,7 +242,7 @@ class Gate:
 
     def admit_velocity(self, v: float, omega: float) -> tuple[float, float] | None:
         """Return the set-point (v, omega) inside the limits; None if it is not finite and must be ignored."""
-        if not (isfinite(v) and isfinite(omega)):
+        if not (-LARGEST <= v <= LARGEST and -LARGEST <= omega <= LARGEST):
             self.count(Fault.NOT_FINITE)
             return None
         limited = self._bounds.nearest(v, omega)
@@ -261,7 +263,7 @@ class Gate:
 
     def admit_finite(self, *values: float) -> bool:
         """Return whether all values are finite; if not, count a fault."""
-        if all(map(isfinite, values)):
+        if all(-LARGEST <= value <= LARGEST for value in values):
             return True
         self.count(Fault.NOT_FINITE)
         return False

@@ -5,10 +5,9 @@ In simulation a message arrives as the object the host made; behind a wire a dec
 
 from collections import deque
 from collections.abc import Callable
-from math import isfinite
 from typing import Any, Final
 
-from txt1.control.limits import Fault, Gate
+from txt1.control.limits import LARGEST, Fault, Gate
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet, Schedule
 from txt1.hal.base import Hal
@@ -137,7 +136,7 @@ def switch_power(state: State, hal: Hal, switch: Switch, on: bool, now: float) -
 def gain_table(message: PidSet) -> GainTable | None:
     """The gains of a PID set; None when they are not acceptable: not finite, or v_max does not rise."""
     values = (*message.linear, *(value for each in message.angular for value in each))
-    if not all(map(isfinite, values)):
+    if not all(-LARGEST <= value <= LARGEST for value in values):
         return None
     try:
         schedule = Schedule(tuple(GainSet(v_max, Gains(kp, ki, kd)) for v_max, kp, ki, kd in message.angular))

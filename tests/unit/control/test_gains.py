@@ -65,6 +65,12 @@ def test_every_gain_within_its_limits_passes_and_passes_again_behind_the_wire(
     assert table is not None and LIMITS.refused(table.linear, table.angular.sets) is None
 
 
+@pytest.mark.parametrize("bad", [nan, inf, -inf, 10**400])
+def test_gains_that_are_no_floats_are_no_table(bad: float) -> None:
+    assert gain_table(PidSet((bad, 0.0, 0.0), ())) is None
+    assert gain_table(PidSet((1.0, 0.0, 0.0), ((1.0, 1.0, bad, 0.0),))) is None
+
+
 @given(
     st.sampled_from(("both", "front", "skid")),
     st.floats(0.01, 10.0),

@@ -66,7 +66,10 @@ def test_whatever_anyone_wants_the_outputs_are_inside_the_limits(
         assert (out.motor, out.front, out.rear, out.v, out.omega) == (0, 0, 0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("v, omega", [(nan, 0.0), (0.5, nan), (inf, 0.0), (0.5, -inf)])
+WIDE = 10**400  # a whole number that no float holds
+
+
+@pytest.mark.parametrize("v, omega", [(nan, 0.0), (0.5, nan), (inf, 0.0), (0.5, -inf), (WIDE, 0.0), (0.5, -WIDE)])
 def test_a_command_that_is_not_finite_is_refused_whole(v: float, omega: float) -> None:
     gate = open_gate()
     assert gate.admit_velocity(v, omega) is None
