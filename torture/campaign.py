@@ -24,7 +24,11 @@ from txt1.trials.workers import OPTIONS, workers_of
 
 OWN: Final = [Path(__file__).with_name(f"{name}.py") for name in ("struck_robot", "strikes")]
 DURATION: Final = 20.0  # s of a run
-PATTERN: Final = ("sim", "ours", "sim", "original", "sim")  # whose turn it is: the simulation is the cheapest
+# whose turn it is: the simulation is the cheapest, the Pico's firmware by far the dearest
+PATTERN: Final = (
+    *("sim", "ours", "pi", "original", "vesc", "sim", "ours", "pi", "original", "waveshare"),
+    *("sim", "ours", "sim", "original", "vesc", "sim", "pi", "sim", "waveshare", "pico"),
+)
 
 
 class Result(NamedTuple):
@@ -180,7 +184,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         lines.append(f"| {kind} | {len(chosen)} | {broken} | {share:.0f} % of {cycles} |")
         for row in chosen:
             struck[kind].update(row["strikes"])
-    lines += ["", f"| fault | {' | '.join((*KINDS, 'all'))} |", f"|---|{'--:|' * 4}"]
+    lines += ["", f"| fault | {' | '.join((*KINDS, 'all'))} |", f"|---|{'--:|' * (len(KINDS) + 1)}"]
     for name in STRIKES:
         lines.append(f"| {name} | {' | '.join(str(struck[kind][name] or '-') for kind in (*KINDS, 'all'))} |")
     return "\n".join(lines)

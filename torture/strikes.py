@@ -13,17 +13,19 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from torture.struck_robot import Desk
+from torture.struck_robot import Broken, Desk
 from txt1.board.board import BoardEvent
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
 from txt1.errors import CommandRefused, NotArmed, NotCapable
 from txt1.hal.base import Button
 from txt1.kernel.loop import clock_of
-from txt1.protocol.messages import CombinedOdometry, PidSet, PwmCommand, PwmTest, Switch, Velocity
+from txt1.protocol.messages import CombinedOdometry, PidSet, PowerControl, PwmCommand, PwmTest, Switch, Velocity
+from txt1.sidecar import Request
 from txt1.sim.parameters import LineFaults
 
-KINDS: Final = ("sim", "ours", "original")  # the hardware underneath: the simulation, or one of the two boards
+# the hardware underneath: the simulation, one of the two boards, and cars of other makes
+KINDS: Final = ("sim", "ours", "original", "pi", "vesc", "waveshare", "pico")
 HUGE: Final = (1e6, 1e300, 10**400, -1e9, 3.4e38)
 NOT_FINITE: Final = (nan, inf, -inf)
 
@@ -115,6 +117,80 @@ def flood(desk: Desk, value: float) -> None:
     """More messages at once than there is room for."""
     for k in range(1500):
         desk.post(Velocity(pick((0.0, 0.5, nan), value + 0.34 * k), 0.0), desk.now)
+
+
+def _everything(desk: Desk, value: float) -> None:
+    """Each message that there is, hundreds of times at once; none of those that may move anything is sound."""
+    for k in range(300):
+        bad = pick((*NOT_FINITE, *HUGE), value + 0.13 * k)
+        for message in (
+            Velocity(0.0, 0.0),
+            Velocity(nan, bad),
+            PwmTest(0, 0, 0, 0, 0),
+            PwmCommand(k % 7, bad),
+            PidSet((bad, bad, bad), ((bad, 0.0, 0.0, 0.0),)),
+            CombinedOdometry(0, 0, 0, nan, bad),
+            PowerControl(Switch.ATX, False),
+        ):
+            desk.post(message, desk.now)
+
+
+@strike
+def flood_of_each(desk: Desk, value: float) -> None:
+    """Every message that there is, hundreds of times at once."""
+    _everything(desk, value)
+
+
+@strike
+def stop_in_a_flood(desk: Desk, value: float) -> None:
+    """The operator's stop in the middle of a flood of everything, which goes on."""
+    _everything(desk, value)
+    desk.stop(spread(value, 0.5, 2.0))
+    desk.insist(0.1, lambda: _everything(desk, value))
+
+
+@strike
+def whole_envelope(desk: Desk, value: float) -> None:
+    """From corner to corner of what may be asked for, ten times a second, and just above nothing."""
+    rng = np.random.default_rng(int(1e9 * value))
+    speeds = desk.v_max * np.array((-1.0, -1.0, -0.5, 0.0, 1e-9, 0.05, 0.5, 1.0, 1.0))
+    turns = desk.omega_max * np.array((-1.0, -0.3, 0.0, 1e-9, 0.3, 1.0))
+
+    def corner() -> None:
+        desk.v, desk.omega = float(rng.choice(speeds)), float(rng.choice(turns))
+
+    for k in range(int(spread(value, 10, 40))):
+        desk.later(0.1 * k, corner)
+
+
+JUNK: Final = (nan, inf, -1e308, 10**400, "boom", "", None, True, [], [[]], {}, {"v": 1.0})
+ASKED: Final = (
+    "drive", "combined", "servos", "press", "tell", "subscribe", "call", "begin", "cancel", "missing", "release",
+    "fleet", "learned", "refused", "nothing", "parent", "request", "disarm",
+)  # fmt: skip
+FIELDS: Final = (
+    "v", "omega", "age", "x", "y", "theta", "switch", "on", "values", "id", "name", "fields", "who", "heard",
+)  # fmt: skip
+
+
+@strike
+def hostile_peers(desk: Desk, value: float) -> None:
+    """A node of ROS, a peer of the fleet and a pad's bridge ask for everything there is, wrongly, and then for a stop.
+
+    A stop is obeyed at once, whoever made it up and whatever came before it.
+    """
+    rng = np.random.default_rng(int(1e9 * value))
+    end = desk.end(pick(("ros", "ros1", "fleet", "gamepad"), value))
+    for _ in range(60):
+        fields = {name: JUNK[rng.integers(len(JUNK))] for name in FIELDS if rng.random() < 0.4}
+        end.request(Request(ASKED[rng.integers(len(ASKED))], fields, float(rng.choice((0.0, 0.1, 10.0, -5.0)))))
+        end.telemetry()
+    for stop in ({}, {"who": "console1", "stop": f"{rng.integers(2**62):032x}"}, {"why": [1]}):
+        end.request(Request("stop", stop if end is desk.end("fleet") else {}, 0.0))
+        if desk.robot.armed:
+            raise Broken(f"a stop {stop} was not obeyed")
+    desk.stop(spread(value, 0.3, 1.5))
+    end.let_go()
 
 
 @strike
@@ -293,14 +369,15 @@ def encoder_reversed(desk: Desk, value: float) -> None:
 @strike
 def encoder_jump(desk: Desk, value: float) -> None:
     """A counter is suddenly far away, and is back."""
-    by = int(spread(value, -100000, 100000))
+    far = 100000 if desk.kind != "pico" else 15000  # whose cycle counts in 16 bits
+    by = int(spread(value, -far, far))
     desk.falsify(spread(7 * value % 1.0, 0.02, 0.2), lambda ticks: (ticks[0] + by, ticks[1]))
 
 
 @strike
 def battery_bad(desk: Desk, value: float) -> None:
     """Voltages that are low, none, no number, infinite."""
-    volts = pick((8.7, 0.0, nan, inf, 9.2, -5.0), value)
+    volts = pick((8.7, 0.0, 9.2, nan, inf, -5.0)[: 3 if desk.kind == "pico" else 6], value)  # it measures counts
     vehicle = desk.vehicle
     vehicle.faults = replace(vehicle.faults, voltage=volts)
     desk.later(spread(value, 1.0, 7.0), lambda: desk.mend(voltage=None))
@@ -348,25 +425,28 @@ def line_dead(desk: Desk, value: float) -> None:
 @strike
 def unplugged(desk: Desk, value: float) -> None:
     """The line is gone, and can be opened again."""
-    if desk.board is not None and desk.board.link is not None:
-        desk.board.link.close()
+    link = getattr(desk.device, "link", None)
+    if link is not None:
+        link.close()
 
 
 @strike
 def board_restart(desk: Desk, value: float) -> None:
     """The board is without power for a moment."""
+    off = spread(value, 0.05, 1.5)
     if desk.kind == "original":
         assert desk.board is not None
-        desk.board.happen(BoardEvent("restart", spread(value, 0.05, 1.5)))
-        desk.later(3.0, desk.load_gains)
+        desk.board.happen(BoardEvent("restart", off))
+    else:
+        desk.spawn(desk.device.restart(off))
+    desk.later(3.0, desk.load_gains)
 
 
 @strike
 def board_centre_button(desk: Desk, value: float) -> None:
     """Somebody presses the button on the board, and again later."""
-    if desk.board is not None:
-        desk.board.happen(BoardEvent("centre"))
-        desk.later(spread(value, 0.5, 3.0), lambda: desk.board and desk.board.happen(BoardEvent("centre")))
+    desk.press_centre()
+    desk.later(spread(value, 0.5, 3.0), desk.press_centre)
 
 
 @strike
@@ -391,20 +471,52 @@ def board_stop(desk: Desk, value: float) -> None:
         desk.later(spread(value, 0.2, 2.0), again)
 
 
-BOARD_ONLY: Final = frozenset(
-    {*ON_A_LINE, "line dead", "unplugged", "board restart", "board centre button", "board esc off", "board stop"}
-)
-SIM_ONLY: Final = frozenset({"lifted", "manual mode"})
+@strike
+def power_off_in_motion(desk: Desk, value: float) -> None:
+    """Somebody else's message to the board, to switch off the supply of its encoders while it drives: refused."""
+    if desk.board is not None:
+        desk.board.runtime.post(PowerControl(Switch.ATX, False), desk.board.now)
+
+
+@strike
+def controller_fault(desk: Desk, value: float) -> None:
+    """The motor controller reports a fault, and drives no more until it is over."""
+    desk.device.fault = int(spread(value, 1, 27))
+    desk.later(spread(value, 0.1, 3.0), lambda: setattr(desk.device, "fault", 0))
+
+
+@strike
+def guard_hangs(desk: Desk, value: float) -> None:
+    """The kernel holds the guard in the bus: nothing new is put out, and nothing feeds the watchdog."""
+    desk.device.hangs = True
+    desk.later(spread(value, 0.03, 3.0), lambda: setattr(desk.device, "hangs", False))
+
+
+@strike
+def bus_dead(desk: Desk, value: float) -> None:
+    """A wire of the servo board's bus is off for a while, or for an instant."""
+    desk.device.bus.dead = True
+    desk.later(spread(value * value, 0.03, 3.0), lambda: setattr(desk.device.bus, "dead", False))
+
+
+ANY_LINE: Final = frozenset({*ON_A_LINE, "line dead", "unplugged"})
+BOARDS: Final = frozenset({"board centre button", "board esc off"})
+ONLY_OF: Final = {
+    "sim": frozenset({"lifted", "manual mode"}),
+    "ours": ANY_LINE | BOARDS | {"board stop", "power off in motion"},
+    "original": ANY_LINE | BOARDS | {"board restart"},
+    "pi": frozenset({"guard hangs", "bus dead"}),
+    "vesc": ANY_LINE | {"controller fault"},
+    "waveshare": ANY_LINE,
+    "pico": ANY_LINE | {"board restart", "board centre button"},
+}
+"""Faults that not every kind of hardware can have, by the kinds that can."""
+SOME: Final = frozenset.union(*ONLY_OF.values())
 
 
 def names(kind: str) -> list[str]:
     """The faults that there are for this kind of hardware."""
-    without = BOARD_ONLY if kind == "sim" else SIM_ONLY
-    if kind == "original":
-        without |= {"board stop"}
-    if kind == "ours":
-        without |= {"board restart"}
-    return [name for name in STRIKES if name not in without]
+    return [name for name in STRIKES if name not in SOME or name in ONLY_OF[kind]]
 
 
 def plan(kind: str, seed: int, duration: float) -> list[Strike]:

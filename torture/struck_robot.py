@@ -1,26 +1,44 @@
-"""A robot on the desk that is driven, struck by faults, and watched from outside the safety gate."""
+"""A robot on the desk that is driven, struck by faults, and watched from outside the safety gate.
+
+There are seven kinds of hardware. Three close their loops in the host (the simulation, a Raspberry Pi's servo board) or
+in a board of this protocol (ours, the originals', the Pico's firmware); two are motor controllers of other makers.
+"""
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from math import inf, isfinite, log
+from math import inf, log
 from typing import Any, Final
 
 import numpy as np
 from numpy.random import Generator
 
-from txt1.board.board import Board, VirtualPort
-from txt1.config import Config, load
+from txt1.board.board import Board, BoardEvent, VirtualPort
+from txt1.bridges.registry import RobotEnd
+from txt1.config import Config, checked, load
 from txt1.errors import CommandRefused, NotArmed, NotCapable, StopNotVerified
-from txt1.hal.base import Inputs, Outputs
+from txt1.fleet.link import FleetLink
+from txt1.hal.base import Button, Hal, Inputs, Outputs
+from txt1.hal.double import DoublePort
+from txt1.hal.pico.double import port as pico_port
+from txt1.hal.registry import create
 from txt1.hal.serial import SerialHal
+from txt1.hal.vesc.double import VESC_TIMEOUT
+from txt1.hal.vesc.double import port as vesc_port
+from txt1.hal.vesc.driver import SCALES, PacketId, Unpacker, VescHal, VescOptions
+from txt1.hal.waveshare.double import HEARTBEAT_MS
+from txt1.hal.waveshare.double import port as waveshare_port
+from txt1.hal.waveshare.driver import PWM, SPEED, Lines, WaveshareHal, WaveshareOptions
+from txt1.link.base import End
 from txt1.link.impairments import Through
 from txt1.model.vehicle import STEERING_MAX
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import HostMessage, PwmTest, Switch, Velocity
 from txt1.robot import Robot
+from txt1.ros.original import Ros1Desk
+from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sim.parameters import LineFaults, VehicleParameters
 from txt1.sim.serial_line import Arrival, SerialLine
 from txt1.sim.vehicle import Vehicle
@@ -35,15 +53,19 @@ LINK_RULE: Final = 2.0  # s within which a board without a host stands still by 
 MOVES: Final = 0.05  # m/s above which it does not stand
 CREEPS: Final = 0.1  # the same with an original board, which reads 0 below 0.045 m/s and hunts about that
 OWN: Final = VehicleParameters()
+RULES: Final = {"sim": 0.2, "pi": 0.4, "vesc": 0.5 + VESC_TIMEOUT, "waveshare": 0.5 + HEARTBEAT_MS / 1000.0}
+"""Within which time, s, outputs rest by themselves; where not told, 0.5 s and a board's LINK_RULE."""
+VEHICLES: Final = {"pi": "donkeycar", "vesc": "f1tenth", "waveshare": "rover"}
+WATCHDOG: Final = 26  # the pin that feeds the servo board's watchdog
 
 
 class Broken(Exception):
     """An invariant does not hold."""
 
 
-def coasting(v: float) -> float:
+def coasting(v: float, vehicle: VehicleParameters = OWN) -> float:
     """The time in s that the vehicle takes from a speed in m/s until it stands, its motor neutral."""
-    return OWN.coast_time_constant * log((abs(v) + OWN.coast_friction) / OWN.coast_friction)
+    return vehicle.coast_time_constant * log((abs(v) + vehicle.coast_friction) / vehicle.coast_friction)
 
 
 class Way:
@@ -78,16 +100,18 @@ class Way:
 class Desk:
     """The robot, the hands that drive it, and the eyes that watch it."""
 
-    def __init__(self, kind: str, robot: Robot, port: VirtualPort | None, ways: tuple[Way, Way], seed: int) -> None:
+    def __init__(self, kind: str, robot: Robot, port: Any, ways: tuple[Way, Way], seed: int) -> None:
         self.kind = kind
         self.robot = robot
+        limits = robot.config.limits()
+        self.v_max, self.omega_max, self.radius = limits.v_max, limits.omega_max, limits.radius_min or 0.3
         self.v, self.omega = 0.5, 0.0
         """Where the program drives, m/s and rad/s."""
         self.cycles = self.moving = 0
         self._port = port
         self._ways = ways
         self._rng = np.random.default_rng([seed, 99])
-        self._sources = {name: robot.source(name) for name in ("keys", "gamepad", "web", "ros")}
+        self._sources = {name: robot.source(name) for name in ("keys", "gamepad", "web")}
         self._sources["program"] = robot.program
         self._tasks: set[asyncio.Task[None]] = set()
         self._failure: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -105,6 +129,9 @@ class Desk:
         self._speed = 0.0  # the largest since
         self._sent: tuple[float, Velocity] = (-inf, Velocity(0.0, 0.0))
         self._decoder = Decoder(Role.BOARD)
+        self._packets, self._lines = Unpacker(), Lines()
+        self._ends: dict[str, RobotEnd] = {}
+        self._sources["ros"] = self.end("ros").source
         self._watch_writes()
 
     @property
@@ -114,15 +141,26 @@ class Desk:
 
     @property
     def board(self) -> Board | None:
-        """The board behind the line, if there is one."""
-        return None if self._port is None else self._port.board
+        """The virtual board behind the line, if there is one."""
+        return self._port.board if isinstance(self._port, VirtualPort) else None
+
+    @property
+    def device(self) -> Any:
+        """What is at the far end of the line, or holds the outputs of a Raspberry Pi; None: there is nothing else."""
+        if isinstance(self._port, DoublePort):
+            return self._port.device
+        return self.board or getattr(self.robot.hal, "_keeper", None)
 
     @property
     def vehicle(self) -> Vehicle:
         """The simulated vehicle."""
-        if self.board is not None:
-            return self.board.vehicle
-        vehicle: Vehicle = self.robot.hal.vehicle  # type: ignore[attr-defined]
+        for place in (self.board, self.device, getattr(self.device, "car", None), getattr(self.device, "hal", None)):
+            vehicle: Vehicle | None = getattr(place, "vehicle", None)
+            if vehicle is not None:
+                return vehicle
+        simulated: Any = self.robot.hal
+        vehicle = simulated.vehicle
+        assert isinstance(vehicle, Vehicle)
         return vehicle
 
     # -- hands ---------------------------------------------------------------------------------------------------------
@@ -136,7 +174,7 @@ class Desk:
     def post(self, message: HostMessage, time: float) -> None:
         """Hand the robot a message past the API."""
         self.robot.runtime.post(message, time)
-        if isinstance(message, Velocity) and isfinite(message.v) and isfinite(message.omega) and time <= self.now:
+        if isinstance(message, Velocity) and abs(message.v) < inf and abs(message.omega) < inf and time <= self.now:
             self._note(time)
 
     def pwm_test(self, motor: int, front: int, rear: int) -> None:
@@ -177,6 +215,26 @@ class Desk:
         with suppress(CommandRefused, NotCapable):
             self.robot.switch_power(switch, on)
 
+    def press_centre(self) -> None:
+        """Press the button on the board."""
+        if self.board is not None:
+            self.board.happen(BoardEvent("centre"))
+            return
+        self.device.buttons = Button.CENTRE
+        self.later(0.2, lambda: setattr(self.device, "buttons", Button.NONE))
+
+    def end(self, name: str) -> RobotEnd:
+        """The robot's end of a bridge, which is not there itself."""
+        if name not in self._ends:
+            makers: dict[str, Callable[[Robot], RobotEnd]] = {
+                "ros": Ros2RobotEnd,
+                "ros1": Ros1Desk,
+                "fleet": lambda robot: RobotEnd(robot, "fleet", FleetLink(robot).requests),
+                "gamepad": lambda robot: RobotEnd(robot, "pad", {}),
+            }
+            self._ends[name] = makers[name](self.robot)
+        return self._ends[name]
+
     def load_gains(self) -> None:
         """Send the right gains again."""
 
@@ -196,6 +254,8 @@ class Desk:
     def falsify(self, duration: float, change: Callable[[tuple[int, int]], tuple[int, int]]) -> None:
         """Change what the encoders say for a while."""
         hal: Any = self.robot.hal if self.board is None else self.board.runtime.hal
+        if self.kind == "pico":
+            hal = self.device.hal
         if "read" in vars(hal):
             return  # one at a time
         right = hal.read
@@ -271,8 +331,8 @@ class Desk:
             now = self.now
             if now >= changes:
                 changes = now + rng.uniform(2.0, 4.0)
-                self.v = float(rng.uniform(0.25, 1.3) * rng.choice((1.0, 1.0, -1.0)))
-                self.omega = float(rng.uniform(-1.0, 1.0) * abs(self.v) / 0.56)
+                self.v = float(rng.uniform(0.25, min(self.v_max, 1.3)) * rng.choice((1.0, 1.0, -1.0)))
+                self.omega = float(rng.uniform(-1.0, 1.0) * abs(self.v) / max(self.radius, 0.3))
             if now >= self._quiet_until:
                 if self.robot.program.overruled and self.robot.driver.name == "":
                     self.robot.program.request()  # whoever took the wheel has let go of it
@@ -299,8 +359,10 @@ class Desk:
             write(outputs, now)
 
         hal.write = written
-        if self._port is not None:
+        if isinstance(hal, SerialHal):
             hal.tap_line(self._on_the_line)
+        elif isinstance(hal, VescHal | WaveshareHal):
+            hal._line.tap = self._to_a_controller  # noqa: SLF001 - what a controller is told, before it is obeyed
 
     def _may_move(self) -> bool:
         """Whether armed, on a command that is fresh: told without asking the safety gate's judgement of commands."""
@@ -326,7 +388,8 @@ class Desk:
             and max(abs(front), abs(rear)) <= STEERING_MAX
             and max(abs(pwm4), abs(pwm5)) <= 24000
             and abs(v) <= limits.v_max
-            and abs(omega) <= abs(v) / limits.radius_min + 1e-12
+            and abs(omega) <= limits.omega_max
+            and (limits.radius_min == 0.0 or abs(omega) <= abs(v) / limits.radius_min + 1e-12)
         ):
             raise Broken(f"outputs outside the limits: {outputs}")
         if any((motor, front, rear, v, omega)) and not self._may_move():
@@ -348,6 +411,30 @@ class Desk:
                     raise Broken(f"{message} goes to the board, armed={self.robot.armed}")
             elif isinstance(message, PwmTest) and any((message.motor, message.front, message.rear)):
                 raise Broken(f"{message} goes to a board that closes its own loops")
+
+    def _to_a_controller(self, direction: str, data: bytes) -> None:
+        """Check what goes to a motor controller."""
+        if direction != "out":
+            return
+        asked = self._asked_of_a_vesc(data) if self.kind == "vesc" else self._asked_of_a_rover(data)
+        for what, value in asked:
+            if not value:
+                continue
+            if self._may_move():
+                self._could_move = self.now
+            elif self.now - self._could_move > TICK + EPSILON:
+                raise Broken(f"{what} {value:g} goes to the controller, armed={self.robot.armed}")
+
+    def _asked_of_a_vesc(self, data: bytes) -> Iterator[tuple[str, float]]:
+        for payload in self._packets.feed(data):
+            if payload[0] in (PacketId.SET_RPM, PacketId.SET_DUTY, PacketId.SET_CURRENT):
+                command = PacketId(payload[0])
+                yield command.name, int.from_bytes(payload[1:5], signed=True) / SCALES[command]
+
+    def _asked_of_a_rover(self, data: bytes) -> Iterator[tuple[str, float]]:
+        for found in self._lines.feed(data):
+            if found.get("T") in (SPEED, PWM):
+                yield from (("right", found["R"]), ("left", found["L"]))
 
     async def _watch(self) -> None:
         hal, last, up_since = self.robot.hal, self.now, -inf
@@ -375,7 +462,7 @@ class Desk:
         """Check that it stands still in time: `since` is how long it may not move any more, s."""
         if self.kind != "sim" or since < 3.0 * TICK:
             self._speed = max(self._speed, v)
-        allowed = coasting(self._speed) + (0.2 if self.kind == "sim" else 0.5 + LINK_RULE)
+        allowed = coasting(self._speed, self.vehicle.parameters) + RULES.get(self.kind, 0.5 + LINK_RULE)
         if v > (CREEPS if self.kind == "original" else MOVES) and since > allowed:
             raise Broken(f"{v:.2f} m/s, {since:.2f} s after it was allowed to move last (at most {allowed:.2f} s)")
 
@@ -395,12 +482,33 @@ class Desk:
 
 def configuration(kind: str, seed: int, physics: str = "plain") -> Config:
     """The configuration of a robot of this kind on the desk, in a physics a vehicle that it models."""
-    vehicle = "txt1" if physics in ("plain", "mujoco") else "f1tenth"
+    vehicle = VEHICLES.get(kind, "txt1") if physics in ("plain", "mujoco") else "f1tenth"
+    chosen = [*ENDLESS, *(() if vehicle == "txt1" else (f"vehicle={vehicle}",))]
+    hal = kind if kind in VEHICLES else "serial"
     if kind == "sim":
-        chosen = () if physics == "plain" else (f"vehicle={vehicle}", f"sim.physics={physics}")
-        return load(None, [*ENDLESS, *chosen], {}, {"hal": "sim", "seed": seed}).config
-    settings = [*ENDLESS, "serial.port=virtual", f"board.habits={kind}"]
-    return load(None, settings, {}, {"hal": "serial", "seed": seed}).config
+        hal, chosen = "sim", [*chosen, *(() if physics == "plain" else (f"sim.physics={physics}",))]
+    elif kind == "pi":
+        chosen += ["hal_options.bus=desk", f"hal_options.watchdog={WATCHDOG}"]
+    elif kind in ("ours", "original"):
+        chosen += ["serial.port=virtual", f"board.habits={kind}"]
+    else:
+        chosen += [f"serial.port={kind}"]
+    return load(None, chosen, {}, {"hal": hal, "seed": seed}).config
+
+
+def hardware(kind: str, config: Config, wrap: Callable[[End], End]) -> tuple[Hal, Any]:
+    """The hardware layer of this kind on the desk, its line wrapped, and the port behind it, if there is a line."""
+    if kind in ("sim", "pi"):
+        return create(config), None
+    port: Any
+    if kind == "vesc":
+        port = vesc_port(config)
+        return VescHal(port, checked(VescOptions, config.hal_options, "hal_options"), config.geometry, wrap, True), port
+    if kind == "waveshare":
+        port, options = waveshare_port(config), checked(WaveshareOptions, config.hal_options, "hal_options")
+        return WaveshareHal(port, options, config.geometry, wrap, True), port
+    port = pico_port(config) if kind == "pico" else VirtualPort(config)
+    return SerialHal(port, wrap, simulated=True), port
 
 
 async def on_the_desk(
@@ -414,10 +522,7 @@ async def on_the_desk(
     config = configuration(kind, seed, physics)
     rng = np.random.default_rng([seed, 7])
     ways = Way(rng), Way(rng)
-    port, hal = None, None
-    if kind != "sim":
-        port = VirtualPort(config)
-        hal = SerialHal(port, lambda end: Through(end, lambda now: ways), simulated=True)
+    hal, port = hardware(kind, config, lambda end: Through(end, lambda now: ways))
     held = False
     try:
         async with Robot.open(hal, config=config, arm=False) as robot:

@@ -7,20 +7,40 @@ import pytest
 from torture.campaign import once, plan, shortest
 from torture.strikes import KINDS, STRIKES, Strike, names
 from txt1.control.limits import Gate
+from txt1.errors import MissingExtra
+from txt1.hal.base import Outputs
+from txt1.hal.pi.double import Monostable
+from txt1.hal.pico.double import interpreter
+from txt1.hal.vesc.driver import VescHal
+from txt1.hal.waveshare.driver import WaveshareHal
 from txt1.robot import Robot
 
-SEEDS = [pytest.param(1_000_000 + k, marks=[pytest.mark.long] if k >= 4 else []) for k in range(12)]
+
+def firmware_is_here() -> bool:
+    try:
+        interpreter()
+    except MissingExtra:
+        return False
+    return True
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", SEEDS)
+FIRMWARE = pytest.mark.skipif(not firmware_is_here(), reason="MicroPython is not installed")
+MARKED = [pytest.param(kind, marks=[FIRMWARE] if kind == "pico" else []) for kind in KINDS]
+RUNS = [
+    pytest.param(kind, 1_000_000 + k, marks=[*([pytest.mark.long] if k >= 2 else []), *([FIRMWARE] * (kind == "pico"))])
+    for kind in KINDS
+    for k in range(12)
+]
+
+
+@pytest.mark.parametrize("kind, seed", RUNS)
 def test_struck_by_faults_the_robot_keeps_every_promise_and_drives_on(kind: str, seed: int) -> None:
     result = once(kind, seed, plan(kind, seed, 20.0))
     assert result.broken == ""
     assert result.moving > 0.2 * result.cycles
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", MARKED)
 def test_every_fault_there_is_strikes_at_once_and_nothing_breaks(kind: str) -> None:
     strikes = [Strike(name, 1.0 + 0.05 * k, (0.37 * k) % 1.0) for k, name in enumerate(names(kind))]
     assert once(kind, 5, strikes, duration=8.0).broken == ""
@@ -66,5 +86,26 @@ def test_outputs_beyond_the_limits_are_seen(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_vehicle_that_does_not_come_to_rest_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("torture.struck_robot.coasting", lambda v: -inf)
+    monkeypatch.setattr("torture.struck_robot.coasting", lambda v, vehicle: -inf)
     assert "after it was allowed to move last" in once("sim", 1, [Strike("silence", 2.0, 0.9)], duration=5.0).broken
+
+
+@pytest.mark.parametrize("kind, hal", [("vesc", VescHal), ("waveshare", WaveshareHal)])
+def test_a_speed_that_goes_to_a_motor_controller_of_a_disarmed_robot_is_seen(
+    kind: str, hal: type[VescHal | WaveshareHal], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = hal.write
+    moving = Outputs(v=0.5)
+    monkeypatch.setattr(hal, "write", lambda self, outputs, now: right(self, outputs if outputs.v else moving, now))
+    assert "goes to the controller, armed=False" in once(kind, 1, [Strike("emergency stop", 2.0, 0.9)], 5.0).broken
+
+
+def test_a_watchdog_that_does_not_end_the_pulses_of_a_guard_that_hangs_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Monostable, "ends", inf)
+    strikes = [Strike("guard hangs", 2.0, 1.0), Strike("emergency stop", 2.1, 0.9)]
+    assert "after it was allowed to move last" in once("pi", 1, strikes, 8.0).broken
+
+
+def test_a_stop_of_a_peer_that_is_not_obeyed_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("txt1.fleet.link.FleetLink._stop", lambda link, who="", stop="": None)
+    assert "was not obeyed" in once("sim", 1, [Strike("hostile peers", 2.0, 0.6)], 5.0).broken
