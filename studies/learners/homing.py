@@ -20,7 +20,7 @@ from txt1.learning.trial import Commands
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
-PERIOD: Final = 0.1  # s between two decisions
+DECISION_PERIOD: Final = 0.1  # s between two decisions
 AHEAD: Final = pi / 18.0  # rad: a direction within this is straight ahead; not tuned
 
 
@@ -36,7 +36,7 @@ class Homing(PeriodicAgent):
     name = "homing"
 
     def __init__(self, commands: Commands, exponent: float = 2.0) -> None:
-        super().__init__(PERIOD)
+        super().__init__(DECISION_PERIOD)
         rates = [omega for _, omega in commands]
         self._right, self._left = rates.index(min(rates)), rates.index(max(rates))
         self._straight = min(range(len(rates)), key=lambda a: abs(rates[a]))

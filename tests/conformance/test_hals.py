@@ -685,7 +685,7 @@ class TestSerialWithLoopsOnTheHost(HalConformance):
 def test_a_device_of_another_kind_at_the_port_is_told_once_in_a_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("txt1.cli.hal.PATIENCE", 4.0 * S)
+    monkeypatch.setattr("txt1.cli.hal.ANSWERS_WITHIN", 4.0 * S)
     master, slave = os.openpty()
     tty.setraw(slave)
     over = Event()

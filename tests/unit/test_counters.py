@@ -99,6 +99,12 @@ def test_no_class_name_stands_for_two_things() -> None:
     assert {name: files for name, files in where.items() if len(files) > 1} == {}
 
 
+def test_a_period_says_of_what() -> None:
+    vague = re.compile(r"^(PERIOD|PATIENCE)\b", re.MULTILINE)
+    files = (file for top in ("txt1", "studies") for file in (size.ROOT / top).rglob("*.py"))
+    assert [file for file in files if vague.search(file.read_text("utf-8"))] == []
+
+
 def test_what_is_compiled_is_there() -> None:
     (named,) = re.findall(r"(?s)^MODULES = (\{.*?^\})", (size.ROOT / "setup.py").read_text("utf-8"), re.MULTILINE)
     modules = [f"txt1/{package}/{name}.py" for package, names in ast.literal_eval(named).items() for name in names]

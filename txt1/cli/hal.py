@@ -23,8 +23,8 @@ from txt1.kernel.loop import run
 from txt1.resources import PACKAGE
 from txt1.sim.parameters import LineFaults
 
-PATIENCE: Final = 10.0  # s in which a board on a line answers
-PERIOD: Final = 0.02  # s between two looks for it
+ANSWERS_WITHIN: Final = 10.0  # s in which a board on a line answers
+LOOK_PERIOD: Final = 0.02  # s between two looks for it
 SKELETON: Final = PACKAGE / "hal" / "skeleton"
 MODULE_NAME: Final = "the name of a Python module, such as mycar"
 
@@ -86,10 +86,10 @@ async def _answers(hal: Hal) -> None:
     await hal.open()
     try:
         while (link := hal.read(now := loop.time() - begin).link) is not None and not link.ready:
-            if now > PATIENCE:
+            if now > ANSWERS_WITHIN:
                 raise HalError(f"nothing is checked, as no board of the HAL '{hal.name}' answers: {link.text}")
             hal.write(Outputs(), now)
-            await asyncio.sleep(PERIOD)
+            await asyncio.sleep(LOOK_PERIOD)
     finally:
         await hal.close()
 

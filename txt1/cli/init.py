@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Final
 
 HANDED_ON: Final = signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGUSR1, signal.SIGUSR2
-PATIENCE: Final = 90  # s that others may take to end after the command: a guard whose bus fails tries for a minute
+END_WITHIN: Final = 90  # s that others may take to end after the command: a guard whose bus fails tries for a minute
 
 
 def serve() -> int:
@@ -42,7 +42,7 @@ def serve() -> int:
             code = os.waitstatus_to_exitcode(status)
             code = code if code >= 0 else 128 - code
             signal.signal(signal.SIGALRM, lambda *_, ends_with=code: os._exit(ends_with))
-            signal.alarm(PATIENCE)
+            signal.alarm(END_WITHIN)
             # screens and bridges end; a guard ignores it until the outputs are neutral
             with suppress(ProcessLookupError):
                 os.kill(-1, signal.SIGTERM)
