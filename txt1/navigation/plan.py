@@ -52,7 +52,8 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
     if room is not None and clearance(*goal, room, body) < 0.0:
         raise NoPath(goal)
     walls = room is not None and room.walls is not None
-    for search in (_cheapest_inside, _round_walls if walls else _over_a_place):
+    searches = (_cheapest_inside, _round_walls, _out_of_narrow) if walls else (_cheapest_inside, _over_a_place)
+    for search in searches:
         for keep_clear in BY_WALLS if walls else ROOMS:
             path = search(start, goal, room, body, keep_clear)
             if path is not None:
@@ -132,13 +133,20 @@ def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry,
     return next((path for path in sorted(every, key=cost) if stays_inside(start, path, room, body, keep_clear)), None)
 
 
-def _round_walls(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
+def _out_of_narrow(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
+    """As `_round_walls`, from a place so narrow that the car gets out of it in several moves only."""
+    return _round_walls(start, goal, room, body, keep_clear, narrow=True)
+
+
+def _round_walls(
+    start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float, narrow: bool = False
+) -> Path | None:
     assert room is not None
 
     def last(pose: Pose) -> Path | None:
         return _cheapest_inside(pose, goal, room, body, keep_clear)
 
-    return round_walls(start, goal, room, body, MARGINS[0] * body.radius_min, keep_clear, last)
+    return round_walls(start, goal, room, body, MARGINS[0] * body.radius_min, keep_clear, last, narrow)
 
 
 def _over_a_place(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:

@@ -6,6 +6,9 @@ cell of its own, whose steps are arcs of the planned radius and straight lines (
 Diebel, "Path planning for autonomous vehicles in unknown semi-structured environments", IJRR 29, 2010). Every few poses
 it is tried whether a Reeds-Shepp path leads on to the goal; the first that stays clear ends the search. The distances
 are weighted, so the path is a good one and not the best.
+
+A car that stands in a narrow place may have no room for a whole step. A second search, `narrow`, begins with short
+steps in small cells, as in a turn in several moves, and goes on with whole steps some way from the start.
 """
 
 from __future__ import annotations
@@ -28,6 +31,10 @@ CELL: Final = 0.2  # m, side of a cell of poses
 TURN: Final = pi / 9.0  # rad likewise
 STEP: Final = 0.3  # m of a step: longer than a cell's diagonal, so that it leaves it
 LOOK: Final = 0.05  # m of a step after which the body is looked at again
+NARROW: Final = 0.8  # m from the start within which a search in a narrow place takes short steps:
+SHORT_STEP: Final = 0.1  # m of these, longer than a diagonal of
+SMALL_CELL: Final = 0.06  # m, side of a cell of poses there, and
+SMALL_TURN: Final = pi / 36.0  # rad likewise
 GREED: Final = 1.5  # what a metre to the goal is worth, to a metre driven
 BACKWARD: Final = 1.3  # what a metre backward is worth, to one forward
 CHANGE: Final = 0.5  # m that a change of gear is worth: one costs time
@@ -100,11 +107,12 @@ def heading_at(start: Pose, goal: tuple[float, float], room: Room, body: Geometr
 
 
 def round_walls(
-    start: Pose, goal: Pose, room: Room, body: Geometry, radius: float, clear: float, last: Last
+    start: Pose, goal: Pose, room: Room, body: Geometry, radius: float, clear: float, last: Last, narrow: bool = False
 ) -> Path | None:
     """A path between two poses whose body keeps `clear` m from walls, its arcs of so many m; None: none was found.
 
-    `last` returns a path from a pose to the goal that stays clear, None where there is none.
+    `last` returns a path from a pose to the goal that stays clear, None where there is none; `narrow` says whether it
+    begins with short steps.
     """
     left = distances_to(goal[:2], room, body, start[:2])
     if place_of(*start[:2]) not in left:
@@ -114,43 +122,49 @@ def round_walls(
     number = count()
     # a pose's path is the chain of steps that led to it
     heap: list[tuple[float, int, float, Pose, Way]] = [(0.0, 0, 0.0, start, None)]
-    closed: set[tuple[int, int, int, bool]] = set()
+    closed: set[tuple[int, int, int, bool, bool]] = set()
+
+    def is_close(pose: Pose) -> bool:
+        return narrow and hypot(pose[0] - start[0], pose[1] - start[1]) < NARROW
+
     for looked in range(POSES_MAX):
         pose, way, spent = None, None, 0.0
         while heap:
             _, _, spent, pose, way = heappop(heap)
-            cell = _cell(pose, way is None or way[0].distance > 0.0)
+            cell = _cell(pose, way is None or way[0].distance > 0.0, is_close(pose))
             if cell not in closed:
                 closed.add(cell)
                 break
             pose = None
         if pose is None:
             return None
-        if looked % EVERY == 0 or left.get(place_of(*pose[:2]), inf) < NEAR:
+        short = is_close(pose)
+        if looked % EVERY == 0 or (not short and left.get(place_of(*pose[:2]), inf) < NEAR):
             end = last(pose)
             if end is not None:
                 return (*_unrolled(way), *end)
+        step = SHORT_STEP if short else STEP
         for curvature, gear in steps:
-            after = _after(pose, curvature, gear, room, body, min(clear, least(pose)))
+            after = _after(pose, curvature, gear * step, room, body, min(clear, least(pose)))
             if after is None or (far := left.get(place_of(*after[:2]))) is None:
                 continue
-            if _cell(after, gear > 0.0) in closed:
+            if _cell(after, gear > 0.0, is_close(after)) in closed:
                 continue
             changed = way is not None and (way[0].distance > 0.0) is not (gear > 0.0)
-            price = STEP * (1.0 if gear > 0.0 else BACKWARD) + CHANGE * changed + BEND * (curvature != 0.0)
+            price = step * (1.0 if gear > 0.0 else BACKWARD) + CHANGE * changed + BEND * (curvature != 0.0)
             total = spent + price
-            segment = Segment(curvature, gear * STEP)
+            segment = Segment(curvature, gear * step)
             heappush(heap, (total + GREED * far, next(number), total, after, (segment, way)))
     return None
 
 
-def _after(pose: Pose, curvature: float, gear: float, room: Room, body: Geometry, clear: float) -> Pose | None:
-    """The pose after a step; None where the body comes too close to a wall on it."""
-    pieces = round(STEP / LOOK)
-    after = move_along_arc(*pose, gear * STEP, curvature, 0.0)
+def _after(pose: Pose, curvature: float, step: float, room: Room, body: Geometry, clear: float) -> Pose | None:
+    """The pose after a step, m; None where the body comes too close to a wall on it."""
+    pieces = round(abs(step) / LOOK)
+    after = move_along_arc(*pose, step, curvature, 0.0)
     # the end first: most steps that touch a wall touch it there
     for k in (pieces, *range(1, pieces)):
-        if not stands_free(move_along_arc(*pose, gear * STEP * k / pieces, curvature, 0.0), gear, room, body, clear):
+        if not stands_free(move_along_arc(*pose, step * k / pieces, curvature, 0.0), step, room, body, clear):
             return None
     return after
 
@@ -184,9 +198,10 @@ def _has_room(pose: Pose, walls: Walls, body: Geometry, clear: float) -> bool:
     return walls.clearance(x, y, theta, body) >= clear
 
 
-def _cell(pose: Pose, forward: bool) -> tuple[int, int, int, bool]:
+def _cell(pose: Pose, forward: bool, small: bool) -> tuple[int, int, int, bool, bool]:
     x, y, theta = pose
-    return floor(x / CELL), floor(y / CELL), floor(wrap_angle(theta) / TURN), forward
+    side, turn = (SMALL_CELL, SMALL_TURN) if small else (CELL, TURN)
+    return floor(x / side), floor(y / side), floor(wrap_angle(theta) / turn), forward, small
 
 
 def _unrolled(way: Way) -> list[Segment]:

@@ -2,18 +2,22 @@
 
 from itertools import pairwise
 from math import hypot, inf, pi
+from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from txt1.maps.files import Map
+from txt1.maps.grid import FREE, OCCUPIED, Grid
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose, Segment
 from txt1.model.vehicle import Geometry
 from txt1.navigation.plan import NoPath, along, cost, plan, plan_with_run_up, stays_inside, stretches
 from txt1.navigation.search import heading_at
 from txt1.sim.room import Room
-from txt1.sim.walls import walls_of
+from txt1.sim.walls import Walls, walls_of
 
 ROOM = Room(5.0, 5.0)
 BODY = Geometry()
@@ -68,3 +72,17 @@ def test_a_way_round_the_walls_of_a_map_keeps_clear_of_them() -> None:
         assert stays_inside(start, path, room, BODY, 0.03)
     with pytest.raises(NoPath):
         plan(start, (20.0, 3.0, 0.0), room, BODY)
+
+
+@pytest.mark.parametrize("length", [0.9, 1.0])
+def test_a_car_between_two_boxes_gets_out_in_several_moves(length: float) -> None:
+    cells, half = np.full((80, 80), OCCUPIED, np.int8), round(10.0 * length)
+    cells[2:-2, 2:-2] = FREE
+    # a bay at the wall, as deep as the car is wide; the car has 51 cm
+    cells[2:12, 2 : 40 - half] = cells[2:12, 40 + half : 78] = OCCUPIED
+    room = Room(walls=Walls(Map("bay", Path(), Grid(cells, 0.05, (-2.0, -2.0, 0.0)), "")))
+    start, goal = (0.0, -1.65, 0.0), (0.5, 1.0, 1.0)
+    path = plan(start, goal, room, BODY)
+    assert len(stretches(path)) > 1 and stays_inside(start, path, room, BODY)
+    *_, (x, y, _) = along(start, path, inf)
+    assert hypot(x - goal[0], y - goal[1]) < 1e-6
