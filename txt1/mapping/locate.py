@@ -12,25 +12,29 @@ tracing, Hart 1996), and ends soon after the measured range. This is exact to a 
 `txt1.maps.rays`, which goes line by line, is exact, and makes arrays of all rays; here only sums are needed.
 
 *Lost.* At the true pose, the scan's rays end where the map has walls, or before, at people; few go through walls. If
-too many do at the mean of the particles, for a while, the filter is lost. Then, as at the start, the points of the last
-metres are matched with the walls of the whole map (`matcher.LocalMap.search`), and particles are put there. As long as
-that finds nothing that fits for a while, the answer is: lost. A map of a larger room, in which all that is seen might
-be people, is told from the true one only in part.
+too many do at the mean of the particles, for a while, the filter is lost.
+
+*Found again.* From the first scan that does not fit, and at the start, the scans make a small map of their own
+(`mapper`), as odometry alone bends the last metres. Its points are matched with the walls of the whole map, in each
+tile and each sector of headings (`matcher.LocalMap.search`). One place may look like another. So the rays of several of
+these scans are cast from each pose that was found, which also tells where floor is free, and particles are put at the
+likely ones. As long as nothing fits for a while, the answer is: lost. A map of a larger room, in which all that is seen
+might be people, is told from the true one only in part.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from functools import cache
-from math import hypot, pi, radians
+from math import ceil, hypot, pi, radians
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.mapping.matcher import GAP, Cloud, LocalMap, kernels_of, sparse
-from txt1.mapping.poses import composed, difference, placed, wrapped
+from txt1.mapping.mapper import Mapper
+from txt1.mapping.matcher import GAP, Cloud, LocalMap, joined, kernels_of, moved, sparse
+from txt1.mapping.poses import composed, difference, wrapped
 from txt1.maps.grid import OCCUPIED_FROM, Grid
 from txt1.sim.batch import compiled
 
@@ -58,10 +62,22 @@ LOST_AFTER: Final = 1.0
 """s for which scans do not fit until the filter is lost, and fit until it is found."""
 AGAIN: Final = 1.0
 """s from one look at the whole map to the next, each of which may take some tenths of a second."""
-TRAIL: Final = 1.5
-"""m of points that are matched with the whole map."""
-ENOUGH: Final = 0.45
-"""Score of that match from which on particles are put there."""
+TRAIL: Final = 16
+"""Keyframes of the small map, the newest, that are matched with the whole map; with three times as many, it is new."""
+ENOUGH: Final = 0.4
+"""Score of that match from which on a pose is compared by rays."""
+TILE: Final = 3.0
+"""m to each side of a tile's middle in which one pose is found for each sector of headings."""
+SECTORS: Final = 24
+"""Of headings."""
+COMPARED: Final = 6
+"""Scans whose rays are cast from the poses that were found."""
+LIKELY: Final = 50
+"""Poses, the best by that, round which particles are put."""
+RIVAL: Final = 8.0
+"""What the logarithm of another place may be less by than that of the best one, and it may still be the true one."""
+ELSEWHERE: Final = 0.5
+"""m, or rad, from which on it is another place."""
 BEHIND: Final = 0.4
 """m behind a measured range where a ray ends: it is too short, whatever it would meet."""
 STEP: Final = 0.02
@@ -81,6 +97,12 @@ class Located(NamedTuple):
     """Share of the scan's rays that end at the map's walls, of those that are not too short for it."""
     lost: bool
     """Whether the pose is not to be used."""
+
+
+def _rays_of(points: Array) -> tuple[Array, Array]:
+    """Return ranges (m) and angles (rad) of the rays that are compared."""
+    chosen = points[np.linspace(0, len(points) - 1, min(RAYS, len(points))).astype(int)]
+    return np.hypot(chosen[:, 0], chosen[:, 1]), np.arctan2(chosen[:, 1], chosen[:, 0])
 
 
 def _table() -> Array:
@@ -196,55 +218,54 @@ class Locator:
         self.particles = np.empty((0, 3))
         """Poses of the laser, a row each (m, rad)."""
         self._logs = np.zeros(0)
-        self._trail: deque[tuple[Array, Array]] = deque()
+        self._trail: Mapper | None = None
         self._before: Array | None = None
         self._lost = True
+        self._doubts = True
         self._changes, self._next = 0.0, 0.0
-        self._way = 0.0
 
     def place(self, pose: Any, spread: tuple[float, float] = (0.2, radians(8.0))) -> None:
         """Put the particles round a pose that somebody tells, with standard deviations in m and rad."""
-        self._put(pose, spread)
-        self._lost = False
+        self.particles, self._logs = self._round(np.asarray(pose), spread), np.zeros(self._count)
+        self._lost = self._doubts = False
 
-    def _put(self, pose: Any, spread: tuple[float, float]) -> None:
-        noise = self._rng.standard_normal((self._count, 3)) * (spread[0], spread[0], spread[1])
-        self.particles = np.asarray(pose) + noise
-        self._logs = np.zeros(self._count)
+    def _round(self, poses: Array, spread: tuple[float, float]) -> Array:
+        """Return poses for the particles round a pose, or each round one of its own."""
+        return np.asarray(poses + self._rng.standard_normal((self._count, 3)) * (spread[0], spread[0], spread[1]))
 
     def update(self, time: float, points: Array, odometry: Any) -> Located:
         """Take a scan: points (n, 2) as seen from the laser (m), and the laser's pose by odometry (m, rad)."""
         odometry = np.asarray(odometry, dtype=np.float64)
         step = np.zeros(3) if self._before is None else difference(self._before, odometry)
         self._before = odometry
-        self._noted(points, odometry, step)
+        self._noted(time, points, odometry)
         if not len(self.particles):
             self._changes = time
-            if not self._searched(time, odometry):
+            if not self._searched(time):
                 return Located(time, odometry, np.diag([1e6, 1e6, 10.0]), 0.0, True)
         else:
             self._moved(step)
         if len(points) < 5:
             return self._told(time, 0.0)
-        chosen = points[np.linspace(0, len(points) - 1, min(RAYS, len(points))).astype(int)]
-        ranges, angles = np.hypot(chosen[:, 0], chosen[:, 1]), np.arctan2(chosen[:, 1], chosen[:, 0])
+        ranges, angles = _rays_of(points)
         self._logs = self._logs + TOGETHER * self.weights(self.particles, ranges, angles)
         mean, _ = self._mean()
         fit = self._fit(mean, ranges, angles)
         told = self._told(time, fit)
-        if told.lost and fit < FINDS and self._searched(time, odometry):
+        self._doubts = told.lost or fit < LOSES
+        if told.lost and fit < FINDS and self._searched(time):
             self._changes = time
         self._resampled()
         return told
 
-    def _noted(self, points: Array, odometry: Array, step: Array) -> None:
-        """Keep the points of the last metres."""
-        self._way += hypot(step[0], step[1]) + 0.3 * abs(float(step[2]))
-        if not self._trail or self._way > 0.15:
-            self._way = 0.0
-            self._trail.append((points, odometry))
-            while len(self._trail) > TRAIL / 0.15:
-                self._trail.popleft()
+    def _noted(self, time: float, points: Array, odometry: Array) -> None:
+        """Add the scan to the small map, which is made from the first doubt on."""
+        if not self._doubts:
+            self._trail = None
+            return
+        if self._trail is None or len(self._trail.keys) > 3 * TRAIL:
+            self._trail = Mapper(form=self.loops.form)
+        self._trail.add(time, points, odometry)
 
     def _moved(self, step: Array) -> None:
         """Move the particles by odometry, each with errors of its own."""
@@ -291,29 +312,71 @@ class Locator:
         if (not sure or fit < LOSES) if not self._lost else (sure and fit >= FINDS):
             # this may be a change, and is one if it lasts
             if time - self._changes >= LOST_AFTER:
-                self._lost, self._changes = not self._lost, time
+                self._lost, self._changes = not self._lost or not self._is_alone(mean), time
         else:
             self._changes = time
         return Located(time, mean, covariance, fit, self._lost or not sure)
 
-    def _searched(self, time: float, odometry: Array) -> bool:
-        """Look for the last metres' points on the whole map; whether particles could be put there."""
-        if time < self._next:
+    def _searched(self, time: float) -> bool:
+        """Look for the small map on the whole one; whether particles could be put there."""
+        if time < self._next or self._trail is None:
             return False
         self._next = time + AGAIN
-        points = np.concatenate([placed(difference(odometry, pose), each) for each, pose in self._trail])
-        if len(points) < 50:
+        found = self._likely(self._trail)
+        if found is None:
             return False
-        query = sparse(Cloud(points, np.zeros_like(points)), 200)
-        low, high = self._free.min(axis=0), self._free.max(axis=0)
-        x, y = self.grid.to_room(0.5 * float(low[1] + high[1]), 0.5 * float(low[0] + high[0]))
-        reach = 0.5 * float((high - low).max()) * self.grid.resolution
-        middle = np.array([float(x), float(y), 0.0])
-        score, found = self._walls.search(query, middle, reach, pi, (10.0 * reach, 100.0), ENOUGH)
-        if score <= ENOUGH:
-            return False
-        self._put(found, (0.1, radians(3.0)))
+        self.particles, self._logs = found
+        self._resampled()
         return True
+
+    def _is_alone(self, pose: Array) -> bool:
+        """Whether no other place than that of a pose is likely for the small map."""
+        found = None if self._trail is None else self._likely(self._trail)
+        if found is None:
+            return True
+        poses, logs = found
+        off = difference(pose, poses)
+        here = (np.hypot(off[:, 0], off[:, 1]) < ELSEWHERE) & (np.abs(off[:, 2]) < ELSEWHERE)
+        return bool(here[logs > logs.max() - RIVAL].all())
+
+    def _likely(self, trail: Mapper) -> tuple[Array, Array] | None:
+        """Return poses at which the small map lies on the whole one, and their logarithms; None: there are none."""
+        keys = trail.keys[-TRAIL:]
+        back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
+        cloud = joined([moved(key.cloud, pose) for key, pose in zip(keys, back, strict=True)])
+        places = self._alike(sparse(cloud, 100)) if len(cloud.points) >= 50 else np.empty((0, 3))
+        if not len(places):
+            return None
+        compared = [
+            (keys[k].cloud.points, back[k]) for k in np.unique(np.linspace(0, len(keys) - 1, COMPARED, dtype=int))
+        ]
+        best = np.argsort(-self._logs_of(places, compared), kind="stable")[:LIKELY]
+        # places are as coarse as cells and sectors: what is near each of them is compared, too
+        poses = self._round(places[best[np.arange(self._count) % len(best)]], (0.07, radians(1.5)))
+        return poses, self._logs_of(poses, compared)
+
+    def _logs_of(self, poses: Array, compared: list[tuple[Array, Array]]) -> Array:
+        """Return sums of logarithms by some scans: the points of each, and where it was seen from, as seen from now."""
+        logs = np.zeros(len(poses))
+        for points, back in compared:
+            logs += TOGETHER * self.weights(composed(poses, back), *_rays_of(points))
+        return logs
+
+    def _alike(self, query: Cloud) -> Array:
+        """Return the poses, a row each, at which a cloud lies on the map's walls: of each tile and sector the best."""
+        low, high = self._free.min(axis=0), self._free.max(axis=0) + 1
+        size = self.grid.resolution
+        rows, columns = (max(1, ceil(float(each) * size / (2.0 * TILE))) for each in high - low)
+        found = []
+        for row, column in np.ndindex(rows, columns):
+            v, u = low + (high - low) * (np.array([row, column]) + 0.5) / (rows, columns)
+            x, y = self.grid.to_room(float(u), float(v))
+            for sector in range(SECTORS):
+                middle = np.array([float(x), float(y), 2.0 * pi * sector / SECTORS])
+                score, pose = self._walls.search(query, middle, TILE, pi / SECTORS, (1e3, 1e3), ENOUGH)
+                if score > ENOUGH:
+                    found.append(pose)
+        return np.array(found)
 
     def _resampled(self) -> None:
         """Draw the particles anew where few of them carry the weight."""

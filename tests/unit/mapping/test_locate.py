@@ -71,6 +71,20 @@ def test_carried_away_it_says_so_and_finds_itself_again():
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("seed", range(3))
+def test_in_a_room_that_looks_the_same_from_two_places_it_does_not_say_that_it_knows(seed):
+    cells = np.full((90, 130), OCCUPIED, np.int8)
+    cells[2:-2, 2:-2] = FREE
+    hall, rng = Grid(cells, 0.05, (-3.25, -2.25, 0.0)), np.random.default_rng(seed)
+    way = np.linspace(0.0, 2.0 * np.pi, 80)
+    x, y = 1.8 * np.cos(way), 1.2 * np.sin(way)
+    poses = np.column_stack((x, y, np.arctan2(1.2 * np.cos(way), -1.8 * np.sin(way))))
+    locator = Locator(hall, seed, "", COUNT)
+    for k, (pose, wheels) in enumerate(zip(poses, drifted(poses, seed), strict=True)):
+        assert locator.update(0.1 * k, scan(hall, pose, rng), wheels).lost
+
+
+@pytest.mark.long
 def test_in_a_wrong_map_it_stays_lost():
     cells = np.full((80, 90), OCCUPIED, np.int8)
     cells[2:-2, 2:-2] = FREE
@@ -81,7 +95,7 @@ def test_in_a_wrong_map_it_stays_lost():
 
 
 def test_the_same_seed_gives_the_same_poses():
-    poses = drive(0.1)
+    poses = drive(0.1)[:4]
     one, other = (
         [each[0].pose for each in followed(Locator(coarse(), 7, "numpy", 100), poses, poses)] for _ in range(2)
     )
