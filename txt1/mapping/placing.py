@@ -37,6 +37,7 @@ from txt1.mapping.telling import (
     MAP,
     MAP_TRANSFORM,
     PARTICLES,
+    ROOM_BELOW,
     MapNews,
     MapSheet,
     Pose,
@@ -46,11 +47,13 @@ from txt1.mapping.worker import Far, Near
 from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
 from txt1.maps.files import Map
 from txt1.maps.grid import OCCUPIED_FROM, Grid
+from txt1.model.odometry import Odometry
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
 from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
 from txt1.sim.room import Room
 from txt1.sim.walls import Walls
+from txt1.tasks.encoder import ROOM, origin
 from txt1.tasks.on_map import MAP_POSE, WALLS_ON_MAP, MapInUse, MapPose
 
 POSE: Final = "map"
@@ -234,8 +237,20 @@ class OnMap(MapInUse):
         self._seen: SeenFloor | None = None
         self._newest: Sweep | None = None
         bus = runtime.bus
+        bus.offer(MAP, lambda: self.sheet)
         bus.offer(MAP_POSE, self.pose)
         bus.offer(WALLS_ON_MAP, lambda: None if self.sheet is None else self.sheet.walls)
+        if ROOM in bus.offered:
+            state = runtime.state
+            bus.offer(ROOM, lambda: None)
+            bus.offer(
+                ROOM_BELOW,
+                lambda: (
+                    None
+                    if state.pose is None
+                    else origin((0.0, 0.0, 0.0), Odometry(*origin(state.pose, state.odometry)))
+                ),
+            )
         bus.offer(PARTICLES, lambda: (self.news.particles or None) if self.news is not None else None)
 
     def heard(self, reading: Reading[MapNews]) -> None:
@@ -245,7 +260,6 @@ class OnMap(MapInUse):
         self.news = news
         if news.sheet is not None:
             self.sheet = news.sheet
-            bus.publish(MAP, news.sheet, time)
         self._look(before)
         if not news.lost:
             bus.publish(MAP_TRANSFORM, news.origin, time)

@@ -13,6 +13,7 @@ import numpy as np
 from txt1.maps.grid import Grid
 from txt1.maps.outlines import Outline, outlines
 from txt1.sensors.base import reading_topic
+from txt1.tasks.encoder import ROOM
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -128,9 +129,10 @@ MAP: Final = declare(
         MapSheet,
         "m",
         "nav_msgs/OccupancyGrid",
-        Rule.EVENT,
+        Rule.CHANGE,
         "the map that the robot makes, or drives in",
         _HEADER,
+        in_snapshots=False,
         make=lambda sheet: {
             "info": {
                 "resolution": sheet.resolution,
@@ -151,10 +153,22 @@ MAP_TRANSFORM: Final = declare(
         Rule.EVENT,
         "where the odometry began on the map",
         {"transforms": [{"header": {"frame_id": FRAME}, "child_frame_id": "odom"}]},
-        tuple(
-            f"transforms.0.transform.{name}" for name in ("translation.x", "translation.y", "rotation.z", "rotation.w")
-        ),
+        ROOM.paths,
         in_the_plane,
+    )
+)
+ROOM_BELOW: Final = declare(
+    Topic[Pose](
+        "/tf_room_below",
+        tuple,
+        "m",
+        "tf2_msgs/TFMessage",
+        Rule.SECOND,
+        "where the simulated room is, as seen from odom: a frame has one parent, and the map is odom's",
+        {"transforms": [{"header": {"frame_id": "odom"}, "child_frame_id": "room"}]},
+        ROOM.paths,
+        in_the_plane,
+        in_snapshots=False,
     )
 )
 PARTICLES: Final = declare(

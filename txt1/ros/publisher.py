@@ -34,6 +34,7 @@ from txt1.ros.urdf import links_of, robot_description
 from txt1.runtime import Runtime
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY, POSE, TRANSFORM, origin
+from txt1.tasks.on_map import MapInUse
 from txt1.telemetry.topics import Rule, Topic
 
 EVENTS_MAX: Final = 3000  # messages that wait for the node; the oldest go first
@@ -82,8 +83,9 @@ JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
 Transforms = Literal["auto", "map", "room", "odom", "none"]
 """Which moving transforms a node tells.
 
-auto: odom -> base_footprint, and what odom stands in: map by the estimate, else room by the simulation, until another
-program tells it; map, room: just this one, whoever tells another; odom: none above odom; none: none at all.
+auto: odom -> base_footprint, and what odom stands in, until another program tells it: map by the robot's place on its
+map (none while it is lost), without a map by the estimate, else room by the simulation; map, room: just this one,
+whoever tells another; odom: none above odom; none: none at all.
 """
 
 
@@ -241,7 +243,12 @@ class Publisher:
         """Tell where odometry began on the map or in the room, and how the wheels stand."""
         bus, frame = self._runtime.bus, "" if self._yields else self._how.transforms
         estimate, pose, control = bus.read(FILTERED), bus.read(POSE), bus.read(SETPOINT)
-        if estimate is not None and frame in ("auto", "map"):
+        on_map = self._runtime.part(MapInUse)
+        if on_map is not None and frame in ("auto", "map"):
+            there = on_map.pose()
+            if there is not None and not there.lost:
+                self._tell(self._map, origin(there[:3], odometry), now)
+        elif estimate is not None and frame in ("auto", "map"):
             self._tell(self._map, origin(estimate[:3], odometry), now)
         elif pose is not None and frame in ("auto", "room"):
             self._tell(self._room, origin(pose, odometry), now)

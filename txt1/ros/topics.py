@@ -33,6 +33,7 @@ STANDARD: Final[dict[str, tuple[str, Quality]]] = {
     "/odom": ("odom", "default"),
     "/odometry/filtered": ("odometry/filtered", "default"),
     "/tf": ("tf", "default"),
+    "/map": ("map", "latched"),
     "/battery1": ("battery_state", "latched"),
     "/diagnostics": ("/diagnostics", "default"),
     "/faults": ("/diagnostics", "default"),
@@ -42,9 +43,23 @@ STANDARD: Final[dict[str, tuple[str, Quality]]] = {
 }
 """Topics of the table that have a name of ROS's own."""
 
-NOT_TOLD: Final = frozenset({"/tf_room", "/markers", "/snapshot", "/input", "/reports", "/steps", "/link", "/cmd_vel"})
+NOT_TOLD: Final = frozenset(
+    {
+        "/tf_room",
+        "/tf_room_below",
+        "/tf_map",
+        "/markers",
+        "/snapshot",
+        "/input",
+        "/reports",
+        "/steps",
+        "/link",
+        "/cmd_vel",
+    }
+)
 """Topics for recordings and the live view alone.
 
+``/tf_room`` and so on: a node tells the frame above odom itself, one at most, and with each odometry;
 ``/cmd_vel``: the velocities asked for have come from ROS, or are in ``~/setpoint``; ``/markers``: RViz has the
 description of the robot, and not every ROS has the message.
 """
@@ -287,7 +302,7 @@ def recorded(name: str, message: str, taken: Container[str]) -> tuple[str, Quali
 
     The name that programs look for is left to others when it is `taken`.
     """
-    if name == "/tf_room":
+    if name in ("/tf_room", "/tf_room_below", "/tf_map"):
         return "tf", "default"
     if name in NOT_TOLD:
         return None

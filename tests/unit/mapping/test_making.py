@@ -52,7 +52,8 @@ def test_a_map_is_made_while_driving_and_the_run_verifies(plain, tmp_path, capsy
     assert {each.suffix for each in tmp_path.glob("room.*")} == set(stored.SUFFIXES)
     assert files.read(f"{name}.yaml").grid.is_free(1.0, 0.0)
     topics = {item.name for item in FilePass(file)}
-    assert {"/map", "/tf_map", "/sensors/map", "/sensors/mapping"} <= topics
+    assert {"/map", "/tf_map", "/tf_room_below", "/sensors/map", "/sensors/mapping"} <= topics
+    assert "/tf_room" not in topics, "odom has one parent, the map"
     before = {each: each.read_bytes() for each in tmp_path.glob("room.*")}
     assert execute(["replay", "--verify", str(file)]) == 0
     assert "no difference" in capsys.readouterr().out

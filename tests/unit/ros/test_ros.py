@@ -20,6 +20,9 @@ from urdf_parser_py.urdf import URDF
 
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
+from txt1.mapping.placing import OnMap
+from txt1.mapping.telling import MapNews, sheet_of
+from txt1.maps.grid import Grid
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.record.layout import MessageBuffer
 from txt1.record.rosbag1 import Converter
@@ -31,6 +34,7 @@ from txt1.ros.python import INSTALLED, ros2
 from txt1.ros.stamps import Publishers, Stamps
 from txt1.ros.topics import JOINTS, TO_OPTICAL, recorded, turned
 from txt1.ros.urdf import MOUNTS, links_of, robot_description
+from txt1.sensors.base import Reading
 from txt1.sensors.readings import OPTICAL, FixReading, Image, ImuReading, Scan
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic
@@ -250,11 +254,17 @@ def test_whatever_a_node_calls_for_is_answered_and_does_not_end_the_run(fields: 
     assert second == (2, True, "2.0")
 
 
+SURE = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4)
 ESTIMATE = ("sensors.imu.driver=sim_imu", "estimation.preset=gyro")
 
 
-def frames(told: Told, *settings: str, other: bool = False) -> tuple[dict[str, str], list[str], list[str]]:
-    """What a node tells in a second: frames by their child, names of diagnostics, and what the operator hears."""
+def frames(
+    told: Told, *settings: str, other: bool = False, lost: bool | None = None
+) -> tuple[dict[str, str], list[str], list[str]]:
+    """What a node tells in a second: frames by their child, names of diagnostics, and what the operator hears.
+
+    `lost` says whether the robot is lost on its map; None: it has none.
+    """
     said: list[str] = []
     store = get_typestore(Stores.ROS2_JAZZY)
     found: dict[str, str] = {}
@@ -274,6 +284,10 @@ def frames(told: Told, *settings: str, other: bool = False) -> tuple[dict[str, s
 
     async def listen() -> None:
         async with Robot.open("sim", seed=1, settings=settings) as robot:
+            if lost is not None:
+                there = OnMap(robot.runtime, False, None)
+                robot.runtime.parts.append(there)
+                there.heard(Reading(0.0, MapNews(0.0, (3.0, 0.0, 0.0), SURE, (3.0, 0.0, 0.0), 0.9, lost)))
             feed = Publisher(robot.runtime, said.append, told)
             feed.begin()
             if other:
@@ -289,6 +303,29 @@ def frames(told: Told, *settings: str, other: bool = False) -> tuple[dict[str, s
 
     run(listen(), speed="max")
     return found, names, said
+
+
+def test_odom_stands_in_the_map_that_the_robot_knows_its_place_on_and_in_nothing_while_it_is_lost() -> None:
+    assert frames(Told("auto"), *ESTIMATE, lost=False)[0]["odom"] == "map"
+    assert "odom" not in frames(Told("auto"), *ESTIMATE, lost=True)[0]
+    assert "odom" not in frames(Told("odom"), lost=False)[0]
+
+
+async def told_late() -> list[tuple[str, str]]:
+    async with Robot.open("sim", seed=1) as robot:
+        there = OnMap(robot.runtime, False, None)
+        sheet = sheet_of(Grid(np.zeros((4, 4), np.int8), 0.05))
+        there.heard(Reading(0.0, MapNews(0.0, (0.0, 0.0, 0.0), SURE, (0.0, 0.0, 0.0), 0.9, False, sheet=sheet)))
+        await asyncio.sleep(1.0)
+        feed = Publisher(robot.runtime, print)
+        feed.begin()
+        await asyncio.sleep(0.1)
+        return [(name, quality) for _, name, _, quality in json.loads(feed.line({}) or b"")["new"]]
+
+
+def test_a_node_that_comes_late_is_told_the_map_under_the_name_that_others_look_for() -> None:
+    told = run(told_late(), speed="max")
+    assert ("map", "latched") in told and not any("tf_map" in name for name, _ in told)
 
 
 @pytest.mark.parametrize(
