@@ -15,6 +15,7 @@ from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.motor import MotorWitness
 from txt1.estimation.readings import plan, tells_pose
 from txt1.estimation.settings import EstimationConfig, FusedConfig
+from txt1.estimation.spinning import SpinWitness
 from txt1.estimation.vote import Cycle
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
@@ -148,6 +149,7 @@ class Estimator:
         self._curvature = 0.0
         self._still = 0.0  # s for which it has stood
         self._witness = MotorWitness()
+        self._spinning = SpinWitness()
         self._gyro: deque[tuple[float, float]] = deque(maxlen=GYRO_KEPT)  # its times (s) and rates (rad/s)
         self._turning: Turning | None = None
         self._compared: deque[Turning] = deque(maxlen=2)  # which wait for the gyro
@@ -318,6 +320,11 @@ class Estimator:
             rows = tuple(row for row, name in enumerate(("v", "omega")) if name in settings.fields)
         told, its = tuple([values[row] for row in rows]), tuple([sigmas[row] for row in rows])
         self._give(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, told, its))
+        spun, news = self._spinning.doubt(v, dt) if self._counts else (0.0, "")
+        if news:
+            self.fusion.changes.append(news)
+        if self.fusion.believes(ENCODERS):
+            self.fusion.doubt_speed(spun, dt)
         if wheels.motor is not None:
             doubt = self._witness.doubt(wheels.setpoint, wheels.motor, dt)
             if self.fusion.believes(ENCODERS):

@@ -1,0 +1,42 @@
+"""A witness of wheels that spin: no tyre makes a car faster than the floor holds, but a motor does so to a wheel.
+
+The speed that the car can have follows the encoders', and changes by no more than tyres hold. Where the encoders' is
+larger, the wheels spin, or an encoder errs. What they count meanwhile is not the way of the car.
+"""
+
+from math import copysign
+from typing import Final
+
+HOLDS: Final = 15.0  # m/s^2: rubber on a dry floor has 10, racing tyres some more
+SPINS: Final = 0.5  # m/s beyond the possible speed from which on it is told; counts and jitter make less
+NO_WHEEL: Final = 20.0  # m/s: a counter that jumps makes more, and tells nothing of the wheels
+AGAIN: Final = 5.0  # s without any of it, after which it is told again
+
+
+class SpinWitness:
+    """Compares the encoders' speed with the one that tyres can have brought the car to."""
+
+    def __init__(self) -> None:
+        self._possible = 0.0  # m/s
+        self._calm = AGAIN  # s for which the wheels have not spun
+
+    def doubt(self, v: float, dt: float) -> tuple[float, str]:
+        """By how much the wheels are faster than the car can be, m/s, and what is new of it, or "".
+
+        `v` is the encoders' speed over the last `dt` s, m/s.
+        """
+        self._calm += dt
+        if abs(v) > NO_WHEEL:
+            return 0.0, ""
+        change = v - self._possible
+        self._possible += copysign(min(abs(change), HOLDS * dt), change)
+        beyond = v - self._possible
+        if beyond * v <= 0.0:
+            # a speed that falls so fast is a wall's work, or an encoder's without power
+            self._possible = v
+            return 0.0, ""
+        if abs(beyond) <= SPINS:
+            return beyond, ""
+        calm, self._calm = self._calm, 0.0
+        news = f"the wheels spin, or an encoder errs: no tyre makes a car so fast as {abs(v):.1f} m/s so soon"
+        return beyond, news if calm >= AGAIN else ""
