@@ -22,6 +22,7 @@ from txt1.kernel.clock import NS_PER_S, processor_ns, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 
 BROKEN: Final = "BROKEN"  # how the verdict on a broken promise begins
+SKIPPED: Final = "skipped"  # how the verdict on a promise that was not checked begins
 ROUNDS: Final = 3
 LOOP: Final = 7500  # turns of a plain loop in Python, which take 0.2 ms on a usual computer
 
@@ -202,7 +203,7 @@ def verdicts(suite: type, make: Callable[[], Any], **settings: object) -> Iterat
         try:
             getattr(checked(), name)()
         except SkipTest as reason:
-            verdict = f"skipped: {reason}"
+            verdict = f"{SKIPPED}: {reason}"
         except Exception as error:
             verdict = f"{BROKEN}: {error if isinstance(error, AssertionError) else named(error)}"
         yield name.removeprefix("test_").replace("_", " "), verdict
