@@ -133,6 +133,26 @@ async def test_a_restart_stops_the_vehicle_and_the_host_disarms_and_loads_the_ga
             assert speed(pico) == pytest.approx(0.5, abs=0.05)
 
 
+@pytest.mark.parametrize("v", [0.0, 0.5])
+@pytest.mark.parametrize(
+    "pause", [0.01, 0.3, 3.0, *(pytest.param(each, marks=pytest.mark.long) for each in (0.1, 30.0))]
+)
+async def test_a_restart_is_noticed_whatever_its_pause_at_rest_and_in_motion(pause: float, v: float) -> None:
+    with suppress(StopNotVerified):  # nobody sees the robot stand while its board has no power
+        async with robot_and_pico() as (robot, pico):
+            await robot.drive(0.5, 0.0, 2.0)
+            await robot.drive(v, 0.0, 2.0)
+            robot.command(v, 0.0)
+            assert robot.armed
+            await pico.restart(pause)
+            await asyncio.sleep(1.0)
+            assert not robot.armed
+            assert robot.faults[Fault.LINK] == 1
+            await asyncio.sleep(2.0)
+            assert speed(pico) == 0.0
+            assert abs(robot.odometry.x) < 0.3, "the odometry begins anew where the board's does"
+
+
 LINES = ("drop=0.2", "flip=0.001", "duplicate=0.3", "split=true", "delay=0.05", "jitter=0.02")
 
 

@@ -547,6 +547,24 @@ async def test_a_restart_at_the_origin_cannot_be_told_from_a_pause_and_disarms()
         assert "may have restarted" in robot.reason
 
 
+@pytest.mark.parametrize("v", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(
+    "pause", [0.005, 0.1, 0.4, 3.0, *(pytest.param(s, marks=pytest.mark.long) for s in (0.2, 60.0))]
+)
+async def test_a_restart_is_noticed_whatever_its_pause_at_rest_and_in_motion(pause: float, v: float) -> None:
+    with suppress(StopNotVerified):  # nobody sees the robot stand while its board has no power
+        async with robot_and_board() as (robot, board):
+            await robot.drive(0.5, 0.0, 1.5)
+            await drive(robot, v, 1.5)
+            assert robot.armed
+            board.happen(BoardEvent("restart", pause))
+            await asyncio.sleep(min(pause, 0.5) + 0.2)
+            assert not robot.armed
+            assert "restarted" in robot.reason or "no odometry" in robot.reason
+            await asyncio.sleep(pause + 2.0)
+            assert abs(robot.odometry.x) < 0.8, "the odometry begins anew where the board's does"
+
+
 async def test_a_restart_shorter_than_any_gap_is_noticed_by_the_battery_filter() -> None:
     async with robot_and_board() as (robot, board):
         await asyncio.sleep(6.0)
