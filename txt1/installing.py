@@ -21,14 +21,16 @@ def installs(extras: str) -> str:
 
     By the interpreter's own pip; where it has none, by who made the environment: pipx or uv, also for one run alone.
     """
-    parts = Path(sys.prefix).parts
+    prefix = Path(sys.prefix)
     if sys.prefix != sys.base_prefix:
-        if "pipx" in parts:
-            if "venvs" in parts:
-                return f"pipx runpip txt1 install {_source(extras)}"
+        # pipx leaves this file in every environment that it makes, wherever PIPX_HOME is
+        if (prefix / "pipx_metadata.json").exists():
+            if prefix.parent.name == "venvs":
+                # pipx runs its installer in the environment's folder
+                return f"pipx runpip {quote(prefix.name)} install {_source(extras, near=False)}"
             return f"pipx run --spec {_source(extras)} txt1"
         # where uv keeps environments of one run
-        if "archive-v0" in parts:
+        if "archive-v0" in prefix.parts:
             return f"uvx --from {_source(extras)} txt1"
         if find_spec("pip") is None:
             return f"uv pip install --python {quote(sys.executable)} {_source(extras)}"
@@ -49,8 +51,11 @@ def _near(path: str) -> str:
     return path if inside.startswith("..") else inside
 
 
-def _source(extras: str) -> str:
-    """Return what pip is to install for extras, quoted: a folder or wheel that is there, an address, or packages."""
+def _source(extras: str, near: bool = True) -> str:
+    """Return what pip is to install for extras, quoted: a folder or wheel that is there, an address, or packages.
+
+    A path leads from the current directory if it is `near`, and from anywhere if not.
+    """
     requires: list[str] = []
     told: dict[str, dict[str, bool]] = {}
     address = ""
@@ -65,9 +70,9 @@ def _source(extras: str) -> str:
         return quote(f"txt1[{extras}] @ {address}")
     path = unquote(urlsplit(address).path) or str(Path(__file__).parents[1])
     if os.path.isfile(path) or os.path.isfile(os.path.join(path, "pyproject.toml")):
-        near = _near(path)
-        near = near if near == "." or os.path.isabs(near) else f"./{near}"
-        return f"{'-e ' if told.get('dir_info', {}).get('editable') else ''}{quote(f'{near}[{extras}]')}"
+        place = _near(path) if near else path
+        place = place if place == "." or os.path.isabs(place) else f"./{place}"
+        return f"{'-e ' if told.get('dir_info', {}).get('editable') else ''}{quote(f'{place}[{extras}]')}"
     return " ".join(quote(each) for extra in extras.split(",") for each in _packages(extra, requires)) or extras
 
 

@@ -355,10 +355,15 @@ def test_an_extra_is_installed_from_where_txt1_came_by_the_python_that_lacks_it(
     assert installs("record") == f"python -m pip install './a folder/{wheel.name}[record]'"
     monkeypatch.setattr("txt1.installing.find_spec", lambda name: None)
     assert installs("record") == f"uv pip install --python {own / 'python'} './a folder/{wheel.name}[record]'"
+    installed, once = tmp_path / "of pipx" / "venvs" / "txt1-a", tmp_path / "of pipx" / ".cache" / "1234"
+    for environment in (installed, once):
+        environment.mkdir(parents=True)
+        (environment / "pipx_metadata.json").touch()
+    monkeypatch.setattr(sys, "prefix", str(installed))
+    assert installs("record") == f"pipx runpip txt1-a install '{wheel}[record]'", "pipx works in another folder"
     came = {"url": "https://example.org/txt1.whl"}
-    monkeypatch.setattr(sys, "prefix", str(tmp_path / "pipx" / "venvs" / "txt1"))
-    assert installs("record") == "pipx runpip txt1 install 'txt1[record] @ https://example.org/txt1.whl'"
-    monkeypatch.setattr(sys, "prefix", str(tmp_path / "pipx" / ".cache" / "1234"))
+    assert installs("record") == "pipx runpip txt1-a install 'txt1[record] @ https://example.org/txt1.whl'"
+    monkeypatch.setattr(sys, "prefix", str(once))
     assert installs("record") == "pipx run --spec 'txt1[record] @ https://example.org/txt1.whl' txt1"
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "uv" / "archive-v0" / "1234"))
     assert installs("record") == "uvx --from 'txt1[record] @ https://example.org/txt1.whl' txt1"
