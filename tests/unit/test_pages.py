@@ -46,11 +46,14 @@ def commands(page: Path) -> Iterator[list[str]]:
         yield words[1:] if "=" in words[0] else words
 
 
-def told(page: Path) -> Iterator[list[str]]:
-    """The words behind `txt1` of each command in a page, also within sentences, in which no word stands for others."""
+def told(page: Path, templates: bool = False) -> Iterator[list[str]]:
+    """The words behind `txt1` of each command in a page, also within sentences.
+
+    Those in which a word stands for others, or those in which none does.
+    """
     inside = (shlex.split(each) for each in re.findall(r"`(txt1\s[^`]+)`", page.read_text("utf-8")))
     for words in (*commands(page), *inside):
-        if words[0] == "txt1" and not any(TEMPLATE.search(word) for word in words):
+        if words[0] == "txt1" and any(TEMPLATE.search(word) for word in words) is templates:
             yield words[1 : next((k for k, word in enumerate(words) if word in (">", "|")), None)]
 
 
@@ -67,6 +70,19 @@ def test_every_command_that_a_page_names_is_one(
             allowed = ended.code == 0 or any(each in said for each in ("there is no file", *MENTION))
             assert allowed, f"{shlex.join(words)}: {said}"
         load(None, [value for option, value in pairwise(words) if option == "--set"])
+
+
+@EACH
+def test_every_option_beside_a_word_that_stands_for_others_is_one(
+    page: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    for words in told(page, templates=True):
+        if not any(re.search(r"\.\.\.|[][]", word) for word in words):
+            try:
+                parsed(words)
+            except SystemExit:
+                assert "unrecognized arguments" not in (said := capsys.readouterr().err), f"{shlex.join(words)}: {said}"
 
 
 @EACH
