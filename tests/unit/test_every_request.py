@@ -6,7 +6,9 @@ import asyncio
 import gc
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from math import isfinite
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
@@ -14,8 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.any_json import JSON
+from tests.e2e.test_bridges import FIELDS as FIELDS_OF_BRIDGES
 from tests.examples import examples
 from txt1.bridges.registry import RobotEnd
+from txt1.bridges.services import Services
+from txt1.errors import CommandRefused
+from txt1.fleet.link import FleetLink
 from txt1.kernel.loop import run
 from txt1.record.live import velocity
 from txt1.robot import Robot
@@ -78,6 +84,43 @@ def test_nothing_that_a_bridge_asks_for_ends_it_and_a_stop_is_obeyed_after_it(
             desk.let_go()
             gc.collect()
         assert not unexpected
+
+    run(main(), speed="max")
+
+
+@pytest.mark.parametrize("end", ENDS)
+async def test_no_request_is_left_out_above(end: str) -> None:
+    async with Robot.open(hal="sim", seed=1) as robot:
+        there = vars(ENDS[end](robot))
+        assert set(there["_requests"]) <= {*ASKED, "arm", "call"}
+        calls = there.get("_calls")
+        assert calls is None or set(vars(calls)["_functions"]) <= {*CALLED, "arm"}
+
+
+async def test_no_request_of_a_page_a_fleet_or_a_learner_is_left_out_of_the_bridges_test() -> None:
+    async with Robot.open(hal="sim", seed=1) as robot:
+        services = Services(robot, robot.config, "max", Path("/nowhere"))
+        asked = {**vars(RobotEnd(robot, "any", {}))["_requests"], **FleetLink(robot).requests, **services.requests}
+        assert set(asked) == set(FIELDS_OF_BRIDGES)
+        await services.close()
+
+
+@settings(max_examples=examples(60), deadline=None)
+@given(asked=st.lists(st.tuples(st.floats(), st.floats(), st.floats(-5.0, 5.0)), max_size=10))
+def test_whatever_a_viewer_drives_is_inside_the_limits_or_refused(asked: list[tuple[float, float, float]]) -> None:
+    async def main() -> None:
+        async with Robot.open(hal="sim", seed=1) as robot:
+            await robot.load_gains()
+            robot.arm()
+            view, hand = robot.source("view"), robot.config.hand()
+            for v, omega, age in asked:
+                with suppress(CommandRefused):
+                    view.command(*hand.on_the_spot(v, omega), robot.now - age)
+                await asyncio.sleep(0.05)
+                control, limits = robot.runtime.state.control, robot.config.limits()
+                assert abs(control.v) <= limits.v_max and abs(control.omega) <= limits.omega_max
+            robot.stop()
+            assert robot.hal.outputs[:3] == (0, 0, 0)  # type: ignore[attr-defined]
 
     run(main(), speed="max")
 
