@@ -237,6 +237,8 @@ class SerialHal(PlainHal):
         silent = self._clearing_since <= now < self._clearing_since + ESC_SILENCE
         if (due or stops or time < self._lossy_until) and not silent:
             self._send_outputs(outputs)
+        if self._clearing and now < self._clearing_since + ESC_SILENCE:
+            self.halt(outputs, now)
         gains = self._gains.to_send(now, time, moves(outputs))
         if gains is not None:
             self.line.send(gains)
@@ -278,7 +280,9 @@ class SerialHal(PlainHal):
     def clear_loops(self, now: float) -> None:
         """Have the board's loops forget what they wound up while nothing moved: somebody may switch its ESC on.
 
-        They keep it as long as zeros come, so silence follows, then zeros again. Meanwhile the board is not ready.
+        They keep it as long as zeros come, so silence follows, then zeros again. Meanwhile the board is not ready. A
+        PWM test of zeros goes with each cycle until then: it is no sign of a host, but takes the place of what the
+        loops put out, until their next step.
         """
         if not self.capabilities.pwm:  # else the loops are this host's
             self._clearing_since = now + LAST_ZEROS
