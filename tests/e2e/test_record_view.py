@@ -21,6 +21,7 @@ import pytest
 from foxglove import layouts
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from tests.patience import LIMIT, TXT1, S
@@ -238,18 +239,23 @@ def test_a_view_is_closed_when_its_recording_cannot_be_made(tmp_path: Path) -> N
     taken = tmp_path / "run.mcap"
     taken.touch()
     view = open_view("127.0.0.1", 0, control=False)
-    port = int(view.address.rpartition(":")[2])
-    with socket.create_connection(("127.0.0.1", port)):
-        pass
 
     async def record() -> None:
         async with recording(taken, Config(), None, {}, print, view):
             pass
 
-    with pytest.raises(ConfigError, match="such a file already"):
-        asyncio.run(record())
-    with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", port))
+    with client_at(view.address) as viewer:
+        with pytest.raises(ConfigError, match="such a file already"):
+            asyncio.run(record())
+        with pytest.raises(ConnectionClosed):
+            while True:
+                viewer.recv(LIMIT)
+
+
+def test_who_connects_and_says_nothing_does_not_keep_a_run_from_its_end() -> None:
+    with running("--view", "127.0.0.1:0") as address:
+        silent = socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])))
+    silent.close()
 
 
 def test_an_address_that_is_taken_is_said_to_be(capsys: pytest.CaptureFixture[str]) -> None:

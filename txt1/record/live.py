@@ -5,6 +5,7 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from threading import Thread
 from typing import Any, Final
 
 import foxglove
@@ -22,6 +23,7 @@ from txt1.telemetry.messages import schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic
 
 LATEST: Final = 20  # lines of the event log that a client who comes late is told
+STOPS: Final = 1.0  # s that the server has to let go of its clients
 
 Drive = Callable[[float, float, float], object]
 """Takes a speed (m/s), a yaw rate (rad/s) and how long ago a client's message with them came, s."""
@@ -109,7 +111,10 @@ class LiveView:
         """Let go of the clients."""
         del dropped
         self._listener.asked = lambda v, omega: None
-        self._server.stop()
+        # The server waits without end for a client that has connected and never says a word.
+        stopping = Thread(target=self._server.stop, daemon=True)
+        stopping.start()
+        stopping.join(STOPS)
 
 
 class _Listener(ServerListener):
