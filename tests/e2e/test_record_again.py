@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from tests.e2e.conftest import ENDLESS, may_block
+from tests.patience import PATIENT
 from txt1.cli import execute
 from txt1.config import Config, load
 from txt1.errors import HalError, NotArmed, RecordingError
@@ -245,7 +246,7 @@ def hardware(config: Config) -> Hardware:
 def test_hardware_reports_again_what_it_reported_and_fails_as_it_did(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with pytest.raises(Exception, match="the plug was pulled"):
-        recorded(path, drive, speed=None, hal=hardware)
+        recorded(path, drive, *PATIENT, speed=None, hal=hardware)
     verdict = verify(path)
     assert verdict.difference is None
     assert verdict.compared > 300
