@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from txt1 import __version__
-from txt1.cli import COMMANDS, execute, helps
+from txt1.cli import COMMANDS, execute, parsers
 from txt1.cli.demo import steps
 from txt1.record.report import Content, draw
 
@@ -27,7 +27,7 @@ def test_package_project_citation_and_changelog_name_the_same_version() -> None:
 
 
 def test_every_command_and_action_has_a_help() -> None:
-    known = dict(helps())
+    known = {name: each.format_help() for name, each in parsers()}
     assert set(COMMANDS) <= set(known)
     assert {"log info", "config show", "hal check"} <= set(known)
     assert all("usage: txt1" in text for text in known.values())

@@ -188,12 +188,6 @@ def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
             yield f"{name} {action}", each
 
 
-def helps() -> Iterator[tuple[str, str]]:
-    """The words of every command and of every action of it, with the help."""
-    for name, each in parsers():
-        yield name, each.format_help()
-
-
 def _joined(argv: Sequence[str]) -> list[str]:
     """Return the words with a negative value joined to its option: argparse takes ``-0.5,0.4`` for another option."""
     words: list[str] = []

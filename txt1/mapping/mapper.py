@@ -137,7 +137,6 @@ class Mapper:
         self._steps: list[Array] = []
         self._pose = np.zeros(3)
         self._before: Array | None = None
-        self._prediction: tuple[float, float] = (0.0, 0.0)
         self._local: LocalMap | None = None
         self._origin = np.zeros(3)
         self._chunks: dict[int, tuple[LocalMap, SeenWalls]] = {}

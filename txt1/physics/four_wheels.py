@@ -85,7 +85,6 @@ class FourWheels(Foreign):
         self._size = mujoco.mj_stateSize(self.model, self._state)
         joint = self.model.joint
         self._pins = [int(joint(f"{name}_pin").qposadr[0]) for name in WHEELS]
-        self._pins_v = [int(joint(f"{name}_pin").dofadr[0]) for name in WHEELS]
         self._rolls = [int(joint(f"{name}_roll").qposadr[0]) for name in WHEELS]
         self._rolls_v = [int(joint(f"{name}_roll").dofadr[0]) for name in WHEELS]
         spin = float(self.model.body(WHEELS[0]).inertia[1])
