@@ -250,7 +250,9 @@ def active(config: Configuration, asked: Mapping[str, object] | None = None) -> 
     asked = asked or {}
     there = {**ours(), **{name: each for name in (*config.given, *asked) if (each := named(name)) is not None}}
     if missing := [name for name in asked if name not in there]:
-        raise ConfigError(f"there is no addition '{missing[0]}'; there are: {', '.join(sorted(there))}")
+        raise ConfigError(
+            f"there is no addition '{missing[0]}': install its package, or name one of {', '.join(sorted(there))}"
+        )
     found = []
     for name, each in there.items():
         if name in asked:

@@ -97,7 +97,7 @@ def test_a_program_asks_for_it_by_name(installed: None) -> None:
 
 
 def test_a_section_without_its_addition_is_refused_in_a_file_and_kept_unread_in_a_recording() -> None:
-    with pytest.raises(ConfigError, match=r"^speed_limit\.v: unknown key"):
+    with pytest.raises(ConfigError, match=r"^speed_limit\.v: unknown key .* needs the addition's package$"):
         load(overrides=["speed_limit.v=0.2"])
     with pytest.raises(ValueError, match="unknown key"):
         Config.model_validate({"speed_limit": {"v": 0.2}})
@@ -106,7 +106,7 @@ def test_a_section_without_its_addition_is_refused_in_a_file_and_kept_unread_in_
 
 
 async def test_one_that_is_named_and_not_installed_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"there is no addition 'speed_limit'; there are: .*estimation"):
+    with pytest.raises(ConfigError, match=r"there is no addition 'speed_limit': install its package, .*estimation"):
         async with Robot.open("sim", additions={"speed_limit": None}):
             pass
 

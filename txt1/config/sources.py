@@ -270,6 +270,8 @@ def _check(setting: Setting) -> None:
             near = difflib.get_close_matches(name, keys, n=1)
             prefix = "".join(f"{p}." for p in setting.path[:depth])
             remedy = f"did you mean '{prefix}{near[0]}'?" if near else f"known here: {', '.join(keys)}"
+            if section is Config and not near:
+                remedy += "; an addition's section needs the addition's package"
             raise ConfigError(f"{key}: unknown key (from {setting.origin}); {remedy}")
     if setting.value is True or setting.value is False:  # pydantic would take them for 1 and 0
         kinds = {kind, *get_args(kind)}
