@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 ROOT: Final = Path(__file__).parents[1]
 KEPT: Final = ROOT / "build" / "steady.json"
 PYTEST: Final = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider")
-SUITE: Final = ("--numprocesses=4", "--dist=worksteal")
+SUITE: Final = ("--numprocesses=6", "--dist=worksteal")
 WAITING: Final = (*SUITE, "-m", "waits and not long and not browser")
 BROWSER: Final = ("-m", "browser", "tests/browser")
 NOTHING: Final = 5  # pytest's exit code where all tests are skipped or none is chosen
