@@ -23,7 +23,7 @@ from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
-from txt1.protocol.messages import Switch
+from txt1.protocol.messages import PowerControl, Switch
 from txt1.robot import SHUTDOWN, Robot
 
 EXAMPLES = [
@@ -289,8 +289,10 @@ async def test_a_hal_that_takes_set_points_gets_them_and_runs_no_second_pid() ->
         with pytest.raises(NotCapable, match="by_hand"):
             await robot.set_manual(True)
         robot.press(Button.CENTRE)
+        robot.runtime.post(PowerControl(Switch.ESC, False), robot.now)
         await asyncio.sleep(0.2)
         assert not robot.runtime.state.panel.manual
+        assert robot.faults["power_control_refused"] == 1, "and the run goes on"
 
 
 @pytest.mark.waits

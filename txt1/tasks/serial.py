@@ -89,6 +89,8 @@ async def serial(
                     servos = gate.admit_pwm(pwm4, pwm5)
                     if servos is not None and gate.armed and epoch == gate.epoch:  # nothing from before arming counts
                         state.servos = servos[0], servos[1]
+                case PowerControl() if not hal.capabilities.power:
+                    gate.count(Fault.POWER)
                 case PowerControl(switch, on):
                     reason = reason_to_keep_atx(now) if switch is Switch.ATX and not on else None
                     if reason is not None:
