@@ -198,6 +198,18 @@ async def test_a_name_stands_for_one_source() -> None:
             robot.source("web", timeout=0.5)
 
 
+@pytest.mark.parametrize("timeout", [0.1, 0.5])
+async def test_a_command_is_good_for_as_long_as_is_configured(timeout: float) -> None:
+    async with Robot.open("sim", seed=1, settings=[*ENDLESS, f"safety.command_timeout={timeout}"]) as robot:
+        await robot.load_gains()
+        await robot.drive(0.5, 0.0, 1.0)
+        robot.command(0.5, 0.0)
+        await asyncio.sleep(0.8 * timeout)
+        assert setpoint(robot) == 0.5
+        await asyncio.sleep(0.2 * timeout + 0.05)
+        assert setpoint(robot) == 0.0
+
+
 async def test_who_drives_and_who_was_refused_is_telemetry(robot: Robot) -> None:
     told: list[Driver] = []
     robot.runtime.bus.subscribe(lambda topic, driver, time: told.append(driver), [DRIVER])

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 from mcap.records import Message
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
@@ -259,6 +260,27 @@ def test_a_file_cut_anywhere_is_recovered_and_nothing_is_invented(
         target.unlink()
     assert counts == sorted(counts)
     assert counts[0] == 0 and counts[-1] == len(whole)
+
+
+def test_a_recovered_file_has_each_channel_once_and_each_message_with_both_its_times(tmp_path: Path) -> None:
+    path, target = tmp_path / "run.mcap", tmp_path / "saved.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("txt1")
+        schema = writer.register_schema("txt1_msgs/Any", "ros2msg", b"float64 x")
+        channels = [writer.register_channel(f"/{name}", "cdr", schema) for name in "ab"]
+        for k in range(10):
+            writer.add_message(channels[k % 2], 1000 + k, bytes(8), 500 + k, k)
+        writer.finish()
+    assert recover(path, target).messages == 10
+    assert [(m.log_time, m.publish_time, m.sequence) for m in raw(target)] == [
+        (1000 + k, 500 + k, k) for k in range(10)
+    ]
+    with target.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert [each.topic for each in summary.channels.values()] == ["/a", "/b"]
+    assert [each.name for each in summary.schemas.values()] == ["txt1_msgs/Any"]
 
 
 def raw(path: Path) -> list[Message]:

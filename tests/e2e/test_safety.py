@@ -159,6 +159,10 @@ async def test_a_dead_encoder_stops_the_vehicle(robot: Robot, faults: Faults, v:
             break
     assert true_speed(robot) == 0.0, "dead encoders say 0 of a car that rolls"
     assert robot.now - closed < 2.1
+    robot.hal.vehicle.faults = Faults()  # type: ignore[attr-defined]
+    await robot.drive(0.5, 0.0, 2.0)
+    robot.disarm()
+    robot.arm()  # it obeyed since, so it may
 
 
 async def test_who_rolls_by_one_encoder_is_not_armed_however_long_it_takes(robot: Robot) -> None:

@@ -41,6 +41,17 @@ def test_another_token_signs_everybody_out() -> None:
     assert Auth(TOKEN + "x", "https", 8443).role(signed[1], 1e9) is None
 
 
+def test_a_cookie_with_another_letter_anywhere_is_a_stranger_s() -> None:
+    door = Auth(TOKEN, "https", 8443)
+    signed = door.sign_in(TOKEN, 1e9)
+    assert signed is not None
+    cookie = signed[1]
+    for at, letter in enumerate(cookie):
+        other = "1" if letter != "1" else "2"
+        assert door.role(cookie[:at] + other + cookie[at + 1 :], 1e9) is None, at
+    assert door.role(cookie, 1e9) == "operator"
+
+
 @given(st.text(max_size=200))
 def test_no_other_word_is_a_token_or_a_cookie(text: str) -> None:
     door = Auth(TOKEN, "https", 8443)

@@ -127,6 +127,26 @@ async def test_a_stop_waits_for_few_messages_of_a_flood_that_has_come_before_it(
     await flooding
 
 
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.24])
+async def test_a_command_is_handed_on_with_its_age(late: float, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(requests, "now", lambda: 50.0)
+    pages = pages_of(robot)
+    page = join(pages)
+    page.clock.answered(49.9, 10.0, 49.9)  # its clock is 39.9 s behind
+    for number, message in enumerate(({"do": "drive", "v": 0.5, "omega": 0.1}, {"do": "hold"})):
+        take(pages, page, json.dumps({**message, "n": number, "t": 10.1 - late}))
+        assert robot.asked[-1][0] == message["do"]
+        assert robot.asked[-1][1]["age"] == pytest.approx(late)
+
+
+async def test_a_visitor_who_is_too_fast_drives_the_same_curve_slowly(robot: Robot) -> None:
+    pages = pages_of(robot)
+    page = pages.join("visitor", "127.0.0.1", Socket())  # type: ignore[arg-type]
+    page.clock.answered(requests.now(), requests.now(), requests.now())
+    take(pages, page, json.dumps({"do": "drive", "v": -2.0, "omega": 1.0, "n": 1, "t": requests.now()}))
+    assert robot.asked[-1][1] | {"age": 0.0} == {"v": -0.5, "omega": 0.25, "age": 0.0}
+
+
 NAMES = (
     "n", "t", "v", "omega", "ping", "points", "speed", "linear", "angular", "on", "name", "topics", "to", "hold",
 )  # fmt: skip
