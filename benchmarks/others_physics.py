@@ -33,6 +33,9 @@ from txt1 import run
 from txt1.config import Config, load
 from txt1.errors import HalError, NotArmed, StopNotVerified, TaskFault
 from txt1.hal.sim import SimHal
+from txt1.model.vehicle import Geometry
+from txt1.physics.mjcf import roll_gradient
+from txt1.physics.settings import PhysicsSettings
 from txt1.robot import Robot
 
 ROOT: Final = Path(__file__).parents[1]
@@ -234,13 +237,17 @@ def runaway(vehicle: str, physics: str, seed: int) -> Shown:
 def roll_over(vehicle: str, physics: str, seed: int) -> Shown:
     """Twelve seconds of full lock to either side at full speed, without and with the roll-over guard.
 
-    In MuJoCo with several heights of the centre of gravity, which the guard is told.
+    In MuJoCo with several heights of the centre of gravity, which the guard is told, as it is how far the body leans.
     """
     shown: Shown = {}
     for height in HEIGHTS if physics == "mujoco" else (None,):
-        tall = () if height is None else (f"physics.gravity_height={height}", f"roll_guard.gravity_height={height}")
-        for name, guard in (("without", ()), ("guard", (*IMU, "roll_guard.enabled=true"))):
-            given = configured(vehicle, physics, seed, *guard, *(each for each in tall if guard or "guard" not in each))
+        tall, known = (), ()
+        if height is not None:
+            tall = (f"physics.gravity_height={height}",)
+            lean = roll_gradient(Geometry(), PhysicsSettings(gravity_height=height))
+            known = (f"roll_guard.gravity_height={height}", f"roll_guard.roll_gradient={lean}")
+        for name, guard in (("without", ()), ("guard", (*IMU, "roll_guard.enabled=true", *known))):
+            given = configured(vehicle, physics, seed, *guard, *tall)
             shown[f"{name} {height or ''}".strip()] = slalom(given, FASTEST[vehicle])
     return shown
 

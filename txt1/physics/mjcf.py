@@ -32,6 +32,15 @@ def wheel_radius(body: Geometry) -> float:
     return body.circumference / (2.0 * pi)
 
 
+def roll_gradient(body: Geometry, settings: PhysicsSettings) -> float:
+    """How far the body leans in a curve, rad per m/s^2: a moment m a h against springs and the weight that leans, too.
+
+    The springs' stiffness in roll is m (2 pi f)^2 (track_width / 2)^2, that of the weight -m g h.
+    """
+    stiffness = (pi * settings.suspension * body.track_width) ** 2 - GRAVITY * settings.gravity_height
+    return settings.gravity_height / stiffness
+
+
 def mjcf(body: Geometry, settings: PhysicsSettings) -> str:
     """Return the model's XML."""
     radius = wheel_radius(body)

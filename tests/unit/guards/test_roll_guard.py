@@ -50,6 +50,27 @@ def test_a_roll_is_remembered_for_a_while() -> None:
     assert one(1.5, 1.5 / BODY.radius_min, 20.0)[0] == 1.5
 
 
+@given(st.floats(0.1, 1.5), st.floats(-1.0, 1.0), st.floats(0.0, 0.3), st.floats(0.001, 0.2))
+def test_a_body_that_leans_on_soft_springs_is_slowed_before_the_curve(
+    v: float, curve: float, ground: float, gradient: float
+) -> None:
+    soft = RollGuard(roll_gradient=gradient)
+
+    def allowed_on(springs: RollGuard, roll: float, sideways: float) -> tuple[float, float]:
+        return Guard(springs, BODY.track_width, BODY.radius_min, lambda _: (roll, sideways))(
+            v, curve * v / BODY.radius_min, 1.0
+        )
+
+    slower, turning = allowed_on(soft, ground, 0.0)
+    leans = abs(lean(ground + gradient * abs(slower * turning), abs(slower), abs(turning)))
+    crawls = lean(ground + gradient * 0.1 * 0.1 / BODY.radius_min, 0.1, 0.1 / BODY.radius_min)
+    assert leans <= max(atan(GIVEN.share * tan(EDGE)), crawls) + 1e-9
+    assert slower <= allowed_on(GIVEN, ground, 0.0)[0] + 1e-9
+    # what the body leans in the curve is not taken for the ground's roll
+    now = slower * turning
+    assert allowed_on(soft, ground + gradient * now, now)[0] == pytest.approx(slower)
+
+
 ALLOWED = atan(0.75 * 0.5 * BODY.track_width / 0.15)  # of the lean: three quarters of the way to lifting wheels
 
 

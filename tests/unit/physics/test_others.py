@@ -13,7 +13,10 @@ from txt1.errors import ConfigError, MissingExtra, TaskFault
 from txt1.experiments.calibration.simulated_operator import smallest_circle
 from txt1.hal.registry import PHYSICS, create_sim
 from txt1.installing import installs
+from txt1.model.vehicle import Geometry
 from txt1.physics.foreign import Foreign, MotorDrive
+from txt1.physics.mjcf import roll_gradient
+from txt1.physics.settings import PhysicsSettings
 from txt1.robot import Robot
 from txt1.sim.dynamics import Motion
 from txt1.sim.world import World
@@ -274,3 +277,35 @@ def test_a_calibrated_circle_is_judged_by_the_one_that_it_truly_drives() -> None
     ours = create_sim(load(None, [], {}, {}).config).vehicle
     assert smallest_circle(ours) == ours.body.radius_min
     assert 1.02 < smallest_circle(sim) / sim.body.radius_min < 1.5, "its tyres scrub, and the linkage gives way"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("height", [0.3, 0.35])
+def test_the_roll_guard_that_knows_the_springs_keeps_a_tall_car_s_wheels_on_the_floor(height: float) -> None:
+    tall = PhysicsSettings(gravity_height=height)
+
+    def highest(gradient: float) -> float:
+        given = config(
+            "mujoco",
+            f"physics.gravity_height={height}",
+            "sensors.imu.driver=sim_imu",
+            "roll_guard.enabled=true",
+            f"roll_guard.gravity_height={height}",
+            f"roll_guard.roll_gradient={gradient}",
+        )
+
+        async def main() -> float:
+            async with Robot.open(config=given, arm=True) as robot:
+                await robot.load_gains()
+                car, found = robot.hal.vehicle.physics, 0.0  # type: ignore[attr-defined]
+                for tick in range(300):
+                    robot.program.insist(1.5, 20.0 if tick // 100 % 2 else -20.0)
+                    await asyncio.sleep(0.02)
+                    found = max(found, *car.heights())
+                return found
+
+        return run(main(), speed="max")
+
+    rises = 0.001  # m; a wheel that hops less on stiff contacts has not risen
+    assert highest(roll_gradient(Geometry(), tall)) < rises
+    assert highest(0.0) > rises, "the IMU sees the lean of a body on soft springs too late"

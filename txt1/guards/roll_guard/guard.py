@@ -5,7 +5,9 @@ points outside of them (T. D. Gillespie, *Fundamentals of Vehicle Dynamics*, SAE
 
     tan(abs(lean)) = W / (2 h),   lean = roll + atan(v omega / g)
 
-Roll is positive with the left side up, and a left turn leans the car likewise, to the right.
+Roll is positive with the left side up, and a left turn leans the car likewise, to the right. The roll is that of the
+body, so it is the ground's and, on soft springs, `roll_gradient` v omega. The guard has to know the gradient before the
+curve: seen by the IMU, it comes too late.
 
 While the IMU is silent, the ground may be as steep as it likes. Then curves are taken with the lateral acceleration of
 a car that crawls through its narrowest one, the least that is left on any ground.
@@ -32,9 +34,13 @@ def tipping(track_width: float, gravity_height: float) -> float:
     return atan(0.5 * track_width / gravity_height)
 
 
-def sideways_max(largest: float, roll: float) -> float:
-    """The lateral acceleration, m/s^2, that with a roll to the bad side comes to a lean; 0 where the roll is enough."""
-    return GRAVITY * tan(max(largest - roll, 0.0))
+def sideways_max(largest: float, roll: float, gradient: float = 0.0) -> float:
+    """The lateral acceleration, m/s^2, that with a roll to the bad side comes to a lean; 0 where the roll is enough.
+
+    With springs a little less, as atan(x) is taken for x.
+    """
+    left = max(largest - roll, 0.0)
+    return left / (gradient + 1.0 / GRAVITY) if gradient else GRAVITY * tan(left)
 
 
 class Guard:
@@ -75,8 +81,9 @@ class Guard:
         if roll is None:
             allowed = self._blind
         else:
-            self._roll = max(self._roll, abs(roll))
-            allowed = sideways_max(self._largest, self._roll)
+            gradient = self.parameters.roll_gradient
+            self._roll = max(self._roll, abs(roll - gradient * sideways))  # the ground's alone
+            allowed = sideways_max(self._largest, self._roll, gradient)
             self._told = False
         # what it does now counts, too: the wheels take a while to turn
         wanted = max(abs(v * omega), min(abs(sideways), abs(v) * yaw_rate_max(v, self._radius_min)))

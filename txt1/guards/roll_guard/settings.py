@@ -5,7 +5,7 @@ from typing import Annotated
 from annotated_types import Gt, Le
 
 from txt1.config.schema import Section
-from txt1.units import Positive
+from txt1.units import NotNegative, Positive
 
 
 class RollGuard(Section):
@@ -20,6 +20,8 @@ class RollGuard(Section):
     """Name of the IMU."""
     gravity_height: Positive = 0.15
     """Of the centre of gravity, m: half of the body's; assumed."""
+    roll_gradient: NotNegative = 0.0
+    """How far the body leans outwards on its springs in a curve, rad per m/s^2 of lateral acceleration; 0: stiff."""
     share: Annotated[float, Gt(0.0), Le(1.0)] = 0.75
     """Share of the way to lifting wheels that is used; chosen."""
     memory: Positive = 3.0
