@@ -1,13 +1,17 @@
 """The page's map shows the walls of a map."""
 
 from collections.abc import Iterator
+from math import hypot
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rigs.live_browser import Live, live
 from tests.browser.conftest import fresh, opened
+from txt1.maps.files import read
+from txt1.maps.outlines import outlines
 
 pytestmark = pytest.mark.browser
 # how wide and how high is what is drawn in the colour of walls, pixels of the canvas
@@ -53,3 +57,47 @@ def test_the_map_in_the_making_is_drawn_with_the_robot_on_it(browser: Any, mappe
     page.wait_for_function("() => /^map  x/.test(document.getElementById('where').textContent)")
     page.wait_for_function(f"() => {{ const [x, y] = ({EXTENT})(); return x > 100 && y > 100 }}")
     page.context.close()
+
+
+@pytest.fixture(scope="module")
+def located(folder: Path) -> Iterator[Live]:
+    pytest.importorskip("numba", reason="a robot finds itself by the extra 'mapping'")
+    room = ("sim.room.map=laboratory", "mapping.room=laboratory")
+    with live(("sensors.laser.driver=sim_laser", *room), folder=folder) as here:
+        yield here
+
+
+def tap(page: Any, x: float, y: float) -> None:
+    """Tap a place on the map, m: its walls fill the picture, but for a margin and a line of text."""
+    corners = np.concatenate([np.array(line) for line in outlines(read("laboratory").grid)])
+    (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+    box = page.locator("#map").bounding_box()
+    scale = min((box["width"] - 24) / (right - left), (box["height"] - 64) / (high - low))
+    middle_x, middle_y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.click(middle_x + scale * (x - (left + right) / 2), middle_y - scale * (y - (low + high) / 2))
+
+
+def where(x: float, y: float, within: float) -> str:
+    """JavaScript: whether the page says that the robot is there on the map."""
+    found = "/^map  x (\\S+)  y (\\S+) m/.exec(document.getElementById('where').textContent)"
+    return f"() => {{ const at = {found}; return at && Math.hypot(at[1] - {x}, at[2] - {y}) < {within} }}"
+
+
+def test_taps_say_where_the_robot_is_on_its_map_and_take_it_to_a_goal(browser: Any, located: Live) -> None:
+    for page in opened(browser, located):
+        page.wait_for_function(where(0.0, 0.0, 0.2))
+        # a wrong place: it is drawn there, or lost
+        page.locator("#waypoints").click()
+        tap(page, 3.0, 2.0)
+        page.locator("#here").click()
+        page.wait_for_function("() => !/^map  x -?0.[01]/.test(document.getElementById('where').textContent)")
+        page.locator("#waypoints").click()
+        tap(page, 0.0, 0.0)
+        tap(page, 1.0, 0.0)
+        page.locator("#here").click()
+        page.wait_for_function(where(0.0, 0.0, 0.2))
+        page.locator("#waypoints").click()
+        tap(page, 1.5, 0.0)
+        page.locator("#go").click()
+        page.wait_for_function(where(1.5, 0.0, 0.2))
+        located.until(lambda robot: hypot(robot.pose[0] - 1.5, robot.pose[1]) < 0.2 and robot.odometry.v == 0.0)

@@ -183,6 +183,7 @@ def text_of(snapshot: Snapshot) -> str:
 NUMBERS = st.lists(st.floats() | JSON, min_size=2, max_size=4)
 FIELDS = {
     "go": {"points": st.lists(NUMBERS, max_size=3) | JSON, "speed": st.floats() | JSON},
+    "here": {"points": st.lists(NUMBERS, max_size=3) | JSON},
     "hold": {"age": st.floats() | JSON},
     "gains": {"linear": NUMBERS | JSON, "angular": st.lists(NUMBERS, max_size=3) | JSON},
     "drive": {"v": st.floats() | JSON, "omega": st.floats() | JSON, "age": st.floats() | JSON},

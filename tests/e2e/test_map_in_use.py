@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
-from math import hypot, nan
+from math import hypot, isnan, nan, pi
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -153,6 +153,23 @@ async def test_rviz_goals_and_places_are_meant_on_the_map(flat: Robot) -> None:
     end._calls.call(5, "goal_pose", {"frame": "map", "x": 20.0, "y": 0.0, "theta": 0.0})  # noqa: SLF001
     await asyncio.sleep(0.2)
     assert any("/goal_pose: no path leads to" in event.text for event in flat.runtime.state.events)
+
+
+async def test_two_taps_say_where_the_robot_is_and_where_it_looks_one_leaves_the_heading_open(
+    flat: Robot, tmp_path: Path
+) -> None:
+    services, there = Services(flat, flat.config, "max", tmp_path), known(flat)
+    where: list[Pose] = []
+    there._sensor = SimpleNamespace(place=where.append, newest=None)  # type: ignore[assignment] # noqa: SLF001
+    x, y, _ = flat.pose or (nan, nan, nan)
+    services.requests["here"]([[x, y], [x, y + 1.0]])
+    services.requests["here"]([[x, y]])
+    assert where[0] == pytest.approx((x, y, pi / 2.0)) and where[1][:2] == (x, y) and isnan(where[1][2])
+    with pytest.raises(CommandRefused, match="no free floor on the map"):
+        services.requests["here"]([[20.0, y]])
+    with pytest.raises(CommandRefused, match="give one or two pairs"):
+        services.requests["here"]([[x]])
+    await services.close()
 
 
 class Laser:

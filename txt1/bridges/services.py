@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
+from math import atan2
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +21,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.navigation import NoPath, best_pose, follow, go_to_places, map_floor
 from txt1.record.session import dated, recording
 from txt1.robot import Robot
+from txt1.tasks.on_map import MapInUse
 from txt1.telemetry.topics import Rule, Topic, declare
 
 FOLDER: Final = Path("out/recordings")
@@ -72,6 +74,7 @@ class Services:
         robot.runtime.bus.offer(ROUTE, lambda: self._points)
         self.requests: Mapping[str, Callable[..., object]] = {
             "go": self._go,
+            "here": self._here,
             "hold": self._hold,
             "halt": self._halt,
             "gains": self._gains,
@@ -116,6 +119,18 @@ class Services:
             drive = go_to_places(robot, way, speed=speed, pose_source=source, room=room, source=self._source)
         self._route = self._start(drive)
         self._route.add_done_callback(self._arrived)
+
+    def _here(self, points: Sequence[Sequence[float]]) -> None:
+        """Say where the robot is on its map, m, and perhaps a place that it looks to; else its heading is found."""
+        there = self._robot.runtime.part(MapInUse)
+        if there is None:
+            raise CommandRefused("there is no map: give --in MAP")
+        try:
+            (x, y), *ahead = [finite("here", x=x, y=y) for x, y in points]
+        except (TypeError, ValueError):
+            raise CommandRefused(f"here: {shown(points)}; give one or two pairs in m") from None
+        self._halt()
+        there.place(x, y, atan2(ahead[0][1] - y, ahead[0][0] - x) if ahead else None)
 
     def _hold(self, age: float = 0.0) -> None:
         """Let the route go on: somebody watched it `age` s ago."""

@@ -97,6 +97,8 @@ class Located(NamedTuple):
     """Share of the scan's rays that end at the map's walls, of those that are not too short for it."""
     lost: bool
     """Whether the pose is not to be used."""
+    alike: bool = False
+    """Whether it is lost because another place is as likely."""
 
 
 def _rays_of(points: Array) -> tuple[Array, Array]:
@@ -221,13 +223,13 @@ class Locator:
         self._trail: Mapper | None = None
         self._before: Array | None = None
         self._lost = True
-        self._doubts = True
+        self._doubts, self._alike = True, False
         self._changes, self._next = 0.0, 0.0
 
     def place(self, pose: Any, spread: tuple[float, float] = (0.2, radians(8.0))) -> None:
         """Put the particles round a pose that somebody tells, with standard deviations in m and rad."""
         self.particles, self._logs = self._round(np.asarray(pose), spread), np.zeros(self._count)
-        self._lost = self._doubts = False
+        self._lost = self._doubts = self._alike = False
 
     def _round(self, poses: Array, spread: tuple[float, float]) -> Array:
         """Return poses for the particles round a pose, or each round one of its own."""
@@ -312,10 +314,11 @@ class Locator:
         if (not sure or fit < LOSES) if not self._lost else (sure and fit >= FINDS):
             # this may be a change, and is one if it lasts
             if time - self._changes >= LOST_AFTER:
-                self._lost, self._changes = not self._lost or not self._is_alone(mean), time
+                self._alike = self._lost and not self._is_alone(mean)
+                self._lost, self._changes = not self._lost or self._alike, time
         else:
             self._changes = time
-        return Located(time, mean, covariance, fit, self._lost or not sure)
+        return Located(time, mean, covariance, fit, self._lost or not sure, self._alike)
 
     def _searched(self, time: float) -> bool:
         """Look for the small map on the whole one; whether particles could be put there."""
@@ -344,7 +347,7 @@ class Locator:
         keys = trail.keys[-TRAIL:]
         back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
         cloud = joined([moved(key.cloud, pose) for key, pose in zip(keys, back, strict=True)])
-        places = self._alike(sparse(cloud, 100)) if len(cloud.points) >= 50 else np.empty((0, 3))
+        places = self._matches(sparse(cloud, 100)) if len(cloud.points) >= 50 else np.empty((0, 3))
         if not len(places):
             return None
         compared = [
@@ -362,7 +365,7 @@ class Locator:
             logs += TOGETHER * self.weights(composed(poses, back), *_rays_of(points))
         return logs
 
-    def _alike(self, query: Cloud) -> Array:
+    def _matches(self, query: Cloud) -> Array:
         """Return the poses, a row each, at which a cloud lies on the map's walls: of each tile and sector the best."""
         low, high = self._free.min(axis=0), self._free.max(axis=0) + 1
         size = self.grid.resolution

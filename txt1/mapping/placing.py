@@ -19,7 +19,7 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from math import cos, pi, sin, sqrt
+from math import cos, nan, pi, sin, sqrt
 from pathlib import Path
 from typing import Any, Final
 
@@ -127,7 +127,7 @@ class NewsSensor:
         return self._seen
 
     def place(self, pose: Pose) -> None:
-        """Begin anew at a pose on the map, with the next scan."""
+        """Begin anew at a pose on the map, with the next scan; theta nan: any."""
         self._place = pose
 
     def _seen(self, reading: Reading[Scan]) -> None:
@@ -328,13 +328,13 @@ class OnMap(MapInUse):
             self._floor = sheet, Room(walls=Walls(Map("map", Path(), sheet.grid, "")))
         return self._floor[1]
 
-    def place(self, x: float, y: float, theta: float) -> None:
-        """Say where the robot is on the map, m and rad; raises CommandRefused: there is no free floor on the map."""
+    def place(self, x: float, y: float, theta: float | None) -> None:
+        """Say where the robot is on the map, m and rad (None: any); raises CommandRefused: there is no free floor."""
         if self.making or self._sensor is None:
             raise CommandRefused("the map is in the making, and begins where the robot began: no place can be given")
         if self.sheet is not None and not may_stand(self.sheet.grid, x, y):
             raise CommandRefused(f"({x:.2f} m, {y:.2f} m) is no free floor on the map: give a place that is")
-        self._sensor.place((float(x), float(y), float(theta)))
+        self._sensor.place((float(x), float(y), nan if theta is None else float(theta)))
 
 
 def _apart(before: MapNews, after: MapNews) -> float:

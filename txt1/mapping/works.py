@@ -6,7 +6,7 @@ of its own (`txt1.mapping.worker`).
 
 from __future__ import annotations
 
-from math import ceil, pi, radians
+from math import ceil, isnan, pi, radians
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, Final, NamedTuple, Protocol
@@ -32,6 +32,7 @@ TOLD_CELLS: Final = 200_000
 """Cells of a map that are told in each of these."""
 SAVED_EVERY: Final = 30.0
 """s of driving from one save of the map so far to the next."""
+ALIKE: Final = "several places on the map look like this one: drive on, or say where the robot is (--at, /initialpose)"
 UNSURE: Final = 0.5
 """m of standard deviation from which on a pose of the map in the making is not to be used."""
 
@@ -43,7 +44,7 @@ class ScanTask(NamedTuple):
     mount: Pose
     """Of the laser on the robot."""
     place: Pose | None = None
-    """Where somebody says that the robot is on the map."""
+    """Where somebody says that the robot is on the map; theta nan: any heading."""
 
 
 class Work(Protocol):
@@ -67,7 +68,12 @@ class Locating:
         """Move the particles, and weigh them."""
         locator, sweep = self.locator, task.sweep
         if task.place is not None:
-            locator.place(composed(task.place, task.mount))
+            x, y, theta = task.place
+            if isnan(theta):
+                # the laser is near the robot, and may look anywhere
+                locator.place((x, y, 0.0), (0.3, 2.0 * pi))
+            else:
+                locator.place(composed(task.place, task.mount))
         found = locator.update(sweep.time, sweep.points, sweep.odometry)
         particles = locator.particles
         chosen = particles[np.linspace(0, len(particles) - 1, min(SHOWN, len(particles))).astype(int)]
@@ -80,6 +86,7 @@ class Locating:
             lost=found.lost,
             sheet=sheet,
             particles=tuple(_pose(each) for each in np.round(chosen, 3)),
+            trouble=ALIKE if found.alike else "",
         )
 
     def finish(self) -> list[str]:
@@ -208,8 +215,8 @@ def locating(room: str, seed: int, form: str = "") -> Locating:
 
 
 def map_of(room: str) -> Grid:
-    """Return a map by its .yaml, or the name without it; raises ConfigError: there is none."""
-    return files.read(room if room.endswith((".yaml", ".yml")) else f"{room}.yaml").grid
+    """Return a map by its .yaml, the name without it, or one of ours by its name; raises ConfigError: there is none."""
+    return files.read(f"{room}.yaml" if Path(f"{room}.yaml").exists() else room).grid
 
 
 def warm(form: str = "") -> None:

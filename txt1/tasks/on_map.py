@@ -70,6 +70,6 @@ class MapInUse:
         """Return what is seen near the robot now that the map does not have: places, m, in the frame of the pose."""
         return ()
 
-    def place(self, x: float, y: float, theta: float) -> None:
-        """Say where the robot is, m and rad; raises CommandRefused."""
+    def place(self, x: float, y: float, theta: float | None) -> None:
+        """Say where the robot is, m and rad (None: with any heading); raises CommandRefused."""
         raise NotImplementedError

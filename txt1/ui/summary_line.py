@@ -8,15 +8,16 @@ from txt1.tasks.battery import BATTERIES
 from txt1.tasks.encoder import ODOMETRY
 from txt1.tasks.fields import BOARD, WARNINGS, Battery
 from txt1.tasks.mode import MODE, Mode
+from txt1.tasks.on_map import MAP_POSE
 from txt1.tasks.standstill import STOP
 from txt1.telemetry.snapshot import Snapshot
 
-SHOWN: Final = tuple(topic.name for topic in (ODOMETRY, MODE, STOP, BOARD, BATTERIES[0], WARNINGS))
+SHOWN: Final = tuple(topic.name for topic in (ODOMETRY, MODE, STOP, BOARD, BATTERIES[0], MAP_POSE, WARNINGS))
 """The topics that the line is made of."""
 
 
 def status_line(snapshot: Snapshot) -> str:
-    """Time, pose, velocities, battery, and whether it may drive."""
+    """Time, pose, velocities, battery, whether it may drive, and where it is on its map."""
     x, y, theta, v, omega = snapshot.get(ODOMETRY, Odometry())
     mode, board = snapshot.get(MODE, Mode()), snapshot.get(BOARD)
     voltage = snapshot.get(BATTERIES[0], Battery()).battery1
@@ -26,6 +27,10 @@ def status_line(snapshot: Snapshot) -> str:
         state += f"; {stop.value}"
     if board is not None and not board.ready:
         state += f"; {board.text}"
+    there = snapshot.get(MAP_POSE)
+    if there is not None:
+        state += "; lost on the map" if there.lost else f"; map {there.x:+.2f} {there.y:+.2f} m {there.theta:+.2f} rad"
+        state += "" if there.lost else f" within {there.sigma:.2f} m"
     state = "; ".join((state, *snapshot.get(WARNINGS, ())))
     battery = "-" if voltage is None else f"{voltage:.2f} V"
     return (

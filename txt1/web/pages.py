@@ -32,6 +32,7 @@ FAST: Final = (
     "/setpoint",
     "/pose",
     "/map_pose",
+    "/particles",
     "/vehicles",
     "/movers",
     "/mode",

@@ -156,6 +156,18 @@ def _go(pages: Pages, page: Page, message: Message, present: float) -> None:
         pages.ask(page, "go", points=points, speed=speed)
 
 
+def _here(pages: Pages, page: Page, message: Message, present: float) -> None:
+    """Say where the robot is on its map, and perhaps a place that it looks to, m; only who drives may say it."""
+    points = [[float(x), float(y)] for x, y in message["points"]]
+    if not (0 < len(points) <= 2 and all(map(isfinite, chain(*points)))):
+        raise ValueError("points")
+    if page.player is None and _fresh(page, message, present) is not None:
+        if page.car.wheel.drive(page.number, present):
+            pages.ask(page, "here", points=points)
+        else:
+            page.tell(told=f"page {page.car.wheel.holder} drives: it says where the robot is")
+
+
 def _hold(pages: Pages, page: Page, message: Message, present: float) -> None:
     age = _fresh(page, message, present)
     if age is not None and page.car.wheel.holder == page.number and page.car.wheel.drive(page.number, present):
@@ -253,6 +265,7 @@ REQUESTS: Final[Mapping[str, Callable[[Pages, Page, Message, float], None]]] = {
     "arm": _arm,
     "disarm": _disarm,
     "go": _go,
+    "here": _here,
     "hold": _hold,
     "gains": _gains,
     "limit": _limit,

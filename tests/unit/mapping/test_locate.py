@@ -46,6 +46,15 @@ def test_it_follows_from_a_given_pose_with_slip_and_people():
     assert all(hypot(each.covariance[0, 0], each.covariance[1, 1]) < 0.02 for each, _, _ in told[5:])
 
 
+def test_told_its_place_alone_it_finds_its_heading():
+    poses = drive(0.3)
+    locator = Locator(coarse(), 1, "numpy", COUNT)
+    locator.place((*poses[0][:2] + 0.1, poses[0][2] + 2.0), (0.3, 2.0 * np.pi))
+    told = followed(locator, poses, drifted(poses, 2))
+    assert not any(each.lost for each, _, _ in told[-5:])
+    assert told[-1][1] < 0.15 and told[-1][2] < 4.0
+
+
 def test_it_finds_itself_from_anywhere():
     poses = drive(0.6)[10:]
     told = followed(Locator(coarse(), 1, "numpy", COUNT), poses, drifted(poses, 2))
@@ -81,7 +90,9 @@ def test_in_a_room_that_looks_the_same_from_two_places_it_does_not_say_that_it_k
     poses = np.column_stack((x, y, np.arctan2(1.2 * np.cos(way), -1.8 * np.sin(way))))
     locator = Locator(hall, seed, "", COUNT)
     for k, (pose, wheels) in enumerate(zip(poses, drifted(poses, seed), strict=True)):
-        assert locator.update(0.1 * k, scan(hall, pose, rng), wheels).lost
+        found = locator.update(0.1 * k, scan(hall, pose, rng), wheels)
+        assert found.lost
+    assert found.alike
 
 
 @pytest.mark.long

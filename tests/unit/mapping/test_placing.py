@@ -86,7 +86,7 @@ def test_from_a_given_pose_it_knows_at_once(room, tmp_path):
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (["--in", "nowhere"], "there is no map 'nowhere.yaml'"),
+        (["--in", "nowhere"], "there is no map 'nowhere'"),
         (["--in", "ROOM", "--at", "1,2"], "X,Y,THETA"),
         (["--in", "ROOM", "--at", "2.1,-1.6,0"], "no free floor"),
         (["--in", "ROOM", "--set", "mapping.laser=other"], "there are: laser"),

@@ -189,7 +189,9 @@ function show() {
   $("stick").classList.toggle("off", Boolean(silent || replay || !mode?.armed || (holder && !mine)))
   $("hint").textContent = hint(mode, holder, mine, driver, replay)
   const pose = map.pose
-  $("where").textContent = pose ? `${map.frame}  x ${pose[0].toFixed(2)}  y ${pose[1].toFixed(2)} m  ${(pose[2] * 180 / Math.PI).toFixed(0)}°   grid ${map.step} m` : ""
+  const sure = map.frame === "map" && map.sigma ? ` ± ${map.sigma.toFixed(2)} m` : ""
+  $("where").textContent = map.lost ? "lost on the map" : pose
+    ? `${map.frame}  x ${pose[0].toFixed(2)}  y ${pose[1].toFixed(2)} m${sure}  ${(pose[2] * 180 / Math.PI).toFixed(0)}°   grid ${map.step} m` : ""
   $("v-now").textContent = `${format(round(topics["/odom"]?.v))} m/s`
   $("w-now").textContent = `${format(round(topics["/odom"]?.omega))} rad/s`
   $("tabs").querySelector("[data-tab=fleet]").hidden = !topics["/fleet"]
@@ -270,6 +272,7 @@ function marking(on) {
 function tools() {
   const some = map.waypoints.length > 0
   $("go").hidden = $("clear").hidden = !some
+  $("here").hidden = !some || map.waypoints.length > 2 || map.frame !== "map"
 }
 
 $("stop").addEventListener("pointerdown", () => drive.stop())
@@ -297,6 +300,10 @@ $("waypoints").addEventListener("click", () => marking($("waypoints").getAttribu
 $("clear").addEventListener("click", () => marking(false))
 $("go").addEventListener("click", () => {
   drive.go(map.waypoints, drive.speed)
+  marking(false)
+})
+$("here").addEventListener("click", () => {
+  link.command({ do: "here", points: map.waypoints })
   marking(false)
 })
 $("map").addEventListener("pointerup", (event) => {

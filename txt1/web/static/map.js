@@ -61,6 +61,9 @@ export class Map2d {
     this.about = there ? { "/surroundings": { body: about["/surroundings"]?.body }, "/walls": about["/map_walls"] } : about
     this.others = there ? [] : topics["/vehicles"] ?? []
     this.movers = there ? [] : topics["/movers"] ?? []
+    this.particles = there ? topics["/particles"] ?? [] : []
+    this.sigma = there?.sigma
+    this.lost = Boolean(there?.lost)
     this.route = about["/route"] ?? []
     const odometry = topics["/odom"], estimate = topics["/odometry/filtered"], best = there ?? estimate ?? odometry
     const pose = (!there && topics["/pose"]) || (best && [best.x, best.y, best.theta])
@@ -201,9 +204,11 @@ export class Map2d {
       c.stroke()
     }
     for (const other of this.others ?? []) this.#body(c, other, body, colour.other, pixel)
+    const dot = 2.5 * pixel
+    c.fillStyle = colour.other
+    for (const [x, y] of this.particles ?? []) c.fillRect(x - dot / 2, y - dot / 2, dot, dot)
     if (!pose) return
     c.fillStyle = colour.scan
-    const dot = 2.5 * pixel
     for (const [x, y] of this.scan) c.fillRect(x - dot / 2, y - dot / 2, dot, dot)
     this.#body(c, pose, body, colour.robot, pixel)
     this.#uncertainty(c, colour, pixel)
