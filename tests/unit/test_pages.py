@@ -9,6 +9,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from importlib import import_module
 from itertools import pairwise
@@ -17,7 +18,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.patience import LIMIT, S
+from tests.patience import LIMIT
 from txt1.cli import parsed
 from txt1.config import Config, checked, flatten, load
 from txt1.experiments.profile import Profile
@@ -33,7 +34,7 @@ PART = re.compile(r"`((?:benchmarks|config|docs|examples|firmware|image|tests|to
 FOLDERS = ("benchmarks", "docs", "torture")  # whose modules are run with python -m
 SUFFIXES = ("csv", "json", "png", "md", "py", "yaml")  # of files whose names are no settings
 TUTORIALS = ("task", "light", "tune", "car", "sensor", "fleet")
-PATIENCE = 2.0 * S  # that a command gets before Ctrl-C, as an operator ends what runs for ever
+ENDS_AT = 2.0  # s of the robot's time, at which an operator ends with Ctrl-C what runs for ever
 
 
 def commands(page: Path) -> Iterator[list[str]]:
@@ -133,6 +134,18 @@ def test_the_moving_picture_has_room_for_its_legends_and_loads_quickly() -> None
         assert picture.width >= 1100 and file.stat().st_size <= 1_500_000
 
 
+def until(process: "subprocess.Popen[str]", time: float) -> None:
+    """Read a robot's status lines until its time is so many s, or it has ended."""
+    assert process.stdout is not None
+    kill = threading.Timer(10.0 * LIMIT, process.kill)
+    kill.start()
+    for line in process.stdout:
+        found = re.match(r"t= *(\S+) s", line)
+        if found and float(found[1]) >= time:
+            break
+    kill.cancel()
+
+
 def run_page(page: Path, folder: Path, without: tuple[str, ...] = ()) -> None:
     """Write the page's files, then run its commands there, one after the other, as a reader without a terminal does."""
     for name, text in FILE.findall(page.read_text("utf-8")):
@@ -154,11 +167,10 @@ def run_page(page: Path, folder: Path, without: tuple[str, ...] = ()) -> None:
             text=True,
         ) as process:
             endless = words[:2] == ["txt1", "run"] and "--duration" not in words
-            try:
-                out, err = process.communicate(timeout=PATIENCE if endless else 10.0 * LIMIT)
-            except subprocess.TimeoutExpired:
+            if endless:
+                until(process, ENDS_AT)
                 process.send_signal(signal.SIGINT)
-                out, err = process.communicate(timeout=LIMIT)
+            out, err = process.communicate(timeout=10.0 * LIMIT)
         assert process.returncode == (130 if endless else 0), f"{shlex.join(words)}: {process.returncode}\n{out}\n{err}"
         if output is not None:
             output.write_text(out)
