@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from math import ceil, hypot, pi, radians
+from math import ceil, hypot, pi, radians, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -74,8 +74,9 @@ COMPARED: Final = 6
 """Scans whose rays are cast from the poses that were found."""
 LIKELY: Final = 50
 """Poses, the best by that, round which particles are put."""
-RIVAL: Final = 8.0
-"""What the logarithm of another place may be less by than that of the best one, and it may still be the true one."""
+RIVAL: Final = 4.0
+"""What the logarithm of another place may be less by than that of the best one, and it may still be the true one: by
+one scan, by several that times the root of their number."""
 ELSEWHERE: Final = 0.5
 """m, or rad, from which on it is another place."""
 BEHIND: Final = 0.4
@@ -328,7 +329,7 @@ class Locator:
         found = self._likely(self._trail)
         if found is None:
             return False
-        self.particles, self._logs = found
+        self.particles, self._logs, _ = found
         self._resampled()
         return True
 
@@ -337,13 +338,16 @@ class Locator:
         found = None if self._trail is None else self._likely(self._trail)
         if found is None:
             return True
-        poses, logs = found
+        poses, logs, count = found
         off = difference(pose, poses)
         here = (np.hypot(off[:, 0], off[:, 1]) < ELSEWHERE) & (np.abs(off[:, 2]) < ELSEWHERE)
-        return bool(here[logs > logs.max() - RIVAL].all())
+        return bool(here[logs > logs.max() - RIVAL * sqrt(count)].all())
 
-    def _likely(self, trail: Mapper) -> tuple[Array, Array] | None:
-        """Return poses at which the small map lies on the whole one, and their logarithms; None: there are none."""
+    def _likely(self, trail: Mapper) -> tuple[Array, Array, int] | None:
+        """Return poses at which the small map lies on the whole one, their logarithms, and of how many scans they are.
+
+        None: there are none.
+        """
         keys = trail.keys[-TRAIL:]
         back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
         cloud = joined([moved(key.cloud, pose) for key, pose in zip(keys, back, strict=True)])
@@ -356,7 +360,7 @@ class Locator:
         best = np.argsort(-self._logs_of(places, compared), kind="stable")[:LIKELY]
         # places are as coarse as cells and sectors: what is near each of them is compared, too
         poses = self._round(places[best[np.arange(self._count) % len(best)]], (0.07, radians(1.5)))
-        return poses, self._logs_of(poses, compared)
+        return poses, self._logs_of(poses, compared), len(compared)
 
     def _logs_of(self, poses: Array, compared: list[tuple[Array, Array]]) -> Array:
         """Return sums of logarithms by some scans: the points of each, and where it was seen from, as seen from now."""

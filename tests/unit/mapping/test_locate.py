@@ -85,7 +85,8 @@ def test_in_a_room_that_looks_the_same_from_two_places_it_does_not_say_that_it_k
     cells = np.full((90, 130), OCCUPIED, np.int8)
     cells[2:-2, 2:-2] = FREE
     hall, rng = Grid(cells, 0.05, (-3.25, -2.25, 0.0)), np.random.default_rng(seed)
-    way = np.linspace(0.0, 2.0 * np.pi, 80)
+    # it stands for a while, then drives
+    way = np.concatenate((np.zeros(20), np.linspace(0.0, 2.0 * np.pi, 80)))
     x, y = 1.8 * np.cos(way), 1.2 * np.sin(way)
     poses = np.column_stack((x, y, np.arctan2(1.2 * np.cos(way), -1.8 * np.sin(way))))
     locator = Locator(hall, seed, "", COUNT)
