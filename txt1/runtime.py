@@ -18,7 +18,6 @@ from txt1.control.standstill import coasting_time
 from txt1.errors import ConfigError, NotArmed
 from txt1.hal.base import Button, Hal, Inputs
 from txt1.hal.channels import rewired
-from txt1.hal.witness import witnessed
 from txt1.journal import Journal
 from txt1.kernel import garbage
 from txt1.kernel.loop import VirtualTimeLoop
@@ -128,7 +127,7 @@ class Runtime:
         self._begin = self.journal.begin
         self._witnessed = stepwise and not hal.capabilities.repeats
         self.hal = rewired(hal, config.channels, config.geometry.steering == "skid")
-        hal = self.io = witnessed(self.hal, partial(self.journal.report, "hal")) if self._witnessed else self.hal
+        hal = self.io = self._reporting(self.hal) if self._witnessed else self.hal
         """The hardware layer as the tasks use it; on the real clock its reports are recorded here."""
         self.name = config.name or hal.name if name is None else name
         self.state = State(self.bus, hal.capabilities)
@@ -164,6 +163,11 @@ class Runtime:
         """Verifies stops, if the path from the gate to the actuators may fail to obey one."""
         offers = Offers(self.bus, self.state, self.gate, self.hal, config, self.watch, self._reports, lambda: self.now)
         offers.offer(self.faults, lambda: self._open, self._recorded_snapshot)
+
+    def _reporting(self, hal: Hal) -> Hal:
+        from txt1.hal.witness import witnessed  # on the real clock only
+
+        return witnessed(hal, partial(self.journal.report, "hal"))
 
     def _switch(self, switch: Switch, on: bool, now: float) -> None:
         serial.switch_power(self.state, self.io, switch, on, now)
