@@ -109,6 +109,11 @@ def test_the_page_on_the_architecture_has_the_layers_of_the_contract_and_names_e
     assert [part for part in parts if f"`txt1/{part}" not in page] == []
 
 
+def test_code_that_the_formatter_leaves_alone_is_rare() -> None:
+    lines = [file.read_text("utf-8").count("# fmt: skip") for file in (size.ROOT / "txt1").rglob("*.py")]
+    assert sum(lines) < 40
+
+
 def test_a_period_says_of_what() -> None:
     vague = re.compile(r"^(PERIOD|PATIENCE)\b", re.MULTILINE)
     files = (file for top in ("txt1", "studies") for file in (size.ROOT / top).rglob("*.py"))

@@ -114,9 +114,7 @@ class Calibration:
         told = measurement.values[2] if len(measurement.values) > 2 else None
         x, y = measurement.values[:2]
         self._mount = measurement.at[0] - self.corrections.x, measurement.at[1] - self.corrections.y
-        self._waiting.append(
-            _Place(measurement.time, x, y, told, theta, measurement.sigmas[0], measurement.sigmas[-1])
-        )  # fmt: skip
+        self._waiting.append(_Place(measurement.time, x, y, told, theta, measurement.sigmas[0], measurement.sigmas[-1]))
 
     def learned(self, name: str) -> Calibrated:
         """A quantity beyond what is stated: "x" and "y" of the mount (m), "delay" (s), "slip", and "scale" and "bias"
@@ -235,10 +233,11 @@ class Calibration:
         late = self.mean[TAU] - used.delay
         lever = 1.0 if used.x or used.y else wrong[0]
         return (
-            lever * float(p[LX, LX] + left_x * left_x), lever * float(p[LX, LY] + left_x * left_y),
+            lever * float(p[LX, LX] + left_x * left_x),
+            lever * float(p[LX, LY] + left_x * left_y),
             lever * float(p[LY, LY] + left_y * left_y),
             (1.0 if used.delay else wrong[1]) * float(p[TAU, TAU] + late * late),
-        )  # fmt: skip
+        )
 
 
 def _probability(mean: Array, covariance: Array, places: tuple[int, ...]) -> float:

@@ -587,16 +587,13 @@ class Fusion:
             # the reading takes away of the error what it takes of the variance
             x, y = self._way_doubt
             self._way_doubt = (
-                x * after.triangle[0] / before.triangle[0], y * after.triangle[7] / before.triangle[7],
-            )  # fmt: skip
+                x * after.triangle[0] / before.triangle[0],
+                y * after.triangle[7] / before.triangle[7],
+            )
         if measurement.rows[:2] == (0, 1):
             theta = measurement.values[2] if len(measurement.values) > 2 else None
             x, y = measurement.values[:2]
-            self.vote.place(
-                Place(
-                    measurement.time, x, y, theta, measurement.sigmas[0], measurement.sigmas[-1]
-                )
-            )  # fmt: skip
+            self.vote.place(Place(measurement.time, x, y, theta, measurement.sigmas[0], measurement.sigmas[-1]))
             if self.absolute is not None:
                 self.absolute(measurement, after.mean[THETA])
 
@@ -611,9 +608,7 @@ class Fusion:
             entry.wider = _grown(measurement.rows, residual, 0.0)
             wide = belief_of(belief.mean, belief.covariance + entry.wider)
             after = update(wide, *self._expect(wide.mean, measurement), measurement.sigmas)[0]
-            self.changes.append(
-                f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there"
-            )  # fmt: skip
+            self.changes.append(f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there")
             judge.restore()
             judge.used += 1
             self._accepted(measurement, wide, after)
@@ -774,9 +769,10 @@ def _averaged(mean: Measurement, count: int, more: Measurement, further: int) ->
         values[-1] = mean.values[-1] + share * wrap_angle(more.values[-1] - mean.values[-1])
     less = sqrt(1.0 - share)
     return mean._replace(
-        time=mean.time + share * (more.time - mean.time), values=tuple(values),
+        time=mean.time + share * (more.time - mean.time),
+        values=tuple(values),
         sigmas=tuple([less * sigma for sigma in mean.sigmas]),
-    )  # fmt: skip
+    )
 
 
 def _grown(rows: Sequence[int], residual: Sequence[float], slid: float) -> Array:

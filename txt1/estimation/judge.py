@@ -99,7 +99,7 @@ class Judge:
         """How much it is believed, and why."""
         return Trust(
             self.name, self.believed, self.reason, self.used, self.rejected, self.late, self.surprise, self.time
-        )  # fmt: skip
+        )
 
     def invalid(self, measurement: Measurement, speed: float) -> str:
         """What is wrong with a reading in itself, in words; empty: nothing. `speed` is that of the wheels, m/s."""

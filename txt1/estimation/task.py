@@ -136,7 +136,7 @@ class Estimator:
         self._counts = isfinite(geometry.count_length)  # without encoders there is no witness of how it rolls
         self._calibrations = {
             name: Calibration() for name, each in belongings.items() if each.tells_pose and self._counts
-        }  # fmt: skip
+        }
         self._gyro_scale = 0.0  # less 1
         if self._calibrations:
             self.fusion.absolute = self._place

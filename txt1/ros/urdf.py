@@ -28,9 +28,11 @@ _LINK: Final[Mapping[type, str]] = {
     FixReading: "base_gps_link",
 }
 _SIZES: Final = {
-    "base_laser_link": (0.05, 0.05, 0.07), "base_camera_link": (0.07, 0.28, 0.06),
-    "base_imu_link": (0.044, 0.024, 0.064), "base_gps_link": (0.061, 0.061, 0.02),
-}  # fmt: skip
+    "base_laser_link": (0.05, 0.05, 0.07),
+    "base_camera_link": (0.07, 0.28, 0.06),
+    "base_imu_link": (0.044, 0.024, 0.064),
+    "base_gps_link": (0.061, 0.061, 0.02),
+}
 TYRE: Final = 0.085  # width of a tyre, m
 HEIGHT: Final = 0.14  # of the body, m
 BODY_DENSITY: Final = (
