@@ -108,6 +108,13 @@ def _rays_of(points: Array) -> tuple[Array, Array]:
     return np.hypot(chosen[:, 0], chosen[:, 1]), np.arctan2(chosen[:, 1], chosen[:, 0])
 
 
+def _are_one(poses: Array, logs: Array, count: int, pose: Array) -> bool:
+    """Whether all poses that are likely, by the sums of logarithms of so many scans, are one place with a pose."""
+    off = difference(pose, poses)
+    here = (np.hypot(off[:, 0], off[:, 1]) < ELSEWHERE) & (np.abs(off[:, 2]) < ELSEWHERE)
+    return bool(here[logs > logs.max() - RIVAL * sqrt(count)].all())
+
+
 def _table() -> Array:
     """Return logarithms of the weights by what was measured less what was expected, from -4 m to 4 m in steps of STEP.
 
@@ -329,7 +336,8 @@ class Locator:
         found = self._likely(self._trail)
         if found is None:
             return False
-        self.particles, self._logs, _ = found
+        self.particles, self._logs, count = found
+        self._alike = not _are_one(self.particles, self._logs, count, self.particles[np.argmax(self._logs)])
         self._resampled()
         return True
 
@@ -338,10 +346,7 @@ class Locator:
         found = None if self._trail is None else self._likely(self._trail)
         if found is None:
             return True
-        poses, logs, count = found
-        off = difference(pose, poses)
-        here = (np.hypot(off[:, 0], off[:, 1]) < ELSEWHERE) & (np.abs(off[:, 2]) < ELSEWHERE)
-        return bool(here[logs > logs.max() - RIVAL * sqrt(count)].all())
+        return _are_one(*found, pose)
 
     def _likely(self, trail: Mapper) -> tuple[Array, Array, int] | None:
         """Return poses at which the small map lies on the whole one, their logarithms, and of how many scans they are.

@@ -89,7 +89,8 @@ def test_in_a_room_that_looks_the_same_from_two_places_it_does_not_say_that_it_k
     way = np.concatenate((np.zeros(20), np.linspace(0.0, 2.0 * np.pi, 80)))
     x, y = 1.8 * np.cos(way), 1.2 * np.sin(way)
     poses = np.column_stack((x, y, np.arctan2(1.2 * np.cos(way), -1.8 * np.sin(way))))
-    locator = Locator(hall, seed, "", COUNT)
+    # few particles would not come near the best pose of each place
+    locator = Locator(hall, seed)
     for k, (pose, wheels) in enumerate(zip(poses, drifted(poses, seed), strict=True)):
         found = locator.update(0.1 * k, scan(hall, pose, rng), wheels)
         assert found.lost
