@@ -91,10 +91,11 @@ def test_the_drawing_process_finds_the_screen_of_an_addition_and_its_topic_by_it
 def test_an_addition_brings_a_bridge_that_is_named_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     for duration in ("2", "10", "50"):
         assert execute(["run", "--duration", duration, "--json", "--bridge", "limited:share=0.5", *LIMIT]) == 0
-        v = json.loads(capsys.readouterr().out)["odometry"]["v"]
-        if v > 0.05:
+        # not the odometry: the speed of a moment leaps where a busy machine is late
+        v = json.loads(capsys.readouterr().out)["topics"]["/setpoint"]["v"]
+        if v:
             break
-    assert v == pytest.approx(0.1, abs=0.05)
+    assert v == pytest.approx(0.1)
 
 
 def test_a_bridge_of_an_addition_is_found_though_nothing_else_asks_for_the_addition() -> None:
