@@ -237,17 +237,21 @@ def test_two_robots_share_a_master_in_namespaces_and_leave_it_as_they_found_it(r
 
 
 def test_a_second_robot_of_the_same_name_waits_and_says_so(ros: Ros, tmp_path: Path) -> None:
-    file = tmp_path / "second.mcap"
+    file, text = tmp_path / "second.mcap", "txt1_node is on this master already"
+
+    def told() -> str:
+        words = [sys.executable, "-m", "txt1", "log", "cat", str(file), "--topic", "/rosout"]
+        return subprocess.run(words, capture_output=True, text=True, cwd=ROOT).stdout
+
     with robot(ros):
         assert ros.peer("alive") is True
         where = ros.asks_master("lookupNode", "/txt1_node")
         with robot(ros, "--log", str(file)):
-            time.sleep(6.0 * S)
+            wait_until(lambda: text in told())  # of a recording that is still being made
+            time.sleep(S)
             assert ros.asks_master("lookupNode", "/txt1_node") == where
         assert ros.peer("alive") is True
-    words = [sys.executable, "-m", "txt1", "log", "cat", str(file), "--topic", "/rosout"]
-    told = subprocess.run(words, capture_output=True, text=True, cwd=ROOT).stdout
-    assert told.count("txt1_node is on this master already") == 1 and "--ros1-namespace" in told
+    assert told().count(text) == 1 and "--ros1-namespace" in told()
 
 
 LAUNCH = """<launch>
