@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
-from mcap.records import Message
+from mcap.records import Channel, Message
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -265,12 +266,16 @@ def test_a_file_cut_anywhere_is_recovered_and_nothing_is_invented(
 def test_a_recovered_file_has_each_channel_once_and_each_message_with_both_its_times(tmp_path: Path) -> None:
     path, target = tmp_path / "run.mcap", tmp_path / "saved.mcap"
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = Writer(file, use_chunking=False, enable_data_crcs=False)
         writer.start("txt1")
         schema = writer.register_schema("txt1_msgs/Any", "ros2msg", b"float64 x")
         channels = [writer.register_channel(f"/{name}", "cdr", schema) for name in "ab"]
+        again = RecordBuilder()
+        Channel(channels[0], "/a", "cdr", {}, schema).write(again)
         for k in range(10):
             writer.add_message(channels[k % 2], 1000 + k, bytes(8), 500 + k, k)
+            if k == 5:
+                file.write(again.end())  # a channel is told again, as the format allows
         writer.finish()
     assert recover(path, target).messages == 10
     assert [(m.log_time, m.publish_time, m.sequence) for m in raw(target)] == [
