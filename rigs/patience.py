@@ -40,6 +40,8 @@ STALLED: Final = (
     ("txt1.tasks.controller", "ODOMETRY_TIMEOUT", inf),
     ("txt1.tasks.mode", "VELOCITY_MIN", -1),
     ("txt1.hal.serial", "LOST", LIMIT),
+    ("txt1.hal.line", "LOST", LIMIT),
+    ("txt1.hal.pi.driver", "LOST", LIMIT),
     ("txt1.hal.restarts", "PAUSE", LIMIT),
     ("txt1.sidecar", "START", LIMIT),
     ("txt1.ui.terminal", "BACKLOG", LIMIT),

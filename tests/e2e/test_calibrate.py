@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import signal
 import subprocess
-import sys
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from itertools import pairwise
@@ -17,6 +16,7 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
+from tests.patience import TXT1
 from txt1.cli import execute
 from txt1.commands import FAULT, OK, USAGE
 from txt1.config import Config, checked, load
@@ -186,12 +186,11 @@ EVERY_STEP = [
 ]
 
 
-@pytest.mark.waits
 @pytest.mark.parametrize(("kind", "step"), EVERY_STEP)
 def test_ctrl_c_ends_it_at_once_with_the_file_as_far_as_it_has_come(kind: str, step: int, tmp_path: Path) -> None:
     file, names = tmp_path / "mine.yaml", STEPS_OF[kind]
     words = ["calibrate", "--vehicle", kind, "--seed", "3", "--write", str(file), "--speed", "40"]
-    with subprocess.Popen([sys.executable, "-m", "txt1", *words], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([*TXT1, *words], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:
             if line.startswith(f"-- {step} of {len(names)}"):
