@@ -42,14 +42,36 @@ ROOT: Final = Path(__file__).parents[1]
 MODULES: Final = (
     "txt1/control",
     "txt1/protocol",
+    "txt1/tasks/arming.py",
     "txt1/tasks/controller.py",
     "txt1/tasks/mode.py",
     "txt1/hal/serial.py",
     "txt1/hal/line.py",
     "txt1/hal/restarts.py",
     "txt1/hal/acknowledged.py",
+    "txt1/hal/sim.py",
+    "txt1/hal/plain.py",
+    "txt1/hal/witness.py",
+    "txt1/hal/channels.py",
+    "txt1/hal/languages.py",
+    "txt1/hal/pi/driver.py",
+    "txt1/hal/pi/guard.py",
+    "txt1/hal/vesc/driver.py",
+    "txt1/hal/waveshare/driver.py",
     "txt1/guards/obstacle_stop/free_distance.py",
     "txt1/guards/roll_guard/guard.py",
+    "txt1/web/auth.py",
+    "txt1/web/files.py",
+    "txt1/web/requests.py",
+    "txt1/web/routes.py",
+    "txt1/web/server.py",
+    "txt1/web/wheel.py",
+    "txt1/fleet/key.py",
+    "txt1/fleet/members.py",
+    "txt1/fleet/messages.py",
+    "txt1/fleet/network.py",
+    "txt1/fleet/stopping.py",
+    "txt1/record/recover.py",
 )
 TESTS: Final = (
     "tests/unit/control",
@@ -57,12 +79,20 @@ TESTS: Final = (
     "tests/unit/protocol",
     "tests/unit/tasks",
     "tests/unit/hal",
+    "tests/unit/web",
+    "tests/unit/fleet",
+    "tests/unit/record",
+    "tests/unit/test_every_request.py",
+    "tests/conformance/test_hals.py",
     "tests/e2e/test_safety.py",
     "tests/e2e/test_commander.py",
     "tests/e2e/test_board.py",
     "tests/e2e/test_wire.py",
     "tests/e2e/test_robot.py",
     "tests/e2e/test_closed_loop.py",
+    "tests/e2e/test_bridges.py",
+    "tests/e2e/test_record.py",
+    "tests/e2e/test_stops.py",
 )
 EQUIVALENT: Final = ROOT / "torture" / "equivalent.yaml"
 SLOW: Final = 4.0  # s of processor: tests that take longer are not asked
@@ -118,10 +148,12 @@ class Warm:
         kept: dict[str, Any] = json.loads(self._kept.read_text()) if self._kept.exists() else {}
         kept = {name: row for name, row in kept.items() if keys.get(name) == row["key"]}
         new = [item for item in session.items if item.nodeid not in kept]
-        for name, fine, took, lines in _run_traced(session, new, files):
-            kept[name] = {"key": keys[name], "fine": fine, "took": took, "lines": lines}
         self._kept.parent.mkdir(parents=True, exist_ok=True)
-        self._kept.write_text(json.dumps(kept))
+        try:
+            for name, fine, took, lines in _run_traced(session, new, files):
+                kept[name] = {"key": keys[name], "fine": fine, "took": took, "lines": lines}
+        finally:  # whoever ends it here goes on here
+            self._kept.write_text(json.dumps(kept))
         known = {}
         for name, row in kept.items():
             if not row["fine"]:
@@ -147,14 +179,19 @@ def _run_traced(session: pytest.Session, items: list[pytest.Item], files: list[P
                     item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
                 ended = os.times()
                 took = ended.user - began.user + ended.system - began.system
-                print(json.dumps([item.nodeid, session.testsfailed == failed, took, sorted(lines)]), file=told)
+                row = [item.nodeid, session.testsfailed == failed, took, sorted(lines)]
+                print(json.dumps(row), file=told, flush=True)
         return 0
 
     child = _fork(watch)
     os.close(writer)
-    with os.fdopen(reader) as told:
-        yield from map(json.loads, told)
-    os.waitpid(child, 0)
+    try:
+        with os.fdopen(reader) as told:
+            yield from map(json.loads, told)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)
+        os.waitpid(child, 0)
 
 
 class _Tracing:
