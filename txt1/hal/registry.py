@@ -76,6 +76,10 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
             remedy += f"; there is room at [{walls.freest()[0]:g}, {walls.freest()[1]:g}, 0]"
         raise ConfigError(f"sim.start: {error}; {remedy}") from None
     vehicle.faults, vehicle.physics = sim.faults, PHYSICS.make("sim.physics", sim.physics, config)
+    if vehicle.physics is not None:
+        from txt1.sim.finite import Finite
+
+        vehicle.physics = Finite(sim.physics, vehicle.physics)
     # in physics of other people the body leans by itself
     leans: Any = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else vehicle.physics
     return SimHal(vehicle, leans, sim.channels, alone)

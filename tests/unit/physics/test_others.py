@@ -3,7 +3,7 @@
 import asyncio
 import re
 import sys
-from math import nan, pi
+from math import isfinite, nan, pi
 
 import pytest
 
@@ -12,11 +12,13 @@ from txt1.config import Config, load
 from txt1.errors import ConfigError, MissingExtra, TaskFault
 from txt1.experiments.calibration.simulated_operator import smallest_circle
 from txt1.hal.registry import PHYSICS, create_sim
+from txt1.hal.sim import SimHal
 from txt1.installing import installs
 from txt1.model.vehicle import Geometry
 from txt1.physics.foreign import Foreign, MotorDrive
 from txt1.physics.mjcf import roll_gradient
 from txt1.physics.settings import PhysicsSettings
+from txt1.plugins import Registry
 from txt1.robot import Robot
 from txt1.sim.dynamics import Motion
 from txt1.sim.world import World
@@ -204,6 +206,27 @@ def test_a_physics_that_diverges_ends_the_run_in_a_line_with_neutral_outputs(mon
         run(main(), speed="max")
     outputs = hals[0].outputs  # type: ignore[attr-defined]
     assert (outputs.motor, outputs.front, outputs.rear) == (0, 0, 0)
+
+
+def test_a_stranger_s_physics_that_says_no_number_ends_the_run_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def strange(motion: Motion, motor: float, *_: float) -> Motion:
+        return (*motion[:7], nan) if motor else motion
+
+    monkeypatch.setattr("txt1.hal.registry.PHYSICS", Registry("physics", "", {"plain": lambda config: strange}))
+    hals: list[SimHal] = []
+
+    async def main() -> None:
+        async with Robot.open(config=config("plain"), arm=True) as robot:
+            assert isinstance(robot.hal, SimHal)
+            hals.append(robot.hal)
+            await robot.load_gains()
+            await robot.drive(0.5, 0.0, duration=5.0)
+
+    with pytest.raises(
+        TaskFault, match=r"plain says what is no number at 0\.00 m/s; drive slower, or set sim\.physics"
+    ):
+        run(main(), speed="max")
+    assert hals[0].outputs[:3] == (0, 0, 0) and all(map(isfinite, hals[0].vehicle.motion))
 
 
 def test_a_car_on_its_side_ends_the_run() -> None:

@@ -1,0 +1,34 @@
+"""A physics that is watched: numbers that are not finite end the run, and the vehicle stays where it was."""
+
+from collections.abc import Callable
+from math import isfinite
+from typing import Any
+
+from txt1.errors import HalError
+from txt1.sim.dynamics import Motion
+
+
+class Finite:
+    """Somebody's physics, of which each motion is checked; all else is the physics' own."""
+
+    def __init__(self, name: str, physics: Callable[[Motion, float, float, float, float, float], Motion]) -> None:
+        self._name, self._physics = name, physics
+        self._failed = False
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the physics."""
+        return getattr(self._physics, name)
+
+    def __call__(self, motion: Motion, motor: float, front: float, rear: float, dt: float, drag: float) -> Motion:
+        """Return the motion `dt` seconds later; raises HalError where one of its numbers is not finite."""
+        if not self._failed:
+            after = self._physics(motion, motor, front, rear, dt, drag)
+            if isfinite(sum(after)):
+                return after
+            self._failed = True
+            raise HalError(
+                f"sim.physics: {self._name} says what is no number at {motion[3]:.2f} m/s; drive slower, or set "
+                "sim.physics=plain"
+            )
+        # so that whoever stops the robot gets neutral outputs through
+        return (*motion[:3], 0.0, *motion[4:])
