@@ -163,7 +163,7 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
         _draw_robot(canvas, pose, about.body, ROBOT)
     if about.light is not None:
         canvas.mark(about.light, "✶", "bold bright_yellow")
-    return [*canvas.lines(), _legend(snapshot, canvas.scale)]
+    return [*canvas.lines(), _legend(snapshot, canvas.scale, columns)]
 
 
 def on_map(snapshot: Snapshot) -> Snapshot:
@@ -218,19 +218,27 @@ def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[fl
     canvas.line(place(middle, 0.0), place(nose + front, 0.0), layer)
 
 
-def _legend(snapshot: Snapshot, scale: float) -> Text:
+def _legend(snapshot: Snapshot, scale: float, columns: int) -> Text:
+    """The scale and the pose, and beside them the meaning of the signs, in full or as far as the columns suffice."""
+    whole = _caption(snapshot, scale)
+    return whole if whole.cell_len <= columns else _caption(snapshot, scale, short=True)
+
+
+def _caption(snapshot: Snapshot, scale: float, short: bool = False) -> Text:
     length, cells = scale_bar(scale)
     light = snapshot.get(SURROUNDINGS, Surroundings()).light
     x, y, theta = pose_of(snapshot)
     legend = Text(no_wrap=True, overflow="ellipsis").append(f"├{'─' * (cells - 2)}┤ {length:g} m  ", "white")
-    if light is not None:
+    if light is not None and not short:
         legend.append("✶", "bold bright_yellow").append(" light  ", DIM)
-    legend.append("⣀", _STYLES[PATH]).append(" path  ", DIM)
+    if not short:
+        legend.append("⣀", _STYLES[PATH]).append(" path  ", DIM)
     legend.append(_frame(snapshot), "cyan")
     if isfinite(x):
         legend.append(f" x {x:.2f} y {y:.2f} m θ {degrees(theta):.0f}°")
     if light is not None:
-        legend.append(f"  to light {dist((x, y), light):.2f} m", DIM)
+        legend.append(" ✶" if short else "  to", "bold bright_yellow" if short else DIM)
+        legend.append(f" light {dist((x, y), light):.2f} m", DIM)
     return legend
 
 

@@ -203,6 +203,14 @@ def test_a_map_that_is_as_before_is_not_drawn_again() -> None:
     assert screen(other, viewer, 90, 20) is not screen(other, viewer, 80, 20)
 
 
+def test_a_narrow_screen_drops_the_sign_of_the_path_and_keeps_the_way_to_the_light() -> None:
+    state = full().replaced({POSE: (-1.98, -1.14, -2.5)})
+    legend = drawn(state, columns=58)[-1]
+    assert len(legend) <= 58
+    assert "x -1.98 y -1.14 m θ -143°" in legend and "✶ light " in legend and legend.rstrip().endswith(" m")
+    assert "⣀ path" not in legend and "⣀ path" in drawn(state, columns=78)[-1]
+
+
 def test_a_robot_with_a_map_of_its_own_is_drawn_on_it_and_nothing_of_the_room_is() -> None:
     ring = ((-1.0, -1.0), (5.0, -1.0), (5.0, 3.0), (-1.0, 3.0))
     there = MapPose(4.0, 2.0, 0.0, 0.02, 0.01, 0.9, lost=False)
