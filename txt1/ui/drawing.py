@@ -25,6 +25,8 @@ DRAW_INTERVAL: Final = 0.1  # s between frames, unless a key asks for one
 STALE: Final = 0.5  # s after which a key that waited while this process was held up no longer drives or arms
 STALE_KEYS: Final = frozenset("wasdm")
 
+PRINTED: Final = "p"  # the key that shows the text behind the screens, printed before them; any key comes back
+
 REPAINT: Final = 20  # every so many frames all lines are sent again, over what other programs may have written
 
 
@@ -73,6 +75,7 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
     snapshot: Snapshot | None = None
     waited_for: list[Any] = [tty.IN, connection]
     now = next_frame = RealClock().now_ns()
+    behind = False  # whether the text printed before the screens is shown in their place
     for screen in installed().values():
         with suppress(Exception):  # it is told when the screen is shown
             screen.load()  # not then: while something is loaded there is no heartbeat
@@ -91,9 +94,15 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
                 connection.request("keys", keys=[key for key in pressed if key != "?"])
             if pressed.count("?") % 2:
                 viewer.help = not viewer.help
+            was_behind = behind
+            for key in pressed:
+                behind = key == PRINTED and not behind
+            if behind != was_behind:
+                tty.write(tty.BEHIND if behind else tty.ENTER)
+                painter.size = (0, 0)  # all lines are drawn again
             if connection in ready:
                 line = connection.newest() or line
-            if pressed or window() != painter.size or (now >= next_frame and line is not None):
+            if not behind and (pressed or window() != painter.size or (now >= next_frame and line is not None)):
                 if line is not None:
                     snapshot, line = Snapshot.decode(line), None
                     viewer.follow(snapshot)

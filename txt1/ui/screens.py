@@ -161,6 +161,7 @@ def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
         ("c", "joystick centre: controller or manual mode"),
         ("e", "ESC on, off; a board: disarmed only, in 3.2 s"),
         ("?", "this help, and back"),
+        ("p", "the text before these screens; a key comes back"),
         ("q", "quit: outputs neutral, terminal as it was"),
         ("", ""),
         (DASH, "a value that this hardware layer cannot know"),
@@ -170,7 +171,7 @@ def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
     )
     rows: tuple[tuple[str, str], ...] = tuple(viewer.keys.items())
     if viewer.keys.items() >= DRIVING.items():
-        rows = (driving[0], *(row for row in rows if row[0] not in DRIVING), *driving[1:])
+        rows = (driving[0], *(row for row in rows if row[0] not in (*DRIVING, "p")), *driving[1:])
     taken = [max(1, len(wrap(text, max(1, width - 12)))) for _, text in rows]
     shown = sum(until <= room for until in accumulate(taken))
     if shown < len(rows):

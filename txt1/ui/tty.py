@@ -18,6 +18,7 @@ IN: Final = 0
 OUT: Final = 1
 
 ENTER: Final = b"\x1b[?1049h\x1b[?25l\x1b[2J"  # alternate screen, no cursor, cleared
+BEHIND: Final = b"\x1b[0m\x1b[?1049l"  # the screen as it was, until ENTER
 LEAVE: Final = b"\x1b[0m\x1b[2J\x1b[H\x1b[?25h\x1b[?1049l"
 """Colours off, cleared (after a resize tmux would leave the text behind), cursor, the screen as it was."""
 
@@ -79,8 +80,8 @@ def write(data: bytes) -> None:
 
 _ARROWS: Final = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 _PLAIN: Final = {
-    **{bytes([code]): chr(code) for code in b"cmq?wasd+-ebrnx"},
-    **{bytes([code]): chr(code).lower() for code in b"CMQWASDEBRNX"},  # caps lock must not disable the keyboard
+    **{bytes([code]): chr(code) for code in b"cmq?wasd+-ebrnxp"},
+    **{bytes([code]): chr(code).lower() for code in b"CMQWASDEBRNXP"},  # caps lock must not disable the keyboard
     b" ": "space",
     b"=": "+",
     b"_": "-",

@@ -5,18 +5,26 @@ from contextlib import asynccontextmanager
 
 from txt1.bridges.registry import bridge
 from txt1.bridges.services import services
-from txt1.robot import Robot
+from txt1.robot import Key, Robot
 from txt1.web.options import PageAsked
 
 
 @asynccontextmanager
 async def beside(robot: Robot, asked: PageAsked) -> AsyncIterator[None]:
-    """Serve the page as long as the block is at work; what other additions offer stands before what it can itself."""
+    """Serve the page as long as the block is at work; other additions' requests come before its own.
+
+    The event log tells the page's addresses, and again by the key p.
+    """
 
     def stop() -> None:
         robot.requests.get("stop", robot.stop)()
 
+    def tell() -> None:
+        robot.tell(f"the page is at {'  '.join(asked.page.places)}")
+
+    robot.keys["p"] = Key("page", tell)
     async with services(robot, asked.speed, asked.page.folder) as requests:
         name, given = asked.page.bridge()
         async with bridge(robot, name, given, {**requests, "stop": stop}):
+            tell()
             yield

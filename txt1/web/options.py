@@ -51,10 +51,13 @@ class WebPage(NamedTuple):
     folder: Path
     speed: float
     robots: dict[str, str]
+    places: tuple[str, ...] = ()
+    """Its addresses, the likeliest first."""
 
     def bridge(self) -> tuple[str, dict[str, object]]:
         """Return the bridge's name, and its options: of the files their names, which anybody may see in a list."""
         options = {name: str(value) if isinstance(value, Path) else value for name, value in self._asdict().items()}
+        del options["places"]
         return "web", options
 
 
@@ -90,21 +93,26 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
         tls(certificate, key)  # refused before the robot is brought up
     scheme = "http" if certificate is None else "https"
     word = "" if token is None else token_in(token)
-    places = [host] if inside else addresses(host)
-    named = [f"[{place}]" if ":" in place else place for place in places]
-    say(f"the page is at {'  '.join(f'{scheme}://{place}:{port}/' for place in named)}")
+    hosts = [host] if inside else addresses(host)
+    named = [f"[{each}]" if ":" in each else each for each in hosts]
+    places = tuple(f"{scheme}://{each}:{port}/" for each in named)
+    # the code comes last but for a line: at 80 x 24 it stays on the screen whole, with the address above it
+    if certificate is not None and arguments.web_cert is None:
+        say(f"a browser will ask whether to trust the certificate with SHA-256 {fingerprint(certificate)}")
+    if token is not None:
+        say(f"the page's token is in {token}; a phone that reads this code needs not type it")
+    say(f"the page is at {'  '.join(places)}")
     if token is not None:
         import segno
 
-        say(f"its token is in {token}; with this code a phone needs not type it")
-        segno.make(f"{scheme}://{named[0]}:{port}/#token={word}", error="l").terminal(out=sys.stderr, compact=True)
-    if certificate is not None and arguments.web_cert is None:
-        say(f"a browser will ask whether to trust the certificate with SHA-256 {fingerprint(certificate)}")
+        segno.make(f"{places[0]}#token={word}", error="l").terminal(out=sys.stderr, compact=True)
     if token is not None and view_of(arguments) == "screens" and sys.stdin.isatty() and sys.stderr.isatty():
-        say("press Enter for the screens, which cover this")
+        # without a new line, so the one of Enter moves nothing out of the window
+        sys.stderr.write("txt1: Enter starts the page and the screens; key p shows this code again ")
+        sys.stderr.flush()
         sys.stdin.readline()
     robots = dict(arguments.web_robot)
-    return WebPage(host, port, token, certificate, key, arguments.web_folder, arguments.web_speed, robots)
+    return WebPage(host, port, token, certificate, key, arguments.web_folder, arguments.web_speed, robots, places)
 
 
 def _free(host: str, port: int) -> int:

@@ -116,6 +116,23 @@ def test_it_draws_reports_keys_and_acknowledges(drawing: Drawing) -> None:
     assert tty.restored()
 
 
+def test_p_shows_what_was_printed_before_the_screens_until_the_next_key(drawing: Drawing) -> None:
+    tty, away = drawing.tty, b"\x1b[?1049l"
+    drawing.show(full(screen=0))
+    tty.until(lambda: "set-point" in tty.text())
+    tty.type(b"p")
+    assert drawing.keys(1) == ["p"]
+    tty.until(lambda: tty.output.endswith(away))
+    drawing.show(full(1.0))  # is not drawn: it would cover the text
+    while drawing.beat()["received"] != 2:
+        pass
+    tty.read(0.2)
+    assert tty.output.endswith(away)
+    tty.type(b" ")  # stops the robot, as always, and brings the screens back
+    assert drawing.keys(1) == ["space"]
+    tty.until(lambda: b"set-point" in tty.output.rpartition(away)[2])
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_restores_the_terminal(drawing: Drawing, number: signal.Signals) -> None:
     drawing.tty.until(lambda: "waiting" in drawing.tty.text())

@@ -49,6 +49,10 @@ def test_beyond_it_both_are_made_for_their_owner_and_the_token_is_not_printed(
     assert page.token.parent == state and state.stat().st_mode & 0o077 == 0
     assert page.token.stat().st_mode & 0o077 == page.key.stat().st_mode & 0o077 == 0
     assert token not in json.dumps(page.bridge()), "the server's options stand in the list of processes"
+    lines = told.splitlines()
+    code = [line for line in lines if "█" in line]
+    assert page.places[0] in lines[lines.index(code[0]) - 1], "the address stands just above the code"
+    assert 1 + len(code) + 2 <= 24, "with the line on Enter, and the cursor's, it fits a window of 24 rows"
     again = start("--web", "0.0.0.0:0")
     assert again is not None and again.token is not None and again.token.read_text().strip() == token
 
