@@ -13,8 +13,8 @@ and the function is called with its end of the line and its options::
             publish(telemetry["topics"]["/odom"])
             robot.request("drive", v=0.5, omega=0.0)
 
-Its module is imported in that process only. Whatever it asks for comes true under its name: its commands are those of
-a source called like the bridge, and what it asks wrongly is told.
+Its module is imported in that process only. The source of its commands has the bridge's name. A wrong request is
+reported in the event log under the same name.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""The one way to bring a robot or a board up, and the one to end it: by itself, by its operator, or by a signal.
+"""Starts and ends a robot or a board. It ends by itself, by its operator, or by a signal.
 
 On every way out it is disarmed, its outputs are neutral, and its recording is complete.
 """
@@ -116,8 +116,8 @@ class App:
     ) -> AsyncIterator[Robot]:
         """Return a running robot, disarmed, its link not up yet; on leaving it stands and its recording is complete.
 
-        It is recorded to `log`, if given, with what the recording is to say `about` the command; its hardware layer is
-        the configured one, or `hal`; `additions` are those of `Robot.open`.
+        `log` is the recording, None for none; `about` describes the command in it. `hal` replaces the configured
+        hardware layer. `additions` are those of `Robot.open`.
         """
         through = False
         asked = dict(additions or {})

@@ -4,9 +4,9 @@ A later source wins: the defaults, then the vehicle's file that `vehicle` names,
 (``TXT1_CONTROL__LINEAR__KP=9``), then ``--set control.linear.kp=9``. Unknown keys are refused; an error names the key,
 the value, its origin and the remedy.
 
-Other programs have variables that begin with ``TXT1_`` too. One is taken for a setting when its name has a double
-underscore, or is a key of the first level or nearly one (a typing mistake, which is refused). A key with single
-underscores between its parts, such as ``TXT1_SAFETY_V_MAX``, is refused as well; any other name is ignored.
+Other programs have variables that begin with ``TXT1_`` too. A variable is a setting when its name has a double
+underscore, or is a key of the first level. A name that nearly is such a key is refused as a typing mistake. A key with
+single underscores between its parts, such as ``TXT1_SAFETY_V_MAX``, is refused as well. Any other name is ignored.
 """
 
 import difflib

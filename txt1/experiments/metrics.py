@@ -158,9 +158,9 @@ def excess(speed: Array, size: float) -> Array:
 def repeated_steps(recordings: Sequence[Recording]) -> list[StepMetrics]:
     """The responses of the mean of several runs of one profile, each overshoot with its standard error.
 
-    The highest of noisy values is on average too high, in a mean of runs, too. So one half of the runs says when the
-    response is highest and the other how high it is then, and the other way round. The error is that of one half: where
-    both agree on the time, they are no two answers.
+    The highest of noisy values is on average too high, in a mean of runs, too. So the first half of the runs tells the
+    time of the peak, and the second half its height at this time; then the halves change roles. The error is that of a
+    half: if both halves agree on the time, the two heights are not independent.
     """
     mean = mean_of(recordings)
     if len(recordings) < 2:

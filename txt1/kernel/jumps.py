@@ -4,8 +4,8 @@ How it works
 ------------
 
 In virtual time the clock stands still while anything runs. When nothing is left to run, the event loop would wait for
-its next timer. Instead it moves the clock there (`txt1.kernel.loop`). That is one jump, and a turn of the event loop
-belongs to it: look at the selector, take the timers that are due, call them one by one.
+its next timer. Instead it moves the clock there (`txt1.kernel.loop`). That is a jump. It takes a turn of the event
+loop: look at the selector, take the timers that are due, call each of them.
 
 For a robot that is simulated at full speed the next timer is nearly always a scheduler's. Then the turn does nothing
 but come back to the place that it came from. So the scheduler makes the jump itself: it asks `Jumps.to` to move the

@@ -9,8 +9,8 @@
         odometry: {drift: 0.1}
         changes: [{episode: 16, set: {odometry: {drift: 0.3}}}]
 
-A sample goes the way of the light: lamps, shadows and the surroundings; the sensor's gain and noise (`sim.light`); its
-lag and delay; what it adds; its range and its steps; and at last whether it hangs, drops out or lies.
+A sample is computed in this order: lamps, shadows and surroundings; the sensor's gain and noise (`sim.light`); its lag
+and delay; its offset; its range and its steps; at last its faults: it hangs, drops out or lies.
 """
 
 from __future__ import annotations

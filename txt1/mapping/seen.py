@@ -3,13 +3,14 @@
 How it works
 ------------
 
-A laser looks ahead. So what it has seen stays in cells of the map's own: a ray makes the cells that it passes free, and
-the one in which it ends solid; of a solid cell, a ray takes a part only, so several rays clear it, and a single one
-that errs does not. Cells under the robot are free. All others have not been seen, whatever the map says of them.
+A laser looks ahead. So the floor that it has seen is kept in cells as large as the map's. A ray makes the cells that it
+passes free, and the cell in which it ends solid. A ray that passes a solid cell clears it only in part: several rays
+clear it, a single wrong ray does not. Cells under the robot are free. All other cells count as unseen, whatever the map
+says of them.
 
-Of this comes the floor to plan on. Its walls are those of the map and what stands away from them (`Room.walls`); what
-the map does not know, and was seen free now, is floor. Who backs up sees nothing, so backward all that was not seen in
-this drive is a wall, too (`Room.behind`). What has come there since it was seen is not known: the laser does not look
+A plan uses floor made of both. Its walls are the map's walls and the boxes seen away from them (`Room.walls`). A place
+that the map does not know is floor if it was seen free. A robot that backs up sees nothing, so for driving backward all
+unseen floor is a wall, too (`Room.behind`). An obstacle that came there later stays unknown: the laser does not look
 there.
 """
 

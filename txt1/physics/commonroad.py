@@ -5,12 +5,12 @@ Their equations are called as they are installed, compiled by numba. The car is 
 whose tyre the public F1TENTH simulator goes back, too.
 
 **The rule of scale** (Froude's, for gravity is the same): lengths are as the wheelbases, s = wheelbase / (a + b). Then
-times and speeds are as the root of s, masses as s^3, moments of inertia as s^5, and angles and accelerations stay, so
-a tyre that holds 1 g holds 1 g. Scaling the parameters and scaling the results is the same in this rule, and the models
-have speeds in their code at which they change over, so the full-size car is driven and its motion is scaled. No
-parameter of theirs is changed, but for what moves the car, which is ours: the limits of their driver and engine
-(steering angle and rate, acceleration, power, `steering` and `longitudinal`) are lifted, and the simulated servo and
-motor stand for them (`txt1.physics.foreign`).
+times and speeds are as the root of s, masses as s^3, moments of inertia as s^5, and angles and accelerations stay, so a
+tyre that holds 1 g holds 1 g. Scaling the parameters and scaling the results is the same in this rule, and the models
+have speeds in their code at which they change over, so the full-size car is driven and its motion is scaled. Their
+parameters are unchanged, except those of driver and engine, whose work our simulated servo and motor do. The limits of
+their driver and engine (steering angle and rate, acceleration, power, `steering` and `longitudinal`) are lifted, and
+the simulated servo and motor stand for them (`txt1.physics.foreign`).
 
 **Wheels and encoders.** The motor and the encoders turn with the driven wheels, by the package's torque split those of
 the rear axle. The model's track is as narrow as the full-size car's, so the difference of its wheels counts as that of

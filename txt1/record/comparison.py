@@ -51,8 +51,8 @@ class Difference(NamedTuple):
 class Comparison:
     """A sink that compares the messages of the robot's own tasks with a recording.
 
-    Left out are what the real clock measures, and what others tell who command the robot, such as the learner: their
-    commands are inputs here.
+    It leaves out values that the real clock measures. It also leaves out the messages of those who command the robot,
+    such as a learner: their commands are inputs here.
 
     Args:
         path: of the recording.

@@ -10,10 +10,10 @@ length (opcode, length, channel number, sequence number, and the time twice) and
 
 Two kinds of topics lead to two ways of making a record, chosen once a topic:
 
-- A topic with `paths` tells nothing but numbers, such as odometry: all its messages have the same length, and only
-  some numbers in them differ. So the record is laid out once with everything constant in it, and each message is a copy
-  of it into which the numbers are put. Two of three messages are of this kind, and the longest ones: an odometry has 72
-  covariances, which would otherwise be written one by one.
+- A topic with `paths` tells nothing but numbers, such as odometry: all its messages have the same length, and only some
+  numbers in them differ. So the record is laid out once with everything constant in it, and each message is a copy of
+  it into which the numbers are put. Two of three messages are of this kind, and they are the longest: an odometry has
+  72 covariances. Otherwise each of them would be written by itself.
 - Every other topic has texts or sequences. Its messages are written field by field, by the message's definition.
 
 """
@@ -166,10 +166,11 @@ def _of_fields(topic: Topic[Any], channel: int) -> Callable[[Any, _When], bytes 
 def _filling(
     template: bytes | bytearray, places: Sequence[tuple[int, str]]
 ) -> tuple[Callable[..., bytes], list[Any], Callable[[tuple[Any, ...]], tuple[Any, ...]]]:
-    """Return what fills numbers into a template in one call, as a number at a time takes three times as long.
+    """Return the parts that fill numbers into a template in a single call, three times as fast as number by number.
 
-    They are the packing of the template's pieces with the numbers between them, these pieces with room for the numbers
-    at 1, 3, 5, ..., and what puts numbers in the order of `places`, each a place and struct's code, into their order.
+    First: a function that packs the template's pieces with the numbers between them. Second: the list for it, the
+    pieces at 0, 2, 4, ... and room for the numbers at 1, 3, 5, ... Third: a function that sorts numbers from the order
+    of `places` into the order of the template. A place is a position and a code of struct.
     """
     order = sorted(range(len(places)), key=places.__getitem__)
     form, parts, end = "<", list[Any](), 0

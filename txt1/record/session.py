@@ -94,8 +94,8 @@ async def recording(
 ) -> AsyncIterator[Attach]:
     """Yield the function that attaches a recorder to a runtime before it starts; on leaving the file is complete.
 
-    `plan` is what else the run was told, for the metadata; `view` shows it live at the same time and is closed at the
-    end; `told` is called then with a sentence about what was lost, if anything was. Without a file nothing is recorded.
+    `plan` holds further settings of the run, for the metadata. `view` shows the run live and is closed at the end. If
+    messages were lost, `told` is called at the end with a sentence about them. Without a file nothing is recorded.
 
     Raises ConfigError: the file exists, or cannot be made; MissingExtra: the extra `record` is not installed;
     RecordingError: the file could not be written, or not to its end.

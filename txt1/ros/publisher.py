@@ -83,9 +83,10 @@ JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
 Transforms = Literal["auto", "map", "room", "odom", "none"]
 """Which moving transforms a node tells.
 
-auto: odom -> base_footprint, and what odom stands in, until another program tells it: map by the robot's place on its
-map (none while it is lost), without a map by the estimate, else room by the simulation; map, room: just this one,
-whoever tells another; odom: none above odom; none: none at all.
+auto: odom -> base_footprint, and the frame above odom until another program tells it. This frame is map, by the robot's
+place on its map (none while the robot is lost); without a map it is map by the estimate; else it is room by the
+simulation. map, room: this frame above odom, even if another program tells a different one. odom: no frame above odom.
+none: no moving transform at all.
 """
 
 

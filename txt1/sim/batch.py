@@ -10,11 +10,12 @@ places. The outer one goes over the pieces of a tick, the inner one over the veh
 *Arrays.* The state of n vehicles is an array of shape (7, n): a row for each quantity, so numbers that are used
 together lie side by side.
 
-*Pieces.* Each vehicle has its own time left of the tick (`remaining`). One pass of `_drive` moves every vehicle by one
-piece of its own: as long as its servo turns, a piece of at most the ramp step; then all the rest. A vehicle that has
-arrived moves by a piece of 0 s, which changes nothing. `_move` makes passes until nobody has time left: two or three.
+*Pieces.* Each vehicle has its own time left of the tick (`remaining`). A pass of `_drive` moves every vehicle by a
+piece of its own. While its servo turns, a piece is at most the ramp step; afterwards it is all the rest. A vehicle that
+has arrived moves by a piece of 0 s, which changes nothing. `_move` makes passes until no vehicle has time left: two or
+three.
 
-*No branches.* Where `dynamics.move` says "if", both values are computed here and one is chosen. The equations and their
+*No branches.* Where `dynamics.move` says "if", this form computes both values and chooses. The equations and their
 order are the same.
 
 *No calls.* The functions of `math` work on one number, and would break the vectors. Their Taylor series stand for them:
@@ -22,10 +23,9 @@ long enough to be exact to the last bits of a double within SERIES_MAX and EXPON
 Angles of a few turns are first brought to a quarter turn (`_sine_cosine`), with pi / 2 in two parts, as its double
 alone would cost digits.
 
-*What is left out.* It holds for vehicles under power that steer front and rear by opposite angles, as the velocity
-loops do. A vehicle that coasts, or asks so much of its tyres that the friction circle is near, goes through
-`dynamics.move` itself, and so do all of them if the vehicle or the tick is
-such that the series do not suffice.
+*Limits.* This form holds for vehicles under power that steer front and rear by opposite angles, as the velocity loops
+do. `dynamics.move` itself moves a vehicle that coasts, or whose tyres are near the friction circle. It moves all
+vehicles if the vehicle or the tick is beyond the range of the series.
 
 numba compiles it (extra `fast`): eight times as fast as vehicle by vehicle. Without numba it is the same, slowly.
 tests/unit/sim/test_many_vehicles.py holds the two forms together to 1e-12.

@@ -84,10 +84,11 @@ def dynamics(vehicle: VehicleParameters, body: Geometry, ramp_step: float = RAMP
 
 
 def reckoned(wheelbase: float, steering_max: float, p: VehicleParameters) -> tuple[float, float, float, float, float]:
-    """What `move` reckons with that follows from the other parameters.
+    """Numbers for `move` that follow from the parameters.
 
-    The tangent of the largest steering angle; what tyres hold, m/s^2; their lateral slip for an acceleration across of
-    1 m/s^2; the speed, and the distance of the free speed from it, up to which nothing asks for much of that, m/s.
+    The tangent of the largest steering angle; the acceleration that the tyres hold, m/s^2; their lateral slip for 1
+    m/s^2 across; and two limits in m/s below which a car is far from the limit of its tyres: of its speed, and of the
+    distance between its speed and the free speed.
     """
     hold, tan_max, resistance = GRAVITY * p.grip, tan(steering_max), p.scrub + DRAG_MAX
     along = CALM_ALONG * hold

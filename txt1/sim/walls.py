@@ -1,9 +1,9 @@
 """The walls of a map, as a vehicle runs into them.
 
 Between the cells' centres the distance to the nearest wall is interpolated, so a wall's face is where it is 0: on the
-line between a free and a solid cell, and smooth along a slanting wall. A body's clearance is the least such distance
-along its outline. It is walked in steps of half a cell at most; where the wall is far, a step is as long as nothing
-along it can be nearer than what was found: the interpolated distance changes by at most SLOPE a metre.
+line between a free and a solid cell, and smooth along a slanting wall. A body's clearance is the least distance along
+its outline. The search goes along the outline in steps of half a cell. Far from walls the steps are longer: the
+interpolated distance changes by at most SLOPE a metre, so it is known how far no nearer wall can be.
 """
 
 from collections.abc import Sequence

@@ -43,9 +43,9 @@ class Report(NamedTuple):
     """Something that was read: a sensor's reading, or the hardware's report.
 
     `step` counts the scheduler's steps before it, that of the reading task included. The `source` is "hal" or the name
-    of the task that reads a sensor. The kinds: "reading", or "fails" with the error's `text`; "idle" when nobody needs
-    a sensor any more, and "asked" when somebody does again; of the hardware "read", the same call that fails, with the
-    error's text, "write" and its like, and once "hardware", with its name and `Capabilities`.
+    of the task that reads a sensor. A sensor's kinds are "reading", "fails" with the error's `text`, "idle" when its
+    readings are no longer needed, and "asked" when they are needed again. The hardware's kinds are "read", "write" and
+    its other calls, each with the error's text if it fails, and once "hardware", with its name and `Capabilities`.
     """
 
     step: int

@@ -50,7 +50,8 @@ _TOLD: Final = {
 
 
 class Watch:
-    """Sees to it that a stop is one, with what the hardware layer can do; `switch` is told what is to be switched."""
+    """Watches a stop until the robot stands, and escalates by the means of the hardware layer; `switch` is called to
+    switch power."""
 
     def __init__(
         self, state: State, hal: Hal, gate: Gate, track_width: float, switch: Callable[[Switch, bool, float], None]

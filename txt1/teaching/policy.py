@@ -1,9 +1,9 @@
-"""A policy: networks that steer by what they see, and a card that says what they see and who taught them what.
+"""A policy: networks that steer by sensors, and a card that names the sensors, the teachers and the lessons.
 
 The steering is the share of full lock, -1 (right) to 1 (left): the path's curvature times the least turning radius of
 the car. The speed is a share of the fastest that was allowed in the lessons. Every network of the ensemble has been
-taught on its own draw of the lessons. Where they have seen something like it they agree; their disagreement is the
-policy's doubt (Lakshminarayanan, arXiv 1612.01474).
+taught on its own draw of the lessons. In known situations the networks agree; their disagreement is the policy's doubt
+(Lakshminarayanan, arXiv 1612.01474).
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@
 | light | the four readings I, FL FR RL RR | I / sum(I), and log10(sum(I)) |
 | odometry | the velocities | v in m/s, omega in rad/s |
 
-The thesis's outlook (6) asks for networks on raw sensor inputs; these are the raw ones in a form that does not depend
-on how far the laser reaches, how bright the lamp is or how large the picture.
+The thesis's outlook (6) asks for networks on raw sensor inputs. These inputs are raw, but scaled: they do not depend on
+the laser's range, the lamp's brightness or the picture's size.
 """
 
 from __future__ import annotations

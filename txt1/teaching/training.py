@@ -1,12 +1,12 @@
 """Training: networks that do what a human did at the same sight.
 
 The loss is the squared error of steering and speed, weighted by how much a lesson counts. Each network of the ensemble
-sees the lessons in an order, mirrored, disturbed and thinned (drop-out) in a way of its own; a network that mirrors the
-world learns left from right turns, and one that loses a ray or a patch of light does not hang on it.
+gets the lessons in an order of its own. Some of them are mirrored: so left turns teach right turns. Some are disturbed
+or thinned (drop-out): so no network depends on a single ray or a patch of light.
 
-Blocks of time are held out. Neighbouring samples are nearly alike, so samples drawn at random would only be recognised;
-whole blocks, with a gap on either side, have to be understood. How the networks do there is what the card tells. The
-networks that drive are then taught with everything, as the last minute of a lesson is worth as much as the first.
+Blocks of time are held out. Neighbouring samples are nearly alike, so a network would recognise samples drawn at
+random. Whole blocks, with a gap on either side, have to be understood. The card tells the error in these blocks. The
+networks that drive are then taught with all lessons, because the last minute of a lesson is worth as much as the first.
 """
 
 from __future__ import annotations

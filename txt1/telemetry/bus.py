@@ -9,8 +9,8 @@ reach the bus in two ways:
 - **Sampled topics.** A task or the HAL calls `Bus.offer(topic, read)` once, while the robot is built. From then on the
   bus calls `read()` when it needs the value. The task itself does nothing in its cycle, so a topic without a listener
   costs no time at all.
-- **Events.** What comes as it comes, such as a sensor's reading or a line of the log, goes through `Bus.publish`, which
-  hands the value to the listeners at once.
+- **Events.** Values without a rate, such as a sensor's reading or a line of the log, go through `Bus.publish`, which
+  hands them to the listeners at once.
 
 A recorder, a screen or a bridge calls `Bus.subscribe(take, topics)`. `take(topic, value, time)` is called in the loop,
 so it must not wait: a recorder keeps a reference, and its thread does the rest.

@@ -40,7 +40,7 @@ _kept: dict[tuple[int, int], tuple[object, Kept]] = {}  # by size: all that was 
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
-    """MAP for a body, or a part of one, of width x rows cells; one that is as before is not drawn again."""
+    """The screen MAP, of width x rows cells; an unchanged picture is not drawn again."""
     path = viewer.path
     snapshot = on_map(snapshot)
     about, walls, others = snapshot.get(SURROUNDINGS), snapshot.get(WALLS), snapshot.get(VEHICLES)
@@ -60,8 +60,8 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
 class Canvas:
     """Braille dots over a rectangle of the plane, x to the right, y up, the same scale on both axes.
 
-    What has to be visible, `bounds` in m, is centred on so many columns and rows of cells, at `scale` m per dot; None
-    for the smallest at which it fits.
+    The rectangle `bounds`, in m, is centred on the given columns and rows of cells. `scale` is in m per dot; None takes
+    the smallest scale at which the rectangle fits.
     """
 
     def __init__(self, bounds: Bounds, columns: int, rows: int, scale: float | None = None) -> None:

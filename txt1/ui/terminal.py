@@ -80,9 +80,9 @@ class DrivingKeys(Protocol):
 class Terminal:
     """``async with Terminal(robot) as terminal: reason = await terminal.wait()``.
 
-    The keys are for `robot`; `keys` takes the driving keys' commands, None where somebody else drives; `beat` is s
-    (real time) between the drawing process's heartbeats; `shown` the keys to show and their meaning, if no robot's;
-    `more` does what further keys mean (e, b, r, n, x), and may refuse.
+    The keys are for `robot`. `keys` takes the commands of the driving keys; None: the driving keys do nothing. `beat`
+    is the time between heartbeats of the drawing process, s of real time. `shown` are the keys of the last row and
+    their meaning, by default a robot's. `more` are the actions of further keys (e, b, r, n, x, p); they may refuse.
     Entering raises TerminalLost if standard input or output is no terminal.
     """
 

@@ -1,7 +1,7 @@
 """The steps of the calibration, in order, and the way through them.
 
-A step asks the operator to put the vehicle somewhere, drives it a little by hand, asks for what was to be seen or
-measured, and keeps what follows from it at once, so that whoever breaks it off goes on from there.
+A step asks the operator to put the vehicle somewhere, drives it a little, and asks for an observation or a measurement.
+Its result is kept at once. So an operator who breaks the calibration off goes on at the same step later.
 """
 
 from collections.abc import Awaitable, Callable, Sequence

@@ -1,8 +1,8 @@
 """A fake I2C bus with a servo board (PCA9685) and battery sensors (INA219, ADS1115), register by register.
 
-The chips do what their data sheets say of the registers that are used, and no more: the servo board has no time-out,
-takes a prescaler only while it sleeps, and keeps on putting out what it was told last. A chip that is not there does
-not acknowledge: OSError 121, as Linux has it.
+The chips follow their data sheets, for the registers that are used. The servo board has no time-out, takes a prescaler
+only while it sleeps, and repeats its last output for ever. A chip that is not there does not acknowledge: OSError 121,
+as on Linux.
 """
 
 import errno

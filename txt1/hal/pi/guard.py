@@ -1,14 +1,14 @@
 """The process that owns a Raspberry Pi's I2C bus or GPIO pins, and puts the outputs to neutral when its host is gone.
 
-Neither a servo board nor a pin has a time-out of its own: what was put out last stays. So the host puts nothing out
-itself. It sends pulses to this process 50 times a second, and this one puts them out; when nothing has come for 0.2 s,
-or the host has ended however it did, the outputs are neutral. It must start quickly, so it imports little. Only when
-this process was killed does the host put out neutral itself, before it starts another one.
+Neither a servo board nor a pin has a time-out of its own: the last output stays. So the host puts nothing out itself.
+It sends pulses to this process 50 times a second, and this process puts them out. After 0.2 s without pulses, or after
+any end of the host, the outputs are neutral. This process must start quickly, so it imports little. Only if this
+process was killed, the host itself puts out neutral, before it starts a new guard.
 
-Who writes to a servo board holds a lock on it, so two hosts never drive one board, and nobody writes while a guard that
-was killed is still held by the kernel. With a watchdog on the board's output-enable pin, this process turns a GPIO pin
-over with every pulse of the host's that it has put out; when that ends for any reason, the watchdog takes the outputs
-away. No thread and no timer does it, as either would go on while this process hangs in the bus.
+A process that writes to a servo board holds a lock on it. So two hosts never drive the same board, and no process
+writes while the kernel still holds a killed guard. With a watchdog on the board's output-enable pin, this process turns
+a GPIO pin over after each pulse that it has put out. When the turning ends for any reason, the watchdog switches the
+outputs off. No thread and no timer turns the pin, because both would go on while this process hangs in the bus.
 """
 
 import errno

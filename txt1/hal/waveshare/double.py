@@ -1,8 +1,8 @@
 """A Waveshare rover's virtual board, with a simulated rover behind it.
 
-It does what the firmware of the UGV rovers does: lines that are no JSON are dropped, speeds of the sides are held by
-loops of its own, paths go out in whole centimetres and voltages in hundredths, and when no set-point has come for as
-long as its heartbeat says, both sides are to stand.
+It behaves like the firmware of the UGV rovers. It drops lines that are no JSON. Its own loops hold the speeds of the
+sides. It sends paths in whole centimetres and voltages in hundredths of a volt. When its heartbeat time passes without
+a set-point, it stops both sides.
 """
 
 import json
