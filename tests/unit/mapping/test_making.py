@@ -15,7 +15,8 @@ from txt1.mapping.growing import GrowingGrid
 from txt1.mapping.mapper import Mapper
 from txt1.mapping.worker import Far
 from txt1.maps import files
-from txt1.record.reading import FilePass
+from txt1.record.command.view import viewable
+from txt1.record.reading import Decoding, FilePass
 
 RUN = (
     *("run", "--hal", "sim", "--headless", "--speed", "max", "--drive", "0.5,0.45"),
@@ -54,6 +55,16 @@ def test_a_map_is_made_while_driving_and_the_run_verifies(plain, tmp_path, capsy
     topics = {item.name for item in FilePass(file)}
     assert {"/map", "/tf_map", "/tf_room_below", "/sensors/map", "/sensors/mapping"} <= topics
     assert "/tf_room" not in topics, "odom has one parent, the map"
+    # for viewers that draw no map and no way on it: the walls of the empty room, 5 m x 5 m, and the way, as points
+    viewable(file, tmp_path / "copy.mcap")
+    clouds, decoding = {}, Decoding()
+    for item in FilePass(tmp_path / "copy.mcap"):
+        if item.name in ("/map/points", "/sensors/mapping/points"):
+            message = decoding.message(item)
+            clouds[item.name] = np.frombuffer(bytes(message.data), np.float32).reshape(-1, 3)
+    walls, way = clouds["/map/points"], clouds["/sensors/mapping/points"]
+    assert len(walls) > 100 and np.abs(np.abs(walls[:, :2]).max(axis=1) - 2.5).max() < 0.2
+    assert 1.0 < np.hypot(*np.diff(way[:, :2], axis=0).T).sum() < 2.0
     before = {each: each.read_bytes() for each in tmp_path.glob("room.*")}
     assert execute(["replay", "--verify", str(file)]) == 0
     assert "no difference" in capsys.readouterr().out

@@ -1,7 +1,8 @@
 """`txt1 log view`: a recording in a viewer of others, with all that it needs to show it.
 
-A copy of the recording is made first, with what recordings do not have and viewers want: each scan as points, as Rerun
-shows no sensor_msgs/LaserScan, and the places of the sensors as static transforms.
+A copy of the recording is made first, with what recordings do not have and viewers want: each scan, the walls of a map,
+particles and the way on the map as points, as Rerun shows neither sensor_msgs/LaserScan nor nav_msgs/OccupancyGrid nor
+geometry_msgs/PoseArray, and the places of the sensors as static transforms.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections import defaultdict
 from collections.abc import Iterator
 from importlib.util import find_spec
 from itertools import count
+from math import hypot
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,6 +44,11 @@ _FIELDS: Final = [
     {"name": name, "offset": 4 * place, "datatype": FLOAT32, "count": 1} for place, name in enumerate("xyz")
 ]
 SCAN: Final = "sensor_msgs/msg/LaserScan"
+MAP: Final = "nav_msgs/msg/OccupancyGrid"
+PARTICLES: Final = "geometry_msgs/msg/PoseArray"
+PLACE: Final = "geometry_msgs/msg/PoseWithCovarianceStamped"
+OCCUPIED_FROM: Final = 50  # per cent: no floor to drive on
+WAY: Final = 0.05  # m
 SCRIPT: Final = Path(__file__).with_name("rerun_script.py")
 
 
@@ -49,12 +57,52 @@ def points(scan: Any) -> dict[str, Any]:
     ranges = np.asarray(scan.ranges, np.float32)
     angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     hit = np.isfinite(ranges)
-    cloud = np.zeros((int(hit.sum()), 3), np.float32)
-    cloud[:, 0], cloud[:, 1] = ranges[hit] * np.cos(angles[hit]), ranges[hit] * np.sin(angles[hit])
+    return _cloud(scan.header, ranges[hit] * np.cos(angles[hit]), ranges[hit] * np.sin(angles[hit]))
+
+
+def walls(grid: Any) -> dict[str, Any]:
+    """Return the walls of an OccupancyGrid as the fields of a PointCloud2."""
+    about = grid.info
+    cells = np.asarray(grid.data).reshape(about.height, about.width)
+    rows, columns = np.nonzero(cells >= OCCUPIED_FROM)
+    x, y, turn = (
+        about.origin.position.x,
+        about.origin.position.y,
+        2.0 * np.arctan2(about.origin.orientation.z, about.origin.orientation.w),
+    )
+    u, v = about.resolution * (columns + 0.5), about.resolution * (rows + 0.5)
+    return _cloud(grid.header, x + u * np.cos(turn) - v * np.sin(turn), y + u * np.sin(turn) + v * np.cos(turn))
+
+
+def particles(poses: Any) -> dict[str, Any]:
+    """Return the places of a PoseArray as the fields of a PointCloud2."""
+    places = [each.position for each in poses.poses]
+    return _cloud(poses.header, [each.x for each in places], [each.y for each in places])
+
+
+class _Way:
+    """The way on the map so far, as points, once it has grown by `WAY`."""
+
+    def __init__(self) -> None:
+        self._places: list[tuple[float, float]] = []
+
+    def points(self, message: Any) -> dict[str, Any] | None:
+        """Return the way with another pose, a PoseWithCovarianceStamped; None where it has not grown."""
+        place = message.pose.pose.position
+        if self._places and hypot(place.x - self._places[-1][0], place.y - self._places[-1][1]) < WAY:
+            return None
+        self._places.append((place.x, place.y))
+        return _cloud(message.header, *zip(*self._places, strict=True))
+
+
+def _cloud(header: Any, x: Any, y: Any) -> dict[str, Any]:
+    """Return places (m) in the plane of a frame as the fields of a PointCloud2."""
+    cloud = np.zeros((len(x), 3), np.float32)
+    cloud[:, 0], cloud[:, 1] = x, y
     return {
         "header": {
-            "stamp": {"sec": scan.header.stamp.sec, "nanosec": scan.header.stamp.nanosec},
-            "frame_id": scan.header.frame_id,
+            "stamp": {"sec": header.stamp.sec, "nanosec": header.stamp.nanosec},
+            "frame_id": header.frame_id,
         },
         "height": 1,
         "width": len(cloud),
@@ -95,15 +143,18 @@ def viewable(source: Path, target: Path) -> int:
     Raises RecordingError: the recording cannot be read.
     """
     reading, decoding, clouds = FilePass(source), Decoding(), 0
+    shown, ways = {SCAN: points, MAP: walls, PARTICLES: particles}, defaultdict[str, _Way](_Way)
     with target.open("wb") as file:
         writer = Writer(file)
         writer.start("ros2", "txt1")
         copy = _Copy(writer)
         for item in _with_places(reading, copy):
             copy.add(item.topic, item.schema.name, item.schema.data, item.message.log_time, item.message.data)
-            if item.schema.name == SCAN:
+            made = ways[item.topic].points if item.schema.name == PLACE else shown.get(item.schema.name)
+            cloud = None if made is None else made(decoding.message(item))
+            if cloud is not None:
                 clouds += 1
-                copy.tell(f"{item.topic}/points", POINTS, item.message.log_time, points(decoding.message(item)))
+                copy.tell(f"{item.topic}/points", POINTS, item.message.log_time, cloud)
         writer.finish()  # type: ignore[no-untyped-call]
     return clouds
 
