@@ -54,7 +54,7 @@ from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
 from txt1.sim.room import Room
 from txt1.sim.walls import Walls
 from txt1.tasks.encoder import ROOM, origin
-from txt1.tasks.on_map import MAP_POSE, WALLS_ON_MAP, MapInUse, MapPose
+from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_MAP, MapInUse, MapPose
 
 POSE: Final = "map"
 NEWS: Final = "mapping"
@@ -65,6 +65,8 @@ NEAR: Final = 1.5
 """m from the laser within which it does: farther off, an error of the heading would put walls on free floor."""
 UNKNOWN_NEAR: Final = 0.35
 """m from free floor at which a robot may stand where the map knows nothing."""
+SHOWN_RAYS: Final = 90
+"""Of a scan, on screens."""
 JUMP: Final = 0.3
 """m by which a correction of the pose is another place, so what was seen from the one before counts no more."""
 
@@ -251,6 +253,10 @@ class OnMap(MapInUse):
                     else origin((0.0, 0.0, 0.0), Odometry(*origin(state.pose, state.odometry)))
                 ),
             )
+        bus.offer(
+            PARTICLES_ON_MAP, lambda: None if self.news is None else tuple(each[:2] for each in self.news.particles)
+        )
+        bus.offer(SCAN_ON_MAP, self._scan)
         bus.offer(PARTICLES, lambda: (self.news.particles or None) if self.news is not None else None)
 
     def heard(self, reading: Reading[MapNews]) -> None:
@@ -319,6 +325,14 @@ class OnMap(MapInUse):
         points = sweep.points[np.hypot(*sweep.points.T) < NEAR]
         on_map = placed(composed(news.origin, sweep.odometry), points).tolist()
         return [(x, y) for x, y in on_map if room.walls.distance(x, y) > OFF_WALLS]
+
+    def _scan(self) -> tuple[tuple[float, float], ...]:
+        """Return where some rays of the newest scan end, m on the map; nothing while the robot is lost."""
+        news, sweep = self.news, None if self._sensor is None else self._sensor.newest
+        if news is None or news.lost or sweep is None:
+            return ()
+        points = sweep.points[:: 1 + len(sweep.points) // SHOWN_RAYS]
+        return tuple((x, y) for x, y in np.round(placed(composed(news.origin, sweep.odometry), points), 2).tolist())
 
     def _walls(self) -> Room | None:
         sheet = self.sheet

@@ -50,6 +50,12 @@ WALLS_ON_MAP: Final = declare(
 MAP_POSE: Final = declare(
     Topic("/map_pose", MapPose, "m, rad", "std_msgs/String", Rule.SNAPSHOT, "where the robot is on the map now")
 )
+PARTICLES_ON_MAP: Final = declare(
+    Topic[Line]("/map_particles", Line, "m", "std_msgs/String", Rule.SNAPSHOT, "where the robot may be on the map")
+)
+SCAN_ON_MAP: Final = declare(
+    Topic[Line]("/map_scan", Line, "m", "std_msgs/String", Rule.SNAPSHOT, "where the last scan's rays end on the map")
+)
 
 
 class MapInUse:

@@ -1,4 +1,4 @@
-"""The MAP screen: room or walls, obstacles, light, path and robots on a canvas of braille dots.
+"""The MAP screen: room or walls, obstacles, light, path, particles, scan and robots on a canvas of braille dots.
 
 A braille character has two by four dots and a terminal's cell is about twice as high as it is wide, so the
 dots are square: one scale, in metres per dot, serves both axes and a circle is round.
@@ -16,7 +16,7 @@ from rich.text import Text
 from txt1.tasks.battery import RANGE
 from txt1.tasks.encoder import POSE
 from txt1.tasks.fields import MOVERS, SURROUNDINGS, VEHICLES, WALLS, Surroundings
-from txt1.tasks.on_map import MAP_POSE, WALLS_ON_MAP
+from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_MAP
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM, Kept
 from txt1.ui.viewer import Viewer, pose_of
@@ -45,7 +45,7 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
     snapshot = on_map(snapshot)
     about, walls, others = snapshot.get(SURROUNDINGS), snapshot.get(WALLS), snapshot.get(VEHICLES)
     left = snapshot.get(RANGE)
-    place = pose_of(snapshot), _frame(snapshot)
+    place = pose_of(snapshot), _frame(snapshot), snapshot.get(PARTICLES_ON_MAP), snapshot.get(SCAN_ON_MAP)
     key = (place, about, walls, snapshot.get(MOVERS), others, len(path), path[:1], path[-1:], viewer.spacing, left)
     known, picture = _kept.get((width, rows), (None, None))
     if picture is None or known != key:
@@ -158,6 +158,9 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
     for other in snapshot.get(VEHICLES, ()):
         _draw_robot(canvas, other, about.body, OTHER)
     canvas.path(viewer.path, PATH)
+    for point in (*snapshot.get(PARTICLES_ON_MAP, ()), *snapshot.get(SCAN_ON_MAP, ())):
+        if all(map(isfinite, point)):
+            canvas.line(point, point, OTHER)
     pose = pose_of(snapshot)
     if all(map(isfinite, pose)):
         _draw_robot(canvas, pose, about.body, ROBOT)
