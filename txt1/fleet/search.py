@@ -6,12 +6,13 @@ the brightest report that they have heard (source seeking by shared measurements
 Leonard, "Cooperative control of mobile sensor networks", IEEE TAC 49, 2004, with one report, no gradient).
 
 There is no room at the light for all. So a robot stands further away for each robot that is nearer to the light, by
-half a body each.
+half a body each. Robots that come from one side would block one another before that; so a robot also stands where it
+has come up to another one that stands there by these rules.
 
 Limits: there is one light, and all robots report truly.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import cos, hypot, sin, sqrt
 from typing import Final
 
@@ -25,6 +26,7 @@ SEES: Final = 30.0  # lux: with the lamp of 135 lux at 1 m that is 2.1 m away
 LAMP: Final = 135.0  # lux at 1 m
 FOUND: Final = 0.5  # m from the light, the goal of the thesis's episodes
 SPEED_SHARE: Final = 0.2  # of the top speed; 0.3 m/s for the TXT-1
+UP_TO: Final = 0.15  # m beyond the guard's margin within which a robot has come up to another one
 
 
 class Search:
@@ -62,9 +64,27 @@ class Search:
         if self._told is None:
             return self._cover.step(me, heard, light)
         x, y = inside(*self._told[1:], self._body, self._room)
-        mine = hypot(x - me.x, y - me.y)
-        nearer = [one for one in heard.values() if hypot(x - one.x, y - one.y) < mine]
-        widest = max((one.body.reach for one in nearer), default=0.0) + self._body.reach + MARGIN
-        if mine < 0.8 * FOUND + 0.5 * widest * len(nearer):
+        if any(one is me for one in _there((me, *heard.values()), x, y)):
             return 0.0, 0.0
         return self._helmsman.steer(me, x, y, self._speed)
+
+
+def _there(robots: Iterable[Said], x: float, y: float) -> list[Said]:
+    """Return the robots that have a place around the light at x and y, m; the nearest come first."""
+    there: list[Said] = []
+    widest = 0.0
+    for nearer, one in enumerate(sorted(robots, key=lambda one: hypot(x - one.x, y - one.y))):
+        room = 0.8 * FOUND + 0.5 * (widest + one.body.reach + MARGIN) * nearer
+        if hypot(x - one.x, y - one.y) < room or any(_apart(one, other) < MARGIN + UP_TO for other in there):
+            there.append(one)
+        widest = max(widest, one.body.reach)
+    return there
+
+
+def _apart(one: Said, other: Said) -> float:
+    """Return the room between the circles of two bodies, m."""
+    (x, y), (other_x, other_y) = (
+        (each.x + each.body.centre * cos(each.theta), each.y + each.body.centre * sin(each.theta))
+        for each in (one, other)
+    )
+    return hypot(x - other_x, y - other_y) - one.body.reach - other.body.reach

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from benchmarks.cars import Cars, CarShape, shape_of
 from benchmarks.cooperation import amplification, convoy, coverage, rendezvous
+from benchmarks.fleet import paper
 from tests.examples import examples
 from txt1.errors import ConfigError
 from txt1.fleet.body import DEFAULT_BODY, Body
@@ -73,6 +74,11 @@ def test_cars_meet_in_slots_whoever_hears_whom(seed: int) -> None:
 def test_a_room_is_covered_without_contact() -> None:
     least, touched, nearest = coverage(1, 0.2, 3)
     assert least >= 0.95 and touched == 0 and nearest > 0.64
+
+
+@pytest.mark.parametrize(("team", "seed"), [("txt1", 11), ("f1tenth", 14), ("f1tenth", 15)])
+def test_robots_that_come_to_the_light_from_one_side_stand_behind_one_another(team: str, seed: int) -> None:
+    assert paper("search", team, seed) == (0, 0), "no contact, and nobody is stuck"
 
 
 @given(SAID, st.lists(SAID, max_size=4), st.floats(-0.5, 0.5), st.floats(-1.0, 1.0))
