@@ -10,7 +10,7 @@ ADDITION = Addition(
     commands={
         "board": (
             "txt1.board.command",
-            "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
+            "start a virtual board for a host, with a simulated vehicle behind it",
         )
     },
 )

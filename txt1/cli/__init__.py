@@ -35,14 +35,14 @@ All commands: txt1 --help. Of one of them: txt1 run --help.
 """
 COMMANDS: Final = {
     "demo": "one minute: it drives, learns to find a light, and shows it",
-    "run": "run the robot, on the desk or on the floor",
+    "run": "run a robot, simulated or real",
     "config": "show or check a configuration",
     "world": "list maps and worlds, or draw one before anything drives in it",
     "hal": "list or check hardware layers",
     "sensor": "list or check sensors",
     "doctor": "look for what is wrong with the line to the board",
     "service": "have systemd start a robot at boot, watch over it and start it again",
-    "device": "be one of the devices whose drivers we have, with a simulated vehicle behind it",
+    "device": "start a virtual device, with a simulated vehicle behind it",
     "decode": "print a capture of the line, a line per message and fault",
     "completion": "print a script that completes words in your shell",
 }

@@ -1,4 +1,4 @@
-"""`txt1 device`: be one of the devices whose drivers we have, with a simulated vehicle behind it."""
+"""`txt1 device`: start a virtual device, with a simulated vehicle behind it."""
 
 from __future__ import annotations
 

@@ -63,8 +63,8 @@ ROBOT: Final = (
         "--hal": takes("NAME", f"hardware layer: {HALS}, or one from another package"),
         "--speed": takes(
             "N|max",
-            "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "
-            "when nobody watches",
+            "virtual time, N times as fast as real time or as fast as possible; simulation only; by "
+            "default, experiments and learners take max",
             speed,
         ),
     }
@@ -95,7 +95,7 @@ def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedCo
 
 
 def robot_speed(arguments: argparse.Namespace, config: Config) -> Speed:
-    """Return the speed of a robot's time that nobody watches: as fast as possible where it is simulated."""
+    """Return the speed of a robot without screens: by default as fast as possible if it is simulated."""
     from txt1.hal.registry import is_simulated
 
     given: Speed = arguments.speed

@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         options.ROBOT
         | {
             "--duration": takes("S", "end after S seconds of the robot's time", positive),
-            "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own; says what was granted"),
+            "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own, and report the answer"),
             "--headless": flag("no screens; one status line a second"),
             "--json": flag("no screens; one JSON object at the end"),
             "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 NETWORK: Final = {
     "--fleet": takes("INTERFACE", "join the fleet on this network interface; loopback by default", nargs="?", const=""),
     "--fleet-key": takes("FILE", "file with the fleet's password; by default your own, on loopback only", path),
-    "--fleet-name": takes("NAME", "name of the fleet; fleets with another name are not heard"),
+    "--fleet-name": takes("NAME", "name of the fleet; robots hear only fleets of the same name"),
 }
 
 

@@ -13,7 +13,7 @@ ADDITION = Addition(
     commands={
         "gamepad": (
             "txt1.gamepad.command",
-            "show the gamepads that are plugged in, live, or teach SDL one that it does not know",
+            "show the gamepads that are plugged in, live, or teach SDL an unknown gamepad",
         )
     },
     parts={"txt1.bridges": {"gamepad": "txt1.gamepad.bridge:main"}},

@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Show the pads until Ctrl-C, or ask for the parts of one."""
-    need("gamepads", "gamepad", "pygame")
+    need("txt1 gamepad", "gamepad", "pygame")
     from txt1.gamepad.bridge import Devices
 
     config = options.loaded(arguments).config

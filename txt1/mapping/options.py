@@ -67,7 +67,7 @@ OPTIONS: Final = Options(
     {
         "--map": {
             "metavar": "NAME",
-            "help": "make the map NAME.yaml while driving, or extend the one that is there",
+            "help": "make the map NAME.yaml while driving, or extend it if it exists",
             "type": _name,
             "action": SetWithMap,
             "const": "make",
@@ -76,7 +76,7 @@ OPTIONS: Final = Options(
         },
         "--in": {
             "metavar": "MAP",
-            "help": "tell where the robot is on a map of txt1 map or map_server: the sensor map",
+            "help": "find the robot on a map of txt1 map or map_server (sensor map)",
             "type": _name,
             "action": SetWithMap,
             "const": "room",
@@ -85,7 +85,7 @@ OPTIONS: Final = Options(
         },
         "--at": {
             "metavar": "X,Y,THETA",
-            "help": "where it is at the start, m and rad; else it finds that out",
+            "help": "the robot's place at the start, m and rad; without it the robot searches",
             "type": _pose,
             "action": SetWithMap,
             "const": "at",

@@ -12,8 +12,8 @@ ADDITION = Addition(
     options="txt1.record.options:OPTIONS",
     sources={"view": 30},
     commands={
-        "log": ("txt1.record.command.log", "look into a recording, export or recover it"),
+        "log": ("txt1.record.command.log", "show, export or recover a recording"),
         "replay": ("txt1.record.command.replay", "show a recording, or run it again and compare"),
-        "report": ("txt1.record.command.report", "draw a recording: a picture, and one page with everything in it"),
+        "report": ("txt1.record.command.report", "draw a recording: a picture and an HTML page"),
     },
 )

@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 ROS2: Final = {
     "--ros2": flag("be a node of ROS 2: an installed one, else that of 'txt1 ros2 install'"),
     "--ros2-namespace": takes("NS", "the node's namespace; none by default"),
-    "--ros2-best-effort": flag("sensors' topics are best effort, for lossy networks; RViz's default hears them not"),
+    "--ros2-best-effort": flag("sensors' topics are best effort, for lossy networks; RViz hides them by default"),
 }
 ROS: Final = ROS2 | {
     "--ros2-tf": {
         "choices": ("auto", "map", "room", "odom", "none"),
-        "help": "which moving transforms are told: odom -> base_footprint, and map or room -> odom until another "
-        "program tells one (auto); just this frame above odom (map, room); none above it (odom); none at all",
+        "help": "the moving transforms: auto: odom -> base_footprint, and map or room -> odom until another program "
+        "tells it; map, room: always this frame above odom; odom: no frame above odom; none: none at all",
     },
     "--ros2-prefix": flag("frames' names begin with the namespace, such as car1/odom"),
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
     "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
-    "--ros1-namespace": takes("NS", "of its topics, services and frames, for several robots on one master"),
+    "--ros1-namespace": takes("NS", "namespace of its topics, services and frames, for several robots on one master"),
     "--ros1-name": takes("NAME", "the node's name in place of txt1_node"),
 }
 ONLY_OF_ROS2: Final = ("ros2_namespace", "ros2_best_effort", "ros2_tf", "ros2_prefix", "ros2_stamped")

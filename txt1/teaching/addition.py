@@ -9,5 +9,5 @@ ADDITION = Addition(
     beside="txt1.teaching.driving:beside",
     options="txt1.teaching.options:OPTIONS",
     sources={"policy": 5},
-    commands={"teach": ("txt1.teaching.command", "make a policy of recordings in which you drove")},
+    commands={"teach": ("txt1.teaching.command", "teach a policy from recordings of your driving")},
 )

@@ -12,7 +12,7 @@ ADDITION = Addition(
     commands={
         "firmware": (
             "txt1.hal.pico.command",
-            "put the board's firmware on a Raspberry Pi Pico, and ask it how it is",
+            "put the board's firmware on a Raspberry Pi Pico, and ask for its health",
         )
     },
 )

@@ -1,4 +1,4 @@
-"""`txt1 log`: look into a recording, export or recover it."""
+"""`txt1 log`: show, export or recover a recording."""
 
 from __future__ import annotations
 
