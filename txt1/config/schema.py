@@ -158,7 +158,7 @@ class LightConfig(Section):
     gains: tuple[Positive, Positive, Positive, Positive] = EVEN
     """Factors on their readings: a dirty sensor reads less."""
     faults: tuple[SensorFault, SensorFault, SensorFault, SensorFault] = SOUND
-    """What is wrong with each: none, dead, nan, frozen."""
+    """Fault of each: none, dead, nan, frozen."""
     true_bearing: bool = False
     """The learner gets the light's true bearing, as the original's simulated one did, in place of four sensors."""
 
@@ -382,7 +382,7 @@ class Config(Section):
         )
 
     def hand(self) -> Hand:
-        """What a hand on this car may ask for."""
+        """The limits of keys, gamepads and pages on this car."""
         body, pivots = self.geometry, self.geometry.steering == "skid"
         radius = max(body.radius_min, 0.5 * body.track_width * pivots)
         return Hand(self.safety.v_max, self.safety.omega_max, radius, pivots, self.teleop.turn)

@@ -1,4 +1,4 @@
-"""What is wrong with the mounts, the clocks and the scales of sensors, learned while driving.
+"""Errors of the mounts, the clocks and the scales of sensors, learned while driving.
 
 A sensor that tells positions sits somewhere on the robot (its lever arm l), and its readings are older than they say by
 tau. The wheels' way is too long by the slip s, and a gyro reads (1 + g) omega + b. From one position to another, half a
@@ -7,14 +7,14 @@ second later, the robot itself knows how it moved: d (m, in the frame of the fir
     R(-theta_A) (z_B - z_A) = (1 - s) d + (R(turn) - I) l - tau (R(turn) v_B - v_A)
     theta_B - theta_A = (turn - b T) (1 - g) - tau (omega_B - omega_A)
 
-which is linear in (l, tau, s, g, b) for small errors: a Kalman filter of these six beside the robot's own, as of
-B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. What the drive does not show keeps the
-standard deviation that it began with: a lever arm shows in turns, a clock where the speed changes.
+which is linear in (l, tau, s, g, b) for small errors: a Kalman filter of these six beside the robot's own, as of B.
+Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. An error that the drive does not show keeps
+its first standard deviation: a lever arm shows in turns, a clock where the speed changes.
 
-What was stated of a sensor is one hypothesis, and that it is wrong by as much as `START` says another. Their odds are
-those of Bayes (R. E. Kass, A. E. Raftery, JASA 90, 1995, with normal priors): a stated value is used until the other
-hypothesis is `SURE`, and the correction larger than `WORTH`, below which models of cars are wrong. The estimate tells
-the covariance of both.
+Two hypotheses compete: the stated value of a sensor is right, or it is wrong by about `START`. The odds of Bayes judge
+them (R. E. Kass, A. E. Raftery, JASA 90, 1995, with normal priors). The stated value is used until its error is `SURE`,
+and larger than `WORTH`; models of cars are wrong by less than that. The estimate tells the covariance of both
+hypotheses.
 """
 
 from collections import deque

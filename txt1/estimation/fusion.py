@@ -1,14 +1,14 @@
-"""Fuses what sensors measured, each reading at its own time, and judges the sensors meanwhile.
+"""Fuses the readings of all sensors, each at its own time, and judges the sensors meanwhile.
 
-A reading may be up to `HORIZON` late: it is put in its place among the others, and everything since is computed again.
-So the order in which readings arrive makes no difference. Readings of a fast sensor that were taken in the same
-`SLOT` are averaged first, as their errors are independent (preintegration: T. Lupton, S. Sukkarieh, IEEE T-RO 28(1),
-2012), which halves the work.
+A reading may be up to `HORIZON` late. It is inserted at its time, and all later steps are computed again. So the order
+in which readings arrive makes no difference. Readings of a fast sensor that were taken in the same `SLOT` are averaged
+first, as their errors are independent (preintegration: T. Lupton, S. Sukkarieh, IEEE T-RO 28(1), 2012), which halves
+the work.
 
-The rules by which a reading is taken in are in `txt1.estimation.judge` and `txt1.estimation.vote`. What the model of
-the car gets wrong is process noise that adapts to the innovations (A. H. Mohamed, K. P. Schwarz, J. Geodesy 73, 1999;
-strong tracking where a single one is too large): hard starts, servos that lag, and slip, of which the wheels' yaw rate
-beside the gyro's tells.
+The rules by which a reading is taken in are in `txt1.estimation.judge` and `txt1.estimation.vote`. Errors of the car's
+model count as process noise that adapts to the innovations (A. H. Mohamed, K. P. Schwarz, J. Geodesy 73, 1999; strong
+tracking if a single innovation is too large). Such errors are hard starts, servos that lag, and slip; the difference
+between the wheels' yaw rate and the gyro's shows slip.
 """
 
 from bisect import bisect_right
@@ -118,7 +118,8 @@ class Fusion:
         slip_sigma: float = 0.03,
     ) -> None:
         self.changes: list[str] = []
-        """What is to be told: a sensor is believed no longer, or again; whoever tells it empties the list."""
+        """Messages for the event log: a sensor is believed no longer, or again. The caller that tells them empties the
+        list."""
         self.vote = Vote()
         self.doubt: Doubt | None = None
         """Of the mounts and clocks of the sensors."""
@@ -244,7 +245,7 @@ class Fusion:
             frame.compare(self._reckoning)
 
     def judge_by_vote(self) -> None:
-        """Leave out a gyro or wheels that are outvoted, unless they are the last to tell what they tell."""
+        """Leave out an outvoted gyro or outvoted wheels, unless no other sensor measures the same quantity."""
         gyro_off, wheels_off = self.vote.outvoted()
         placed = self._located and self._placed
         for names, off, reason in ((self._gyros, gyro_off, OUTVOTED), (self._wheels_of, wheels_off and placed, WHEELS)):
@@ -762,7 +763,7 @@ def _slot(time: float) -> int:
 
 
 def _averaged(mean: Measurement, count: int, more: Measurement, further: int) -> Measurement:
-    """The mean of so many readings and so many further ones, whose errors are independent."""
+    """The mean of two groups of readings with independent errors, from the means and sizes of the groups."""
     share = further / (count + further)
     values = [one + share * (two - one) for one, two in zip(mean.values, more.values, strict=True)]
     if mean.kind is Kind.POSE and mean.rows[-1] == THETA:

@@ -2,7 +2,7 @@
 
     gymnasium.make("txt1.learning.env:txt1/LightSeeking-v0")      # Gymnasium imports the module before the colon
 
-One step is one decision of the thesis's learner, 0.5 s.
+A step is a decision of the thesis's learner, 0.5 s.
 
 - Observation: the logarithms of the four filtered readings over the logarithm of a sensor's upper limit, FL FR RL RR, 0
   to 1; and the sensed v (m/s) and omega (rad/s). Shape (6,), float32.
@@ -109,7 +109,7 @@ class EpisodeCar:
 
 
 class Seeker:
-    """A simulated robot on its way to the light: what an environment of one robot, or of several, asks of each.
+    """A simulated robot on its way to the light, for the environments of one robot and of several.
 
     Raises ValueError: something is in the way at its start.
     """
@@ -192,7 +192,7 @@ class Seeker:
             return otherwise
 
     def observation(self) -> Observation:
-        """What the module says."""
+        """The environment that the module describes."""
         assert self._filter.readings is not None
         told = self._world.odometry(self._ms / 1000.0, self._car.odometry)
         return _observe(np.array(self._filter.readings), np.array(told[3:]))

@@ -46,7 +46,8 @@ class Link:
         self._send(data)
 
     def close(self) -> None:
-        """Let go at once: what is not sent is thrown away, and the end hears nothing any more; harmless when down."""
+        """Let go at once: bytes that are not sent are thrown away, and the end hears nothing any more; harmless when
+        down."""
         if self.shut():
             self._let_go()
 
@@ -106,7 +107,7 @@ class Port(Protocol):
         """A link to it, up; raises HalError, which says what to do. Another error ends the run."""
 
     async def close(self) -> None:
-        """Let go of what was needed for it."""
+        """Free all that the link needed."""
 
 
 class StreamLink(Link, asyncio.Protocol):
@@ -129,7 +130,7 @@ class StreamLink(Link, asyncio.Protocol):
         self.transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Connect the end, unless nobody waits for it any more."""
+        """Connect the end, unless the wait for it was cancelled."""
         assert isinstance(transport, asyncio.Transport)
         self.transport = transport
         if self.up:

@@ -1,16 +1,16 @@
-"""The sensors ``mapping`` and ``map``: what a laser's scans and odometry tell of the map, and where the robot is on it.
+"""The sensors ``mapping`` and ``map``: a map from a laser's scans and odometry, and the robot's place on it.
 
 How it works
 ------------
 
-The laser's readings and odometry go to a `Sweeper`, whose scans are worked on beside the robot (`worker`): a filter
-finds the robot on a map, or a mapper makes one. What comes of a scan are `MapNews`, a reading of the sensor
-``mapping``. In virtual time they are told a fixed time after the scan, on the real clock when they are there. The
-sensor ``map`` has the pose alone, as other sensors of poses do; while the robot is lost, it tells nothing, so nobody
-drives by it.
+The laser's readings and odometry go to a `Sweeper`, which makes scans of them. A process beside the robot (`worker`)
+works on the scans: a filter finds the robot on a map, or a mapper makes a map. The result of a scan is `MapNews`, a
+reading of the sensor ``mapping``. In virtual time it comes a fixed time after the scan, on the real clock when it is
+ready. The sensor ``map`` has the pose alone, like other sensors of poses. While the robot is lost, it has no reading,
+so nothing drives by it.
 
-News are readings of a sensor, so a recording holds each of them and when it took effect, and a replay gives them again
-without computing them. All else follows from them in the same step (`OnMap`): the map, the transform, what is told.
+News are readings of a sensor. So a recording holds each of them with its time, and a replay repeats them without
+computing them. The rest follows from them in the same step (`OnMap`): the map, the transform, the topics.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ POSE: Final = "map"
 NEWS: Final = "mapping"
 """The sensors' names."""
 FRESH: Final = 0.5
-"""s for which what a scan has seen counts."""
+"""s for which a scan counts."""
 NEAR: Final = 1.5
 """m from the laser within which it does: farther off, an error of the heading would put walls on free floor."""
 UNKNOWN_NEAR: Final = 0.35
@@ -68,7 +68,7 @@ UNKNOWN_NEAR: Final = 0.35
 SHOWN_RAYS: Final = 90
 """Of a scan, on screens."""
 JUMP: Final = 0.3
-"""m by which a correction of the pose is another place, so what was seen from the one before counts no more."""
+"""m; a larger correction of the pose means another place, so the floor seen from the old place counts no more."""
 
 
 def may_stand(grid: Grid, x: float, y: float) -> bool:
@@ -124,7 +124,7 @@ class NewsSensor:
         self._last = -1.0
 
     def connect(self, odometry: Any) -> Callable[[Reading[Scan]], None]:
-        """Take what returns odometry and its time; return what is to be told of the laser's readings."""
+        """Take a function that returns odometry and its time; return the function to call with the laser's readings."""
         self._odometry = odometry
         return self._seen
 

@@ -1,17 +1,17 @@
-"""Where the work on scans is done: in the event loop in virtual time, else in a process of its own.
+"""The work on scans: in the event loop in virtual time, else in a process of its own.
 
 How it works
 ------------
 
-*In virtual time* nobody is late, so `Near` works at once, and the same drive gives the same results to the bit.
+*In virtual time* no task can be late. So `Near` works at once, and the same drive gives the same results to the bit.
 
-*On the real clock* `Far` starts a process and gives it one scan at a time; what comes meanwhile waits, and only the
-newest of it. A thread of the robot's waits for each answer: it holds the interpreter for some microseconds only. The
+*On the real clock* `Far` starts a process and gives it a scan at a time. Of the scans that come meanwhile, only the
+newest waits. A thread of the robot waits for each answer: it holds the interpreter for some microseconds only. The
 process is compiled and ready before the robot drives, has a lower priority, and hears no Ctrl-C.
 
 *The line* between the two is a socket pair. Each message is its length (4 bytes), and the exact bytes of a value
-(`txt1.telemetry.exact`). When the robot's process is gone, however it went, the other one finds its line closed, saves
-the map and ends.
+(`txt1.telemetry.exact`). After any end of the robot's process, the worker finds its line closed, saves the map and
+ends.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Bytes in, messages and faults out; no I/O, no clock (thesis 3.5).
 
 The rule: in any stream, every valid frame whose bytes are intact and that is not inside a longer valid frame is
-delivered. So a false header costs nothing that follows it: after it the search goes on at its next byte but one. Two
-valid frames that overlap, each with bytes of its own, are both delivered, for one of them is what was sent.
+delivered. So a false header costs nothing that follows it: after it the search goes on at its next byte but one. Of two
+valid frames that overlap, both are delivered: the sender sent one of them, and nothing tells which.
 """
 
 from collections.abc import Callable

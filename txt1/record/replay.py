@@ -1,4 +1,4 @@
-"""Stand-ins that give a runtime again what was given to it when it was recorded.
+"""Stand-ins that give a runtime the same inputs as when it was recorded.
 
 How it works
 ============
@@ -17,21 +17,21 @@ Inputs fall into two groups, by who gave them (`source`):
   course of that task's step. Each source has a queue of its own, and takes from it in its own step: `Script._repeat`
   stands for a user's task, `RecordedSensor` for a sensor's driver.
 
-**In virtual time** two things may bring an input from outside due. `Following` calls `Script.give_due` behind every
-step; that gives what came right behind that step. An input in an instant without any step needs a timer
+**In virtual time** two things may bring an input from outside due. `Following` calls `Script.give_due` after every
+step, which gives the inputs that came right after it. An input in an instant without any step needs a timer
 (`Script.start`). The timer is set `EARLY` ahead of the tasks' timers of the same nanosecond, so that an input which
 came before the steps of its instant is not late. If it came behind them, its `step` is still ahead, and the timer is
-set again, until the steps have run. A step that never comes would make that go on for ever: behind `TURNS_MAX` turns
-the clock is moved on by one nanosecond, and the input is given then.
+set again, until the steps have run. A step that never comes would make the timer go on for ever. So after `TURNS_MAX`
+turns the clock moves on by a nanosecond, and the input is given.
 
 **On the real clock** there is no timer at all. `verify` goes through the recorded steps, calls `Script.give_up_to` for
 the inputs ahead of each, and `StepByStep.step` to run it at its recorded time.
 
-**Hardware** reports again (`RecordedHal`) what it reported: a reading, or the error that it raised. `expect` gets the
-reports of a step ahead of that step. A report that nobody reads in the replay still counts as the newest state, since
-the tasks of then saw it before the next step. Commands to the hardware do nothing, as the outputs are compared already.
+**Hardware** (`RecordedHal`) repeats its reports: a reading, or the error that it raised. `expect` gets the reports of a
+step ahead of that step. A report that is not read in the replay still counts as the newest state, since the recorded
+tasks saw it before their next step. Commands to the hardware do nothing, as the outputs are compared already.
 
-What was refused then (not armed, a fault of the hardware, a value out of range) is refused again, so `Script.give`
+An input that was refused (not armed, a fault of the hardware, a value out of range) is refused again. So `Script.give`
 passes over exactly these errors. An error of a user's own task is recorded as "failure" and raised again.
 
 """
@@ -87,7 +87,7 @@ class UserError(Exception):
 
 
 class RecordedHal:
-    """Hardware that reports again what it reported, and obeys nobody."""
+    """Hardware that repeats its recorded reports, and ignores commands."""
 
     def __init__(self, name: str, capabilities: Capabilities) -> None:
         self.name, self.capabilities = name, capabilities
@@ -128,7 +128,7 @@ class RecordedHal:
 
 
 class RecordedSensor:
-    """A sensor that reads again what was read, in the same steps; `made` is what its driver would read."""
+    """A sensor that repeats its recorded readings, in the same steps; `made` is what its driver would read."""
 
     simulated = True
 
@@ -299,7 +299,7 @@ class Script:
                     raise RecordingError(f"{INPUT.name}: {error}") from None
 
     async def _repeat(self, inputs: deque[Given], ticks: Ticks) -> None:
-        """Stand for a task of the user's: give what it gave, in the same steps."""
+        """Stand for a user's task: give its inputs again, in the same steps."""
         async for _ in ticks:
             while inputs and inputs[0].what.step <= self.steps:
                 time, what = inputs.popleft()

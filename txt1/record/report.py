@@ -173,7 +173,7 @@ Part = tuple[str, tuple[str, ...], Sequence[Sequence[object]]]
 
 
 def page(name: str, content: Content, picture: bytes) -> str:
-    """Return one HTML page with everything in it."""
+    """Return an HTML page with everything in it."""
     topics = [
         (topic, each.count, f"{each.rate:.2f}", f"{each.gap / NS_PER_S:.3f}", each.lost)
         for topic, each in content.topics.items()

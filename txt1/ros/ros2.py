@@ -1,6 +1,8 @@
-"""The node of ROS 2: it publishes ready bytes, and hands on what it is asked for. Runs under the Python that has rclpy.
+"""The node of ROS 2: it publishes ready bytes, and hands requests on to the robot. Runs under the Python that has
+rclpy.
 
-The main thread takes commands, another one publishes what the robot sends, others serve whatever has to wait for it.
+The main thread takes commands, a second thread publishes the robot's messages, and further threads serve requests that
+wait for the robot.
 """
 
 import fcntl

@@ -1,4 +1,4 @@
-"""What a serial line does to the bytes it carries: it takes time, and it damages, loses and delays them.
+"""A serial line that takes time for its bytes, and damages, loses and delays them.
 
 `carry(data, now)` says what arrives when; moving time and delivering is the caller's business.
 """
@@ -22,11 +22,9 @@ Arrival = tuple[float, bytes]
 class SerialLine:
     """One direction of a faulty line.
 
-    Args:
-        faults: what is wrong with it.
-        rng: decides what happens to which piece; the same seed and traffic repeat every fault.
-        on_fault: is told of each fault and the piece as it was given: "drop", "tear", "flip", "duplicate", "stall" for
-            the first piece that a stall holds back, "cut" for each that would arrive after the line is lost.
+    Args: faults: the line's faults. rng: decides what happens to which piece; the same seed and traffic repeat every
+        fault. on_fault: is told of each fault and the piece as it was given: "drop", "tear", "flip", "duplicate",
+        "stall" for the first piece that a stall holds back, "cut" for each that would arrive after the line is lost.
         start: when the line came up, s.
 
     """
@@ -125,7 +123,7 @@ class SerialLine:
 class Pace:
     """The time that bytes take at a baud rate: ten bits each, and they queue behind those still under way.
 
-    What is given together arrives together, at the instant the last byte has passed, as a USB adapter hands it on.
+    Bytes that are given together arrive together, at the instant of the last byte, as from a USB adapter.
     """
 
     ends = float("inf")

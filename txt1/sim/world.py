@@ -1,16 +1,17 @@
 """The world of the simulated robots: a room with a light, obstacles, and any number of vehicles that share it.
 
 **Time.** Every vehicle keeps the time of its own robot's run and moves when its robot reads or writes at a later one.
-Several move on together: before one of them moves to an instant, all are brought to the end of each 20 ms of constant
-drag before it, in the order of these ends and, at the same instant, in which the vehicles came into the world. There
-each of them stops over anyway. So as long as vehicles do not touch, nobody's motion depends by a bit on who else is
-there, how often he is read, or in which order.
+Several vehicles move on together. Drag is constant for 20 ms at a time, and each vehicle stops over at the end of each
+such interval. Before a vehicle moves to an instant, all vehicles are brought to the ends of all intervals before it: in
+the order of these ends and, at the same instant, in the order in which the vehicles came into the world. So as long as
+vehicles do not touch, the motion of a vehicle does not depend by a bit on the other vehicles, on how often they are
+read, or on the order.
 
-**Contact.** Whenever a vehicle moves on it is held against all that is near: walls, obstacles, and the bodies of the
-others wherever they are at that very instant. A vehicle that would get deeper into a wall or an obstacle stays where it
-was, at speed 0. Two vehicles that would get deeper into one another both stay where they were at the last instant at
-which either of them moved on, whichever of them is read first. A mover goes its way whoever is in it: a vehicle that it
-runs into cannot get deeper into it by itself, and is free when it has passed.
+**Contact.** Each motion of a vehicle is compared with all that is near: walls, obstacles, and the bodies of other
+vehicles at that very instant. A vehicle that would get deeper into a wall or an obstacle stays where it was, at speed
+0. Two vehicles that would get deeper into each other both stay where they were at the last instant at which either of
+them moved on. It does not matter which of them is read first. A mover never stops: a vehicle that it runs into cannot
+get deeper into it by itself, and is free when the mover has passed.
 """
 
 from heapq import heapify, heapreplace

@@ -1,4 +1,4 @@
-"""The pages that are connected and the robots that they show: who is told what, and how robots are asked.
+"""The connected pages and the robots that they show: sends telemetry to pages, and their requests to robots.
 
 Of a page that is too slow only the newest telemetry waits. Topics that pages plot come often, others once a second.
 """
@@ -99,7 +99,7 @@ class Robots(Protocol):
         """The newest telemetry; None: there is none; EOFError or OSError: there will be none any more."""
 
     def request(self, name: str, /, **fields: object) -> None:
-        """Ask for something; OSError: nobody is there; CommandRefused: not this."""
+        """Make a request; OSError: the robot is gone; CommandRefused: the robot refuses it."""
 
 
 class Pages:
@@ -152,7 +152,7 @@ class Pages:
         self.status()
 
     async def send(self, page: Page) -> None:
-        """Send a page what there is, as fast as it takes it; one that takes nothing is sent away."""
+        """Send a page its telemetry, as fast as it takes it; a page that takes nothing is disconnected."""
         try:
             while True:
                 await page.news.wait()

@@ -1,7 +1,7 @@
-"""Copies the firmware to a Pico, and asks the one that runs there for its name, its health and its last fault.
+"""Copies the firmware to a Pico, and asks the firmware that runs there for its name, its health and its last fault.
 
-Files go over under a new name, are verified by their digest on the board, and only then take the old ones' places, the
-program that starts at power-up last. A cable that is pulled half-way leaves the old firmware whole.
+Files are copied under new names and verified by their digest on the board. Only then they replace the old files. The
+program that starts at power-up comes last. A cable that is pulled half-way leaves the old firmware whole.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def digests(board: Files, names: list[str]) -> dict[str, str | None]:
 
 
 def install(board: Files, told: Callable[[str], None] = lambda _: None) -> Installed:
-    """Copy what differs, verify it, and put it in its place.
+    """Copy the files that differ, verify them, and put them in their places.
 
     Raises:
         HalError: the board does not answer, or what arrived is not what was sent; the old files stay.
