@@ -22,9 +22,12 @@ Arrival = tuple[float, bytes]
 class SerialLine:
     """One direction of a faulty line.
 
-    Args: faults: the line's faults. rng: decides what happens to which piece; the same seed and traffic repeat every
-        fault. on_fault: is told of each fault and the piece as it was given: "drop", "tear", "flip", "duplicate",
-        "stall" for the first piece that a stall holds back, "cut" for each that would arrive after the line is lost.
+    Args:
+        faults: the line's faults.
+        rng: decides the fate of each piece; the same seed and traffic repeat every fault.
+        on_fault: is told of each fault and the piece as it was given. The faults are "drop", "tear", "flip",
+            "duplicate", "stall" for the first piece that a stall holds back, and "cut" for each piece that would arrive
+            after the line is lost.
         start: when the line came up, s.
 
     """
