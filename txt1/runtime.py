@@ -33,7 +33,7 @@ from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
-from txt1.tasks.arming import reason_not_to_arm
+from txt1.tasks.arming import reason_after_runaway, reason_not_to_arm
 from txt1.tasks.diagnostics import Reports
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
@@ -155,7 +155,8 @@ class Runtime:
         self._reports = Reports(self.statistics, self._virtual)
         self._notify_serial: Callable[[], None] = lambda: None
         self._open = False
-        self._rolls_until: float | None = None  # s of the run; None unless the robot did not obey since it was armed
+        self._ran_away = False  # whether the robot did not obey since it was armed
+        self._rolls_until = 0.0  # when a robot that did not obey has certainly rolled out, s of the run
         self.failed = False
         """Whether a task has raised."""
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
@@ -304,20 +305,25 @@ class Runtime:
         now = self._begin("arm")
         line = self.config.serial
         held = self.config.hal == "serial" and line.control == "host" and not line.allow_host
-        reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, self._rolls_until, now)
+        reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, now)
+        if reason is None and self._ran_away:
+            reason = reason_after_runaway(self._rolls_until, self.hal.capabilities.blind, self.stands(now), now)
         if reason is not None:
             raise NotArmed(reason, remedy="")
-        self._rolls_until = None
+        self._ran_away = False
         self.gate.arm(now)
         self.state.tell(now, "armed")
 
     def reason_to_keep_atx(self, now: float) -> str | None:
         """Return why the ATX supply may not be turned off at `now`, with the remedy; None if it may."""
-        return standstill.reason_to_keep_atx(self.state, self.hal.capabilities, self.gate, self.watch, now)
+        return standstill.reason_to_keep_atx(self.state, self.hal.capabilities, self.gate, self.stands(now))
 
     def stands(self, now: float) -> bool:
-        """Whether the robot was seen to stand, and still stands at `now`."""
-        return standstill.stands(self.state, self.watch, now)
+        """Whether the robot was seen to stand, and still stands at `now`.
+
+        After a runaway nothing was seen before it has had time to roll out: its encoders may be dead.
+        """
+        return now >= self._rolls_until and standstill.stands(self.state, self.watch, now)
 
     def emergency_stop(self) -> None:
         """Stop at once and latch."""
@@ -391,6 +397,7 @@ class Runtime:
             blocked_by = getattr(self.hal, "blocked_by", None)  # only some hardware knows, for example a simulation
             blocked = None if blocked_by is None else blocked_by()
             at_rest = blocked is not None and reason is BLOCKED
+            self._ran_away = True
             self._rolls_until = self.now + (0.0 if at_rest else coasting_time(self.gate.limits.runaway_speed))
             if blocked is not None:
                 told = f"blocked: {blocked}; {WAY_BACK}" if at_rest else f"{reason}: it is at {blocked}"

@@ -165,6 +165,21 @@ async def test_a_dead_encoder_stops_the_vehicle(robot: Robot, faults: Faults, v:
     robot.arm()  # it obeyed since, so it may
 
 
+async def test_a_car_with_dead_encoders_keeps_the_supply_and_the_host_that_see_it_while_it_rolls(robot: Robot) -> None:
+    await robot.drive(1.0, 0.0, 3.0)
+    robot.hal.vehicle.faults = Faults(True, True)  # type: ignore[attr-defined]
+    with pytest.raises(NotArmed):
+        await robot.drive(1.0, 0.0, 5.0)
+    for _ in range(100):
+        if true_speed(robot) > 0.0:
+            assert not robot.runtime.stands(robot.now)
+            with pytest.raises(CommandRefused, match="the ATX supply feeds the encoders"):
+                robot.switch_power(Switch.ATX, False)
+        await asyncio.sleep(TICK)
+    assert true_speed(robot) == 0.0
+    robot.switch_power(Switch.ATX, False)
+
+
 async def test_who_rolls_by_one_encoder_is_not_armed_however_long_it_takes(robot: Robot) -> None:
     await robot.drive(0.5, 0.0, 3.0)
     vehicle = robot.hal.vehicle  # type: ignore[attr-defined]

@@ -4,21 +4,18 @@ from typing import Final
 
 from txt1.control.standstill import UNOBEYED
 from txt1.hal.base import Hal
-from txt1.tasks.standstill import Watch, stands
+from txt1.tasks.standstill import Watch
 from txt1.tasks.state import State
 
 # s of the run: the mode task judges the link once a second, so none is alive before
 FIRST: Final = 1.0
 
 
-def reason_not_to_arm(
-    state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, rolls_until: float | None, now: float
-) -> str | None:
+def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, now: float) -> str | None:
     """Return why the robot may not be armed at `now`, with the remedy; None when it may.
 
     `io` is the hardware layer as the tasks have it. `held` says that the loops run here behind a line, which is not
-    allowed. `rolls_until` is when a robot that did not obey has certainly rolled out, None of one that obeyed: dead
-    encoders say 0 of a car that rolls, so they are asked only after that.
+    allowed.
     """
     board = None if state.board is None else hal.read(now).link  # as it is after what was done just now
     if board is not None and not board.ready:
@@ -44,9 +41,14 @@ def reason_not_to_arm(
         return "the batteries are cut off: change them first"
     if state.battery.exhausted:
         return "batteries bad: change them first"
-    if rolls_until is not None:
-        if now < rolls_until:
-            return f"it did not obey, and may still roll: try again in {rolls_until - now:.1f} s"
-        if not hal.capabilities.blind and not stands(state, watch, now):
-            return "it did not obey, and still moves: wait until it stands"
     return None
+
+
+def reason_after_runaway(rolls_until: float, blind: bool, stands: bool, now: float) -> str | None:
+    """Return why a robot that did not obey may not be armed at `now`; None when it may.
+
+    It has certainly rolled out at `rolls_until`. Before that its encoders are not asked: dead ones say 0.
+    """
+    if now < rolls_until:
+        return f"it did not obey, and may still roll: try again in {rolls_until - now:.1f} s"
+    return None if blind or stands else "it did not obey, and still moves: wait until it stands"

@@ -164,10 +164,10 @@ def stands(state: State, watch: Watch | None, now: float) -> bool:
     return sees(state, now) and state.odometry_time - state.moved_time >= STANDS - 1e-9
 
 
-def reason_to_keep_atx(state: State, can: Capabilities, gate: Gate, watch: Watch | None, now: float) -> str | None:
-    """Why the ATX supply may not be turned off now, with the remedy; None when it may.
+def reason_to_keep_atx(state: State, can: Capabilities, gate: Gate, stands: bool) -> str | None:
+    """Why the ATX supply may not be turned off, with the remedy; None when it may.
 
-    It feeds the encoders, so it stays on until the robot was seen to stand (see `stands`).
+    It feeds the encoders, so it stays on until the robot was seen to stand, which `stands` says.
     """
     if state.power.atx is False:
         return None
@@ -175,7 +175,7 @@ def reason_to_keep_atx(state: State, can: Capabilities, gate: Gate, watch: Watch
         return "the ATX supply feeds encoders and computer, so it stays on: disarm first (m, or Robot.disarm)"
     if can.blind:
         return "the ATX supply stays on: there are no encoders that see the robot stand; switch it off at the robot"
-    if stands(state, watch, now):
+    if stands:
         return None
     return "the ATX supply feeds the encoders, so it stays on until they have seen the robot stand: ask again then"
 
