@@ -266,7 +266,8 @@ async def _two_fleets(struck: Scene, rng: random.Random) -> list[float]:
         theirs.drive(struck.name, -1.5, 0.0)
         await asyncio.sleep(0.05)
     if not struck.robot.armed or struck.robot.odometry.v < 0.0:
-        raise Broken("another fleet stopped or drove it")
+        why = struck.robot.reason or f"{struck.robot.odometry.v:.2f} m/s"
+        raise Broken(f"another fleet stopped or drove it: {why}")
     return [await struck.stops(console)]
 
 
