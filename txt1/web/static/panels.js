@@ -22,7 +22,7 @@ export function table(head, rows, numbers = []) {
 }
 
 const span = (text, className = "") => element("span", { className }, text)
-const title = (text) => element("h3", {}, text)
+const title = (text) => element("h2", {}, text)
 const quiet = (text) => element("p", { className: "dim" }, text)
 const milliseconds = (seconds) => (Number.isFinite(seconds) ? (1000 * seconds).toFixed(seconds < 0.01 ? 2 : 1) : "–")
 
