@@ -7,8 +7,9 @@ and Navigation* (Wiley, 2001):
     S = H P H^T + R,  K = P H^T S^-1,  x' = x + K (z - h(x))         BLK 10.3.2
     P' = P - K S K^T                                                 BLK (5.2.3-13)
 
-The errors of a measurement's numbers are independent, so they are taken in one after another, which is the same (BLK
-5.2.6) and divides by numbers in place of matrices: with the miss y = (z - h x) / sigma, w = P h / sigma, sigma^2 = S,
+The errors of a measurement's numbers are independent. So the numbers are taken in one after the other. The result is
+the same (BLK 5.2.6), and the divisions are by numbers, not by matrices. With the miss y = (z - h x) / sigma, w = P h /
+sigma, sigma^2 = S,
 
     x' = x + w y,  P' = P - w w^T,  NIS = sum of y^2
 
@@ -93,7 +94,8 @@ class Drift:
 def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
     """The belief when a rate has changed evenly over the last dt seconds, by an amount of this variance.
 
-    The pose has then changed by half of this over dt: one random number moves them all, so what is added has rank one.
+    The pose has then changed by half of this over dt. A single random number moves rate and pose, so the covariance
+    grows by a matrix of rank one.
 
     Args:
         belief: as predicted with the rate as it was.

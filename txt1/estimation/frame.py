@@ -255,10 +255,10 @@ def _integral(values: Array, times: Array) -> Array:
 
 
 def _misfit(left: Array, rows: Array, priors: list[float]) -> tuple[float, float]:
-    """The square of a Mahalanobis distance: of numbers of variance 1 from a linear model with priors.
+    """The square of a Mahalanobis distance, of numbers of variance 1 from a linear model with priors, and a density.
 
-    And -2 times the logarithm of the numbers' density, but for what all models share: the distance and the logarithm of
-    their covariance's determinant, which a model pays for what it leaves open.
+    The density is -2 times its logarithm, without the terms that all models share. It is the distance plus the
+    logarithm of the determinant of the covariance: a model pays for its free parameters.
     """
     side, sigmas = rows @ left, np.array(priors)
     normal = rows @ rows.T + np.diag(sigmas**-2.0)

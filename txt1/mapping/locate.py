@@ -75,10 +75,10 @@ COMPARED: Final = 6
 LIKELY: Final = 50
 """Poses, the best by that, round which particles are put."""
 RIVAL: Final = 4.0
-"""What the logarithm of another place may be less by than that of the best one, and it may still be the true one: by
-one scan, by several that times the root of their number."""
+"""The largest difference of logarithms between the best place and another place that may still be the true place, for a
+single scan. For n scans it is this number times the root of n."""
 ELSEWHERE: Final = 0.5
-"""m, or rad, from which on it is another place."""
+"""m, or rad; poses that differ by more are different places."""
 BEHIND: Final = 0.4
 """m behind a measured range where a ray ends: it is too short, whatever it would meet."""
 STEP: Final = 0.02

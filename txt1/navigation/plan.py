@@ -44,9 +44,9 @@ class NoPath(Txt1Error):
 def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
     """The path to drive from one pose to another; room None: no walls.
 
-    The cheapest by length and gear changes of the Reeds-Shepp paths that stay inside; where all of them touch a wall,
-    the cheapest of those that lead over some place in between, or a way round the walls of a map. Raises NoPath: none
-    stays inside.
+    It is a Reeds-Shepp path that stays inside: the cheapest by length and gear changes. If all of them touch a wall, it
+    is the cheapest path over a place in between, or a way round the walls of a map. Raises NoPath: every path touches a
+    wall.
     """
     body = Geometry() if body is None else body
     if room is not None and clearance(*goal, room, body) < 0.0:

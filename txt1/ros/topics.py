@@ -59,9 +59,9 @@ NOT_TOLD: Final = frozenset(
 )
 """Topics for recordings and the live view alone.
 
-``/tf_room`` and so on: a node tells the frame above odom itself, one at most, and with each odometry;
-``/cmd_vel``: the velocities asked for have come from ROS, or are in ``~/setpoint``; ``/markers``: RViz has the
-description of the robot, and not every ROS has the message.
+``/tf_room`` and similar topics: a node itself tells at most a single frame above odom, with each odometry.
+``/cmd_vel``: the commanded velocities came from ROS, or are in ``~/setpoint``. ``/markers``: RViz has the description
+of the robot, and some versions of ROS lack the message.
 """
 
 define(

@@ -87,8 +87,8 @@ def reckoned(wheelbase: float, steering_max: float, p: VehicleParameters) -> tup
     """Numbers for `move` that follow from the parameters.
 
     The tangent of the largest steering angle; the acceleration that the tyres hold, m/s^2; their lateral slip for 1
-    m/s^2 across; and two limits in m/s below which a car is far from the limit of its tyres: of its speed, and of the
-    distance between its speed and the free speed.
+    m/s^2 across; and two limits in m/s. A car is far from the limit of its tyres if its speed is below the first, and
+    differs from the free speed by less than the second.
     """
     hold, tan_max, resistance = GRAVITY * p.grip, tan(steering_max), p.scrub + DRAG_MAX
     along = CALM_ALONG * hold
