@@ -271,6 +271,7 @@ def test_a_velocity_is_as_old_as_its_key_by_the_robot_s_clock_and_none_goes_befo
             stranger.replay("drive/net01", sent[0])
             return len(set(team.given)) < len(team.given)
 
+        assert team.until(lambda: sent), "the stranger hears the same, perhaps later than the robot"
         assert team.until(as_old_as_before), "one that is said again is as old as it was"
     finally:
         stranger.close()
