@@ -377,7 +377,8 @@ def encoder_jump(desk: Desk, value: float) -> None:
 @strike
 def battery_bad(desk: Desk, value: float) -> None:
     """Voltages that are low, none, no number, infinite."""
-    volts = pick((8.7, 0.0, 9.2, nan, inf, -5.0)[: 3 if desk.kind == "pico" else 6], value)  # it measures counts
+    counted = desk.kind in ("vesc", "waveshare", "pico")  # what counts steps of a converter tells no such number
+    volts = pick((8.7, 0.0, 9.2, nan, inf, -5.0)[: 3 if counted else 6], value)
     vehicle = desk.vehicle
     vehicle.faults = replace(vehicle.faults, voltage=volts)
     desk.later(spread(value, 1.0, 7.0), lambda: desk.mend(voltage=None))

@@ -20,7 +20,7 @@ from txt1.config import Config, checked, load
 from txt1.errors import CommandRefused, NotArmed, NotCapable, StopNotVerified
 from txt1.fleet.link import FleetLink
 from txt1.hal.base import Button, Hal, Inputs, Outputs
-from txt1.hal.double import DoublePort
+from txt1.hal.double import Controller, DoublePort
 from txt1.hal.pico.double import port as pico_port
 from txt1.hal.registry import create
 from txt1.hal.serial import SerialHal
@@ -440,6 +440,8 @@ class Desk:
         hal, last, up_since = self.robot.hal, self.now, -inf
         while True:
             self._check_armed()
+            if isinstance(self.device, Controller):
+                await self.device.ended(0.0)  # raises what went wrong inside
             now, v = self.now, abs(self.vehicle.state.v)
             if now - last > 2.0 * TICK:  # the process stood still: what it has to do in time counts from now
                 self._could_move, self._speed = now, v
