@@ -10,6 +10,7 @@ from txt1 import __version__
 from txt1.cli import COMMANDS, execute, parsers
 from txt1.cli.demo import steps
 from txt1.record.report import Content, draw
+from txt1.ui.screens import SCREENS
 
 
 def test_alone_it_says_in_ten_lines_what_to_type(capsys: pytest.CaptureFixture[str]) -> None:
@@ -48,6 +49,13 @@ def test_the_demo_drives_learns_shows_and_draws(tmp_path: Path) -> None:
     names = [words[0] for _, words in steps(tmp_path, "1", screens=True)]
     assert names == ["run", "learn", "run", "report"]
     assert all("--headless" not in words for _, words in steps(tmp_path, "1", screens=True))
+    begins = {words[words.index("--screen") + 1] for _, words in steps(tmp_path, "1", screens=True) if words[0] == "run"}
+    assert begins == {str(list(SCREENS).index("MAP") + 1)}, "the car is seen on MAP"
+
+
+def test_a_first_screen_is_refused_where_there_are_none(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["run", "--headless", "--duration", "1", "--screen", "5"]) == 2
+    assert "--screen: without screens it has no effect; leave it out" in capsys.readouterr().err
 
 
 def test_a_report_marks_where_the_robot_was_disarmed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,7 +36,7 @@ def main(arguments: argparse.Namespace) -> int:
 def steps(out: Path, seed: str, screens: bool) -> Iterator[tuple[str, list[str]]]:
     """Yield each command's words, and a sentence on what to see; without screens all of it runs in virtual time."""
     recorded = all(find_spec(module) for module in MODULES)
-    watched = ["--seed", seed] if screens else ["--seed", seed, "--headless", "--speed", "max"]
+    watched = ["--seed", seed, "--screen", "5"] if screens else ["--seed", seed, "--headless", "--speed", "max"]
 
     def log(name: str) -> list[str]:
         return ["--log", str(out / name)] if recorded else []

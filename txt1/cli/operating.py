@@ -20,6 +20,7 @@ from txt1.config.sources import with_values
 from txt1.control.limits import Fault, SetpointBounds
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
+from txt1.hal.base import Button
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.ui.teleop import Teleop
@@ -39,6 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         _tell_limits(arguments.drive, config)
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
+    if arguments.screen is not None and (arguments.headless or arguments.json):
+        raise ConfigError("--screen: without screens it has no effect; leave it out")
     asked: dict[str, object] = {}
     for name, told in arguments.optional.items():
         with blamed(name, "options"):
@@ -75,6 +78,8 @@ async def _operate(
         keys = {name: key.meaning for name, key in robot.keys.items()}
         shown = {"SPACE": DRIVING["SPACE"]} | keys | DRIVING if keys else None
         more = {"e": robot.toggle_esc, **{name: key.do for name, key in robot.keys.items()}}
+        for _ in range((arguments.screen or 1) - 1):
+            robot.press(Button.RIGHT)
         start = RunStart(robot, arguments.arm, arguments.drive, steer)
 
         async def prepare() -> None:

@@ -4,7 +4,7 @@ import argparse
 
 from txt1 import additions
 from txt1.cli import options
-from txt1.commands import add, flag, positive, takes, velocity
+from txt1.commands import add, count, flag, positive, takes, velocity
 from txt1.errors import ConfigError
 
 
@@ -16,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         | {
             "--duration": takes("S", "end after S seconds of the robot's time", positive),
             "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own, and report the answer"),
+            "--screen": takes("N", "the screen to begin with, such as 5 for MAP; 1 by default", count),
             "--headless": flag("no screens; one status line a second"),
             "--json": flag("no screens; one JSON object at the end"),
             "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),
