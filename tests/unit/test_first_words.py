@@ -49,7 +49,8 @@ def test_the_demo_drives_learns_shows_and_draws(tmp_path: Path) -> None:
     names = [words[0] for _, words in steps(tmp_path, "1", screens=True)]
     assert names == ["run", "learn", "run", "report"]
     assert all("--headless" not in words for _, words in steps(tmp_path, "1", screens=True))
-    begins = {words[words.index("--screen") + 1] for _, words in steps(tmp_path, "1", screens=True) if words[0] == "run"}
+    runs = [words for _, words in steps(tmp_path, "1", screens=True) if words[0] == "run"]
+    begins = {words[words.index("--screen") + 1] for words in runs}
     assert begins == {str(list(SCREENS).index("MAP") + 1)}, "the car is seen on MAP"
 
 
