@@ -1,5 +1,6 @@
 """What somebody meets first: `txt1` alone, the demo, the shell's completion, a report."""
 
+import argparse
 import shutil
 import subprocess
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from txt1 import __version__
-from txt1.cli import COMMANDS, execute, parsers
+from txt1.cli import COMMANDS, demo, execute, parsers
 from txt1.cli.demo import steps
 from txt1.record.report import Content, draw
 from txt1.ui.screens import SCREENS
@@ -52,6 +53,14 @@ def test_the_demo_drives_learns_shows_and_draws(tmp_path: Path) -> None:
     runs = [words for _, words in steps(tmp_path, "1", screens=True) if words[0] == "run"]
     begins = {words[words.index("--screen") + 1] for words in runs}
     assert begins == {str(list(SCREENS).index("MAP") + 1)}, "the car is seen on MAP"
+
+
+def test_a_demo_that_a_busy_computer_ends_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(demo, "execute", lambda words: 3)
+    assert demo.main(argparse.Namespace(out=tmp_path / "demo", seed=None)) == 3
+    assert "end them and run it again" in capsys.readouterr().err
 
 
 def test_a_first_screen_is_refused_where_there_are_none(capsys: pytest.CaptureFixture[str]) -> None:

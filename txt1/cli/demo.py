@@ -8,7 +8,7 @@ from pathlib import Path
 
 from txt1.cli import execute
 from txt1.cli.options import SEED
-from txt1.commands import OK, add, path, takes, unused
+from txt1.commands import DISARMED, OK, add, path, say, takes, unused
 from txt1.experiments import run_folder
 from txt1.installing import installs
 from txt1.record.session import MODULES
@@ -28,6 +28,8 @@ def main(arguments: argparse.Namespace) -> int:
         print(f"\n{about}\n\n    txt1 {shlex.join(words)}\n", flush=True)
         code = execute(words)
         if code != OK:
+            if code == DISARMED:
+                say("the demo ended early; if this computer is busy with other programs, end them and run it again")
             return code
     print(f"\nThat was all; everything is in {out}. Drive yourself: txt1 run")
     return OK
