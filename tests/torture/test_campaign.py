@@ -109,3 +109,8 @@ def test_a_watchdog_that_does_not_end_the_pulses_of_a_guard_that_hangs_is_seen(m
 def test_a_stop_of_a_peer_that_is_not_obeyed_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("txt1.fleet.link.FleetLink._stop", lambda link, who="", stop="": None)
     assert "was not obeyed" in once("sim", 1, [Strike("hostile peers", 2.0, 0.6)], 5.0).broken
+
+
+def test_combined_odometry_made_of_a_speed_from_before_the_line_was_lost_moves_nothing() -> None:
+    strikes = [Strike("line dead", 3.035, 0.25125959361052397), Strike("combined odometry", 5.759, 0.262473685361712)]
+    assert once("ours", 241, strikes, 9.0).broken == ""

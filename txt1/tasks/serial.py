@@ -27,6 +27,7 @@ from txt1.protocol.messages import (
 from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm
 from txt1.tasks.state import State
 
+SEEN: Final = 0.3  # s; older odometry says nothing of the speed that combined odometry is made of
 INBOX_MAX: Final = 1000  # messages that may wait for the task; a host that floods it loses the oldest
 Inbox = deque[tuple[Message, float, int]]
 """Messages from the host, each with the time its author gave it (s of the run) and the gate's epoch at that time.
@@ -73,7 +74,8 @@ async def serial(
                         state.command = Command(*limited, time, epoch)
                 case CombinedOdometry():
                     if gate.admit_finite(message.v, message.omega):
-                        if hal.capabilities.combined and not stands(state):
+                        seen = now - state.odometry_time <= SEEN  # else it is made of a speed from before a loss
+                        if hal.capabilities.combined and seen and not stands(state):
                             hal.offer_odometry(message, now)
                         state.combined_count += 1
                         state.combined = CombinedSample(message.v, message.omega, time)
