@@ -340,6 +340,8 @@ def test_the_layout_shows_values_that_there_are() -> None:
         "/odom",
         "/pose",
         "/markers",
+        "/map",
+        "/particles",
         "/setpoint",
         "/pwm",
         "/diagnostics",
