@@ -20,7 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.patience import LIMIT
+from tests.patience import LIMIT, wait_until
 from txt1.config import Config, checked, load
 from txt1.control.limits import Outputs
 from txt1.errors import ConfigError, HalError
@@ -435,6 +435,7 @@ async def stopped_while_driving(hal: PiHal, registers: Path, began: float) -> in
         await drive_until(hal, lambda: motor_pulse(registers) > 1700.0, began)
         (guard,) = processes_of(registers)
         os.kill(guard, signal.SIGSTOP)
+        wait_until(lambda pid=guard: Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T")
         if motor_pulse(registers) > 1700.0:
             return guard
         os.kill(guard, signal.SIGCONT)
