@@ -27,6 +27,9 @@ T = TypeVar("T")
 Speed = float | Literal["max"] | None
 """None: the real clock. A number: virtual time at that multiple of real time. "max": as fast as the processor."""
 
+# s that a thread of Python may compute before the loop's has its turn; 5 ms by default, and more than that for a tick,
+# as the loop gives its turn up whenever it waits
+INTERPRETER_TURN: Final = 5e-4
 _PR_SET_TIMERSLACK: Final = 29  # Linux's prctl option: how far a thread may oversleep its time-outs, 50 us by default
 
 
@@ -46,7 +49,7 @@ class PunctualSelector(selectors.DefaultSelector):
 
 
 class RealTimeLoop(asyncio.SelectorEventLoop):
-    """asyncio's event loop on the real clock, with punctual timers."""
+    """asyncio's event loop on the real clock, with punctual timers; while it is open, threads take short turns."""
 
     def __init__(self) -> None:
         # select() on an epoll descriptor is Linux's (and, for kqueue, BSD's) way; elsewhere plain asyncio is kept
@@ -55,6 +58,14 @@ class RealTimeLoop(asyncio.SelectorEventLoop):
         if sys.platform == "linux":
             ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
         timeslice.short()
+        self._switch_interval = sys.getswitchinterval()
+        sys.setswitchinterval(INTERPRETER_TURN)
+
+    def close(self) -> None:
+        """Close it, and give the threads the turns that they had."""
+        if not self.is_closed():
+            sys.setswitchinterval(self._switch_interval)
+        super().close()
 
 
 class _JumpingSelector(selectors.DefaultSelector):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import sys
 import threading
 from collections.abc import Callable, Coroutine
 from typing import Any
@@ -199,6 +200,16 @@ def test_a_scheduler_is_told_that_the_computer_slept_before_any_task_runs() -> N
     seen = run(main())
     assert seen[seen.index("asleep") + 1] == pytest.approx(3600.0, abs=0.5), "before another tick"
     assert seen.count("tick") == len(seen) - 2
+
+
+def test_a_thread_that_computes_has_the_interpreter_for_half_a_millisecond_while_the_loop_is_open() -> None:
+    before = sys.getswitchinterval()
+
+    async def interval() -> float:
+        return sys.getswitchinterval()
+
+    assert run(interval()) == pytest.approx(5e-4)
+    assert sys.getswitchinterval() == before != pytest.approx(5e-4)
 
 
 def test_time_asleep_is_read_to_a_millisecond() -> None:
