@@ -27,8 +27,8 @@ T = TypeVar("T")
 Speed = float | Literal["max"] | None
 """None: the real clock. A number: virtual time at that multiple of real time. "max": as fast as the processor."""
 
-# s that a thread of Python may compute before the loop's has its turn; 5 ms by default, and more than that for a tick,
-# as the loop gives its turn up whenever it waits
+# s that a thread of Python computes before another thread may run. Python's default is 5 ms, and a tick may wait more
+# than once: the loop loses its turn whenever it waits
 INTERPRETER_TURN: Final = 5e-4
 _PR_SET_TIMERSLACK: Final = 29  # Linux's prctl option: how far a thread may oversleep its time-outs, 50 us by default
 
