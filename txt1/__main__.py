@@ -29,16 +29,19 @@ def main() -> NoReturn:
         from txt1.cli.init import serve
 
         sys.exit(serve())
-    for each in SIGNALS:  # before the imports, which take their time
+    # before the imports, which take their time
+    for each in SIGNALS:
         signal.signal(each, leave)
     open_streams()
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # a terminal without a letter, such as LC_ALL=C's, shows ? for it
+        # a terminal without a letter, such as LC_ALL=C's, shows ? for it
+        if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
     from txt1.cli import execute
 
     code = execute(sys.argv[1:])
-    for each in SIGNALS:  # all is done; Python, on its way out, would let the signal kill it
+    # all is done; Python, on its way out, would let the signal kill it
+    for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
     sys.exit(code)
 

@@ -186,7 +186,8 @@ class Strangers(NamedTuple):
 @cache
 def strangers() -> Strangers:
     """Return the additions of other packages by their names."""
-    from importlib.metadata import entry_points  # takes 15 ms, which most runs save
+    # takes 15 ms, which most runs save
+    from importlib.metadata import entry_points
 
     found: dict[str, Addition] = {}
     wrong: dict[str, str] = {}

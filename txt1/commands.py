@@ -20,12 +20,17 @@ from typing import Any, Final, Literal, TypeVar
 
 from txt1.errors import MissingExtra
 
-OK: Final = 0  # all went as asked, or the reader of the output closed it
-FAULT: Final = 1  # a fault of the hardware, a task, the terminal, or a damaged file
+# all went as asked, or the reader of the output closed it
+OK: Final = 0
+# a fault of the hardware, a task, the terminal, or a damaged file
+FAULT: Final = 1
 USAGE: Final = 2
-DISARMED: Final = 3  # by the safety gate
-UNSTOPPED: Final = 4  # a stop was not obeyed at once, or the robot was not seen to stand
-SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)  # the exit code is 128 + n, outputs neutral
+# by the safety gate
+DISARMED: Final = 3
+# a stop was not obeyed at once, or the robot was not seen to stand
+UNSTOPPED: Final = 4
+# the exit code is 128 + n, outputs neutral
+SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 STDOUT: Final = 1
 
 
@@ -197,7 +202,8 @@ def gone(instead: str) -> dict[str, Any]:
     return {"help": argparse.SUPPRESS, "type": refuse}
 
 
-Arguments = Mapping[str, Mapping[str, Any]]  # of a command by their names, from `takes` and `flag`
+# of a command by their names, from `takes` and `flag`
+Arguments = Mapping[str, Mapping[str, Any]]
 
 
 def add(parser: argparse._ActionsContainer, arguments: Arguments) -> None:

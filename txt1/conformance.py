@@ -21,10 +21,13 @@ from unittest import SkipTest
 from txt1.kernel.clock import NS_PER_S, processor_ns, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 
-BROKEN: Final = "BROKEN"  # how the verdict on a broken promise begins
-SKIPPED: Final = "skipped"  # how the verdict on a promise that was not checked begins
+# how the verdict on a broken promise begins
+BROKEN: Final = "BROKEN"
+# how the verdict on a promise that was not checked begins
+SKIPPED: Final = "skipped"
 ROUNDS: Final = 3
-LOOP: Final = 7500  # turns of a plain loop in Python, which take 0.2 ms on a usual computer
+# turns of a plain loop in Python, which take 0.2 ms on a usual computer
+LOOP: Final = 7500
 
 
 class Part(Protocol):
@@ -66,7 +69,8 @@ def opened(test: Callable[[S], Coroutine[Any, Any, None]]) -> Callable[[S], None
             await self.ready()
             await test(self)
         except BaseException:
-            with suppress(Exception):  # the test's own error matters more
+            # the test's own error matters more
+            with suppress(Exception):
                 await self.part.close()
             raise
         await self.waited("close")
@@ -79,10 +83,14 @@ class Conformance(Generic[P]):
 
     interface: ClassVar[type]
 
-    speed: ClassVar[Speed] = "max"  # virtual time; None is real time, for hardware, other processes or threads
-    settle: ClassVar[float] = 3.0  # s in which every sensor has reported and a robot rolling at 0.5 m/s has stopped
-    prompt: ClassVar[float] = 0.002  # s that a call may wait at the median, so that the controller can keep its period
-    processor: ClassVar[float] = 0.0002  # s of the processor that a call may take at the median, on a usual computer
+    # virtual time; None is real time, for hardware, other processes or threads
+    speed: ClassVar[Speed] = "max"
+    # s in which every sensor has reported and a robot rolling at 0.5 m/s has stopped
+    settle: ClassVar[float] = 3.0
+    # s that a call may wait at the median, so that the controller can keep its period
+    prompt: ClassVar[float] = 0.002
+    # s of the processor that a call may take at the median, on a usual computer
+    processor: ClassVar[float] = 0.0002
     started = 0.0
 
     def make(self) -> P:

@@ -10,7 +10,8 @@ from txt1.protocol.messages import Velocity
 from txt1.runtime import Runtime
 from txt1.tasks.fields import DRIVER
 
-REFRESH: Final = 0.05  # seconds between two Velocity messages, which the driver sends all the time (20 Hz)
+# seconds between two Velocity messages, which the driver sends all the time (20 Hz)
+REFRESH: Final = 0.05
 SOURCES: Final = Registry("source of commands", "txt1.sources", {})
 """Sources from other packages: ``async def steer(robot: Robot) -> None``, run beside the robot by `run --source NAME`.
 
@@ -25,7 +26,8 @@ class Wheel:
         self.runtime = runtime
         self.commander = Commander(runtime.gate.limits.command_timeout)
         self._message = Velocity(0.0, 0.0)
-        self._sent = False  # whether a message was sent since the driver's last tick
+        # whether a message was sent since the driver's last tick
+        self._sent = False
         scheduler, driver = runtime.scheduler, self.commander.driver
         runtime.bus.offer(DRIVER, lambda: driver(scheduler.now))
 
@@ -36,7 +38,8 @@ class Wheel:
 
     def send(self, v: float, omega: float, time: float) -> None:
         """Send a set-point at once, m/s and rad/s; its author gave it at `time`."""
-        if v is not self._message.v or omega is not self._message.omega:  # an unchanged command makes no new message
+        # an unchanged command makes no new message
+        if v is not self._message.v or omega is not self._message.omega:
             self._message = Velocity(v, omega)
         self.runtime.post(self._message, time)
         self._sent = True
@@ -82,7 +85,8 @@ class CommandSource:
         try:
             v, omega = number("velocity command: v", v), number("velocity command: omega", omega)
         except CommandRefused:
-            wheel.runtime.post(Velocity(nan, nan), now)  # the gate counts it
+            # the gate counts it
+            wheel.runtime.post(Velocity(nan, nan), now)
             raise
         try:
             taken = wheel.commander.command(self.name, v, omega, given, now)
@@ -102,7 +106,8 @@ class CommandSource:
         now, before = wheel.runtime.now, wheel.driver.name
         granted = wheel.commander.request(self.name, now)
         if granted and before not in ("", self.name):
-            wheel.send(0.0, 0.0, now)  # in place of the other source's command
+            # in place of the other source's command
+            wheel.send(0.0, 0.0, now)
         return granted
 
     def release(self) -> None:

@@ -15,10 +15,14 @@ Factory = Callable[..., Any]
 class Registry(NamedTuple):
     """One kind of part."""
 
-    kind: str  # its word in error messages, such as "HAL"
-    group: str  # of the entry points, such as "txt1.hal"
-    table: Mapping[str, Factory | str]  # the spine's own parts: the function that makes the part, or "module:function"
-    error: type[Txt1Error] = Txt1Error  # raised when a part cannot be imported or made
+    # its word in error messages, such as "HAL"
+    kind: str
+    # of the entry points, such as "txt1.hal"
+    group: str
+    # the spine's own parts: the function that makes the part, or "module:function"
+    table: Mapping[str, Factory | str]
+    # raised when a part cannot be imported or made
+    error: type[Txt1Error] = Txt1Error
 
     @property
     def ours(self) -> Mapping[str, Factory | str]:
@@ -61,7 +65,8 @@ class Registry(NamedTuple):
             return self.ours[name]
         for point in entry_points(group=self.group, name=name):
             return point.value
-        additions.strangers()  # takes a while
+        # takes a while
+        additions.strangers()
         if name in self.ours:
             return self.ours[name]
         near = difflib.get_close_matches(name, self.names(), n=1)

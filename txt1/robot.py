@@ -194,9 +194,11 @@ class Robot:
                     yield robot
             except (asyncio.CancelledError, AdditionFault, NotArmed) as error:
                 if failed:
-                    body.uncancel()  # the TaskFault is the real cause
+                    # the TaskFault is the real cause
+                    body.uncancel()
                 elif runtime.failed and isinstance(error, NotArmed):
-                    failed = True  # a command came between the fault and its report
+                    # a command came between the fault and its report
+                    failed = True
                 else:
                     raise
             finally:
@@ -205,7 +207,8 @@ class Robot:
                 for _, queue in robot._streams:
                     _put(queue, None)
             if failed:
-                await runtime.scheduler.ended  # raises the TaskFault
+                # raises the TaskFault
+                await runtime.scheduler.ended
         except BaseException as first:
             if robot.trouble:
                 raise StopNotVerified(robot.trouble) from first
@@ -340,7 +343,8 @@ class Robot:
 
     def arm(self) -> None:
         """Let commands through, and release the emergency stop; raises NotArmed with the reason when it may not."""
-        self._wheel.commander.clear(self.now)  # earlier commands do not count
+        # earlier commands do not count
+        self._wheel.commander.clear(self.now)
         self.runtime.arm()
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
@@ -440,7 +444,8 @@ class Robot:
             if wrong := self.config.gain_limits().refused((kp, ki, kd), [GainSet(v, Gains(*k)) for v, *k in table]):
                 raise CommandRefused(": ".join(map(str, wrong)))
         except (CommandRefused, EncodeError) as error:
-            self.runtime.post(PidSet((nan, nan, nan), ()), self.now)  # the gate counts it
+            # the gate counts it
+            self.runtime.post(PidSet((nan, nan, nan), ()), self.now)
             raise CommandRefused(f"these gains are not loaded: {error}") from None
         answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
         self._pid_response = answer
@@ -573,7 +578,8 @@ class Robot:
         """Run the driver: send a Velocity message in every period."""
         async for now in ticks:
             if self.arms_again and self.runtime.linked:
-                with suppress(NotArmed):  # it may be disarmed for another reason, which may pass
+                # it may be disarmed for another reason, which may pass
+                with suppress(NotArmed):
                     self.arm()
             self._wheel.tick(now)
 
@@ -594,7 +600,8 @@ class Robot:
     def _post(self, kind: Callable[..., HostMessage], **values: float) -> None:
         """Post a message of these values; a value that is not finite is refused, and the gate counts it."""
         try:
-            message = kind(*finite(kind.__name__, **values))  # given in the order of its fields
+            # given in the order of its fields
+            message = kind(*finite(kind.__name__, **values))
         except CommandRefused:
             self.runtime.post(kind(**dict.fromkeys(values, nan)), self.now)
             raise
@@ -651,7 +658,8 @@ def _blamed(name: str, function: str, future: asyncio.Future[Any]) -> asyncio.Fu
                 told.set_result(future.result())
         except Exception as error:
             told.set_exception(error)
-            told.exception()  # whether or not its result is awaited
+            # whether or not its result is awaited
+            told.exception()
 
     future.add_done_callback(ended)
     return told

@@ -122,7 +122,8 @@ class Runtime:
         """The robot's telemetry."""
         self.scheduler = scheduler(self._task_failed)
         self.scheduler.on_sleep = self.slept
-        stepwise = sensing and not self._virtual  # a replay then takes exactly the steps of this run
+        # a replay then takes exactly the steps of this run
+        stepwise = sensing and not self._virtual
         self.journal = Journal(self.bus, self.scheduler, stepwise)
         self._begin = self.journal.begin
         self._witnessed = stepwise and not hal.capabilities.repeats
@@ -155,8 +156,10 @@ class Runtime:
         self._reports = Reports(self.statistics, self._virtual)
         self._notify_serial: Callable[[], None] = lambda: None
         self._open = False
-        self._ran_away = False  # whether the robot did not obey since it was armed
-        self._rolls_until = 0.0  # when a robot that did not obey has certainly rolled out, s of the run
+        # whether the robot did not obey since it was armed
+        self._ran_away = False
+        # when a robot that did not obey has certainly rolled out, s of the run
+        self._rolls_until = 0.0
         self.failed = False
         """Whether a task has raised."""
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
@@ -166,7 +169,8 @@ class Runtime:
         offers.offer(self.faults, lambda: self._open, self._recorded_snapshot)
 
     def _reporting(self, hal: Hal) -> Hal:
-        from txt1.hal.witness import witnessed  # on the real clock only
+        # on the real clock only
+        from txt1.hal.witness import witnessed
 
         return witnessed(hal, partial(self.journal.report, "hal"))
 
@@ -184,7 +188,8 @@ class Runtime:
 
     async def start(self) -> None:
         """Open the hardware and start the tasks; raises HalError when it cannot be opened."""
-        needs_simulated = self._virtual and self._through is None  # in a replay the recorded hardware reports again
+        # in a replay the recorded hardware reports again
+        needs_simulated = self._virtual and self._through is None
         if needs_simulated and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
         configured = self.config.sensors if self._sensing else {}
@@ -192,7 +197,8 @@ class Runtime:
         for name, sensor in made.items():
             if needs_simulated and not sensor.simulated:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
-        self._open = True  # from here on `stop` closes it, even if opening fails half-way
+        # from here on `stop` closes it, even if opening fails half-way
+        self._open = True
         garbage.begin(real_time=not self._virtual)
         for each in self.additions:
             if each.addition.watch:
@@ -223,7 +229,8 @@ class Runtime:
         ended = self._begin("end")
         self._open = False
         self.gate.disarm("the run has ended")
-        async with AsyncExitStack() as stack:  # all of it is done, even if a part fails; last in, first out
+        # all of it is done, even if a part fails; last in, first out
+        async with AsyncExitStack() as stack:
             stack.push_async_callback(self._watching.aclose)
             stack.push_async_callback(settled, f"the HAL '{self.hal.name}'", "closed", self.hal.close)
             stack.push_async_callback(self.sensors.close)
@@ -232,7 +239,8 @@ class Runtime:
             if self.watch is not None:
                 stack.push_async_callback(standstill.settle, self.watch, self.io, lambda: self.now)
             stack.callback(self.scheduler.stop)
-            if not self.failed:  # after a failure it was made safe already, as far as possible
+            # after a failure it was made safe already, as far as possible
+            if not self.failed:
                 self.make_safe(self.now)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
@@ -255,7 +263,8 @@ class Runtime:
 
     def guard(self, name: str, guard: Guard) -> None:
         """Let a guard lower every set-point in the safety gate; if it fails, it is reported once, and then allows 0."""
-        from txt1.control.guarding import contained  # a plain robot has no guards
+        # a plain robot has no guards
+        from txt1.control.guarding import contained
 
         self.gate.guards.append(contained(name, guard, self.state.tell))
 
@@ -394,7 +403,8 @@ class Runtime:
 
     def _gate_closed(self, reason: str) -> None:
         if self.gate.closed_by is Fault.RUNAWAY:
-            blocked_by = getattr(self.hal, "blocked_by", None)  # only some hardware knows, for example a simulation
+            # only some hardware knows, for example a simulation
+            blocked_by = getattr(self.hal, "blocked_by", None)
             blocked = None if blocked_by is None else blocked_by()
             at_rest = blocked is not None and reason is BLOCKED
             self._ran_away = True
@@ -411,5 +421,6 @@ class Runtime:
             self.journal.source = ""
         self.failed = True
         self.gate.disarm(f"task '{name}' failed: {error}", Fault.TASK)
-        with suppress(Exception):  # the hardware itself may have failed; the first error is the important one
+        # the hardware itself may have failed; the first error is the important one
+        with suppress(Exception):
             self.make_safe(self.now)

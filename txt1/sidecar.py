@@ -55,24 +55,36 @@ from txt1.kernel.ticks import Ticks
 
 Reason = Literal["ended", "failed"]
 
-BEAT: Final = 0.05  # s between heartbeats
-SILENT: Final = 0.25  # s without a heartbeat after which the process counts as silent
-START: Final = 10.0  # s within which a process has to send its first heartbeat
-END_PATIENCE: Final = 1.0  # s of real time that it has to end by itself
+# s between heartbeats
+BEAT: Final = 0.05
+# s without a heartbeat after which the process counts as silent
+SILENT: Final = 0.25
+# s within which a process has to send its first heartbeat
+START: Final = 10.0
+# s of real time that it has to end by itself
+END_PATIENCE: Final = 1.0
 # on a shared processor the robot's process is then woken at once, and not at the end of a time slice
 NICENESS: Final = 10
-MEMORY: Final = 1 << 30  # bytes of memory that the process may take
-MESSAGES: Final = 20  # messages taken at once; the newest are kept
-REFILL: Final = 8  # messages that may be taken in addition after each tick
-LINE_MAX: Final = 1 << 15  # bytes of the longest message, and of one reading
-TELEMETRY_PERIOD: Final = 0.02  # s between two ticks: the same as the controller's, after which it runs
-HELD: Final = 0.001  # s before a tick in which nothing is read: the time that it takes to obey `MESSAGES`
-SERVE_PRIORITY: Final = -50  # of the task `Sidecar.serve`: after all tasks of the robot and the user
+# bytes of memory that the process may take
+MEMORY: Final = 1 << 30
+# messages taken at once; the newest are kept
+MESSAGES: Final = 20
+# messages that may be taken in addition after each tick
+REFILL: Final = 8
+# bytes of the longest message, and of one reading
+LINE_MAX: Final = 1 << 15
+# s between two ticks: the same as the controller's, after which it runs
+TELEMETRY_PERIOD: Final = 0.02
+# s before a tick in which nothing is read: the time that it takes to obey `MESSAGES`
+HELD: Final = 0.001
+# of the task `Sidecar.serve`: after all tasks of the robot and the user
+SERVE_PRIORITY: Final = -50
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
 _STOP: Final = b'"stop"'
-_OUTER: Final = ("time", "received", "request")  # fields of a message that do not belong to the request
+# fields of a message that do not belong to the request
+_OUTER: Final = ("time", "received", "request")
 _clock: Final = RealClock()
 
 
@@ -114,25 +126,34 @@ class Restart(NamedTuple):
 class Sidecar:
     """``async with Sidecar("package.module:function", telemetry, request) as sidecar``, with `serve` as a task."""
 
-    target: str  # the function that the process calls with its `Connection` and the options
+    # the function that the process calls with its `Connection` and the options
+    target: str
     telemetry: Callable[[], bytes | None]
     """Returns the next line to send, or None if there is nothing new; called when the last line was received."""
     request: Callable[[Request], None]
     """Called with each request, and with an empty name for every heartbeat without a request."""
     _: KW_ONLY
-    options: Mapping[str, object] = field(default_factory=dict)  # keyword arguments of the function
-    program: Sequence[str] = (sys.executable, "-m", "txt1.sidecar")  # another Python calls `main` of this module, too
-    environment: Mapping[str, str] | None = None  # of the process; None: this one's
-    beat: float = BEAT  # s of real time between heartbeats
+    # keyword arguments of the function
+    options: Mapping[str, object] = field(default_factory=dict)
+    # another Python calls `main` of this module, too
+    program: Sequence[str] = (sys.executable, "-m", "txt1.sidecar")
+    # of the process; None: this one's
+    environment: Mapping[str, str] | None = None
+    # s of real time between heartbeats
+    beat: float = BEAT
     restart: Restart = field(default_factory=Restart)
-    niceness: int = NICENESS  # of the process; 0: it has as large a share of the processor as any program
-    prompt: bool = False  # whether requests are read at once, up to `HELD` s before a tick; otherwise in the ticks
+    # of the process; 0: it has as large a share of the processor as any program
+    niceness: int = NICENESS
+    # whether requests are read at once, up to `HELD` s before a tick; otherwise in the ticks
+    prompt: bool = False
     # stays in the terminal's session; otherwise it has its own session, with its own share of the processor
     on_terminal: bool = False
-    silence: float | None = None  # s without a heartbeat after which it counts as hung and is ended; None: never
+    # s without a heartbeat after which it counts as hung and is ended; None: never
+    silence: float | None = None
     # called with a text when it fails, falls silent or is started again
     tell: Callable[[str], None] = lambda text: None
-    lost: Callable[[], None] = lambda: None  # called at once when it has ended
+    # called at once when it has ended
+    lost: Callable[[], None] = lambda: None
 
     def __post_init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -141,11 +162,14 @@ class Sidecar:
         """Exit code of the process, once it has ended."""
         self.trouble = ""
         """Why it does not work, as it was reported; "" while it works."""
-        self._failures = 0  # number of failures in a row, each soon after the start
+        # number of failures in a row, each soon after the start
+        self._failures = 0
         self._allowance = MESSAGES
         self._ticking = False
-        self._polled = False  # whether the line is read only in the ticks
-        self._due = 0.0  # the loop's time at the next tick
+        # whether the line is read only in the ticks
+        self._polled = False
+        # the loop's time at the next tick
+        self._due = 0.0
         self._child: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
 
@@ -159,8 +183,10 @@ class Sidecar:
     async def __aexit__(self, *_: object) -> None:
         self._closing.set()
         self._drop("")
-        await asyncio.wait([self._life])  # goes on if a second Ctrl-C ends this: no process is left running
-        await self._reap(END_PATIENCE)  # the loop may have cancelled it with all other tasks
+        # goes on if a second Ctrl-C ends this: no process is left running
+        await asyncio.wait([self._life])
+        # the loop may have cancelled it with all other tasks
+        await self._reap(END_PATIENCE)
 
     @property
     def pid(self) -> int | None:
@@ -233,7 +259,8 @@ class Sidecar:
     def _readable(self) -> None:
         """Take a few messages; in a flood the rest waits for the next turn."""
         if self._ticking and not self._polled and self._loop.time() > self._due - HELD:
-            self._pause()  # until the controller's tick is over
+            # until the controller's tick is over
+            self._pause()
             return
         try:
             fault = self._take()
@@ -326,7 +353,8 @@ class Sidecar:
 
     def _obey_stops(self, data: bytes) -> None:
         """Act on the stops, and only the stops, among messages that are not taken."""
-        if _STOP not in data:  # nearly always, and looking costs nothing
+        # nearly always, and looking costs nothing
+        if _STOP not in data:
             return
         obeyed: set[str] = set()
         for line in data.split(b"\n"):
@@ -343,7 +371,8 @@ class Sidecar:
             if line is None:
                 return
             self._sent, self._unsent = self._sent + 1, line
-        with suppress(BlockingIOError, ConnectionError):  # otherwise at the next time
+        # otherwise at the next time
+        with suppress(BlockingIOError, ConnectionError):
             self._unsent = self._unsent[self._socket.send(self._unsent) :]
 
     def _gone(self, fault: str) -> None:
@@ -387,7 +416,8 @@ class Sidecar:
                 try:
                     await self._start()
                     break
-                except OSError as error:  # the system has no processes or descriptors left
+                except OSError as error:
+                    # the system has no processes or descriptors left
                     why = f"cannot be started: {error}"
             if self._closing.is_set():
                 self._drop("")
@@ -436,7 +466,8 @@ def start_beside(
     timeslice.ordinary(child.pid, niceness)
     if not on_terminal:
         timeslice.whole_session(child.pid, niceness)
-    with suppress(OSError):  # it has ended already
+    # it has ended already
+    with suppress(OSError):
         if hasattr(resource, "prlimit"):
             resource.prlimit(child.pid, resource.RLIMIT_DATA, (MEMORY, MEMORY))
             # the first process to be ended when memory runs out
@@ -466,7 +497,8 @@ class Connection:
     def __init__(self, link: socket.socket, beat: float = BEAT) -> None:
         self._socket, self._beat = link, nanoseconds(beat)
         self._tail = b""
-        self._received = 0  # number of pieces of telemetry received
+        # number of pieces of telemetry received
+        self._received = 0
         self._next = _clock.now_ns()
         self._lock = threading.Lock()
 
@@ -528,15 +560,18 @@ def _terminated(number: int, _: FrameType | None) -> None:
 
 def main(fd: str, target: str, beat: str, options: str) -> None:
     """Call the target with the connection over the socket `fd`."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the robot's process, which then closes the socket
+    # Ctrl-C is for the robot's process, which then closes the socket
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     for each in ENDING:
         signal.signal(each, _terminated)
     module, _, function = target.partition(":")
-    with socket.socket(fileno=int(fd)) as link, suppress(EOFError, ConnectionError):  # the robot's process has ended
+    # the robot's process has ended
+    with socket.socket(fileno=int(fd)) as link, suppress(EOFError, ConnectionError):
         getattr(import_module(module), function)(Connection(link, float(beat)), **json.loads(options))
 
 
 if __name__ == "__main__":
-    from txt1.sidecar import main as begin  # under the module's own name, by which the target knows it
+    # under the module's own name, by which the target knows it
+    from txt1.sidecar import main as begin
 
     begin(*sys.argv[1:])

@@ -16,7 +16,8 @@ Share = Annotated[float, Ge(0.0), Le(1.0)]
 new: Final = tuple.__new__
 """Makes a NamedTuple without its class's `__new__`, which stays interpreted in a compiled wheel."""
 
-PER_UNIT: Final = 1000  # wire counts per m, m/s, rad, rad/s, V, or 1 of a gain
+# wire counts per m, m/s, rad, rad/s, V, or 1 of a gain
+PER_UNIT: Final = 1000
 
 
 def to_thousandths(value: float) -> int:

@@ -33,14 +33,17 @@ from txt1.protocol.messages import BoardMessage, HostMessage, PidResponse, Power
 from txt1.runtime import Runtime
 from txt1.telemetry.snapshot import Snapshot
 
-LET_GO: Final = 1.0  # s in which the host has asked for nothing, after which the board obeys again
+# s in which the host has asked for nothing, after which the board obeys again
+LET_GO: Final = 1.0
 
-REOPEN: Final = 0.5  # s after which a serial device that has gone is tried again
+# s after which a serial device that has gone is tried again
+REOPEN: Final = 0.5
 
 SPACER: Final = b"\x00"
 """Between frames back to back: original hosts lose the byte that follows a frame when it is there already."""
 
-SPACING: Final = 0.02  # s of silence on the line after which a frame needs no spacer
+# s of silence on the line after which a frame needs no spacer
+SPACING: Final = 0.02
 
 
 EVENTS: Final = ("centre", "restart", "esc", "battery")
@@ -71,9 +74,12 @@ class Framing(Protocol):
 class Habits:
     """How a board behaves where the protocol is silent."""
 
-    framing: Callable[[Callable[[Event], None]], Framing]  # finds the frames, and hands on what is in them
-    spacer: bytes  # between frames back to back
-    gated: bool  # it has our tasks and safety gate, else those of the originals
+    # finds the frames, and hands on what is in them
+    framing: Callable[[Callable[[Event], None]], Framing]
+    # between frames back to back
+    spacer: bytes
+    # it has our tasks and safety gate, else those of the originals
+    gated: bool
 
 
 HABITS: Final = {
@@ -91,7 +97,8 @@ class Board:
         limits = replace(config.limits(), command_timeout=inf if timeout is None else timeout)
         own = config.model_copy(update={"hal": "sim"})
         self.habits: Final = HABITS[settings.habits]
-        if not self.habits.gated and own.sim.battery.used_2 is None:  # an original had both packs
+        # an original had both packs
+        if not self.habits.gated and own.sim.battery.used_2 is None:
             packs = replace(own.sim.battery, used_2=own.sim.battery.used_1)
             own = own.model_copy(update={"sim": own.sim.model_copy(update={"battery": packs})})
         tasks = None if self.habits.gated else lambda runtime: self._original(runtime).tasks()
@@ -110,9 +117,11 @@ class Board:
         """The same at the line's baud rate: for a line that does not pace the bytes itself."""
         self._loop = asyncio.get_running_loop()
         self.link: Link | None = None
-        self._busy_until = -inf  # loop time at which the line falls silent
+        # loop time at which the line falls silent
+        self._busy_until = -inf
         self._byte_time = 10.0 / config.serial.baud
-        self._wanted = -inf  # run time when the host last asked for motion
+        # run time when the host last asked for motion
+        self._wanted = -inf
         self._may_arm = True
 
     async def power_up(self) -> None:
@@ -121,7 +130,8 @@ class Board:
         if self.habits.gated:
             self.runtime.add_task("arming", 2, 0.1, self._arming)
         else:
-            self.runtime.gate.arm(self.now)  # it has none: nothing keeps its outputs from the motors
+            # it has none: nothing keeps its outputs from the motors
+            self.runtime.gate.arm(self.now)
 
     def _original(self, runtime: Runtime) -> OriginalFirmware:
         self.original = OriginalFirmware(runtime.state, runtime.hal, runtime.inbox, runtime.presses, self.send)
@@ -142,7 +152,8 @@ class Board:
     def connected(self, link: Link) -> None:
         """A host may be at the other side."""
         self.link = link
-        self.receiver.close()  # nothing of what an earlier host sent counts
+        # nothing of what an earlier host sent counts
+        self.receiver.close()
         self.tell(f"line {link.address} open")
 
     def lost(self, reason: str) -> None:
@@ -183,14 +194,16 @@ class Board:
             return
         try:
             frame = encode(message)
-        except EncodeError:  # farther away than 2000 km
+        except EncodeError:
+            # farther away than 2000 km
             return
         time = self._loop.time()
         if time < self._busy_until + SPACING:
             frame = self.habits.spacer + frame
         self._busy_until = max(time, self._busy_until) + len(frame) * self._byte_time
         self.runtime.bus.publish(LINK, ("out", frame), self.runtime.now)
-        with suppress(LinkLost):  # `lost` is on its way
+        # `lost` is on its way
+        with suppress(LinkLost):
             self.link.write(frame)
 
     async def _arming(self, ticks: Ticks) -> None:
@@ -277,7 +290,8 @@ class DevicePlace:
         while True:
             await asyncio.sleep(REOPEN)
             if self._board.link is None:
-                with suppress(HalError):  # not back yet
+                # not back yet
+                with suppress(HalError):
                     await self._open()
 
     def close(self) -> None:
@@ -314,4 +328,5 @@ class VirtualPort:
         if self.board is not None:
             board, self.board = self.board, None
             await board.power_down()
-            await board.runtime.scheduler.ended  # raises the TaskFault, if there was one
+            # raises the TaskFault, if there was one
+            await board.runtime.scheduler.ended

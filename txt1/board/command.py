@@ -23,7 +23,8 @@ from txt1.ros.options import ROS2
 from txt1.tasks.fields import LOG as EVENT_LOG
 from txt1.ui.terminal import Terminal
 
-LOW: Final = 8.7  # V that the packs read when b was pressed: bad
+# V that the packs read when b was pressed: bad
+LOW: Final = 8.7
 SHOWN: Final = {
     "q": "quit",
     "?": "help",
@@ -109,7 +110,8 @@ async def _let_happen(board: Board, events: Sequence[tuple[float, BoardEvent]]) 
     for time, event in sorted(events):
         await asyncio.sleep(max(0.0, time - board.now))
         board.happen(event)
-    await asyncio.Future()  # only an error ends the run
+    # only an error ends the run
+    await asyncio.Future()
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -145,7 +147,8 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: 
                 await beside.enter_async_context(node(board))
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
-            if view_of(arguments) == "lines" and not in_journal():  # which has them anyway
+            # which has them anyway
+            if view_of(arguments) == "lines" and not in_journal():
                 board.runtime.bus.subscribe(lambda topic, event, time: say(event.text), [EVENT_LOG])
             events = asyncio.ensure_future(_let_happen(board, arguments.event))
             terminal = partial(Terminal, board, beat=app.beat, shown=SHOWN, more=keys(board))

@@ -9,7 +9,8 @@ from txt1.config import Config
 from txt1.link.base import End
 from txt1.link.impairments import faulty
 
-BOARD_LINE: Final = 2  # marks the random values of the line at the board's end
+# marks the random values of the line at the board's end
+BOARD_LINE: Final = 2
 
 
 def far_end(end: End, config: Config) -> End:

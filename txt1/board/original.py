@@ -45,17 +45,28 @@ from txt1.tasks.panel import press
 from txt1.tasks.serial import Inbox
 from txt1.tasks.state import State
 
-CONTROL_PERIOD: Final = 0.05  # s, of the controller
-NEUTRAL_PERIOD: Final = 0.02  # s between two writings of neutral while there is no link
-ENCODER_PERIOD: Final = 0.02  # s, of the encoder task
-TICK_SPEED: Final = 0.015  # m/s that it counts for a tick in a period; truly 16.0 mm/s, so it reads 6.3 % low
-TICKS_IGNORED: Final = 2  # ticks in a period that count as none: below 0.045 m/s it reads 0
-V_MAX: Final = 1.5  # m/s, to which set-points are clipped
-PID_SET: Final = 0x70  # the command of a PID set, and of the answer to it
-SWALLOWED: Final = 255  # bytes, with itself, that a false header with an impossible length takes along
-SHORT, TOO_LONG = 12, 14  # bytes of a PID set without angular gains, and of one that is taken for it
-OUTAGE: Final = 0.2  # s without power after which an original board is there again, and a host may not notice
-TRACK_WIDTH: Final = 0.25  # m between the encoder wheels
+# s, of the controller
+CONTROL_PERIOD: Final = 0.05
+# s between two writings of neutral while there is no link
+NEUTRAL_PERIOD: Final = 0.02
+# s, of the encoder task
+ENCODER_PERIOD: Final = 0.02
+# m/s that it counts for a tick in a period; truly 16.0 mm/s, so it reads 6.3 % low
+TICK_SPEED: Final = 0.015
+# ticks in a period that count as none: below 0.045 m/s it reads 0
+TICKS_IGNORED: Final = 2
+# m/s, to which set-points are clipped
+V_MAX: Final = 1.5
+# the command of a PID set, and of the answer to it
+PID_SET: Final = 0x70
+# bytes, with itself, that a false header with an impossible length takes along
+SWALLOWED: Final = 255
+# bytes of a PID set without angular gains, and of one that is taken for it
+SHORT, TOO_LONG = 12, 14
+# s without power after which an original board is there again, and a host may not notice
+OUTAGE: Final = 0.2
+# m between the encoder wheels
+TRACK_WIDTH: Final = 0.25
 
 
 class Framer:
@@ -72,7 +83,8 @@ class Framer:
             frame.append(byte)
             size = len(frame)
             if size <= len(HEADER):
-                if byte != HEADER[size - 1]:  # and what may begin a header here is not looked at again
+                # and what may begin a header here is not looked at again
+                if byte != HEADER[size - 1]:
                     frame.clear()
             elif size == (frame[2] + OVERHEAD if frame[2] <= DATA_MAX else SWALLOWED):
                 for event in Decoder(Role.BOARD).feed(_understood(bytes(frame))) if frame[2] <= DATA_MAX else ():
@@ -102,7 +114,8 @@ class OriginalFirmware:
         self._inbox, self._presses, self._send = inbox, presses, send
         self._off_until = 0.0  # s of the run
         self._blocked_by: Callable[[], str | None] = getattr(hal, "blocked_by", lambda: None)
-        self._blocked: str | None = None  # by this, as was told
+        # by this, as was told
+        self._blocked: str | None = None
         self._forget()
 
     def _forget(self) -> None:
@@ -120,7 +133,8 @@ class OriginalFirmware:
         self._outputs = Outputs()
         self._linear: Past = CLEAR
         self._angular: Past = CLEAR
-        self._stepped = self._off_until  # when the loops were stepped last, s of the run
+        # when the loops were stepped last, s of the run
+        self._stepped = self._off_until
         self._counts: tuple[int, int] | None = None
         self._volts = (0.0, 0.0)
 
@@ -185,7 +199,8 @@ class OriginalFirmware:
             error, yaw_error = errors(self._command.v, self._command.omega, chosen.v, chosen.omega)
             self._linear = step(self._linear, error, state.gains.linear, dt, PWM_MAX)
             gains = Gains()
-            if self._sets:  # else the steering stays as it is
+            # else the steering stays as it is
+            if self._sets:
                 gains = next((each.gains for each in self._sets if each.v_max >= chosen.v), self._sets[-1].gains)
                 self._angular = step(self._angular, yaw_error, gains, dt, STEERING_MAX)
             motor, steering = self._linear[0], self._angular[0]

@@ -42,11 +42,16 @@ BRIDGES: Final = Registry(
 )
 
 RESTART: Final = Restart(limit=inf)
-SHOWN_MAX: Final = 80  # letters of a value in a message
-TOLD_MAX: Final = 400  # letters of a line that a bridge adds to the event log
-SILENCE: Final = 5.0  # s without a heartbeat after which a bridge is ended as hung, and started again
-SELDOM: Final = 1.0  # s between two pieces of telemetry with what a bridge wants seldom
-EVENTS_MAX: Final = 100  # events kept for a bridge between two pieces of telemetry; the oldest go first
+# letters of a value in a message
+SHOWN_MAX: Final = 80
+# letters of a line that a bridge adds to the event log
+TOLD_MAX: Final = 400
+# s without a heartbeat after which a bridge is ended as hung, and started again
+SILENCE: Final = 5.0
+# s between two pieces of telemetry with what a bridge wants seldom
+SELDOM: Final = 1.0
+# events kept for a bridge between two pieces of telemetry; the oldest go first
+EVENTS_MAX: Final = 100
 
 
 @asynccontextmanager
@@ -103,7 +108,8 @@ async def _at_work(
             desk.let_go()
 
     first = desks[0]
-    where = await asyncio.to_thread(BRIDGES.place, "bridge", name)  # reads files
+    # reads files
+    where = await asyncio.to_thread(BRIDGES.place, "bridge", name)
     beside = Sidecar(
         str(where),
         end.telemetry,
@@ -150,7 +156,8 @@ class RobotEnd:
         self.robot, self._name = robot, name
         self.source = robot.source(name)
         """The bridge's source of commands."""
-        self._age = 0.0  # of the request that is answered, s
+        # of the request that is answered, s
+        self._age = 0.0
         self._told = ""
         self._topics: frozenset[str] | None = None
         self._seldom: frozenset[str] | None = frozenset()
@@ -175,7 +182,8 @@ class RobotEnd:
         robot, now, topics = self.robot, self.robot.now, self._topics
         if now < self._due:
             return None
-        self._due = max(self._due + self._interval, now)  # in step with the task's ticks, though these come late
+        # in step with the task's ticks, though these come late
+        self._due = max(self._due + self._interval, now)
         if now >= self._due_seldom and topics is not None:
             self._due_seldom = now + SELDOM
             topics = None if self._seldom is None else topics | self._seldom
@@ -208,7 +216,8 @@ class RobotEnd:
         except TypeError as error:
             if request.name != "stop":
                 raise ValueError(f"request '{request.name}': {error}") from None
-            fields = {}  # a stop is a stop, whatever else its message says
+            # a stop is a stop, whatever else its message says
+            fields = {}
         do(**fields)
 
     def _refuse(self, why: str) -> None:
@@ -281,7 +290,8 @@ def _number(name: str, value: object) -> float:
         raise ValueError(f"{name}: {shown(value)} is no number")
     try:
         return float(value)
-    except OverflowError:  # an integer may have any number of digits
+    except OverflowError:
+        # an integer may have any number of digits
         raise ValueError(f"{name}: {shown(value)} is too large") from None
 
 

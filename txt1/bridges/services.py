@@ -25,7 +25,8 @@ from txt1.tasks.on_map import MapInUse
 from txt1.telemetry.topics import Rule, Topic, declare
 
 FOLDER: Final = Path("out/recordings")
-SERVICES_PERIOD: Final = 0.02  # s between two looks at whether a route is still held
+# s between two looks at whether a route is still held
+SERVICES_PERIOD: Final = 0.02
 
 RECORDING: Final = declare(
     Topic(
@@ -63,7 +64,8 @@ class Services:
     def __init__(self, robot: Robot, config: Config, speed: Speed, folder: Path) -> None:
         self._robot, self._config, self._speed, self._folder = robot, config, speed, folder
         self._source = robot.source("route")
-        self._held = 0.0  # when somebody last said that the route is to go on, s of the run
+        # when somebody last said that the route is to go on, s of the run
+        self._held = 0.0
         self._route: asyncio.Task[None] | None = None
         self._points: tuple[tuple[float, float], ...] = ()
         self._recording: AsyncExitStack | None = None

@@ -75,7 +75,8 @@ def told(perform: Callable[[], int]) -> int:
             code = _guarded(perform)
         finally:
             sys.stdout.flush()
-    except BrokenPipeError:  # the reader of the output has had enough
+    except BrokenPipeError:
+        # the reader of the output has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), STDOUT)
     return code
 
@@ -91,7 +92,8 @@ def _perform(words: Sequence[str]) -> int:
 def _guarded(perform: Callable[[], int]) -> int:
     try:
         return perform()
-    except SystemExit as ended:  # argparse's own: a mistake, or the help
+    except SystemExit as ended:
+        # argparse's own: a mistake, or the help
         return ended.code if isinstance(ended.code, int) else OK
     except BrokenPipeError:
         raise
@@ -104,7 +106,8 @@ def _guarded(perform: Callable[[], int]) -> int:
         print(f"txt1: {_told(error)}", file=sys.stderr)
         codes = {StopNotVerified: UNSTOPPED, NotArmed: DISARMED, ConfigError: USAGE, MissingExtra: USAGE}
         return next((code for kind, code in codes.items() if isinstance(error, kind)), FAULT)
-    except KeyboardInterrupt:  # a second Ctrl-C while the first one's stop was under way
+    except KeyboardInterrupt:
+        # a second Ctrl-C while the first one's stop was under way
         return 128 + signal.SIGINT
 
 

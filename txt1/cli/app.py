@@ -46,8 +46,10 @@ if TYPE_CHECKING:
     from txt1.fleet.plan import FleetPlan
     from txt1.record.live import LiveView
 
-BEAT_MIN: Final = 0.005  # shortest time between two heartbeats of the drawing process, s
-LINK_PATIENCE: Final = 10.0  # s that a command nobody watches waits for the link
+# shortest time between two heartbeats of the drawing process, s
+BEAT_MIN: Final = 0.005
+# s that a command nobody watches waits for the link
+LINK_PATIENCE: Final = 10.0
 
 
 class App:
@@ -56,8 +58,10 @@ class App:
     def __init__(self, speed: Speed = None) -> None:
         self.speed = speed
         self.code = OK
-        self.reason = ""  # why the safety gate was closed at the end
-        self.report: dict[str, Any] | None = None  # of the run, as far as it came
+        # why the safety gate was closed at the end
+        self.reason = ""
+        # of the run, as far as it came
+        self.report: dict[str, Any] | None = None
         self._subject: Robot | Board | Fleet | None = None
 
     def run(self, work: Coroutine[Any, Any, None]) -> int:
@@ -75,7 +79,8 @@ class App:
                 self.code = 128 + number
                 if self._subject is not None:
                     self._subject.disarm("ended by a signal")
-                for each in SIGNALS:  # a second one is not caught any more
+                # a second one is not caught any more
+                for each in SIGNALS:
                     loop.remove_signal_handler(each)
                 task.cancel()
 
@@ -156,7 +161,8 @@ class App:
             attach(board.runtime)
             self._subject = board
             yield board
-        await board.runtime.scheduler.ended  # raises the TaskFault, if there was one
+        # raises the TaskFault, if there was one
+        await board.runtime.scheduler.ended
 
     async def watch(
         self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, *alongside: asyncio.Future[Any]
@@ -164,7 +170,8 @@ class App:
         """Let the operator see and drive until the run, or what goes on alongside, ends; an error of it is raised."""
         try:
             await self._watch(runtime, terminal, view, runtime.scheduler.ended, *alongside)
-        finally:  # an interrupted run has its report, too
+        finally:
+            # an interrupted run has its report, too
             self.reason = runtime.gate.reason
             self.report = report(runtime)
 
@@ -179,7 +186,8 @@ class App:
                 quit_by_operator = operator.done() and operator.result() == "quit"
                 operator.cancel()
                 assert self._subject is not None
-                self._subject.disarm("the run has ended")  # before the screens are put away, which takes its time
+                # before the screens are put away, which takes its time
+                self._subject.disarm("the run has ended")
             if quit_by_operator or any(each.done() for each in ends):
                 return
             say("the terminal was lost and the robot disarmed; Ctrl-C ends the run")
@@ -229,7 +237,8 @@ def real_time(robot: Robot) -> Iterator[None]:
     with realtime() as rights:
         more = "; 'txt1 doctor' says how to be granted more" if rights.granted.missing else ""
         say(f"real time: {rights.granted}{more}")
-        robot.tell(f"real time: {rights.granted}")  # on screens and in recordings
+        # on screens and in recordings
+        robot.tell(f"real time: {rights.granted}")
         robot.runtime.add_task("real time", SCREENS_PRIORITY, SWEEP, keep_off)
         yield
 
@@ -300,7 +309,8 @@ async def _log_lines(runtime: Runtime) -> None:
 def _put(text: str) -> None:
     """Print a line, without what a terminal could obey, unless its reader has stopped reading."""
     text = "".join(letter if letter.isprintable() else " " for letter in text)
-    _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
+    # a pipe is writable while a line fits
+    _, writable, _ = select.select([], [STDOUT], [], 0.0)
     if writable:
         os.write(STDOUT, f"{text}\n".encode(errors="replace"))
 

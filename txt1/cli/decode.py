@@ -11,7 +11,8 @@ from txt1.protocol import capture
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 
-CHUNK = 1 << 16  # bytes of a capture that are read at a time
+# bytes of a capture that are read at a time
+CHUNK = 1 << 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

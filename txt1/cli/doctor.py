@@ -26,12 +26,18 @@ from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import PID_SET_PERIOD, BatteryLevels, EncoderOdometry, PidResponse, PidSet, Velocity
 
-LINK_RULE: Final = 2.5  # s in which a board that hears the host has begun to answer: it judges the link once a second
-ODOMETRY_RATE: Final = 20.0  # odometry messages a second that a board sends
-RATE_SHARE: Final = 0.95  # of them that should come
-AGE_MAX: Final = 0.15  # s up to which odometry is fresh enough to drive by
-DOCTORS: Final = Registry("doctor", "txt1.doctors", {})  # by HAL: (Config) -> remarks on the computer that it is on
-ANSWER_MAX: Final = 0.3  # quick for the round trip of a PID set, s: 42 ms of it the bytes take at 57600 baud
+# s in which a board that hears the host has begun to answer: it judges the link once a second
+LINK_RULE: Final = 2.5
+# odometry messages a second that a board sends
+ODOMETRY_RATE: Final = 20.0
+# of them that should come
+RATE_SHARE: Final = 0.95
+# s up to which odometry is fresh enough to drive by
+AGE_MAX: Final = 0.15
+# by HAL: (Config) -> remarks on the computer that it is on
+DOCTORS: Final = Registry("doctor", "txt1.doctors", {})
+# quick for the round trip of a PID set, s: 42 ms of it the bytes take at 57600 baud
+ANSWER_MAX: Final = 0.3
 
 
 class Findings:
@@ -42,12 +48,17 @@ class Findings:
         self.begun = self.ended = self.sent = self._time()
         self.link: Link | None = None
         self.receiver = Receiver(Role.HOST, self._take)
-        self.gone = ""  # why the link was lost meanwhile, if it was
-        self.octets = self.asked = self.rejected = 0  # bytes that came, PID sets sent, and answers that said no
-        self.arrivals: list[float] = []  # of odometry, s
-        self.levels: list[tuple[float, float]] = []  # voltages of both packs, V, every time that they came
+        # why the link was lost meanwhile, if it was
+        self.gone = ""
+        # bytes that came, PID sets sent, and answers that said no
+        self.octets = self.asked = self.rejected = 0
+        # of odometry, s
+        self.arrivals: list[float] = []
+        # voltages of both packs, V, every time that they came
+        self.levels: list[tuple[float, float]] = []
         self.faults: Counter[Reason] = Counter()
-        self.answers: list[float] = []  # round trips of the PID sets that were answered, s
+        # round trips of the PID sets that were answered, s
+        self.answers: list[float] = []
 
     @property
     def duration(self) -> float:

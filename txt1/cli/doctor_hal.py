@@ -11,7 +11,8 @@ from txt1.cli.remark import Remark, judged
 from txt1.hal.base import Hal, Outputs
 
 READING_PERIOD: Final = 0.02  # s
-ODOMETRY_RATE: Final = 15.0  # readings a second of a hardware layer that computes odometry, at least
+# readings a second of a hardware layer that computes odometry, at least
+ODOMETRY_RATE: Final = 15.0
 THROTTLED: Final = (
     (0, "under-voltage now", "a stronger supply, or shorter and thicker wires to it"),
     (2, "slowed down now", "cool it, and look at its supply"),

@@ -23,8 +23,10 @@ from txt1.kernel.loop import run
 from txt1.resources import PACKAGE
 from txt1.sim.parameters import LineFaults
 
-ANSWERS_WITHIN: Final = 10.0  # s in which a board on a line answers
-LOOK_PERIOD: Final = 0.02  # s between two looks for it
+# s in which a board on a line answers
+ANSWERS_WITHIN: Final = 10.0
+# s between two looks for it
+LOOK_PERIOD: Final = 0.02
 SKELETON: Final = PACKAGE / "hal" / "skeleton"
 MODULE_NAME: Final = "the name of a Python module, such as mycar"
 
@@ -50,7 +52,8 @@ def check_hal(arguments: argparse.Namespace) -> int:
     """Run one through the conformance suite; it puts out a little at first, and full power in the end."""
     arguments.hal = arguments.name
     config = loaded(arguments).config
-    capabilities = getattr(create(config), "capabilities", None)  # a HAL that lacks them is what the check is for
+    # a HAL that lacks them is what the check is for
+    capabilities = getattr(create(config), "capabilities", None)
     simulated = getattr(capabilities, "simulated", False)
     if not simulated:
         moves = f"'{arguments.name}' is real hardware, and the check moves its wheels, a little at first"
@@ -70,8 +73,10 @@ def check_hal(arguments: argparse.Namespace) -> int:
         serial = config.serial.model_copy(update={"fault": faults})
         return create(config.model_copy(update={"serial": serial}))
 
-    with signals_to(lambda number, _: sys.exit(128 + number)):  # a check closes its hardware on the way
-        settings = {"over": staticmethod(over)} if simulated else {"speed": None}  # real hardware has no bad lines
+    # a check closes its hardware on the way
+    with signals_to(lambda number, _: sys.exit(128 + number)):
+        # real hardware has no bad lines
+        settings = {"over": staticmethod(over)} if simulated else {"speed": None}
         skids = config.geometry.steering == "skid"
         return print_verdicts(verdicts(HalConformance, lambda: create(config), skids=skids, **settings))
 
@@ -102,7 +107,8 @@ def new_hal(arguments: argparse.Namespace) -> int:
     if name in HALS.ours:
         raise ConfigError(f"'{name}' is one of txt1's own HALs: choose another name")
     known = find_spec(name)
-    if known is not None and known.origin is not None:  # a mere folder of that name has none
+    # a mere folder of that name has none
+    if known is not None and known.origin is not None:
         raise ConfigError(f"'{name}' is a Python module that is there already: choose another name")
     folder = (arguments.to or Path()) / name
     if folder.exists():

@@ -14,7 +14,8 @@ from types import FrameType
 from typing import Final
 
 HANDED_ON: Final = signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGUSR1, signal.SIGUSR2
-END_WITHIN: Final = 90  # s that others may take to end after the command: a guard whose bus fails tries for a minute
+# s that others may take to end after the command: a guard whose bus fails tries for a minute
+END_WITHIN: Final = 90
 
 
 def serve() -> int:

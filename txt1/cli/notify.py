@@ -16,7 +16,8 @@ from txt1.runtime import Runtime
 from txt1.sidecar import SERVE_PRIORITY
 from txt1.tasks import controller
 
-FEEDINGS: Final = 4  # within the watchdog's time: some may come late
+# within the watchdog's time: some may come late
+FEEDINGS: Final = 4
 
 
 def tell(*lines: str) -> None:

@@ -84,7 +84,8 @@ async def _operate(
 
         async def prepare() -> None:
             await start.get_ready()
-            await asyncio.Future()  # only an error of this ends the run
+            # only an error of this ends the run
+            await asyncio.Future()
 
         getting_ready = asyncio.ensure_future(prepare())
         terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more)
@@ -104,8 +105,10 @@ class RunStart:
     """The start of a run on a robot whose link may not be up yet."""
 
     robot: Robot
-    arm: bool | None  # None leaves it to safety.auto_arm
-    drive: tuple[float, float] | None = None  # m/s and rad/s to command throughout
+    # None leaves it to safety.auto_arm
+    arm: bool | None
+    # m/s and rad/s to command throughout
+    drive: tuple[float, float] | None = None
     steer: Steer | None = None
     linked: bool = False
     armed: bool = False

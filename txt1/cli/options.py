@@ -13,7 +13,8 @@ from txt1 import additions
 from txt1.commands import existing, flag, speed, takes
 from txt1.errors import ConfigError
 
-if TYPE_CHECKING:  # so that the help is there at once
+# so that the help is there at once
+if TYPE_CHECKING:
     from txt1.config import Config
     from txt1.config.sources import LoadedConfig
     from txt1.kernel.loop import Speed

@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
-    from txt1.cli.operating import run  # which takes its time to import; the help does without
+    # which takes its time to import; the help does without
+    from txt1.cli.operating import run
 
     return run(arguments)

@@ -93,7 +93,8 @@ FAKES: Final = {
         "txt1.sensors.laser_double:ld19",
     ),
 }
-WALK: Final = (0.3, 0.3)  # m/s and rad/s at which the robot of a device on the desk drives, a circle of 1 m
+# m/s and rad/s at which the robot of a device on the desk drives, a circle of 1 m
+WALK: Final = (0.3, 0.3)
 
 
 def fake_sensor(arguments: argparse.Namespace) -> int:

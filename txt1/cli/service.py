@@ -17,7 +17,8 @@ from txt1.commands import OK, flag, say, takes
 from txt1.errors import ConfigError
 from txt1.kernel.realtime import FIFO, OTHERS_NICENESS
 
-WATCHDOG: Final = 2.0  # s without a cycle of the controller after which the robot counts as hung
+# s without a cycle of the controller after which the robot counts as hung
+WATCHDOG: Final = 2.0
 HEADER: Final = "# made by 'txt1 service install'"
 
 UNIT: Final = """\
@@ -171,7 +172,8 @@ def run_options(words: Sequence[str]) -> list[str]:
     """Return the options of `run` for a service, without screens and never armed; ConfigError for wrong ones."""
     given = list(words[1:] if words[:1] in (["run"], ["--"]) else words)
     told = parsed(["run", *given])
-    options.loaded(told)  # a setting that is wrong is told now, and not in a journal after the next boot
+    # a setting that is wrong is told now, and not in a journal after the next boot
+    options.loaded(told)
     if told.arm:
         raise ConfigError(
             "--arm: a service comes up by itself, so it never arms; leave it out, and arm when you see it"

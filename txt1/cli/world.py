@@ -29,7 +29,8 @@ from txt1.ui.map import draw_map
 from txt1.ui.viewer import Viewer
 
 WORLDS: Final = "config/worlds"
-WIDTH_MAX: Final = 120  # characters of a drawing
+# characters of a drawing
+WIDTH_MAX: Final = 120
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +64,8 @@ def show(arguments: argparse.Namespace) -> int:
         console.print(line)
     for text in describe(config, found):
         print(text)
-    create_sim(config)  # where it cannot start, that is told
+    # where it cannot start, that is told
+    create_sim(config)
     return OK
 
 

@@ -9,8 +9,10 @@ import yaml
 
 from txt1.errors import ConfigError
 
-DEPTH_MAX: Final = 20  # levels of lists and mappings in a value
-VALUES_MAX: Final = 100_000  # in a text; an alias counts as all that it stands for
+# levels of lists and mappings in a value
+DEPTH_MAX: Final = 20
+# in a text; an alias counts as all that it stands for
+VALUES_MAX: Final = 100_000
 
 
 def parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
@@ -56,9 +58,11 @@ def read_yaml(text: str) -> Any:
     """The value that a text is, by YAML's rules; raises yaml.YAMLError, also for a key that is there twice."""
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 - a SafeLoader
-    except RecursionError:  # also YAML's own, and that of a value that contains itself
+    except RecursionError:
+        # also YAML's own, and that of a value that contains itself
         raise yaml.YAMLError(f"nested more than {DEPTH_MAX} deep") from None
-    except (ValueError, LookupError, AttributeError) as error:  # of YAML's constructors, for "!!int x" and the like
+    except (ValueError, LookupError, AttributeError) as error:
+        # of YAML's constructors, for "!!int x" and the like
         raise yaml.YAMLError(str(error)) from None
 
 

@@ -82,7 +82,8 @@ class LoopsConfig(Section):
     @field_validator("angular")
     @classmethod
     def _v_max_rises(cls, angular: tuple[GainSetConfig, ...]) -> tuple[GainSetConfig, ...]:
-        Schedule(tuple(GainSet(s.v_max, s.gains()) for s in angular))  # raises when not
+        # raises when not
+        Schedule(tuple(GainSet(s.v_max, s.gains()) for s in angular))
         return angular
 
     def pid_set(self) -> PidSet:

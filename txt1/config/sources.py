@@ -28,7 +28,8 @@ T = TypeVar("T")
 
 ENVIRONMENT_PREFIX: Final = "TXT1_"
 VEHICLES: Final = "config/vehicles"
-NEARLY: Final = 0.7  # likeness from which an environment variable's name is a key mistyped
+# likeness from which an environment variable's name is a key mistyped
+NEARLY: Final = 0.7
 
 
 class Setting(NamedTuple):
@@ -193,10 +194,12 @@ def _from_file(path: Path) -> list[Setting]:
 def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:
     """A value as settings: a mapping sets what is in it and leaves the rest of its section alone."""
     kind = _kind_at(path)
-    if isinstance(value, dict) and value and kind != dict[str, Any]:  # whose keys are not ours
+    # whose keys are not ours
+    if isinstance(value, dict) and value and kind != dict[str, Any]:
         for key, inner in value.items():
             yield from _walk(inner, (*path, str(key)), origin)
-    elif value is not None or not _keys(kind):  # an empty section sets nothing
+    elif value is not None or not _keys(kind):
+        # an empty section sets nothing
         yield Setting(path, value, origin)
 
 
@@ -273,7 +276,8 @@ def _check(setting: Setting) -> None:
             if section is Config and not near:
                 remedy += "; an addition's section needs the addition's package"
             raise ConfigError(f"{key}: unknown key (from {setting.origin}); {remedy}")
-    if setting.value is True or setting.value is False:  # pydantic would take them for 1 and 0
+    # pydantic would take them for 1 and 0
+    if setting.value is True or setting.value is False:
         kinds = {kind, *get_args(kind)}
         if bool not in kinds and kinds & {int, float}:
             raise ConfigError(

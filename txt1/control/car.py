@@ -16,7 +16,8 @@ class CarParameters(NamedTuple):
     """The loops' knowledge of the car, as plain numbers; see `KnownCar` and `Geometry`."""
 
     lever: float
-    encoders: float  # wheelbase of steered encoder wheels, m; 0 if they are not steered
+    # wheelbase of steered encoder wheels, m; 0 if they are not steered
+    encoders: float
     tan_steering_max: float
     steering_max: float
     speed_gain: float
@@ -30,7 +31,8 @@ def car_of(known: KnownCar, body: Geometry) -> CarParameters | None:
     """Return the loops' knowledge of the car; None: no knowledge, as always for sides at two speeds."""
     if not known.known or body.steering == "skid":
         return None
-    steered = body.steering == "both"  # the encoders of a car with front steering sit at its rear wheels
+    # the encoders of a car with front steering sit at its rear wheels
+    steered = body.steering == "both"
     return CarParameters(
         body.lever,
         body.wheelbase if steered else 0.0,
@@ -54,7 +56,8 @@ def true_velocity(v: float, omega: float, wheelbase: float) -> tuple[float, floa
     """
     if v == 0.0:
         return v, omega
-    told = min(max(omega / v * wheelbase, -1.0), 1.0)  # no steering makes more, but noise does
+    # no steering makes more, but noise does
+    told = min(max(omega / v * wheelbase, -1.0), 1.0)
     tangent = told / (1.0 + sqrt(1.0 - told * told))
     cos_phi = 1.0 / sqrt(1.0 + tangent * tangent)
     return v * cos_phi, omega / cos_phi

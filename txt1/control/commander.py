@@ -26,7 +26,8 @@ Hands at the robot come before hands at a distance, and these before programs: a
 and a fleet's console have 30; ROS has 20. The emergency stop is the gate's, above all.
 """
 
-SKEW: Final = 0.001  # s by which a message may seem to come from the future, as clocks are rounded
+# s by which a message may seem to come from the future, as clocks are rounded
+SKEW: Final = 0.001
 
 
 class SetPoint(NamedTuple):
@@ -52,9 +53,12 @@ class _Source:
     name: str
     priority: int
     timeout: float
-    spoke: float = -inf  # origin of its newest message
-    held: float = -inf  # origin of the newest message that holds the wheel
-    overruled: str = ""  # by which source
+    # origin of its newest message
+    spoke: float = -inf
+    # origin of the newest message that holds the wheel
+    held: float = -inf
+    # by which source
+    overruled: str = ""
 
 
 class Commander:
@@ -67,7 +71,8 @@ class Commander:
         self._since = 0.0
         self._refused: Counter[str] = Counter()
         self._setpoint = SetPoint()
-        self._told: Driver | None = None  # kept until it changes
+        # kept until it changes
+        self._told: Driver | None = None
 
     def add(self, name: str, priority: int | None = None, timeout: float | None = None) -> None:
         """Add a source, with its priority from `PRIORITIES` if None; its commands are stale after `timeout` s.
@@ -92,7 +97,8 @@ class Commander:
         if not (isfinite(v) and isfinite(omega) and isfinite(time) and time <= now + SKEW):
             raise ValueError(f"v={v!r}, omega={omega!r}, given at {time!r} s: give finite numbers, no later than now")
         driver = self._driver_at(now)
-        if time < source.spoke or now - time > source.timeout + 1e-9:  # late, or overtaken by a newer command
+        # late, or overtaken by a newer command
+        if time < source.spoke or now - time > source.timeout + 1e-9:
             self._refuse(name)
             return False
         source.spoke = time = min(time, now)

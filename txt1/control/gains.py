@@ -25,8 +25,10 @@ from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, GainSet
 from txt1.model.vehicle import SIDES, SPEED, STEERING_MAX, Geometry
 
-MARGIN: Final = 2.0  # factor for an uncalibrated vehicle that is weaker than its parameters say; chosen
-UNITS: Final = ("counts per {}/s", "counts per {}", "counts per {}/s^2")  # of K_P, K_I and K_D, with mm or mrad
+# factor for an uncalibrated vehicle that is weaker than its parameters say; chosen
+MARGIN: Final = 2.0
+# of K_P, K_I and K_D, with mm or mrad
+UNITS: Final = ("counts per {}/s", "counts per {}", "counts per {}/s^2")
 
 
 class GainLimits(NamedTuple):

@@ -17,7 +17,8 @@ from txt1.control.limits import clip
 from txt1.control.parameters import Safety
 from txt1.model.vehicle import Geometry
 
-DEAD: Final = 0.1  # share of an axis around its middle that counts as zero
+# share of an axis around its middle that counts as zero
+DEAD: Final = 0.1
 
 
 def shaped(value: float) -> float:
@@ -46,7 +47,8 @@ class Hand(NamedTuple):
         if wheel and v < 0.0 and not self.pivots:
             left = -left
         omega = left * (speed if self.pivots else abs(v)) / self.radius
-        return v + 0.0, clip(omega, self.omega_max) + 0.0  # never -0.0, which looks odd
+        # never -0.0, which looks odd
+        return v + 0.0, clip(omega, self.omega_max) + 0.0
 
     def on_the_spot(self, v: float, omega: float) -> tuple[float, float]:
         """Return a velocity for a turn in place, m/s and rad/s; a car that steers drives its smallest circle."""

@@ -25,11 +25,16 @@ from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.units import new
 
-PERSISTS: Final = 0.1  # s; readings that the geometry forbids are believed when they last this long
-NOISE_COUNTS: Final = 3  # counts per period that a wheel at rest may show
-AHEAD: Final = 0.1  # s by which a command may seem to come from the future, as a late tick has an early time
-DISAGREEMENT: Final = 0.5  # m/s; slip does not explain a larger difference between combined odometry and the encoders
-LARGEST: Final = sys.float_info.max  # a whole number beyond it is no float, so it is not finite either
+# s; readings that the geometry forbids are believed when they last this long
+PERSISTS: Final = 0.1
+# counts per period that a wheel at rest may show
+NOISE_COUNTS: Final = 3
+# s by which a command may seem to come from the future, as a late tick has an early time
+AHEAD: Final = 0.1
+# m/s; slip does not explain a larger difference between combined odometry and the encoders
+DISAGREEMENT: Final = 0.5
+# a whole number beyond it is no float, so it is not finite either
+LARGEST: Final = sys.float_info.max
 WAY_BACK: Final = "arm it (m) and drive back"
 BLOCKED: Final = f"blocked: a wall or an obstacle, or dead encoders; {WAY_BACK}"
 
@@ -99,7 +104,8 @@ class SetpointBounds:
         if speed < self.dead_band:
             v = speed = 0.0
         omega_max, radius_min = self.omega_max, self.radius_min
-        if speed < omega_max * radius_min:  # never true for a vehicle that turns in place
+        # never true for a vehicle that turns in place
+        if speed < omega_max * radius_min:
             omega_max = yaw_rate_max(v, radius_min)
         if not abs(omega) <= omega_max:
             omega = clip(omega, omega_max)
@@ -116,17 +122,23 @@ class RunawayWatch:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._fastest, self._strongest = limits.runaway_speed, float(limits.runaway_motor)
-        self._pivots = limits.radius_min == 0.0  # so its sides may stand or turn against each other
+        # so its sides may stand or turn against each other
+        self._pivots = limits.radius_min == 0.0
         self.clear()
 
     def clear(self) -> None:
         """Forget all suspicions."""
         self._calm = True
-        self._silent = [0.0, 0.0]  # how long each wheel has been silent under power, s
-        self._passed = [0, 0]  # counts of the other wheel meanwhile
-        self._against = 0.0  # how long the wheels have turned against each other, s
-        self._fast = 0.0  # how long the vehicle has been too fast, s
-        self._apart = 0.0  # how long combined odometry and encoders have disagreed, s
+        # how long each wheel has been silent under power, s
+        self._silent = [0.0, 0.0]
+        # counts of the other wheel meanwhile
+        self._passed = [0, 0]
+        # how long the wheels have turned against each other, s
+        self._against = 0.0
+        # how long the vehicle has been too fast, s
+        self._fast = 0.0
+        # how long combined odometry and encoders have disagreed, s
+        self._apart = 0.0
 
     def check(self, motor: int, right: int, left: int, v: float, v_combined: float | None, dt: float) -> str | None:
         """Return why this is a runaway, or None.
@@ -137,11 +149,13 @@ class RunawayWatch:
         fast = abs(v) > self._fastest
         apart = v_combined is not None and abs(v_combined - v) > DISAGREEMENT
         if not (fast or apart):
-            if right * left > 0:  # both turn the same way
+            # both turn the same way
+            if right * left > 0:
                 if not self._calm:
                     self.clear()
                 return None
-            if self._calm and right == left == 0 and abs(motor) <= self._strongest:  # at rest
+            # at rest
+            if self._calm and right == left == 0 and abs(motor) <= self._strongest:
                 return None
         self._calm = False
         self._fast = self._fast + dt if fast else 0.0
@@ -193,7 +207,8 @@ class Gate:
         self.closed_by: Fault | None = None
         self.counts: dict[Fault, int] = dict.fromkeys(Fault, 0)
         self._on_close = on_close
-        self.epoch = 0  # stamped on every command as it comes in; `renew` raises it
+        # stamped on every command as it comes in; `renew` raises it
+        self.epoch = 0
         self._valid_from = 0.0
         self._fresh = False
         self._motor = 0
@@ -311,7 +326,8 @@ class Gate:
         """
         if not (self.armed and self._fresh):
             return self.neutral(servos)
-        if not -inf < motor + front + rear + v + omega < inf:  # a value that is not finite makes the sum not finite
+        # a value that is not finite makes the sum not finite
+        if not -inf < motor + front + rear + v + omega < inf:
             self.count(Fault.NOT_FINITE)
             return self.neutral(servos)
         if abs(motor) > self._motor_max:

@@ -20,7 +20,8 @@ class Gains(NamedTuple):
 Past = tuple[float, float, float]
 """A controller's state: its output u(k-1), PWM counts, and the errors e(k-1) and e(k-2)."""
 
-CLEAR: Past = (0.0, 0.0, 0.0)  # the state at power-up
+# the state at power-up
+CLEAR: Past = (0.0, 0.0, 0.0)
 
 
 def pid(past: Past, error: float, gains: tuple[float, float, float], dt: float, limit: float) -> Past:

@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 
 from txt1.control.pid import Gains
 
-SETS_MAX: Final = 14  # angular gain sets that fit on the board
+# angular gain sets that fit on the board
+SETS_MAX: Final = 14
 
 
 class GainSet(NamedTuple):
@@ -44,7 +45,9 @@ class Schedule:
         return self._gains[bisect_left(self._v_max, v)]
 
 
-LINEAR_GAINS: Final = Gains(11.0, 18.0, 0.250)  # the thesis's linear gains (4.2)
+# the thesis's linear gains (4.2)
+LINEAR_GAINS: Final = Gains(11.0, 18.0, 0.250)
+# the thesis's angular gains (table 4.1)
 ANGULAR_GAINS: Final = tuple(
     GainSet(v_max, Gains(kp, ki, 0.005))
     for v_max, kp, ki in (
@@ -63,4 +66,4 @@ ANGULAR_GAINS: Final = tuple(
         (1.15, 4.0, 30.0),
         (1.35, 4.0, 20.0),
     )
-)  # the thesis's angular gains (table 4.1)
+)

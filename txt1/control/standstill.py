@@ -35,30 +35,44 @@ from enum import StrEnum
 from math import exp, log
 from typing import Final
 
-GRACE: Final = 0.5  # s that each measure gets
-MARGIN: Final = 0.1  # m/s above the envelope at which a stop has failed
-DELAY: Final = 0.15  # s from a stop to its effect on the odometry: a period of line, of board and of odometry
-TAU: Final = 0.6  # s, of coasting
-FRICTION: Final = 0.1  # m/s, of coasting
-STILL: Final = 0.05  # m/s: original boards read 0 or 0.045 m/s a wheel when it hardly moves
-STANDS: Final = 0.3  # s at this speed at most, after which it counts as standing
-LINGERS: Final = 0.5  # s after the envelope has come to 0; by then even a slow vehicle has to stand
-MOVES: Final = 0.1  # m/s; a vehicle without a command that is faster moves
-MOVED: Final = 0.5  # s of such motion after which it is reported
-SPEED_MAX: Final = 1.5  # m/s, assumed for a vehicle whose speed at the stop is unknown
+# s that each measure gets
+GRACE: Final = 0.5
+# m/s above the envelope at which a stop has failed
+MARGIN: Final = 0.1
+# s from a stop to its effect on the odometry: a period of line, of board and of odometry
+DELAY: Final = 0.15
+# s, of coasting
+TAU: Final = 0.6
+# m/s, of coasting
+FRICTION: Final = 0.1
+# m/s: original boards read 0 or 0.045 m/s a wheel when it hardly moves
+STILL: Final = 0.05
+# s at this speed at most, after which it counts as standing
+STANDS: Final = 0.3
+# s after the envelope has come to 0; by then even a slow vehicle has to stand
+LINGERS: Final = 0.5
+# m/s; a vehicle without a command that is faster moves
+MOVES: Final = 0.1
+# s of such motion after which it is reported
+MOVED: Final = 0.5
+# m/s, assumed for a vehicle whose speed at the stop is unknown
+SPEED_MAX: Final = 1.5
 
 
 class Stop(StrEnum):
     """How the last stop is going."""
 
-    NONE = "none"  # the vehicle is commanded, or nothing is known of it yet
+    # the vehicle is commanded, or nothing is known of it yet
+    NONE = "none"
     # a stop was asked for, and the speed falls as that of a coasting vehicle, or is judged soon
     SLOWING = "slowing down"
-    STANDING = "standing"  # seen to stand
+    # seen to stand
+    STANDING = "standing"
     PWM_ZEROS = "does not stop: PWM test of zeros"
     ESC_OFF = "does not stop: ESC off"
     UNASKED = "moves without a command"
-    UNSEEN = "not seen"  # it stood, or its encoders fell silent, and it was not seen since
+    # it stood, or its encoders fell silent, and it was not seen since
+    UNSEEN = "not seen"
 
 
 UNOBEYED: Final = (Stop.PWM_ZEROS, Stop.ESC_OFF)
@@ -90,9 +104,12 @@ class Standstill:
         self.failed = Stop.NONE
         self.blind = False
         self.drove = False
-        self._since: float  # start of the present measure, s of the run, once there is one
-        self._v0: float  # speed at that time, m/s
-        self._rest: Stop  # state of a vehicle that does not move
+        # start of the present measure, s of the run, once there is one
+        self._since: float
+        # speed at that time, m/s
+        self._v0: float
+        # state of a vehicle that does not move
+        self._rest: Stop
         self._still_since: float | None = None
         self._moving_since: float | None = None
 
@@ -158,7 +175,8 @@ class Standstill:
             self._since = now
             return
         if v is not None and t <= DELAY:
-            self._v0 = max(self._v0, abs(v))  # it was still getting faster
+            # it was still getting faster
+            self._v0 = max(self._v0, abs(v))
         if t < GRACE - 1e-9:
             return
         over = v is None or abs(v) > envelope(self._v0, t) + MARGIN

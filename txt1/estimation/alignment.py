@@ -8,10 +8,13 @@ import numpy as np
 
 from txt1.estimation.ekf import Array, Seven, X, Y
 
-ALIGNED: Final = 0.1  # rad, the standard deviation at which a heading found from positions is good enough
+# rad, the standard deviation at which a heading found from positions is good enough
+ALIGNED: Final = 0.1
 
-LEAST: Final = 5  # pairs that a frame is found from
-FAR: Final = 3.7  # sigma from where a fit has it, beyond which a position is left out: 99.9 % of two numbers
+# pairs that a frame is found from
+LEAST: Final = 5
+# sigma from where a fit has it, beyond which a position is left out: 99.9 % of two numbers
+FAR: Final = 3.7
 
 
 def aligned(pairs: Collection[tuple[float, ...]]) -> tuple[float, float, float, Array] | None:

@@ -30,28 +30,44 @@ from txt1.estimation.ekf import ROLLED, SLIP, THETA, Array, Drift, Seven
 from txt1.estimation.measurement import Measurement
 from txt1.model.kinematics import wrap_angle
 
-SEGMENT: Final = 0.5  # s between two positions that are compared
-LONGEST: Final = 1.5  # s; after a longer gap a comparison begins anew
-KEPT: Final = 150  # cycles
-GAP: Final = 0.1  # s, the longest between two readings of a gyro
+# s between two positions that are compared
+SEGMENT: Final = 0.5
+# s; after a longer gap a comparison begins anew
+LONGEST: Final = 1.5
+# cycles
+KEPT: Final = 150
+# s, the longest between two readings of a gyro
+GAP: Final = 0.1
 LX, LY, TAU, SLIPPED, SCALE, BIAS = range(6)
 START: Final = np.array([0.02, 0.02, 0.01, 0.05, 0.01, 0.02]) ** 2
 """Variances at the start: m, m, s, 1, 1, rad/s; a tape measure's, a network's, and a data sheet's."""
 WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias]) ** 2
 """Variances that a second adds; slip and bias are the filter's."""
-CHANGED: Final = 0.1  # standard deviation of a slip that has changed
-ALONG: Final = 0.004  # m by which the wheels miss the way after 1 s
-ACROSS: Final = 0.003  # m by which the robot slides sideways in 1 s
-AIMED: Final = 0.002  # rad, of the heading in which a way begins
-GYRO: Final = 0.0006  # rad by which a gyro's noise has turned after 1 s
-GYRO_CLOCK: Final = 0.01 / sqrt(12.0)  # s by which its readings are older than they say: anything up to their period
-BY_WHEELS: Final = 0.02  # share of a turn by which the wheels miss it
-GATE: Final = 16.3  # chi-square of three numbers at 99.9 %
-WRONG: Final = 0.1  # probability that a stated value is wrong, before anything was measured
+# standard deviation of a slip that has changed
+CHANGED: Final = 0.1
+# m by which the wheels miss the way after 1 s
+ALONG: Final = 0.004
+# m by which the robot slides sideways in 1 s
+ACROSS: Final = 0.003
+# rad, of the heading in which a way begins
+AIMED: Final = 0.002
+# rad by which a gyro's noise has turned after 1 s
+GYRO: Final = 0.0006
+# s by which its readings are older than they say: anything up to their period
+GYRO_CLOCK: Final = 0.01 / sqrt(12.0)
+# share of a turn by which the wheels miss it
+BY_WHEELS: Final = 0.02
+# chi-square of three numbers at 99.9 %
+GATE: Final = 16.3
+# probability that a stated value is wrong, before anything was measured
+WRONG: Final = 0.1
 SURE: Final = 0.999
-WORTH_M: Final = 0.005  # m; smaller corrections are not made
-WORTH_S: Final = 0.004  # s, likewise
-WORTH_SCALE: Final = 0.003  # likewise
+# m; smaller corrections are not made
+WORTH_M: Final = 0.005
+# s, likewise
+WORTH_S: Final = 0.004
+# likewise
+WORTH_SCALE: Final = 0.003
 
 
 class Calibrated(NamedTuple):
@@ -65,18 +81,24 @@ class Calibrated(NamedTuple):
 class Corrections:
     """What is to be changed of a sensor as stated; zeros as long as nothing is refuted."""
 
-    x: float = 0.0  # m further ahead
-    y: float = 0.0  # m further to the left
-    delay: float = 0.0  # s that its readings are older
-    scale: float = 0.0  # of the gyro, less 1
+    # m further ahead
+    x: float = 0.0
+    # m further to the left
+    y: float = 0.0
+    # s that its readings are older
+    delay: float = 0.0
+    # of the gyro, less 1
+    scale: float = 0.0
 
 
 class _Place(NamedTuple):
     time: float
     x: float
     y: float
-    theta: float | None  # as told
-    heading: float  # as estimated
+    # as told
+    theta: float | None
+    # as estimated
+    heading: float
     sigma: float
     sigma_theta: float
 
@@ -89,12 +111,14 @@ class Calibration:
         self.mean: Array = np.zeros(6)
         self.covariance: Array = np.diag(START)
         self.segments = 0
-        self._cycles: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)  # end, length, speed, yaw rate
+        # end, length, speed, yaw rate
+        self._cycles: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)
         self._waiting: deque[_Place] = deque(maxlen=KEPT)
         self._first: _Place | None = None
         self._mount = (0.0, 0.0)
         self._time = 0.0
-        self._wrong: tuple[float, ...] = (WRONG, WRONG, WRONG)  # probabilities: lever arm, clock, scale
+        # probabilities: lever arm, clock, scale
+        self._wrong: tuple[float, ...] = (WRONG, WRONG, WRONG)
         self._left = self._left_to_doubt()
 
     def cycle(self, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]) -> None:
@@ -208,7 +232,8 @@ class Calibration:
         gain = np.linalg.solve(s, rows @ p).T
         self.mean = self.mean + gain @ residual
         left = np.eye(6) - gain @ rows
-        self.covariance = left @ p @ left.T + gain @ noise @ gain.T  # Joseph's form, which stays positive
+        # Joseph's form, which stays positive
+        self.covariance = left @ p @ left.T + gain @ noise @ gain.T
         self.segments += 1
         self._decide()
 

@@ -42,16 +42,20 @@ something of the slip whenever it changes, which alone they cannot.
 """
 SIZE: Final = 7
 NOTHING: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-STEERING: Final = 0.5  # standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
-CRAWL: Final = 0.05  # m/s below which the steering angle is not told from speed and yaw rate
-SINE_MAX: Final = 0.88  # sine of twice the steering angle beyond which it is noise: full lock is 0.56
+# standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
+STEERING: Final = 0.5
+# m/s below which the steering angle is not told from speed and yaw rate
+CRAWL: Final = 0.05
+# sine of twice the steering angle beyond which it is noise: full lock is 0.56
+SINE_MAX: Final = 0.88
 
 
 class Belief(NamedTuple):
     """A state and its covariance."""
 
     mean: Seven
-    triangle: Triangle  # of the covariance
+    # of the covariance
+    triangle: Triangle
 
     @property
     def covariance(self) -> Array:
@@ -62,10 +66,11 @@ class Belief(NamedTuple):
 
 
 _UPPER: Final = np.triu_indices(SIZE)
+# of a covariance, out of its triangle
 _COLUMNS: Final = tuple(
     itemgetter(*(min(row, place) * (2 * SIZE - 1 - min(row, place)) // 2 + max(row, place) for row in range(SIZE)))
     for place in range(SIZE)
-)  # of a covariance, out of its triangle
+)
 
 
 def belief_of(mean: Sequence[float] | Array, covariance: Array) -> Belief:
@@ -78,12 +83,18 @@ def belief_of(mean: Sequence[float] | Array, covariance: Array) -> Belief:
 class Drift:
     """How much the state may change by itself in a second: standard deviations of random walks."""
 
-    position: float = 0.002  # m: sideways slip
-    heading: float = 0.0015  # rad: a gyro's scale and its axis
-    speed: float = 0.25  # m/s: the motors and the floor
-    yaw_rate: float = 0.35  # rad/s: beyond the steering's own
-    bias: float = 0.0002  # rad/s of the gyro
-    slip: float = 0.01  # of the wheels: two per cent within 4 s, as floors vary
+    # m: sideways slip
+    position: float = 0.002
+    # rad: a gyro's scale and its axis
+    heading: float = 0.0015
+    # m/s: the motors and the floor
+    speed: float = 0.25
+    # rad/s: beyond the steering's own
+    yaw_rate: float = 0.35
+    # rad/s of the gyro
+    bias: float = 0.0002
+    # of the wheels: two per cent within 4 s, as floors vary
+    slip: float = 0.01
 
     def density(self) -> Seven:
         """The variances of a second."""
@@ -156,7 +167,8 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
     grip = 1.0 - slip
     v = rolled * grip
     half = 0.5 * omega * dt
-    ratio = sin(half) / half if abs(half) > 1e-4 else 1.0  # the chord's length over the arc's
+    # the chord's length over the arc's
+    ratio = sin(half) / half if abs(half) > 1e-4 else 1.0
     c, s = dt * ratio * cos(theta + half), dt * ratio * sin(theta + half)
 
     # F is 1 but for these, by row and column
@@ -225,7 +237,8 @@ def update(
         change, triangle, miss = absorbed(change, triangle, left, row, sigma)
         misses.append(miss)
         nis += miss * miss
-    if not nis <= gate:  # also when it is not a number
+    # also when it is not a number
+    if not nis <= gate:
         return belief, nis, misses
     x, y, t, u, o, b, s = belief.mean
     dx, dy, dt, du, do, db, ds = change
@@ -255,13 +268,15 @@ def absorbed(change: Seven, triangle: Triangle, left: float, row: Row, noise: fl
         spread, said = column[row], change[row]
     else:
         hx, hy, ht, hu, ho, hb, hs = row
-        if hu or ho or hb or hs:  # of the motion
+        # of the motion
+        if hu or ho or hb or hs:
             cx, cy = xu * hu + xo * ho + xb * hb + xs * hs, yu * hu + yo * ho + yb * hb + ys * hs
             ct, cu = tu * hu + to * ho + tb * hb + ts * hs, uu * hu + uo * ho + ub * hb + us * hs
             co, cb = uo * hu + oo * ho + ob * hb + os * hs, ub * hu + ob * ho + bb * hb + bs * hs
             cs = us * hu + os * ho + bs * hb + ss * hs
             spread, said = cu * hu + co * ho + cb * hb + cs * hs, u * hu + o * ho + b * hb + s * hs
-        else:  # of the pose
+        else:
+            # of the pose
             cx, cy, ct = xx * hx + xy * hy + xt * ht, xy * hx + yy * hy + yt * ht, xt * hx + yt * hy + tt * ht
             cu, co = xu * hx + yu * hy + tu * ht, xo * hx + yo * hy + to * ht
             cb, cs = xb * hx + yb * hy + tb * ht, xs * hx + ys * hy + ts * ht
@@ -365,7 +380,8 @@ def outside(belief: Belief) -> tuple[float, tuple[float, ...]]:
         _, _,
         ss,
     ) = belief.triangle  # fmt: skip
-    a, b = 1.0 - slip, -rolled  # by which wheels' speed and slip change it
+    # by which wheels' speed and slip change it
+    a, b = 1.0 - slip, -rolled
     xv, yv, tv, ov = a * xu + b * xs, a * yu + b * ys, a * tu + b * ts, a * uo + b * os
     vv = a * a * uu + 2.0 * a * b * us + b * b * ss
     return rolled * a, (

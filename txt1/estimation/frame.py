@@ -29,25 +29,42 @@ import numpy as np
 from txt1.estimation.ekf import Array, Belief
 from txt1.estimation.measurement import Measurement
 
-WINDOWS: Final = (0.8, 1.6, 3.2)  # s: a precise sensor tells soon, a GPS of 1 m later
-PICKED: Final = 0.1  # s between two readings that are compared
-ENOUGH: Final = 7  # readings
-KEPT: Final = 2.0  # s of reckoning
-USUAL_FOR: Final = 10.0  # s over which slip is averaged, to tell whether it has changed
-LONGEST: Final = 0.5  # s, the longest gap between two readings that are compared
-SLIPS: Final = 0.3  # standard deviation of slip when wheels spin
-USUAL: Final = 0.05  # ... and when they do not
-UNTOLD: Final = 0.3  # m/s of the car that wheels do not tell: they stand, skid, or are broken
-ASIDE: Final = 0.01  # rad of the direction of motion
-CORNERING: Final = 0.05  # s^2/m of the same in curves: tyres slide by lateral acceleration
-TURNED: Final = 0.015  # rad by which gyro or wheels miss a turn within a window
+# s: a precise sensor tells soon, a GPS of 1 m later
+WINDOWS: Final = (0.8, 1.6, 3.2)
+# s between two readings that are compared
+PICKED: Final = 0.1
+# readings
+ENOUGH: Final = 7
+# s of reckoning
+KEPT: Final = 2.0
+# s over which slip is averaged, to tell whether it has changed
+USUAL_FOR: Final = 10.0
+# s, the longest gap between two readings that are compared
+LONGEST: Final = 0.5
+# standard deviation of slip when wheels spin
+SLIPS: Final = 0.3
+# ... and when they do not
+USUAL: Final = 0.05
+# m/s of the car that wheels do not tell: they stand, skid, or are broken
+UNTOLD: Final = 0.3
+# rad of the direction of motion
+ASIDE: Final = 0.01
+# s^2/m of the same in curves: tyres slide by lateral acceleration
+CORNERING: Final = 0.05
+# rad by which gyro or wheels miss a turn within a window
+TURNED: Final = 0.015
 LEVER: Final = 0.03  # m
 CLOCK: Final = 0.01  # s
-MOVES: Final = 1.0  # m/s of the frame
-RECKONED: Final = 0.004  # m by which dead reckoning misses besides within a window
-REFUTED: Final = 27.6  # chi-square of two numbers at 99.9999 %
-OTHER: Final = 0.2  # probability that a frame moves, before anything tells it
-FITS: Final = 2.33  # standard deviations of a normal number at 99 %
+# m/s of the frame
+MOVES: Final = 1.0
+# m by which dead reckoning misses besides within a window
+RECKONED: Final = 0.004
+# chi-square of two numbers at 99.9999 %
+REFUTED: Final = 27.6
+# probability that a frame moves, before anything tells it
+OTHER: Final = 0.2
+# standard deviations of a normal number at 99 %
+FITS: Final = 2.33
 
 
 class Spot(NamedTuple):
@@ -57,7 +74,8 @@ class Spot(NamedTuple):
     x: float  # m
     y: float  # m
     theta: float  # rad
-    usual_x: float  # m, the same with the slip that is usual
+    # m, the same with the slip that is usual
+    usual_x: float
     usual_y: float  # m
     v: float  # m/s
 
@@ -114,12 +132,16 @@ class Reckoning:
 
 class _Pick(NamedTuple):
     time: float
-    x: float  # of the robot by the sensor, m
+    # of the robot by the sensor, m
+    x: float
     y: float
-    theta: float  # by the filter, rad
-    sigma: float  # of the position
+    # by the filter, rad
+    theta: float
+    # of the position
+    sigma: float
     sigma_theta: float
-    here: tuple[float, float]  # where the filter has the robot, m
+    # where the filter has the robot, m
+    here: tuple[float, float]
     spot: Spot
 
 

@@ -52,32 +52,53 @@ from txt1.estimation.vote import Cycle, Place, Vote
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 
-BEGUN: Final = 1e-4  # m and rad, standard deviations of the pose that it counts from: next to nothing, yet positive
-SPEED: Final = 0.5  # m/s, standard deviation of the speed at the start: it may be driving already
-YAW_RATE: Final = 0.5  # rad/s, likewise
-BIASED: Final = 0.02  # rad/s, standard deviation of the gyro's bias at the start
-FIRST: Final = 0.04  # s before the first step from which on readings count
-HORIZON: Final = 0.5  # s that a reading may be late
-SLOT: Final = 0.02  # s within which readings of a sensor are averaged
-STEP_MAX: Final = 0.1  # s, the longest prediction in one piece
-SAME_INSTANT: Final = 1e-6  # s between readings of one instant, to which clocks and sums of times are rounded
-TRACKS: Final = 2.0  # standard deviations of a rate's miss beyond which it is the motion that has changed
-TURNS: Final = 3.0  # the same of a turn by wheels and gyro, beyond which the slip has changed
-CURVE: Final = 0.1  # rad from which a turn tells of the slip
-SLID: Final = 0.1  # standard deviation of the slip after an absolute sensor contradicted the wheels
-MEMORY: Final = 5  # turns over which the walk of the slip is averaged
-FORGOTTEN: Final = 30.0  # s in which it is forgotten that a sensor overruled dead reckoning; chosen
-SLIP_MAX: Final = 0.6  # of the wheels' way; more is no slip any more, but wheels that tell nothing
-REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
-REST_YAW: Final = 0.001  # rad/s, likewise
-PAIRS_MAX: Final = 600  # positions that are kept to find it
+# m and rad, standard deviations of the pose that it counts from: next to nothing, yet positive
+BEGUN: Final = 1e-4
+# m/s, standard deviation of the speed at the start: it may be driving already
+SPEED: Final = 0.5
+# rad/s, likewise
+YAW_RATE: Final = 0.5
+# rad/s, standard deviation of the gyro's bias at the start
+BIASED: Final = 0.02
+# s before the first step from which on readings count
+FIRST: Final = 0.04
+# s that a reading may be late
+HORIZON: Final = 0.5
+# s within which readings of a sensor are averaged
+SLOT: Final = 0.02
+# s, the longest prediction in one piece
+STEP_MAX: Final = 0.1
+# s between readings of one instant, to which clocks and sums of times are rounded
+SAME_INSTANT: Final = 1e-6
+# standard deviations of a rate's miss beyond which it is the motion that has changed
+TRACKS: Final = 2.0
+# the same of a turn by wheels and gyro, beyond which the slip has changed
+TURNS: Final = 3.0
+# rad from which a turn tells of the slip
+CURVE: Final = 0.1
+# standard deviation of the slip after an absolute sensor contradicted the wheels
+SLID: Final = 0.1
+# turns over which the walk of the slip is averaged
+MEMORY: Final = 5
+# s in which it is forgotten that a sensor overruled dead reckoning; chosen
+FORGOTTEN: Final = 30.0
+# of the wheels' way; more is no slip any more, but wheels that tell nothing
+SLIP_MAX: Final = 0.6
+# m/s, standard deviation of the speed of a robot that stands
+REST_SPEED: Final = 0.002
+# rad/s, likewise
+REST_YAW: Final = 0.001
+# positions that are kept to find it
+PAIRS_MAX: Final = 600
 OUTVOTED: Final = "is contradicted by two others"
 WHEELS: Final = "the car moves otherwise than its wheels tell"
 JUMPED: Final = "has jumped"
 MOVES: Final = "tells a way that no car goes: its frame moves"
 FRAMES: Final = "measures positions in another frame than"
-MISSES: Final = 0.5  # m/s by which dead reckoning may be off: slip, skids, a push
-RECENT: Final = 1.0  # s in which another sensor has told the place
+# m/s by which dead reckoning may be off: slip, skids, a push
+MISSES: Final = 0.5
+# s in which another sensor has told the place
+RECENT: Final = 1.0
 
 _UNITS: Final = np.eye(SIZE)
 
@@ -95,10 +116,14 @@ class _Entry:
     key: tuple[float, str]
     new: bool = True
     used: bool = True
-    fresh: bool = False  # nothing is known of the slip before it
-    count: int = 1  # readings that it is the mean of
-    moved: tuple[float, float, float] | None = None  # m, m by which the pose is put elsewhere before it, and the slip
-    wider: Array | None = None  # what the covariance grows by before it, as it is more than the model expects
+    # nothing is known of the slip before it
+    fresh: bool = False
+    # readings that it is the mean of
+    count: int = 1
+    # m, m by which the pose is put elsewhere before it, and the slip
+    moved: tuple[float, float, float] | None = None
+    # what the covariance grows by before it, as it is more than the model expects
+    wider: Array | None = None
 
 
 class Fusion:
@@ -128,7 +153,8 @@ class Fusion:
         self._reckoning = Reckoning()
         self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
         self._density: Seven = drift.density()
-        self._moving = self._density  # as it is by itself, and with slip as it changes here
+        # as it is by itself, and with slip as it changes here
+        self._moving = self._density
         self._slips = self._density[SLIP]
         self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
         self._slip_sigma = slip_sigma
@@ -142,12 +168,18 @@ class Fusion:
         self._now = 0.0
         self._gyros: set[str] = set()
         self._wheels_of: set[str] = set()
-        self._turning = False  # a gyro is believed
-        self._placed = False  # a sensor that tells the place is
-        self._rolling = False  # a sensor that tells the wheels' speed is
-        self._carried: tuple[float, float, float] | None = None  # m, m, rad by which a jump may be the robot's
-        self._dispute = [0.0, 0.0, 0.0]  # m, m, rad by which an absolute sensor has overruled dead reckoning
-        self._way_doubt = (0.0, 0.0)  # m in x and y by which the pose may be off, as the speed may be
+        # a gyro is believed
+        self._turning = False
+        # a sensor that tells the place is
+        self._placed = False
+        # a sensor that tells the wheels' speed is
+        self._rolling = False
+        # m, m, rad by which a jump may be the robot's
+        self._carried: tuple[float, float, float] | None = None
+        # m, m, rad by which an absolute sensor has overruled dead reckoning
+        self._dispute = [0.0, 0.0, 0.0]
+        # m in x and y by which the pose may be off, as the speed may be
+        self._way_doubt = (0.0, 0.0)
 
     def take(self, measurement: Measurement) -> None:
         """Take in a measurement with the next step."""
@@ -191,7 +223,8 @@ class Fusion:
             fading = exp((self._now - now) / FORGOTTEN)
             self._dispute = [each * fading for each in self._dispute]
         self._now = now
-        if self._base_time < 0.0:  # nothing is known of how it moved before
+        # nothing is known of how it moved before
+        if self._base_time < 0.0:
             self._base_time = max(0.0, now - FIRST)
         first = len(self._entries)
         pending: dict[tuple[str, Kind, int], tuple[Measurement, int]] = {}
@@ -310,7 +343,8 @@ class Fusion:
                 measurement = _averaged(entry.measurement, entry.count, measurement, count)
                 count += entry.count
         time = measurement.time
-        key = (round(time / SAME_INSTANT), measurement.sensor)  # of the same instant, too, there is one order
+        # of the same instant, too, there is one order
+        key = (round(time / SAME_INSTANT), measurement.sensor)
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=attrgetter("key"))
         entries.insert(place, _Entry(measurement, self._base, time, key, count=count))
@@ -401,12 +435,14 @@ class Fusion:
             entry.new = False
             return self._turned(belief, measurement, new=new) if self._turning else belief
         judge = self._judges.get(measurement.sensor)
-        if judge is None:  # a robot at rest
+        # a robot at rest
+        if judge is None:
             residual, h = self._expect(belief.mean, measurement)
             return update(belief, residual, h, measurement.sigmas)[0]
         kind = measurement.kind
         if new and judge.settings.tells_pose and not self._located:
-            entry.new = entry.used = False  # in a frame that is still to be found: it says nothing on anybody's errors
+            # in a frame that is still to be found: it says nothing on anybody's errors
+            entry.new = entry.used = False
             judge.used += 1
             return self._locate(belief, measurement)
         residual, h = self._expect(belief.mean, measurement)
@@ -415,7 +451,8 @@ class Fusion:
         sigmas = measurement.sigmas[: len(residual)]
         after, nis, misses = update(belief, residual, h, sigmas)
         if kind is Kind.GYRO:
-            if misses[0] > TRACKS or misses[0] < -TRACKS:  # strong tracking: the robot turns otherwise than it did
+            # strong tracking: the robot turns otherwise than it did
+            if misses[0] > TRACKS or misses[0] < -TRACKS:
                 after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas)[0]
         elif kind is Kind.ENCODERS:
             after = self._wheels(belief, after, measurement, residual, h, misses)
@@ -658,7 +695,8 @@ class Fusion:
             return (values[0] - omega - bias,), (GYRO,)
         if kind is Kind.ENCODERS:
             expected, h = encoders(mean)
-            if self._turning and rows == (0, 1):  # how far they turn is told by `Kind.TURN`
+            # how far they turn is told by `Kind.TURN`
+            if self._turning and rows == (0, 1):
                 return (values[0] - expected[0],), h[:1]
         elif kind is Kind.VELOCITY:
             expected, h = velocities(mean)

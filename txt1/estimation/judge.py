@@ -27,20 +27,34 @@ from typing import Final, NamedTuple
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.model.kinematics import wrap_angle
 
-FITS: Final = 0.5  # s for which readings fit before a sensor that failed is believed again,
-FITTING: Final = 3  # and at least so many of them
-SAME_MAX: Final = 5  # equal readings in a row of a sensor that stands still
-SAME_COUNTS: Final = 25  # the same of encoders that turn
-MOVING: Final = 0.1  # m/s from which a position that stays the same stands still
-MEMORY: Final = 25  # readings over which a sensor's misses are averaged
-MOVES_BY: Final = 5.0  # m/s, more than a robot moves at, driven or carried
-TURNS_BY: Final = 10.0  # rad/s, likewise
-NOISE: Final = 3.5  # standard deviations that the difference of two readings may have besides
-KEEPS: Final = 5.0  # s for which a sensor of the place stays where it jumped to, and is believed again
-OTHER: Final = 0.2  # probability of the other hypothesis: that a jump was the robot's, that a sensor drifts away
-SEVERAL: Final = 3  # readings after a leap, before anybody may have been carried anywhere
-CHI99: Final = (6.635, 9.210, 11.345)  # chi-square of 1, 2, 3 numbers at 99 %
-CHI95: Final = (3.841, 5.991, 7.815)  # chi-square of 1, 2, 3 numbers at 95 %
+# s for which readings fit before a sensor that failed is believed again,
+FITS: Final = 0.5
+# and at least so many of them
+FITTING: Final = 3
+# equal readings in a row of a sensor that stands still
+SAME_MAX: Final = 5
+# the same of encoders that turn
+SAME_COUNTS: Final = 25
+# m/s from which a position that stays the same stands still
+MOVING: Final = 0.1
+# readings over which a sensor's misses are averaged
+MEMORY: Final = 25
+# m/s, more than a robot moves at, driven or carried
+MOVES_BY: Final = 5.0
+# rad/s, likewise
+TURNS_BY: Final = 10.0
+# standard deviations that the difference of two readings may have besides
+NOISE: Final = 3.5
+# s for which a sensor of the place stays where it jumped to, and is believed again
+KEEPS: Final = 5.0
+# probability of the other hypothesis: that a jump was the robot's, that a sensor drifts away
+OTHER: Final = 0.2
+# readings after a leap, before anybody may have been carried anywhere
+SEVERAL: Final = 3
+# chi-square of 1, 2, 3 numbers at 99 %
+CHI99: Final = (6.635, 9.210, 11.345)
+# chi-square of 1, 2, 3 numbers at 95 %
+CHI95: Final = (3.841, 5.991, 7.815)
 
 
 class Trust(NamedTuple):
@@ -48,22 +62,32 @@ class Trust(NamedTuple):
 
     name: str
     believed: bool
-    reason: str  # why not; empty while it is
-    used: int  # readings that were taken in
-    rejected: int  # readings that were not
-    late: int  # readings that were older than the horizon
-    surprise: float  # mean of NIS over the number of values: about 1 when its covariance is right
-    time: float | None  # of the last reading, s of the run
+    # why not; empty while it is
+    reason: str
+    # readings that were taken in
+    used: int
+    # readings that were not
+    rejected: int
+    # readings that were older than the horizon
+    late: int
+    # mean of NIS over the number of values: about 1 when its covariance is right
+    surprise: float
+    # of the last reading, s of the run
+    time: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Belonging:
     """A sensor's settings."""
 
-    gate: float = 5.0  # Mahalanobis distance beyond which a reading is not simply taken in
-    timeout: float = 1.0  # s without a reading after which it is silent
-    tells_pose: bool = False  # whether it tells x and y: then the pose is in its frame
-    told: bool = True  # whether something measures it: what was asked for stays the same as long as that does
+    # Mahalanobis distance beyond which a reading is not simply taken in
+    gate: float = 5.0
+    # s without a reading after which it is silent
+    timeout: float = 1.0
+    # whether it tells x and y: then the pose is in its frame
+    tells_pose: bool = False
+    # whether something measures it: what was asked for stays the same as long as that does
+    told: bool = True
 
 
 @dataclass(slots=True)
@@ -79,20 +103,31 @@ class Judge:
     late: int = 0
     surprise: float = 1.0
     time: float | None = None
-    since: float = 0.0  # when it was heard last, or began to be waited for
-    same: int = 0  # readings in a row that were equal
+    # when it was heard last, or began to be waited for
+    since: float = 0.0
+    # readings in a row that were equal
+    same: int = 0
     last: tuple[float, ...] = ()
-    placed_at: float | None = None  # when a reading of the pose was taken in, s of the run
-    placed_sigma: float = 0.0  # ... and its standard deviation, m
-    own: tuple[float, ...] = ()  # the last reading of the pose, m, m, rad
+    # when a reading of the pose was taken in, s of the run
+    placed_at: float | None = None
+    # ... and its standard deviation, m
+    placed_sigma: float = 0.0
+    # the last reading of the pose, m, m, rad
+    own: tuple[float, ...] = ()
     own_at: float = 0.0  # s of the run
-    missed: tuple[float, ...] = ()  # the residual of a reading beyond the gate, m, m, rad
+    # the residual of a reading beyond the gate, m, m, rad
+    missed: tuple[float, ...] = ()
     missed_at: float = 0.0  # s of the run
-    fitted_at: float | None = None  # when a reading of the pose was within 99 %, s of the run
-    grown_at: float = 0.0  # ... or the covariance grew for it
-    jumped_at: float | None = None  # when its readings leapt away from the pose, s of the run
-    jumped: int = 0  # readings since then
-    fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed
+    # when a reading of the pose was within 99 %, s of the run
+    fitted_at: float | None = None
+    # ... or the covariance grew for it
+    grown_at: float = 0.0
+    # when its readings leapt away from the pose, s of the run
+    jumped_at: float | None = None
+    # readings since then
+    jumped: int = 0
+    # readings in a row that fitted, of a sensor that is not believed
+    fitting: int = 0
     fitting_since: float = 0.0
 
     def trust(self) -> Trust:
@@ -138,7 +173,8 @@ class Judge:
             return False
         reach = [(TURNS_BY if row == 2 else MOVES_BY) * dt for row in measurement.rows]
         if residual[0] * before[0] + residual[1] * before[1] < 0.0:
-            return False  # on both sides of the pose: noise
+            # on both sides of the pose: noise
+            return False
         near = zip(residual, before, reach, measurement.sigmas, strict=True)
         return all(abs(here - there) <= far + NOISE * sqrt(2.0) * sigma for here, there, far, sigma in near)
 

@@ -18,10 +18,15 @@ class Kind(Enum):
 class Measurement(NamedTuple):
     """A reading as the filter takes it."""
 
-    time: float  # when it was taken, s of the run
+    # when it was taken, s of the run
+    time: float
     sensor: str
     kind: Kind
-    rows: tuple[int, ...]  # those of the kind's quantities that it has
-    values: tuple[float, ...]  # m, rad, m/s, rad/s
-    sigmas: tuple[float, ...]  # their standard deviations
-    at: tuple[float, float] = (0.0, 0.0)  # where on the robot a pose is measured, x forward, y left, m
+    # those of the kind's quantities that it has
+    rows: tuple[int, ...]
+    # m, rad, m/s, rad/s
+    values: tuple[float, ...]
+    # their standard deviations
+    sigmas: tuple[float, ...]
+    # where on the robot a pose is measured, x forward, y left, m
+    at: tuple[float, float] = (0.0, 0.0)

@@ -6,11 +6,16 @@ encoders stay believed, and the estimate says less of itself by the way that thi
 
 from typing import Final
 
-SETTLED: Final = 2.0  # s after a new set-point from which on the motor's output is the usual one for it
-SMOOTH: Final = 0.5  # s, the time constant of the output: encoders of coarse counts make it jump
-USUAL: Final = 30.0  # s, that of the usual one: batteries and motors change slowly
-BAND: Final = 0.15  # share by which the output may differ: curves, and a floor that is not even
-SAME: Final = 0.02  # m/s by which the set-point may change and be the same
+# s after a new set-point from which on the motor's output is the usual one for it
+SETTLED: Final = 2.0
+# s, the time constant of the output: encoders of coarse counts make it jump
+SMOOTH: Final = 0.5
+# s, that of the usual one: batteries and motors change slowly
+USUAL: Final = 30.0
+# share by which the output may differ: curves, and a floor that is not even
+BAND: Final = 0.15
+# m/s by which the set-point may change and be the same
+SAME: Final = 0.02
 
 
 class MotorWitness:
@@ -18,7 +23,8 @@ class MotorWitness:
 
     def __init__(self) -> None:
         self._setpoint = 0.0
-        self._since = 0.0  # s for which that has been in force
+        # s for which that has been in force
+        self._since = 0.0
         self._smooth = 0.0  # counts
         self._usual = 0.0  # counts
 

@@ -15,9 +15,12 @@ QUANTITIES: Final[dict[Kind, tuple[Quantity, ...]]] = {
 }
 
 SIGMAS: Final[dict[type, dict[Quantity, float]]] = {
-    ImuReading: {"omega": 0.006},  # rad/s; assumed for a 3DM-GX2
-    FixReading: {"x": 1.0, "y": 1.0, "theta": 0.2},  # m, where the receiver tells none; rad
-    TrackerReading: {"x": 0.002, "y": 0.002, "theta": 0.003, "v": 0.05, "omega": 0.1},  # m, rad; assumed
+    # rad/s; assumed for a 3DM-GX2
+    ImuReading: {"omega": 0.006},
+    # m, where the receiver tells none; rad
+    FixReading: {"x": 1.0, "y": 1.0, "theta": 0.2},
+    # m, rad; assumed
+    TrackerReading: {"x": 0.002, "y": 0.002, "theta": 0.003, "v": 0.05, "omega": 0.1},
 }
 """Standard deviations of readings that tell none."""
 

@@ -7,10 +7,14 @@ larger, the wheels spin, or an encoder errs. What they count meanwhile is not th
 from math import copysign
 from typing import Final
 
-HOLDS: Final = 15.0  # m/s^2: rubber on a dry floor has 10, racing tyres some more
-SPINS: Final = 0.5  # m/s beyond the possible speed from which on it is told; counts and jitter make less
-NO_WHEEL: Final = 20.0  # m/s: a counter that jumps makes more, and tells nothing of the wheels
-AGAIN: Final = 5.0  # s without any of it, after which it is told again
+# m/s^2: rubber on a dry floor has 10, racing tyres some more
+HOLDS: Final = 15.0
+# m/s beyond the possible speed from which on it is told; counts and jitter make less
+SPINS: Final = 0.5
+# m/s: a counter that jumps makes more, and tells nothing of the wheels
+NO_WHEEL: Final = 20.0
+# s without any of it, after which it is told again
+AGAIN: Final = 5.0
 
 
 class SpinWitness:
@@ -18,7 +22,8 @@ class SpinWitness:
 
     def __init__(self) -> None:
         self._possible = 0.0  # m/s
-        self._calm = AGAIN  # s for which the wheels have not spun
+        # s for which the wheels have not spun
+        self._calm = AGAIN
 
     def doubt(self, v: float, dt: float) -> tuple[float, str]:
         """By how much the wheels are faster than the car can be, m/s, and what is new of it, or "".

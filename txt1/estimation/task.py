@@ -25,28 +25,48 @@ from txt1.sensors.base import Reading
 from txt1.telemetry.topics import Rule, Topic, declare
 
 ESTIMATION_PERIOD: Final = 0.02  # s
-VOTES: Final = 5  # cycles from one vote on the sensors to the next
-PRIORITY: Final = -1  # behind the sensors in the same instant
+# cycles from one vote on the sensors to the next
+VOTES: Final = 5
+# behind the sensors in the same instant
+PRIORITY: Final = -1
 ENCODERS: Final = "encoders"
-REST: Final = 0.5  # s for which the encoders are silent and nothing is asked of a robot that stands
-SERVO_RATE: Final = 7.0  # rad/s of the steering; assumed
-TOGETHER: Final = 0.001  # s by which a turn of the steering may be put earlier, to where readings are: half the steps
-SPEED_MODEL: Final = 0.004  # m/s by which the encoders miss besides their counts: the floor and the tyres; assumed
-YAW_MODEL: Final = 0.015  # rad/s, likewise
-BLIND_SPEED: Final = 0.1  # m/s by which a robot without encoders misses its speed; assumed
-BLIND_YAW: Final = 0.1  # rad/s, likewise
-BLIND_SHARE: Final = 0.15  # of both, besides
-TURN_TIME: Final = 1.0  # s over which wheels and gyro are compared
-TURN_READINGS: Final = 10  # of the gyro in that time, at least
-TURN_NOISE: Final = 0.001  # rad by which the wheels miss it after 1 s besides their counts: the floor; assumed
-SKID_SHARE: Final = 0.3  # of a turn by which sides at two speeds differ besides, whose tyres scrub
-SIGMA_GYRO: Final = 0.006  # rad/s, each reading at 100 Hz; assumed
-GYRO_KEPT: Final = 1000  # readings
-GAP: Final = 0.1  # s, the longest between two of its readings that are integrated
-V_USABLE: Final = 0.1  # m/s, the standard deviation up to which the loops are given a speed
-OMEGA_USABLE: Final = 0.3  # rad/s, likewise
+# s for which the encoders are silent and nothing is asked of a robot that stands
+REST: Final = 0.5
+# rad/s of the steering; assumed
+SERVO_RATE: Final = 7.0
+# s by which a turn of the steering may be put earlier, to where readings are: half the steps
+TOGETHER: Final = 0.001
+# m/s by which the encoders miss besides their counts: the floor and the tyres; assumed
+SPEED_MODEL: Final = 0.004
+# rad/s, likewise
+YAW_MODEL: Final = 0.015
+# m/s by which a robot without encoders misses its speed; assumed
+BLIND_SPEED: Final = 0.1
+# rad/s, likewise
+BLIND_YAW: Final = 0.1
+# of both, besides
+BLIND_SHARE: Final = 0.15
+# s over which wheels and gyro are compared
+TURN_TIME: Final = 1.0
+# of the gyro in that time, at least
+TURN_READINGS: Final = 10
+# rad by which the wheels miss it after 1 s besides their counts: the floor; assumed
+TURN_NOISE: Final = 0.001
+# of a turn by which sides at two speeds differ besides, whose tyres scrub
+SKID_SHARE: Final = 0.3
+# rad/s, each reading at 100 Hz; assumed
+SIGMA_GYRO: Final = 0.006
+# readings
+GYRO_KEPT: Final = 1000
+# s, the longest between two of its readings that are integrated
+GAP: Final = 0.1
+# m/s, the standard deviation up to which the loops are given a speed
+V_USABLE: Final = 0.1
+# rad/s, likewise
+OMEGA_USABLE: Final = 0.3
 
-_COVARIANCES: Final = [  # of a planar robot in ROS's 6 x 6: x, y, theta; v, omega
+# of a planar robot in ROS's 6 x 6: x, y, theta; v, omega
+_COVARIANCES: Final = [
     (block, 6 * row + column, 5 * own_row + own_column)
     for block, places in (("pose", ((0, 0), (1, 1), (5, 2))), ("twist", ((0, 3), (5, 4))))
     for row, own_row in places
@@ -90,10 +110,13 @@ class Wheels(NamedTuple):
     """The robot's own part of a cycle."""
 
     odometry: Odometry
-    time: float  # when the odometry was read, s of the run
-    steering: float | None  # counts on the rear servo since the last cycle, left positive; None where nobody knows
+    # when the odometry was read, s of the run
+    time: float
+    # counts on the rear servo since the last cycle, left positive; None where nobody knows
+    steering: float | None
     setpoint: float  # m/s
-    motor: float | None  # counts on the motor since the last cycle; None where nobody knows
+    # counts on the motor since the last cycle; None where nobody knows
+    motor: float | None
 
 
 class Turning(NamedTuple):
@@ -102,7 +125,8 @@ class Turning(NamedTuple):
     begin: float  # s of the run
     end: float  # s of the run
     angle: float  # rad
-    still: bool  # whether it stood meanwhile
+    # whether it stood meanwhile
+    still: bool
 
 
 class Estimator:
@@ -133,28 +157,36 @@ class Estimator:
         self.fusion = Fusion(belongings, slip_sigma=config.slip)
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
-        self._counts = isfinite(geometry.count_length)  # without encoders there is no witness of how it rolls
+        # without encoders there is no witness of how it rolls
+        self._counts = isfinite(geometry.count_length)
         self._calibrations = {
             name: Calibration() for name, each in belongings.items() if each.tells_pose and self._counts
         }
-        self._gyro_scale = 0.0  # less 1
+        # less 1
+        self._gyro_scale = 0.0
         if self._calibrations:
             self.fusion.absolute = self._place
             self.fusion.doubt = self._doubt
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
         self._read = 0.0
-        self._angle = 0.0  # of the steering as it should be, rad, left positive
+        # of the steering as it should be, rad, left positive
+        self._angle = 0.0
         self._steering: float | None = None
         self._curvature = 0.0
-        self._still = 0.0  # s for which it has stood
+        # s for which it has stood
+        self._still = 0.0
         self._witness = MotorWitness()
         self._spinning = SpinWitness()
-        self._gyro: deque[tuple[float, float]] = deque(maxlen=GYRO_KEPT)  # its times (s) and rates (rad/s)
+        # its times (s) and rates (rad/s)
+        self._gyro: deque[tuple[float, float]] = deque(maxlen=GYRO_KEPT)
         self._turning: Turning | None = None
-        self._compared: deque[Turning] = deque(maxlen=2)  # which wait for the gyro
-        self._turns: list[float] = []  # what the gyro told since the last cycle, rad/s
-        self._wheels: tuple[float, float] | None = None  # what the encoders told with it, m/s and rad/s
+        # which wait for the gyro
+        self._compared: deque[Turning] = deque(maxlen=2)
+        # what the gyro told since the last cycle, rad/s
+        self._turns: list[float] = []
+        # what the encoders told with it, m/s and rad/s
+        self._wheels: tuple[float, float] | None = None
         self._cycles = 0
 
     def take(self, name: str, reading: Reading[Any]) -> None:
@@ -288,7 +320,8 @@ class Estimator:
         path, swing = float(np.trapezoid(np.abs(turning_at), at)), float(turning_at[-1] - turning_at[0])
         dt = end - begin
         share = SKID_SHARE if self._geometry.steering == "skid" else 0.0
-        counts = self._geometry.count_length / (self._geometry.track_width * sqrt(3.0))  # infinite without encoders
+        # infinite without encoders
+        counts = self._geometry.count_length / (self._geometry.track_width * sqrt(3.0))
         noise = TURN_NOISE * sqrt(dt)
         by_wheels = 0.0 if still else hypot(counts, noise, share * path, GYRO_CLOCK * swing)
         sigma = hypot(by_wheels, SIGMA_GYRO * sqrt(dt * 0.01))

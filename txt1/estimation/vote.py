@@ -16,22 +16,32 @@ from typing import Final, NamedTuple
 from txt1.model.kinematics import wrap_angle
 
 WINDOW: Final = 0.3  # s
-FRESH: Final = 0.5  # s that an absolute reading may be old
-ENOUGH: Final = 8  # cycles
-LEGS: Final = 5  # pieces into which a path by positions is cut
-SHARE: Final = 0.3  # of a rate that slip and understeer explain
-YAW: Final = 0.08  # rad/s, of noise, of lags, and of what is not straight
-TYRES: Final = 0.04  # rad/s at 1 m/s, of tyres that differ by 1 %
-SPEED: Final = 0.15  # m/s, of noise
+# s that an absolute reading may be old
+FRESH: Final = 0.5
+# cycles
+ENOUGH: Final = 8
+# pieces into which a path by positions is cut
+LEGS: Final = 5
+# of a rate that slip and understeer explain
+SHARE: Final = 0.3
+# rad/s, of noise, of lags, and of what is not straight
+YAW: Final = 0.08
+# rad/s at 1 m/s, of tyres that differ by 1 %
+TYRES: Final = 0.04
+# m/s, of noise
+SPEED: Final = 0.15
 
 
 class Cycle(NamedTuple):
     """What witnesses tell of a cycle; None where there is none."""
 
-    time: float  # s of the run, of its end
-    v: float  # m/s, of the wheels
+    # s of the run, of its end
+    time: float
+    # m/s, of the wheels
+    v: float
     wheels: float  # rad/s
-    gyro: float | None  # rad/s, without its bias
+    # rad/s, without its bias
+    gyro: float | None
     steering: float | None  # rad/s
 
 

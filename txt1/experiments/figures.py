@@ -19,15 +19,19 @@ from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STEP_SHOWN: Final = 1.5  # s of a step that are drawn
-COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00")  # the colour-blind, too, tell them apart (Okabe, Ito)
-STYLES: Final = ("-", "--", "-.", ":")  # so that no run is told by its colour alone
+# s of a step that are drawn
+STEP_SHOWN: Final = 1.5
+# the colour-blind, too, tell them apart (Okabe, Ito)
+COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00")
+# so that no run is told by its colour alone
+STYLES: Final = ("-", "--", "-.", ":")
+# of up to seven lines
 LOOKS: Final[tuple[dict[str, Any], ...]] = tuple(
     {"color": colour, "linestyle": style}
     for colour, style in zip(
         (*COLOURS, "#CC79A7", "#56B4E9", "#000000"), (*STYLES, "-", (0, (5, 1)), (0, (1, 1))), strict=True
     )
-)  # of up to seven lines
+)
 
 
 def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
@@ -101,7 +105,8 @@ def _steps(figure: Figure, runs: Sequence[Run]) -> None:
         axes.set_title(f"{step_name(judged[0][number])} {unit}", fontsize="small")
         axes.tick_params(labelsize="x-small")
         axes.grid(alpha=0.3)
-        if number + columns >= len(judged[0]):  # the lowest of its column; the legend would cover a label of all
+        # the lowest of its column; the legend would cover a label of all
+        if number + columns >= len(judged[0]):
             axes.tick_params(labelbottom=True)
             axes.set_xlabel("time, s", fontsize="x-small")
     figure.supylabel("response, m/s or rad/s", fontsize="small")
@@ -175,7 +180,8 @@ def _battery(figure: Figure, runs: Sequence[Run]) -> None:
     at = np.array([0.0, SAFE_END_MIN])
     axes.plot(at, INTERCEPT_V - SLOPE_V_PER_MIN * at, "k--", linewidth=0.8, label="the thesis's line")
     axes.set(xlabel="time, min", ylabel="battery voltage, V")
-    axes.set_ylim(top=12.7)  # the words of the ends stay above the curve
+    # the words of the ends stay above the curve
+    axes.set_ylim(top=12.7)
     axes.grid(alpha=0.3)
     _legend(figure, axes)
 
@@ -185,7 +191,8 @@ def _draw_paths(axes: Any, runs: Sequence[Run]) -> None:
         x, y = run.recording.path()
         axes.plot(x, y, **look, label=f"{run.label}, {_response(run, 'position')}")
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
-    axes.locator_params(nbins=6)  # a tall, narrow picture has no place for more
+    # a tall, narrow picture has no place for more
+    axes.locator_params(nbins=6)
     axes.grid(alpha=0.3)
 
 

@@ -22,18 +22,29 @@ from txt1.robot import Robot
 from txt1.sim.dynamics import dynamics
 from txt1.sim.vehicle import Vehicle
 
-CYCLE: Final = 0.05  # s between two commands
-SHORTEST: Final = 0.3  # s, of a manoeuvre
+# s between two commands
+CYCLE: Final = 0.05
+# s, of a manoeuvre
+SHORTEST: Final = 0.3
 LONGEST: Final = 3.0  # s
-SLALOM: Final = 0.8  # s, the period of a slalom
-STOPS: Final = 0.15  # share of the manoeuvres in which it stops
-LOCKED: Final = 0.35  # share of those in which it drives at full lock
-SLALOMS: Final = 0.1  # share of those in which it swerves
-PIVOTS: Final = 0.15  # share of those in which a skid car turns in place
-REVERSES: Final = 0.3  # share of those in which it drives backwards
-PUSHES: Final = 0.3  # share of the stops in which it is pushed
-PUSH_MAX: Final = 0.6  # m/s that a push gives
-SLIP_MAX: Final = 0.2  # share of the wheels' way
+# s, the period of a slalom
+SLALOM: Final = 0.8
+# share of the manoeuvres in which it stops
+STOPS: Final = 0.15
+# share of those in which it drives at full lock
+LOCKED: Final = 0.35
+# share of those in which it swerves
+SLALOMS: Final = 0.1
+# share of those in which a skid car turns in place
+PIVOTS: Final = 0.15
+# share of those in which it drives backwards
+REVERSES: Final = 0.3
+# share of the stops in which it is pushed
+PUSHES: Final = 0.3
+# m/s that a push gives
+PUSH_MAX: Final = 0.6
+# share of the wheels' way
+SLIP_MAX: Final = 0.2
 
 
 class Manoeuvre(NamedTuple):
@@ -42,9 +53,12 @@ class Manoeuvre(NamedTuple):
     seconds: float
     v: float  # m/s
     omega: float  # rad/s
-    slalom: bool  # whether the yaw rate swings between both signs
-    slip: float  # of the floor
-    push: float  # m/s that a hand gives the car in the middle; 0: none
+    # whether the yaw rate swings between both signs
+    slalom: bool
+    # of the floor
+    slip: float
+    # m/s that a hand gives the car in the middle; 0: none
+    push: float
 
 
 def manoeuvres(rng: Generator, config: Config, seconds: float, slip_max: float = SLIP_MAX) -> Iterator[Manoeuvre]:

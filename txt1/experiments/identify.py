@@ -20,51 +20,77 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.robot import Robot
 
-LEVELS: Final = (900, 1500, 2100, -900, -1500, -2100)  # motor counts, each held from rest
-SPEEDS: Final = (0.6, 0.9, 1.2, -0.6, -0.9, -1.2)  # m/s, set-points in their place behind a board
-TURNS: Final = (0.4, 0.0, -0.4, 0.0, 0.8, 0.0, -0.8, 0.0)  # rad/s, likewise for LOCKS
-SPEED_FEEDBACK: Final = Gains(5.0)  # about half the speed asked for is reached
-TURN_FEEDBACK: Final = Gains(10.0)  # a third of the yaw rate, at the speed below
-AT_REST: Final = 0.1  # m/s below which a hold began at rest
-CRUISE_SPEED: Final = 0.5  # m/s while the steering is tried
-DELAYS: Final = tuple(0.002 * k for k in range(101))  # s that a line may take, there and back
-LAGS: Final = tuple(0.002 * 1.02**k for k in range(320))  # s that a response with K_P alone may take
-LEVEL_TIME: Final = 4.0  # s of each: seven times the assumed lag
-REST_TIME: Final = 2.5  # s in between
-CRUISE: Final = 1800  # motor counts while the steering is tried
-LOCKS: Final = (6000, 0, -6000, 0, 12000, 0, -12000, 0)  # steering counts, left positive, one after the other
-LOCK_TIME: Final = 1.6  # s of each
-STEADY: Final = 0.4  # share of a step's time, at its end, that counts as steady
+# motor counts, each held from rest
+LEVELS: Final = (900, 1500, 2100, -900, -1500, -2100)
+# m/s, set-points in their place behind a board
+SPEEDS: Final = (0.6, 0.9, 1.2, -0.6, -0.9, -1.2)
+# rad/s, likewise for LOCKS
+TURNS: Final = (0.4, 0.0, -0.4, 0.0, 0.8, 0.0, -0.8, 0.0)
+# about half the speed asked for is reached
+SPEED_FEEDBACK: Final = Gains(5.0)
+# a third of the yaw rate, at the speed below
+TURN_FEEDBACK: Final = Gains(10.0)
+# m/s below which a hold began at rest
+AT_REST: Final = 0.1
+# m/s while the steering is tried
+CRUISE_SPEED: Final = 0.5
+# s that a line may take, there and back
+DELAYS: Final = tuple(0.002 * k for k in range(101))
+# s that a response with K_P alone may take
+LAGS: Final = tuple(0.002 * 1.02**k for k in range(320))
+# s of each: seven times the assumed lag
+LEVEL_TIME: Final = 4.0
+# s in between
+REST_TIME: Final = 2.5
+# motor counts while the steering is tried
+CRUISE: Final = 1800
+# steering counts, left positive, one after the other
+LOCKS: Final = (6000, 0, -6000, 0, 12000, 0, -12000, 0)
+# s of each
+LOCK_TIME: Final = 1.6
+# share of a step's time, at its end, that counts as steady
+STEADY: Final = 0.4
 
 
 # unevenness of the floor, as a share of the speed, anew at every tick; assumed, for the encoders show no patterns
 UNEVENNESS: Final = 0.03
-SAMPLING_PERIOD: Final = 0.02  # s between two steps of the loops and two readings of the encoders
-LOOP_DELAY: Final = (
-    2.0 * SAMPLING_PERIOD
-)  # age of what the loops react to: half a period measured, one waited, half one held
+# s between two steps of the loops and two readings of the encoders
+SAMPLING_PERIOD: Final = 0.02
+# age of what the loops react to: half a period measured, one waited, half one held
+LOOP_DELAY: Final = 2.0 * SAMPLING_PERIOD
 
 
 class Plant(NamedTuple):
     """A vehicle as its two loops see it."""
 
-    speed_gain: float  # m/s per PWM count beyond the dead band
+    # m/s per PWM count beyond the dead band
+    speed_gain: float
     dead_band: float  # counts
-    time_constant: float  # of the speed, s
-    steering_gain: float  # yaw rate per count of steering and m/s of speed, rad/m
-    steering_lag: float  # s by which the wheels' turn follows the counts
+    # of the speed, s
+    time_constant: float
+    # yaw rate per count of steering and m/s of speed, rad/m
+    steering_gain: float
+    # s by which the wheels' turn follows the counts
+    steering_lag: float
 
 
 class Hold(NamedTuple):
     """Outputs that were held, or that K_P alone settled to, and what the encoders told meanwhile."""
 
-    motor: float  # counts, when steady
-    steering: float  # counts, left positive
-    v: tuple[float, ...]  # at every tick, or whenever a board told it, m/s
-    omega: tuple[float, ...]  # likewise, rad/s
-    times: tuple[float, ...] = ()  # when that was, s since the hold began; empty: at every tick
-    speed_feedback: float = 0.0  # K_P in counts per m/s; 0: set by hand
-    turn_feedback: float = 0.0  # K_P in counts per rad/s
+    # counts, when steady
+    motor: float
+    # counts, left positive
+    steering: float
+    # at every tick, or whenever a board told it, m/s
+    v: tuple[float, ...]
+    # likewise, rad/s
+    omega: tuple[float, ...]
+    # when that was, s since the hold began; empty: at every tick
+    times: tuple[float, ...] = ()
+    # K_P in counts per m/s; 0: set by hand
+    speed_feedback: float = 0.0
+    # K_P in counts per rad/s
+    turn_feedback: float = 0.0
 
 
 async def try_out(robot: Robot) -> list[Hold]:
@@ -116,7 +142,8 @@ async def _by_hand(robot: Robot) -> list[Hold]:
 
 async def _by_feedback(robot: Robot) -> list[Hold]:
     """Return the motion with a board's loops having K_P alone; they get their own gains back."""
-    readings: list[tuple[float, float, float]] = []  # s, m/s, rad/s
+    # s, m/s, rad/s
+    readings: list[tuple[float, float, float]] = []
 
     async def measure(ticks: Ticks) -> None:
         async for _ in ticks:

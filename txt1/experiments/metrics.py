@@ -16,14 +16,21 @@ from txt1.experiments.recording import Array, Recording, mean_of
 from txt1.experiments.runner import SAFE_END, Leg, Outcome
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
-WINDOW: Final = 0.2  # s of which means are taken
-BAND: Final = 0.05  # share of a step within which a response counts as settled
-QUANTUM: Final = {"v": 0.016, "omega": 0.064}  # one encoder count in a tick, m/s and rad/s: no band is narrower
-STEADY: Final = 0.5  # share of a step's time, at its end, that counts as steady
-SETTLE_IN: Final = 2.0  # s after which a circle is a circle
-LEG_START: Final = 2.0  # m of a leg, from its start, in which the robot is still coming round the corner
+# s of which means are taken
+WINDOW: Final = 0.2
+# share of a step within which a response counts as settled
+BAND: Final = 0.05
+# one encoder count in a tick, m/s and rad/s: no band is narrower
+QUANTUM: Final = {"v": 0.016, "omega": 0.064}
+# share of a step's time, at its end, that counts as steady
+STEADY: Final = 0.5
+# s after which a circle is a circle
+SETTLE_IN: Final = 2.0
+# m of a leg, from its start, in which the robot is still coming round the corner
+LEG_START: Final = 2.0
 
-DELAYS: Final = np.arange(0.0, 0.2, 0.005)  # s by which a run's responses may come later than another's
+# s by which a run's responses may come later than another's
+DELAYS: Final = np.arange(0.0, 0.2, 0.005)
 DELAY_MAX: Final = float(DELAYS[-1])
 
 Channel = Literal["v", "omega"]
@@ -32,17 +39,28 @@ Channel = Literal["v", "omega"]
 class StepMetrics(NamedTuple):
     """The response to a change of one set-point."""
 
-    channel: Channel  # whose set-point changed
-    time: float  # when, s of the run
-    before: float  # set-point before, m/s or rad/s
-    after: float  # set-point from then on
-    rise: float | None  # s from 10 % to 90 % of the step; None: it never came there
-    overshoot: float  # share of the step by which the response exceeds its steady value before; never negative
-    overshoot_error: float | None  # its standard error, of repeated runs; None of one, whose noise counts as overshoot
-    settling: float | None  # s until it stays within the band around the steady value; None: it does not
-    steady_error: float  # steady value less the set-point, m/s or rad/s
-    noise: float  # standard deviation of the unsmoothed response when steady, m/s or rad/s
-    band: float  # half the band's width, m/s or rad/s
+    # whose set-point changed
+    channel: Channel
+    # when, s of the run
+    time: float
+    # set-point before, m/s or rad/s
+    before: float
+    # set-point from then on
+    after: float
+    # s from 10 % to 90 % of the step; None: it never came there
+    rise: float | None
+    # share of the step by which the response exceeds its steady value before; never negative
+    overshoot: float
+    # its standard error, of repeated runs; None of one, whose noise counts as overshoot
+    overshoot_error: float | None
+    # s until it stays within the band around the steady value; None: it does not
+    settling: float | None
+    # steady value less the set-point, m/s or rad/s
+    steady_error: float
+    # standard deviation of the unsmoothed response when steady, m/s or rad/s
+    noise: float
+    # half the band's width, m/s or rad/s
+    band: float
 
 
 def smooth(values: Array, times: Array) -> Array:
@@ -100,7 +118,8 @@ def steps(recording: Recording, *, stops: bool = False) -> list[StepMetrics]:
         set_point = recording[f"set_{channel}"]
         for first, last in changes(recording):
             # the speed's response goes on while only the yaw rate's set-point changes, but it is disturbed then
-            before = float(set_point[first - 1]) if first else 0.0  # a run begins at rest
+            # a run begins at rest
+            before = float(set_point[first - 1]) if first else 0.0
             if set_point[first] != before and bool(set_point[first]) is not stops and last - first >= 10:
                 found.append(_step(recording, channel, first, last, before))
     return sorted(found, key=lambda step: step.time)
@@ -181,10 +200,14 @@ def repeated_steps(recordings: Sequence[Recording]) -> list[StepMetrics]:
 class Deviation(NamedTuple):
     """The distance between the responses of two runs of one profile."""
 
-    channel: Channel  # what responded
-    delay: tuple[float, float]  # by which the other's responses to changes come later, s: least and most
-    rms: float  # root mean square of the difference of the responses, that delay apart, m/s or rad/s
-    largest: float  # the largest, m/s or rad/s
+    # what responded
+    channel: Channel
+    # by which the other's responses to changes come later, s: least and most
+    delay: tuple[float, float]
+    # root mean square of the difference of the responses, that delay apart, m/s or rad/s
+    rms: float
+    # the largest, m/s or rad/s
+    largest: float
 
 
 def difference(recording: Recording, other: Recording, channel: Channel) -> Deviation | None:
@@ -197,7 +220,8 @@ def difference(recording: Recording, other: Recording, channel: Channel) -> Devi
     here, there = response(recording, channel), response(other, channel)
     for first, last in changes(recording):
         at = time[first:last]
-        at = at[at < min(at[-1] - 0.5 * WINDOW, until)]  # later means look into the next response
+        # later means look into the next response
+        at = at[at < min(at[-1] - 0.5 * WINDOW, until)]
         if not len(at):
             continue
         tried = [here[first : first + len(at)] - np.interp(at + delay, other["time"], there) for delay in DELAYS]
@@ -224,9 +248,12 @@ class Droop(NamedTuple):
     """The loss of speed at a change of the yaw rate."""
 
     time: float  # s of the run
-    before: float  # rad/s commanded
-    after: float  # rad/s commanded
-    droop: float  # largest loss of speed, as a share of the set-point; negative: it only rose
+    # rad/s commanded
+    before: float
+    # rad/s commanded
+    after: float
+    # largest loss of speed, as a share of the set-point; negative: it only rose
+    droop: float
 
 
 def droops(recording: Recording) -> list[Droop]:
@@ -249,10 +276,14 @@ def droops(recording: Recording) -> list[Droop]:
 class Circle(NamedTuple):
     """A circle that was driven lap on lap."""
 
-    radius: float  # of the least-squares circle, m
-    asked: float  # v / omega of the set-points, m
-    laps: int  # how many whole ones there were
-    lap_to_lap: float | None  # largest distance of a point of a lap from the lap before, m; None with one lap
+    # of the least-squares circle, m
+    radius: float
+    # v / omega of the set-points, m
+    asked: float
+    # how many whole ones there were
+    laps: int
+    # largest distance of a point of a lap from the lap before, m; None with one lap
+    lap_to_lap: float | None
 
 
 def circle(recording: Recording) -> Circle | None:
@@ -295,9 +326,11 @@ def _distances(x: Array, y: Array, other_x: Array, other_y: Array) -> Array:
 class LegMetrics(NamedTuple):
     """The robot's distance from a leg, once it was round the corner."""
 
-    start: tuple[float, float]  # of the leg, m
+    # of the leg, m
+    start: tuple[float, float]
     end: tuple[float, float]  # m
-    rms: float  # cross-track error, m
+    # cross-track error, m
+    rms: float
     largest: float  # m
 
 
@@ -331,13 +364,20 @@ def leg_metrics(recording: Recording, legs: Sequence[Leg]) -> list[LegMetrics]:
 class BatteryMetrics(NamedTuple):
     """The discharge."""
 
-    slope: float  # of the line through the voltage up to the safe end, V/min
-    intercept: float  # of that line, V
-    slope_error: float  # relative to the thesis's line
-    intercept_error: float  # likewise
-    driven: float  # minutes until the end
-    remaining_rms: float  # root mean square of the remaining time told less what then remained of the 46 minutes, s
-    remaining_worst: float  # the largest of these errors, s
+    # of the line through the voltage up to the safe end, V/min
+    slope: float
+    # of that line, V
+    intercept: float
+    # relative to the thesis's line
+    slope_error: float
+    # likewise
+    intercept_error: float
+    # minutes until the end
+    driven: float
+    # root mean square of the remaining time told less what then remained of the 46 minutes, s
+    remaining_rms: float
+    # the largest of these errors, s
+    remaining_worst: float
 
 
 def battery(recording: Recording) -> BatteryMetrics | None:

@@ -16,7 +16,8 @@ from txt1.config.schema import Section
 from txt1.errors import ConfigError
 from txt1.units import Positive
 
-PROFILES: Final = Path(__file__).parent / "profiles"  # folder of the thesis's experiments
+# folder of the thesis's experiments
+PROFILES: Final = Path(__file__).parent / "profiles"
 EXAMPLE: Final = "for example {title: Turn, figure: path, steps: [{v: 0.5, omega: 0.3, seconds: 10}]}"
 
 
@@ -24,7 +25,8 @@ class ProfileStep(Section):
     """A velocity and how long to command it."""
 
     v: Annotated[float, Field(ge=-1.5, le=1.5)]  # m/s
-    omega: float  # rad/s; what R_min does not allow at this v is clipped by the safety gate, and counted
+    # rad/s; what R_min does not allow at this v is clipped by the safety gate, and counted
+    omega: float
     seconds: Annotated[float, Field(ge=0.1, le=36000.0)]
 
 
@@ -33,13 +35,18 @@ class Waypoints(Section):
 
     model_config = ConfigDict(ser_json_inf_nan="strings")
 
-    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]  # x and y, m
-    laps: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 1.0  # times round; .inf: until the batteries are empty
-    speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5  # m/s, the fastest
+    # x and y, m
+    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
+    # times round; .inf: until the batteries are empty
+    laps: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 1.0
+    # m/s, the fastest
+    speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5
     look_ahead: Positive = 1.0  # m
-    pose: Literal["odometry", "true", "fused", "map"] = "odometry"  # the robot goes by; "true" in simulation only,
+    # the robot goes by; "true" in simulation only,
+    pose: Literal["odometry", "true", "fused", "map"] = "odometry"
     # "fused" by all sensors together (estimation), "map" by the map that it drives in (mapping)
-    earth: str = ""  # name of the GPS on whose grid the points are, which are latitude and longitude then; empty: m
+    # name of the GPS on whose grid the points are, which are latitude and longitude then; empty: m
+    earth: str = ""
 
     @model_validator(mode="after")
     def _legs(self) -> Waypoints:
@@ -54,11 +61,16 @@ class Profile(Section):
 
     model_config = ConfigDict(ser_json_inf_nan="strings")
 
-    title: str  # title of its figure
-    figure: Literal["velocities", "path", "waypoints", "battery"]  # 4.3 and 4.4, 4.5 and 4.6, with errors, 3.13
-    sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02  # s between two samples
-    steps: tuple[ProfileStep, ...] = ()  # velocities to command, in turn
-    waypoints: Waypoints | None = None  # places to drive to
+    # title of its figure
+    title: str
+    # 4.3 and 4.4, 4.5 and 4.6, with errors, 3.13
+    figure: Literal["velocities", "path", "waypoints", "battery"]
+    # s between two samples
+    sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02
+    # velocities to command, in turn
+    steps: tuple[ProfileStep, ...] = ()
+    # places to drive to
+    waypoints: Waypoints | None = None
 
     @model_validator(mode="after")
     def _either(self) -> Profile:

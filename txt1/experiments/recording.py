@@ -18,26 +18,39 @@ Array = NDArray[np.float64]
 class Instant(NamedTuple):
     """One instant."""
 
-    time: float  # s of the experiment
-    set_v: float = 0.0  # commanded speed, m/s
-    set_omega: float = 0.0  # commanded yaw rate, rad/s
-    v: float = 0.0  # measured by the encoders, m/s
-    omega: float = 0.0  # measured by the encoders, rad/s
+    # s of the experiment
+    time: float
+    # commanded speed, m/s
+    set_v: float = 0.0
+    # commanded yaw rate, rad/s
+    set_omega: float = 0.0
+    # measured by the encoders, m/s
+    v: float = 0.0
+    # measured by the encoders, rad/s
+    omega: float = 0.0
     x: float = (
-        0.0  # where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with
+        # where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with
+        0.0
     )
     y: float = 0.0  # m
     theta: float = 0.0  # rad
-    read: float = 0.0  # when the encoders were read last, s: behind a line, when their odometry arrived
-    way: float = 0.0  # driven by the encoders until then, backward negative, m
-    turn: float = 0.0  # by the encoders until then, rad, whole turns and all
-    true_v: float = nan  # mean since the sample before, m/s; NaN, as those below, where the HAL does not know
+    # when the encoders were read last, s: behind a line, when their odometry arrived
+    read: float = 0.0
+    # driven by the encoders until then, backward negative, m
+    way: float = 0.0
+    # by the encoders until then, rad, whole turns and all
+    turn: float = 0.0
+    # mean since the sample before, m/s; NaN, as those below, where the HAL does not know
+    true_v: float = nan
     true_omega: float = nan  # rad/s
-    true_x: float = nan  # in the room, m
+    # in the room, m
+    true_x: float = nan
     true_y: float = nan  # m
     true_theta: float = nan  # rad
-    voltage: float = nan  # of the pack in use, V; NaN while unknown
-    remaining: float = nan  # time left by that voltage, s; NaN while unknown
+    # of the pack in use, V; NaN while unknown
+    voltage: float = nan
+    # time left by that voltage, s; NaN while unknown
+    remaining: float = nan
 
 
 class Recording:
@@ -81,7 +94,8 @@ def mean_of(recordings: Sequence[Recording]) -> Recording:
     length = min(map(len, recordings))
     mean = Recording(())
     mean.columns = np.mean([recording.columns[:, :length] for recording in recordings], axis=0)
-    for name in ("time", "set_v", "set_omega"):  # the same in all of them, and no sum may round them
+    # the same in all of them, and no sum may round them
+    for name in ("time", "set_v", "set_omega"):
         mean[name][:] = recordings[0][name][:length]
     return mean
 

@@ -12,7 +12,8 @@ from txt1.experiments.metrics import QUANTUM, Channel, Deviation, difference, pa
 from txt1.experiments.run_folder import Run
 
 TableRow = list[str]
-Titled = tuple[str, TableRow, list[TableRow]]  # A table's title, its column names and its rows
+# A table's title, its column names and its rows
+Titled = tuple[str, TableRow, list[TableRow]]
 
 
 def show(runs: Sequence[Run], console: Console, *, with_differences: bool = False) -> None:

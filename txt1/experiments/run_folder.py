@@ -23,10 +23,14 @@ FIGURE: Final = "figure.svg"
 class Run(NamedTuple):
     """A run as it is drawn and compared."""
 
-    label: str  # names it in legends and tables
-    profile: Profile  # what was driven
-    recording: Recording  # what was measured
-    metrics: dict[str, Any]  # `txt1.experiments.metrics.measure`
+    # names it in legends and tables
+    label: str
+    # what was driven
+    profile: Profile
+    # what was measured
+    recording: Recording
+    # `txt1.experiments.metrics.measure`
+    metrics: dict[str, Any]
 
     @property
     def legs(self) -> list[Leg]:

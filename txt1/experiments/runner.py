@@ -19,11 +19,15 @@ from txt1.navigation.waypoints import Point
 from txt1.robot import Robot
 from txt1.tasks.fields import BatteryState
 
-PUBLISH: Final = 0.1  # s between two commands, as in the original's tests
+# s between two commands, as in the original's tests
+PUBLISH: Final = 0.1
 
-STOPPED_V: Final = 0.02  # m/s below which the vehicle does not move, ...
-STOPPED_TIME: Final = 5.0  # ... and s after which a vehicle that does not, though commanded to, ends the experiment.
-LOOK: Final = 1.0  # s between two looks at the batteries
+# m/s below which the vehicle does not move, ...
+STOPPED_V: Final = 0.02
+# ... and s after which a vehicle that does not, though commanded to, ends the experiment.
+STOPPED_TIME: Final = 5.0
+# s between two looks at the batteries
+LOOK: Final = 1.0
 
 
 class Leg(NamedTuple):
@@ -37,11 +41,16 @@ class Leg(NamedTuple):
 class Outcome(NamedTuple):
     """The result of an experiment."""
 
-    recording: Recording  # what was measured
-    legs: tuple[Leg, ...]  # of waypoints, in order
-    stopped_by: str  # why it ended: "the end of the profile", or what came before it
-    warned: float | None  # when the battery warning came, s of the experiment; None: it did not
-    pose_source: str  # what the robot went by; "" without waypoints
+    # what was measured
+    recording: Recording
+    # of waypoints, in order
+    legs: tuple[Leg, ...]
+    # why it ended: "the end of the profile", or what came before it
+    stopped_by: str
+    # when the battery warning came, s of the experiment; None: it did not
+    warned: float | None
+    # what the robot went by; "" without waypoints
+    pose_source: str
 
     def json(self) -> list[Any]:
         """The outcome as values that JSON has; `outcome_of` is the way back."""
@@ -68,8 +77,10 @@ class Experiment:
 
     robot: Robot
     profile: Profile
-    safe_end: bool = True  # whether the robot stops by itself when no time is left on its batteries
-    progressed: Callable[[float], None] = lambda _: None  # told how much of the profile is over, 0 to 1
+    # whether the robot stops by itself when no time is left on its batteries
+    safe_end: bool = True
+    # told how much of the profile is over, 0 to 1
+    progressed: Callable[[float], None] = lambda _: None
 
     def __post_init__(self) -> None:
         self._samples: list[Instant] = []
@@ -78,7 +89,8 @@ class Experiment:
         self._warned: float | None = None
         self._stopped_by = INTERRUPTED
         self._source: PoseSource | None = None
-        self._believed: Pose | None = None  # where waypoints find the robot
+        # where waypoints find the robot
+        self._believed: Pose | None = None
         self._still_since = inf
 
     async def run(self) -> None:
@@ -190,7 +202,8 @@ class Experiment:
             pose, battery = robot.pose, robot.battery
             true_v = true_omega = nan
             if pose is not None:
-                if before is None:  # the true speed is a mean since the sample before
+                # the true speed is a mean since the sample before
+                if before is None:
                     before = now, pose
                     continue
                 distance, angle = step_between(before[1], pose)

@@ -29,20 +29,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPERIMENT: Final = "sensor-failure"
-SETUPS: Final = ("imu-gps", "vicon")  # presets whose sensors fail
+# presets whose sensors fail
+SETUPS: Final = ("imu-gps", "vicon")
 FAILURES: Final = ("sound", "frozen", "silent", "jumping", "drifting", "not a number", "late by 0.3 s")
 COURSE: Final = [(-1.5, -2.0), (-1.5, 2.0), (1.5, 2.0), (1.5, -2.0)]  # m
 LAPS: Final = 2.5
-BEGIN: Final = 30.0  # s of the run when the failure begins
-END: Final = 45.0  # and when it ends
+# s of the run when the failure begins
+BEGIN: Final = 30.0
+# and when it ends
+END: Final = 45.0
 LATE: Final = 0.3  # s
-JUMPS: Final = {ENCODERS: (0.3, 0.0), "imu": (0.5,), "gps": (20.0, 0.0), "vicon": (0.5, 0.0, 0.0)}  # m/s; rad/s; m; m
+# m/s; rad/s; m; m
+JUMPS: Final = {ENCODERS: (0.3, 0.0), "imu": (0.5,), "gps": (20.0, 0.0), "vicon": (0.5, 0.0, 0.0)}
 DRIFTS: Final = {ENCODERS: (0.05, 0.0), "imu": (0.05,), "gps": (2.0, 0.0), "vicon": (0.05, 0.0, 0.0)}
 """The same in a second."""
-SETTINGS: Final[dict[str, Any]] = {"slow": 0.0}  # the GPS's errors are white here: slow ones are no failure
+# the GPS's errors are white here: slow ones are no failure
+SETTINGS: Final[dict[str, Any]] = {"slow": 0.0}
 
 Array = NDArray[np.float64]
-Which = tuple[str, str, str]  # set-up, sensor, failure
+# set-up, sensor, failure
+Which = tuple[str, str, str]
 
 
 class Failing:
@@ -80,7 +86,8 @@ class Failing:
                 return ()
             case "frozen":
                 values = self._held
-            case "jumping":  # away and back, twice a second
+            case "jumping":
+                # away and back, twice a second
                 if int(2.0 * now) % 2:
                     values = added(values, JUMPS[self._sensor], 1.0)
             case "drifting":
@@ -101,13 +108,20 @@ class FailureOutcome(NamedTuple):
     setup: str
     sensor: str
     failure: str
-    error: float  # largest distance of the fused pose from the true one from the failure on, m
-    heading: float  # largest error of the heading, rad
-    share: float  # largest error of x, y or theta as a share of three of its own standard deviations then
-    detection: float  # s until the sensor was believed no longer; infinite: it was believed all the time
-    recovery: float  # s from the end of the failure until it was believed again; infinite: it was not
-    disarmed: str  # why the gate was closed; empty while it stayed open
-    trace: Array  # time (s), distance (m), three times its standard deviation (m), shape (samples, 3)
+    # largest distance of the fused pose from the true one from the failure on, m
+    error: float
+    # largest error of the heading, rad
+    heading: float
+    # largest error of x, y or theta as a share of three of its own standard deviations then
+    share: float
+    # s until the sensor was believed no longer; infinite: it was believed all the time
+    detection: float
+    # s from the end of the failure until it was believed again; infinite: it was not
+    recovery: float
+    # why the gate was closed; empty while it stayed open
+    disarmed: str
+    # time (s), distance (m), three times its standard deviation (m), shape (samples, 3)
+    trace: Array
 
     def row(self) -> dict[str, object]:
         """The outcome's row of the table, by column."""

@@ -14,40 +14,63 @@ from txt1.experiments.metrics import BAND, excess, settled_after, smooth
 from txt1.experiments.recording import Array
 from txt1.model.vehicle import Geometry
 
-SPEEDS: Final = (0.25, 0.5, 0.75, 1.0)  # steps of the speed that gains are tried on, m/s
-TURNS: Final = ((0.0, 0.3), (0.3, 0.4), (0.4, 0.6), (0.6, 0.8))  # steps of the yaw rate, rad/s
-CRUISE: Final = 0.5  # m/s at which they are tried; the loop's gain is made the same at every speed
-V_MAX: Final = 1.5  # m/s, the fastest the controller accepts (thesis 4.2)
-SEEDS: Final = range(16)  # seeds of the trials of the speed
-TURN_SEEDS: Final = range(32)  # of the yaw rate: more, as an encoder count is a larger share of a step there
-TRIAL: Final = 4.0  # s of a trial of the speed
-TURN_TRIAL: Final = 2.5  # s of a trial of the yaw rate
-LESS: Final = 0.9  # share of the present overshoot allowed in the model, so that the vehicle shows no more than before
-NO_OVERSHOOT: Final = 0.001  # share of a step of the speed that noise makes of a response that does not overshoot
-TURN_NO_OVERSHOOT: Final = 0.002  # likewise of the yaw rate
-EXCESS: Final = 10000.0  # s that an overshoot of 1 costs, beyond what is allowed; noise, as a share of a step, likewise
-MARGIN: Final = 0.03  # s by which every step of the speed is to settle sooner in the model, to do so on the vehicle, ..
-TURN_MARGIN: Final = 0.06  # ... and every step of the yaw rate
-SLOWER: Final = 50.0  # s that each s costs by which one step settles later than before, however soon others do
+# steps of the speed that gains are tried on, m/s
+SPEEDS: Final = (0.25, 0.5, 0.75, 1.0)
+# steps of the yaw rate, rad/s
+TURNS: Final = ((0.0, 0.3), (0.3, 0.4), (0.4, 0.6), (0.6, 0.8))
+# m/s at which they are tried; the loop's gain is made the same at every speed
+CRUISE: Final = 0.5
+# m/s, the fastest the controller accepts (thesis 4.2)
+V_MAX: Final = 1.5
+# seeds of the trials of the speed
+SEEDS: Final = range(16)
+# of the yaw rate: more, as an encoder count is a larger share of a step there
+TURN_SEEDS: Final = range(32)
+# s of a trial of the speed
+TRIAL: Final = 4.0
+# s of a trial of the yaw rate
+TURN_TRIAL: Final = 2.5
+# share of the present overshoot allowed in the model, so that the vehicle shows no more than before
+LESS: Final = 0.9
+# share of a step of the speed that noise makes of a response that does not overshoot
+NO_OVERSHOOT: Final = 0.001
+# likewise of the yaw rate
+TURN_NO_OVERSHOOT: Final = 0.002
+# s that an overshoot of 1 costs, beyond what is allowed; noise, as a share of a step, likewise
+EXCESS: Final = 10000.0
+# s by which every step of the speed is to settle sooner in the model, to do so on the vehicle, ..
+MARGIN: Final = 0.03
+# ... and every step of the yaw rate
+TURN_MARGIN: Final = 0.06
+# s that each s costs by which one step settles later than before, however soon others do
+SLOWER: Final = 50.0
 
-PROPORTIONAL: Final = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)  # K_P that is tried, times the speed per count
-RATES: Final = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0)  # K_I / K_P that is tried, per lag: 1 cancels it
-FINER: Final = (0.06, 0.03, 0.015)  # shares by which the best of these are then changed
-TURN_PROPORTIONAL: Final = (0.0, 0.05, 0.1, 0.15)  # K_P of the yaw rate, times the yaw rate per count
-TURN_RATES: Final = (4.0, 5.0, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0)  # K_I times that, 1/s: how fast the loop closes
+# K_P that is tried, times the speed per count
+PROPORTIONAL: Final = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
+# K_I / K_P that is tried, per lag: 1 cancels it
+RATES: Final = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
+# shares by which the best of these are then changed
+FINER: Final = (0.06, 0.03, 0.015)
+# K_P of the yaw rate, times the yaw rate per count
+TURN_PROPORTIONAL: Final = (0.0, 0.05, 0.1, 0.15)
+# K_I times that, 1/s: how fast the loop closes
+TURN_RATES: Final = (4.0, 5.0, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0)
 
 # the number of gains that are tried altogether
 CANDIDATES: Final = len(PROPORTIONAL) * len(RATES) + len(TURN_PROPORTIONAL) * len(TURN_RATES) + 2 * 9 * len(FINER)
 
-Step = tuple[float, float]  # from one set-point to another, m/s or rad/s
+# from one set-point to another, m/s or rad/s
+Step = tuple[float, float]
 
 
 class Quality(NamedTuple):
     """The quality of a response."""
 
     settling: float  # s
-    overshoot: float  # as a share of the step
-    noise: float  # standard deviation when steady, as a share of the step
+    # as a share of the step
+    overshoot: float
+    # standard deviation when steady, as a share of the step
+    noise: float
 
 
 def linear_gains(
@@ -80,12 +103,14 @@ def angular_gains(
     """
     borders = [gain_set.v_max for gain_set in schedule.sets]
     highest = [_highest(below, v_max, borders) for below, v_max in zip((-V_MAX, *borders), borders, strict=False)]
-    here = highest[min(bisect_left(borders, CRUISE), len(borders) - 1)]  # of the set in force in the trials
+    # of the set in force in the trials
+    here = highest[min(bisect_left(borders, CRUISE), len(borders) - 1)]
 
     def respond(gains: Gains, step: Step) -> list[Array]:
         return [yaw_response(plant, gains, CRUISE, *step, TURN_TRIAL, geometry, seed) for seed in TURN_SEEDS]
 
-    per_count = 1000.0 * plant.steering_gain * here  # mrad/s
+    # mrad/s
+    per_count = 1000.0 * plant.steering_gain * here
     candidates = (Gains(kp / per_count, ki / per_count, 0.0) for kp, ki in product(TURN_PROPORTIONAL, TURN_RATES))
     best = _best(respond, TURNS, schedule.at(CRUISE), candidates, TURN_MARGIN, TURN_NO_OVERSHOOT, tried)
     return tuple(

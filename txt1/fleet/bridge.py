@@ -27,14 +27,22 @@ from txt1.sidecar import LINE_MAX, Connection
 
 FLEET_RATE: Final = 20.0  # Hz
 TOPICS: Final = ["/said", "/member", "/fleet_order", "/fleet_stops"]
-SELDOM: Final = ["/learned"]  # once a second
-PASSED: Final = 0.8  # s from one table of a robot to its next that is passed on
-AT_ONCE: Final = 5  # tables that are passed on at a time
-ORDERS: Final = 20  # orders of each kind that wait for the next look; only the newest are kept
-ROOM: Final = LINE_MAX * 2 // 5  # bytes of a list about the others
-ANSWERED: Final = 1.0  # s after which an incomplete stop of all is reported as it stands
-SHOWN: Final = 60.0  # s for which a stop of all is shown
-WAIT: Final = 0.01  # s that an order of the others may wait
+# once a second
+SELDOM: Final = ["/learned"]
+# s from one table of a robot to its next that is passed on
+PASSED: Final = 0.8
+# tables that are passed on at a time
+AT_ONCE: Final = 5
+# orders of each kind that wait for the next look; only the newest are kept
+ORDERS: Final = 20
+# bytes of a list about the others
+ROOM: Final = LINE_MAX * 2 // 5
+# s after which an incomplete stop of all is reported as it stands
+ANSWERED: Final = 1.0
+# s for which a stop of all is shown
+SHOWN: Final = 60.0
+# s that an order of the others may wait
+WAIT: Final = 0.01
 
 T = TypeVar("T")
 
@@ -49,7 +57,8 @@ def main(
 ) -> None:
     """Speak for the robot in the fleet until its run ends; the arguments are the same as those of `Peer`."""
     gate = ReportedGate(RealClock().now_ns)
-    stops: deque[tuple[str, str]] = deque(maxlen=ORDERS)  # filled by Zenoh's threads, which must not wait
+    # filled by Zenoh's threads, which must not wait
+    stops: deque[tuple[str, str]] = deque(maxlen=ORDERS)
     # a queue of its own, so that many commands push no stop out
     drives: deque[tuple[float, float, float]] = deque(maxlen=ORDERS)
     doubles: deque[str] = deque(maxlen=1)
@@ -62,15 +71,18 @@ def main(
     hooks = Hooks(stop, lambda who, v, omega, given: drives.append((v, omega, given)), doubles.append)
     robot.request("subscribe", topics=TOPICS, rate=FLEET_RATE, seldom=SELDOM)
     try:
-        with ThreadPoolExecutor(1) as beside:  # to look whether a name is taken takes longer than a heartbeat
+        # to look whether a name is taken takes longer than a heartbeat
+        with ThreadPoolExecutor(1) as beside:
             joining = beside.submit(Peer, name, interface, None if key is None else Path(key), hooks, loss, fleet)
             while not joining.done():
                 robot.receive(WAIT)
         peer = joining.result()
     except ConfigError as error:
         refused(robot, str(error))
-    told: set[tuple[str, str]] = set()  # each robot whose message was refused, and why
-    passed: dict[str, float] = {}  # when the last table of each robot that was passed on was heard
+    # each robot whose message was refused, and why
+    told: set[tuple[str, str]] = set()
+    # when the last table of each robot that was passed on was heard
+    passed: dict[str, float] = {}
     try:
         while True:
             telemetry = robot.receive(WAIT)

@@ -34,8 +34,10 @@ from txt1.web.options import WEB, WebPage, web_page
 if TYPE_CHECKING:
     from txt1.fleet.network import Peer
 
-STILL: Final = (0.01, 0.02)  # m/s and rad/s up to which a robot counts as standing
-EARLY: Final = 3.5  # s after which an incomplete stop of all is reported as it stands
+# m/s and rad/s up to which a robot counts as standing
+STILL: Final = (0.01, 0.02)
+# s after which an incomplete stop of all is reported as it stands
+EARLY: Final = 3.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -133,7 +135,8 @@ async def _operate(
         async def prepare() -> None:
             await fleet.get_ready(arm=arguments.arm)
             steering = fleet.begin_tasks()
-            await asyncio.gather(*steering, asyncio.Future[None]())  # only an error of these tasks ends the run
+            # only an error of these tasks ends the run
+            await asyncio.gather(*steering, asyncio.Future[None]())
 
         preparing = asyncio.ensure_future(prepare())
         more = {"n": helm.next, "e": helm.toggle_esc}

@@ -29,19 +29,30 @@ from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.radio import Said
 from txt1.model.kinematics import wrap_angle
 
-SLACK: Final = 0.26  # m added to the circles of two cars: the distance d of their centres at rest
-GAP: Final = 2.0 * DEFAULT_BODY.reach + SLACK  # d of two TXT-1s, m
-HEADWAY: Final = 0.8  # h, s; with k and tau below, the condition asks for 0.35 s, and late hearing for more
-GAIN: Final = 0.8  # k, 1/s
-LOOK_AHEAD: Final = 0.6  # m, of the pursuit
-TRACK_STEP: Final = 0.05  # m between two points of the track
-TRACK_MAX: Final = 1000  # points of the track
-CATCHING_UP: Final = 2.0 / 3.0  # share of a follower's top speed at which it catches up
-LEADING: Final = 1.0 / 3.0  # share of the slowest car's top speed at which the leader drives if no speed is given
+# m added to the circles of two cars: the distance d of their centres at rest
+SLACK: Final = 0.26
+# d of two TXT-1s, m
+GAP: Final = 2.0 * DEFAULT_BODY.reach + SLACK
+# h, s; with k and tau below, the condition asks for 0.35 s, and late hearing for more
+HEADWAY: Final = 0.8
+# k, 1/s
+GAIN: Final = 0.8
+# m, of the pursuit
+LOOK_AHEAD: Final = 0.6
+# m between two points of the track
+TRACK_STEP: Final = 0.05
+# points of the track
+TRACK_MAX: Final = 1000
+# share of a follower's top speed at which it catches up
+CATCHING_UP: Final = 2.0 / 3.0
+# share of the slowest car's top speed at which the leader drives if no speed is given
+LEADING: Final = 1.0 / 3.0
 # share of the slowest car's top speed that the leader never exceeds, so that the others can catch up
 RESERVE: Final = 0.6
-WIDER: Final = 1.1  # the leader's smallest circle, in turning circles of the least agile car
-CREEP: Final = 0.08  # m/s; a slower set-point counts as rest, as the motors' dead band makes slow driving uneven
+# the leader's smallest circle, in turning circles of the least agile car
+WIDER: Final = 1.1
+# m/s; a slower set-point counts as rest, as the motors' dead band makes slow driving uneven
+CREEP: Final = 0.08
 
 
 class Leader:

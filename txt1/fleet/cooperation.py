@@ -17,8 +17,10 @@ from txt1.sensors.readings import TrackerReading
 
 See = Callable[[Robot], tuple[float, float] | None]
 
-STUCK_AFTER: Final = 20.0  # s; a robot that wants to drive is stuck if within this time ...
-STUCK_WITHIN: Final = 0.25  # ... it moves less than this many m
+# s; a robot that wants to drive is stuck if within this time ...
+STUCK_AFTER: Final = 20.0
+# ... it moves less than this many m
+STUCK_WITHIN: Final = 0.25
 
 
 class Cooperation:
@@ -38,7 +40,8 @@ class Cooperation:
         self._start = robot.config.sim.start
         self._body = body_of(robot.config)
         self._guard = TeamGuard(self._body, room if room is not None and all(map(isfinite, room)) else None)
-        self._moved = 0.0, 0.0, -inf  # place of its last motion, m, and the time, s of the loop
+        # place of its last motion, m, and the time, s of the loop
+        self._moved = 0.0, 0.0, -inf
 
     def begin(self) -> None:
         """Start the robot's task."""

@@ -21,15 +21,23 @@ from txt1.fleet.guard import WALL
 from txt1.fleet.radio import Said
 from txt1.fleet.steering import NEAR_BORDER, Helmsman, inside
 
-SQUARE: Final = 0.25  # m, side of a square
-SEEN: Final = 0.5  # m from a robot's pose; squares within it are visited
-SPEED_SHARE: Final = 4.0 / 15.0  # of the top speed; 0.4 m/s for the TXT-1
-TURN: Final = 1.0  # m added to the way to every target
-BEHIND: Final = 2.0  # m added to the way to a target behind the car
-WITHIN: Final = 4.0  # m added to the way if the car has to make room first
+# m, side of a square
+SQUARE: Final = 0.25
+# m from a robot's pose; squares within it are visited
+SEEN: Final = 0.5
+# of the top speed; 0.4 m/s for the TXT-1
+SPEED_SHARE: Final = 4.0 / 15.0
+# m added to the way to every target
+TURN: Final = 1.0
+# m added to the way to a target behind the car
+BEHIND: Final = 2.0
+# m added to the way if the car has to make room first
+WITHIN: Final = 4.0
 REACHED: Final = 0.3  # m
-TARGET_STEPS: Final = 300  # largest number of steps for one target
-LOOK: Final = 5  # steps between two updates of the robots' places; a robot drives at most 0.1 m meanwhile
+# largest number of steps for one target
+TARGET_STEPS: Final = 300
+# steps between two updates of the robots' places; a robot drives at most 0.1 m meanwhile
+LOOK: Final = 5
 
 
 class Coverage:
@@ -60,7 +68,8 @@ class Coverage:
         self._goal: tuple[float, float] | None = None
         self._square: tuple[int, ...] = 0, 0
         self._steps = 0
-        self._looked = 0  # steps until the next look
+        # steps until the next look
+        self._looked = 0
         self._helmsman = Helmsman(sorted(team).index(name), body, room)
 
     def share(self, now: float, within: float) -> float:

@@ -38,12 +38,17 @@ from typing import Final
 from txt1.fleet.body import Body
 from txt1.fleet.radio import Said
 
-LAG: Final = 0.5  # s; the vehicles that come with the package roll on for 0.05 to 0.46 s times their speed
-RATE: Final = 1.2  # 1/s
-MARGIN: Final = 0.12  # m between two circles, for steering's lag and late hearing
-WALL: Final = 0.08  # m between a circle and a wall
+# s; the vehicles that come with the package roll on for 0.05 to 0.46 s times their speed
+LAG: Final = 0.5
+# 1/s
+RATE: Final = 1.2
+# m between two circles, for steering's lag and late hearing
+MARGIN: Final = 0.12
+# m between a circle and a wall
+WALL: Final = 0.08
 
-Room = tuple[float, float]  # length and width, m
+# length and width, m
+Room = tuple[float, float]
 
 
 class TeamGuard:

@@ -27,10 +27,14 @@ from typing import Final
 from txt1.errors import ConfigError
 from txt1.fleet.messages import is_name
 
-FLEET_NAME: Final = "txt1"  # the name of a fleet by default
-SIGNATURE: Final = 32  # letters of a signature: 128 bits in hexadecimal
-KEY_MIN: Final = 16  # letters of a password
-KEY_MAX: Final = 4096  # bytes of the longest file that may be a key
+# the name of a fleet by default
+FLEET_NAME: Final = "txt1"
+# letters of a signature: 128 bits in hexadecimal
+SIGNATURE: Final = 32
+# letters of a password
+KEY_MIN: Final = 16
+# bytes of the longest file that may be a key
+KEY_MAX: Final = 4096
 MADE: Final = ("space", "signature", "password")
 
 

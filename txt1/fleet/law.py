@@ -18,7 +18,8 @@ from txt1.fleet.radio import Said
 from txt1.fleet.rendezvous import Rendezvous
 from txt1.fleet.search import Search
 
-Rooms = tuple[float, float]  # length and width of the room, m
+# length and width of the room, m
+Rooms = tuple[float, float]
 
 
 class Law(Protocol):

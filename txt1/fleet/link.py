@@ -22,7 +22,8 @@ SAID: Final = declare(Topic("/said", Said, "m, rad, m/s, rad/s", "std_msgs/Strin
 MEMBER: Final = declare(
     Topic("/member", Member, "", "std_msgs/String", Rule.SNAPSHOT, "this robot, as the fleet sees it")
 )
-BRIDGE_PATIENCE: Final = 15.0  # s; without a bridge by then, the robot has no fleet
+# s; without a bridge by then, the robot has no fleet
+BRIDGE_PATIENCE: Final = 15.0
 ORDER: Final = declare(
     Topic("/fleet_order", str, "", "std_msgs/String", Rule.EVENT, "what this robot asks of the fleet: stop")
 )
@@ -36,8 +37,10 @@ STOPS: Final[Topic[tuple[str, ...]]] = declare(
         "the stops of all that this robot has obeyed",
     )
 )
-STOPS_MAX: Final = 20  # stops of all that are remembered; an older stop would be obeyed again if it were repeated
-QUIET: Final = 1.0  # s without a message of the bridge after which the fleet counts as not reached
+# stops of all that are remembered; an older stop would be obeyed again if it were repeated
+STOPS_MAX: Final = 20
+# s without a message of the bridge after which the fleet counts as not reached
+QUIET: Final = 1.0
 
 
 class FleetLink:
@@ -50,13 +53,19 @@ class FleetLink:
         self._said: Said | None = None
         self._cooperation: Cooperation | None = None
         self._joined = asyncio.Event()
-        self._since = inf  # when it joined the fleet, s of the loop
-        self._took = -inf  # last message of the bridge about the others, s of the loop
-        self._obeyed: deque[str] = deque(maxlen=STOPS_MAX)  # identities of stops of all
-        self._standing = ""  # how the last stop of all that this robot gave stands
+        # when it joined the fleet, s of the loop
+        self._since = inf
+        # last message of the bridge about the others, s of the loop
+        self._took = -inf
+        # identities of stops of all
+        self._obeyed: deque[str] = deque(maxlen=STOPS_MAX)
+        # how the last stop of all that this robot gave stands
+        self._standing = ""
         self._learned: Learned | None = None
-        self._taught: dict[str, tuple[Learned, float]] = {}  # rows learned by the others, and when they came
-        self._refused: dict[str, str] = {}  # names of robots whose rows were refused, and why
+        # rows learned by the others, and when they came
+        self._taught: dict[str, tuple[Learned, float]] = {}
+        # names of robots whose rows were refused, and why
+        self._refused: dict[str, str] = {}
         self.refused: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done, with a ConfigError, when the fleet does not let the robot in."""
         self.requests: Mapping[str, Callable[..., object]] = {

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from txt1.robot import Robot
 
 
-NEW: Final = 30.0  # s in a fleet; within them a robot leaves to an earlier robot of the same name
+# s in a fleet; within them a robot leaves to an earlier robot of the same name
+NEW: Final = 30.0
 
 
 class Member(NamedTuple):
@@ -76,7 +77,8 @@ def _stop_of(robot: Robot) -> str:
     if robot.runtime.stands(robot.now) and not robot.hal.capabilities.blind:
         return Stop.STANDING
     seen = robot.stop_state
-    if seen is Stop.STANDING:  # the watch was not asked since
+    # the watch was not asked since
+    if seen is Stop.STANDING:
         return Stop.SLOWING
     if robot.hal.capabilities.blind:
         return Stop.UNSEEN

@@ -13,14 +13,22 @@ from typing import Any, Final, NamedTuple
 from txt1.control.hand import DEFAULT_HAND, Hand
 from txt1.fleet.body import DEFAULT_BODY, Body
 
-MESSAGE_SIZE: Final = 1 << 15  # bytes of the longest message that is read
-MEMBER_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")  # of a robot or a console
-LARGEST: Final = 1e6  # of a number: m, rad, m/s, rad/s, V
-DATA_MAX: Final = 16  # numbers of a law
-SIZE_MAX: Final = 100.0  # of a car's lengths and speeds: m, m/s, rad/s
-TEXT_MAX: Final = 100  # letters of a reason; the rest of a longer reason is cut off
-TIME_MAX: Final = 1 << 63  # ns of a clock
-STOP: Final = re.compile(r"[0-9a-f]{32}")  # the identity of a stop of all
+# bytes of the longest message that is read
+MESSAGE_SIZE: Final = 1 << 15
+# of a robot or a console
+MEMBER_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")
+# of a number: m, rad, m/s, rad/s, V
+LARGEST: Final = 1e6
+# numbers of a law
+DATA_MAX: Final = 16
+# of a car's lengths and speeds: m, m/s, rad/s
+SIZE_MAX: Final = 100.0
+# letters of a reason; the rest of a longer reason is cut off
+TEXT_MAX: Final = 100
+# ns of a clock
+TIME_MAX: Final = 1 << 63
+# the identity of a stop of all
+STOP: Final = re.compile(r"[0-9a-f]{32}")
 
 
 class MemberState(NamedTuple):

@@ -67,39 +67,61 @@ from txt1.fleet.radio import SILENCE, Said
 from txt1.fleet.stopping import Standing, StopOfAll
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, nanoseconds, wall_ns
 
-PORTS: Final = range(7450, 7482)  # ports on loopback; each peer takes the first free port
+# ports on loopback; each peer takes the first free port
+PORTS: Final = range(7450, 7482)
 # ms; a peer on loopback that does not answer in this time is skipped, as Zenoh's 10 s would hold up a stop
 HUNG: Final = 300
-REPEAT: Final = 0.02  # s between two repetitions of a stop
-LONGER: Final = 1.0  # s for which a stop is repeated after all have answered
-STOP_FOR: Final = 30.0  # s after which a stop waits no longer for an answer
-SETTLED: Final = 5.0  # s after the last gate has closed; a robot that was not seen to stand by then is given up
-ALONE: Final = 3.0  # s after which a stop ends if no robot is heard
-RECENT: Final = 30.0  # s; a robot that was heard within this time is expected to answer a stop
-PING: Final = 1.0  # s between two pings
-PING_LEAST: Final = 0.05  # s between two pings while a clock is not known
-PINGS: Final = 10  # kept for each peer; the fastest counts
-LOOK: Final = 0.6  # s; a peer that joins looks this long whether its name is taken
-EARLIER: Final = 0.5  # s; a namesake in the fleet longer than we are by more than this was certainly there first
-AS_EARLY: Final = 1.5  # s; a namesake up to this much younger than we are may have been first: then the IDs decide
-UP_MAX: Final = 1e5  # s; a longer time in the fleet is told as this
-AHEAD: Final = 0.01  # s by which a command may seem to come from the future, as clocks drift between two pings
-PING_MAX: Final = 10.0  # s after which the answer to a ping is ignored
-SAID_MAX: Final = 20  # number of our own last stops that are recognised when they come back
-OTHERS_MAX: Final = 200  # largest number of peers that are remembered
+# s between two repetitions of a stop
+REPEAT: Final = 0.02
+# s for which a stop is repeated after all have answered
+LONGER: Final = 1.0
+# s after which a stop waits no longer for an answer
+STOP_FOR: Final = 30.0
+# s after the last gate has closed; a robot that was not seen to stand by then is given up
+SETTLED: Final = 5.0
+# s after which a stop ends if no robot is heard
+ALONE: Final = 3.0
+# s; a robot that was heard within this time is expected to answer a stop
+RECENT: Final = 30.0
+# s between two pings
+PING: Final = 1.0
+# s between two pings while a clock is not known
+PING_LEAST: Final = 0.05
+# kept for each peer; the fastest counts
+PINGS: Final = 10
+# s; a peer that joins looks this long whether its name is taken
+LOOK: Final = 0.6
+# s; a namesake in the fleet longer than we are by more than this was certainly there first
+EARLIER: Final = 0.5
+# s; a namesake up to this much younger than we are may have been first: then the IDs decide
+AS_EARLY: Final = 1.5
+# s; a longer time in the fleet is told as this
+UP_MAX: Final = 1e5
+# s by which a command may seem to come from the future, as clocks drift between two pings
+AHEAD: Final = 0.01
+# s after which the answer to a ping is ignored
+PING_MAX: Final = 10.0
+# number of our own last stops that are recognised when they come back
+SAID_MAX: Final = 20
+# largest number of peers that are remembered
+OTHERS_MAX: Final = 200
 REAL: Final = RealClock()
-STRANGER: Final = "somebody"  # the sender of a message that is not signed
+# the sender of a message that is not signed
+STRANGER: Final = "somebody"
 
 
 @dataclass
 class _Other:
     """What is known here of another peer; times are s of our clock."""
 
-    ids: set[str] = field(default_factory=set)  # of its liveliness tokens
+    # of its liveliness tokens
+    ids: set[str] = field(default_factory=set)
     heard: float = 0.0
     state: MemberState | None = None
-    learned: tuple[Mapping[str, Any], float] | None = None  # the last message, and when it came
-    pings: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=PINGS))  # round trip and offset, s
+    # the last message, and when it came
+    learned: tuple[Mapping[str, Any], float] | None = None
+    # round trip and offset, s
+    pings: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=PINGS))
 
     @property
     def alive(self) -> bool:
@@ -131,7 +153,8 @@ def configuration(interface: str = "", key: FleetKey | None = None, dictionary: 
     }  # fmt: skip
     if not interface:
         settings["connect/endpoints"] = [f"tcp/127.0.0.1:{port}" for port in PORTS]
-        settings["transport/unicast/open_timeout"] = HUNG  # a peer that joins tries one port after the other
+        # a peer that joins tries one port after the other
+        settings["transport/unicast/open_timeout"] = HUNG
     else:
         assert key is not None
         password = {"user": key.fleet, "password": key.password, "dictionary_file": dictionary}
@@ -187,10 +210,13 @@ class Peer:
         self._lock = threading.Lock()
         self._others: dict[str, _Other] = {}
         self._refused: dict[str, str] = {}
-        self._stop: StopOfAll | None = None  # the newest stop that began here
-        self._said: deque[str] = deque(maxlen=SAID_MAX)  # identities of the stops that began here
+        # the newest stop that began here
+        self._stop: StopOfAll | None = None
+        # identities of the stops that began here
+        self._said: deque[str] = deque(maxlen=SAID_MAX)
         self._closing = threading.Event()
-        self._unmeasured = threading.Event()  # set while the clock of some peer is not known
+        # set while the clock of some peer is not known
+        self._unmeasured = threading.Event()
         self._console = console
         if not is_name(name):
             raise ConfigError(f"name: '{name}': in a fleet a name has small letters, digits and _, 64 at most")
@@ -327,7 +353,8 @@ class Peer:
                 priority=self._zenoh.Priority.REAL_TIME if urgent else self._zenoh.Priority.DATA,
             )
         except self._zenoh.ZError:
-            if not self._closing.is_set():  # it was closed in this instant
+            # it was closed in this instant
+            if not self._closing.is_set():
                 raise
 
     def _where(self, sample: Any) -> str:
@@ -439,7 +466,8 @@ class Peer:
                 other.ids.discard(own)
             elif own not in other.ids:
                 other.ids.add(own)
-                other.pings.clear()  # the peer was started again, perhaps with its computer and its clock
+                # the peer was started again, perhaps with its computer and its clock
+                other.pings.clear()
                 self._unmeasured.set()
 
     def _ping_all(self) -> None:
@@ -467,7 +495,8 @@ class Peer:
                 config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
                 others = [f"tcp/127.0.0.1:{each}" for each in PORTS if each != port]
                 config.insert_json5("connect/endpoints", json.dumps(others))
-                with suppress(self._zenoh.ZError):  # another process has taken the port in this instant
+                # another process has taken the port in this instant
+                with suppress(self._zenoh.ZError):
                     return self._zenoh.open(config)
         raise ConfigError(f"--fleet: no port free on loopback from {PORTS[0]} to {PORTS[-1]}; end some robots")
 

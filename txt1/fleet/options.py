@@ -48,7 +48,8 @@ def asked(arguments: Namespace, config: Config) -> Joining | None:
 
     key = None if arguments.fleet_key is None else str(arguments.fleet_key)
     name = arguments.fleet_name or FLEET_NAME
-    fleet_key(arguments.fleet, arguments.fleet_key, name)  # before a robot is brought up
+    # before a robot is brought up
+    fleet_key(arguments.fleet, arguments.fleet_key, name)
     bridge = {"name": config.name, "interface": arguments.fleet, "key": key, "fleet": name}
     return Joining(bridge, arguments.cooperate, arguments.team)
 

@@ -22,9 +22,12 @@ from txt1.telemetry.snapshot import plain
 if TYPE_CHECKING:
     from txt1.fleet.network import Peer
 
-FLEET_PAGE_RATE: Final = 20.0  # looks a second
-QUIET: Final = ("", "subscribe", "request", "halt")  # without a meaning here
-HELD: Final = 0.5  # s after a command during which a robot that "fleet" drives counts as driven from this page
+# looks a second
+FLEET_PAGE_RATE: Final = 20.0
+# without a meaning here
+QUIET: Final = ("", "subscribe", "request", "halt")
+# s after a command during which a robot that "fleet" drives counts as driven from this page
+HELD: Final = 0.5
 
 
 class Network:
@@ -33,7 +36,8 @@ class Network:
     def __init__(self, peer: Peer) -> None:
         self._peer = peer
         self._began = peer.now
-        self._drove: dict[str, float] = {}  # when each robot was driven from here
+        # when each robot was driven from here
+        self._drove: dict[str, float] = {}
         self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
         self._closing = threading.Event()
@@ -100,6 +104,7 @@ def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], ti
         "/vehicles": [other.pose for other in there if other is not one],
         "/fleet": plain(members),
         "/hand": (one.hand or DEFAULT_HAND)._asdict(),
-        "/capabilities": None,  # marks telemetry that has nothing more
+        # marks telemetry that has nothing more
+        "/capabilities": None,
     }
     return {"name": one.name, "time": time, "topics": topics}

@@ -26,7 +26,8 @@ from txt1.config.schema import Section
 from txt1.config.sources import vehicle_file, vehicles, with_values
 from txt1.errors import ConfigError
 
-APART: Final = 1.5  # m between two robots without a start of their own
+# m between two robots without a start of their own
+APART: Final = 1.5
 
 RobotName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 

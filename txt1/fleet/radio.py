@@ -13,7 +13,8 @@ from numpy.random import Generator
 
 from txt1.fleet.body import DEFAULT_BODY, Body
 
-SILENCE: Final = 0.5  # s without a message after which a robot is silent
+# s without a message after which a robot is silent
+SILENCE: Final = 0.5
 
 Pose = tuple[float, float, float]
 

@@ -38,24 +38,39 @@ from txt1.fleet.radio import Said
 from txt1.fleet.steering import Helmsman, inside
 from txt1.model.kinematics import wrap_angle
 
-PASSING: Final = 0.48  # m of room that a passing car has between two standing cars
-SPACING: Final = 4.0 * DEFAULT_BODY.reach + 2.0 * MARGIN + PASSING  # m between two slots of TXT-1s
-ROUND: Final = 0.55  # of the slots' distance: how far outside or inside the slots the lanes are
-SPEED_SHARE: Final = 0.2  # of the fastest; the TXT-1's 0.3 m/s
-TOLD: Final = 6  # numbers that each robot tells
-LANES: Final = 0.1  # m beyond the circle of the slots at which a car changes from one lane to the other
-GAP: Final = 0.5  # m from that circle; other cars that stand within it are beside the car
-PROGRESS: Final = 0.05  # m by which the way to the slot has to become shorter ...
-SLOT_STEPS: Final = 400  # ... within this many steps
-NEAR: Final = 0.3  # m from the middle; from within it every slot is straight ahead
-SECTOR: Final = 0.35  # rad from the slot's direction within which a car drives in
-AHEAD: Final = 0.6  # rad by which the car aims ahead on that circle
-ARRIVED: Final = 0.1  # m from the slot
+# m of room that a passing car has between two standing cars
+PASSING: Final = 0.48
+# m between two slots of TXT-1s
+SPACING: Final = 4.0 * DEFAULT_BODY.reach + 2.0 * MARGIN + PASSING
+# of the slots' distance: how far outside or inside the slots the lanes are
+ROUND: Final = 0.55
+# of the fastest; the TXT-1's 0.3 m/s
+SPEED_SHARE: Final = 0.2
+# numbers that each robot tells
+TOLD: Final = 6
+# m beyond the circle of the slots at which a car changes from one lane to the other
+LANES: Final = 0.1
+# m from that circle; other cars that stand within it are beside the car
+GAP: Final = 0.5
+# m by which the way to the slot has to become shorter ...
+PROGRESS: Final = 0.05
+# ... within this many steps
+SLOT_STEPS: Final = 400
+# m from the middle; from within it every slot is straight ahead
+NEAR: Final = 0.3
+# rad from the slot's direction within which a car drives in
+SECTOR: Final = 0.35
+# rad by which the car aims ahead on that circle
+AHEAD: Final = 0.6
+# m from the slot
+ARRIVED: Final = 0.1
 
-REACH_MAX: Final = 2.0  # m; no body of the team is larger
+# m; no body of the team is larger
+REACH_MAX: Final = 2.0
 
 Point = tuple[float, float]
-Room = tuple[float, float]  # length and width, m
+# length and width, m
+Room = tuple[float, float]
 
 
 def agree(mine: Point, theirs: Iterable[Point], count: int) -> Point:
@@ -85,7 +100,8 @@ class Rendezvous:
     `speed` in m/s, None: a share of its fastest; `spacing` of the slots in m, None: by the bodies.
     """
 
-    needs: frozenset[str] = frozenset()  # the graph may change, so no robot has to be heard
+    # the graph may change, so no robot has to be heard
+    needs: frozenset[str] = frozenset()
 
     def __init__(
         self,
@@ -97,10 +113,12 @@ class Rendezvous:
         body: Body = DEFAULT_BODY,
     ) -> None:
         self._number, self._count = sorted(team).index(name), len(team)
-        self._team = frozenset(team)  # only the team's members claim slots: with more there would be too few
+        # only the team's members claim slots: with more there would be too few
+        self._team = frozenset(team)
         self._speed, self._given, self._body = body.speed(SPEED_SHARE, speed), spacing, body
         self._room = room if room is not None and all(map(isfinite, room)) else None
-        self._largest = body.reach  # largest of all bodies that were told, m
+        # largest of all bodies that were told, m
+        self._largest = body.reach
         self.middle: Point | None = None
         """Its estimate of the middle, m."""
         self.slot: int | None = None
@@ -108,8 +126,10 @@ class Rendezvous:
         self.parked = False
         """Whether it stands in its slot."""
         self._enters = self._inside = False
-        self._way: tuple[int | None, float, int] = None, 0.0, 0  # slot, shortest way there so far (m), steps since then
-        self._claims: dict[str, tuple[float, ...]] = {}  # the last numbers of each other robot
+        # slot, shortest way there so far (m), steps since then
+        self._way: tuple[int | None, float, int] = None, 0.0, 0
+        # the last numbers of each other robot
+        self._claims: dict[str, tuple[float, ...]] = {}
         self._helmsman = Helmsman(self._number, body, self._room)
 
     @property
@@ -155,7 +175,8 @@ class Rendezvous:
         if self.slot is not None and self.slot not in taken:
             return self.slot
         middle = self._among_walls()
-        free = [number for number in range(self._count) if number not in taken]  # one at least, as n - 1 are others
+        # one at least, as n - 1 are others
+        free = [number for number in range(self._count) if number not in taken]
         places = {number: slot(middle, number, self._count, self.spacing) for number in free}
         return min(free, key=lambda number: hypot(places[number][0] - me.x, places[number][1] - me.y))
 
@@ -183,6 +204,7 @@ class Rendezvous:
         self._enters = abs(turn) < wider * SECTOR or from_middle < wider * NEAR
         if self._enters:
             return x, y
-        ahead = 0.0 if abs(from_middle - radius) < GAP else AHEAD  # between two slots: out of there first
+        # between two slots: out of there first
+        ahead = 0.0 if abs(from_middle - radius) < GAP else AHEAD
         angle = mine + min(max(turn, -ahead), ahead)
         return middle_x + lane * cos(angle), middle_y + lane * sin(angle)

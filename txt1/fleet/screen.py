@@ -11,10 +11,14 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import BAD, DIM, GOOD, LABEL, Column, clean, duration, number, printable, styled, table
 from txt1.ui.viewer import Viewer
 
-FRAME: Final = 4  # cells of the frame and beside it
-GAP: Final = 2  # cells between two columns
-STATE_LEAST: Final = 16  # cells of a state, as long as there are columns to do without
-DISPENSABLE: Final = ("clock", "driver", "heard")  # these, in this order
+# cells of the frame and beside it
+FRAME: Final = 4
+# cells between two columns
+GAP: Final = 2
+# cells of a state, as long as there are columns to do without
+STATE_LEAST: Final = 16
+# these, in this order
+DISPENSABLE: Final = ("clock", "driver", "heard")
 _NUMBER: Final = Column(right=True)
 COLUMNS: Final = (
     Column("robot", LABEL),

@@ -22,11 +22,15 @@ from txt1.fleet.guard import MARGIN
 from txt1.fleet.radio import Said
 from txt1.fleet.steering import Helmsman, inside
 
-SEES: Final = 30.0  # lux: with the lamp of 135 lux at 1 m that is 2.1 m away
+# lux: with the lamp of 135 lux at 1 m that is 2.1 m away
+SEES: Final = 30.0
 LAMP: Final = 135.0  # lux at 1 m
-FOUND: Final = 0.5  # m from the light, the goal of the thesis's episodes
-SPEED_SHARE: Final = 0.2  # of the top speed; 0.3 m/s for the TXT-1
-UP_TO: Final = 0.15  # m beyond the guard's margin within which a robot has come up to another one
+# m from the light, the goal of the thesis's episodes
+FOUND: Final = 0.5
+# of the top speed; 0.3 m/s for the TXT-1
+SPEED_SHARE: Final = 0.2
+# m beyond the guard's margin within which a robot has come up to another one
+UP_TO: Final = 0.15
 
 
 class Search:
@@ -46,7 +50,8 @@ class Search:
         self.needs = self._cover.needs
         self._body, self._room = body, room
         self._helmsman = Helmsman(sorted(team).index(name), body, room)
-        self._told: tuple[float, float, float] | None = None  # the brightest report: lux, and the light's place, m
+        # the brightest report: lux, and the light's place, m
+        self._told: tuple[float, float, float] | None = None
 
     @property
     def data(self) -> tuple[float, ...]:

@@ -15,10 +15,14 @@ from txt1.fleet.guard import WALL
 from txt1.fleet.radio import Said
 from txt1.model.kinematics import wrap_angle
 
-BLOCKED: Final = 20  # steps without motion after which a car is blocked
-STILL: Final = 0.03  # m/s, and rad/s: slower is no motion
-DETOUR: Final = 3.0  # m; largest distance of the other point along x and along y
-NEAR_BORDER: Final = 0.2  # m from where the guard stops a car; within it, only a car along the wall moves on
+# steps without motion after which a car is blocked
+BLOCKED: Final = 20
+# m/s, and rad/s: slower is no motion
+STILL: Final = 0.03
+# m; largest distance of the other point along x and along y
+DETOUR: Final = 3.0
+# m from where the guard stops a car; within it, only a car along the wall moves on
+NEAR_BORDER: Final = 0.2
 
 
 def border(side: float, body: Body) -> float:
@@ -68,9 +72,12 @@ class Helmsman:
         self._rng = np.random.default_rng(seed)
         self._body, self._room = body, room
         self._still = 0
-        self._making_room = 0.0  # direction in which it makes room, 1 or -1; 0 if it does not
-        self._out = 0, 0.0, 0.0  # steps left of driving away, m/s, rad/s
-        self._detour = 0, 0.0, 0.0  # steps left of going to another point, m
+        # direction in which it makes room, 1 or -1; 0 if it does not
+        self._making_room = 0.0
+        # steps left of driving away, m/s, rad/s
+        self._out = 0, 0.0, 0.0
+        # steps left of going to another point, m
+        self._detour = 0, 0.0, 0.0
 
     @property
     def blocked(self) -> bool:

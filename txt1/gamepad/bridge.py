@@ -11,8 +11,10 @@ from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
 from txt1.kernel.clock import RealClock, seconds
 from txt1.sidecar import Connection
 
-PAD_PERIOD: Final = 0.02  # s between two looks
-FULL: Final = 32767.0  # SDL's number for a full deflection
+# s between two looks
+PAD_PERIOD: Final = 0.02
+# SDL's number for a full deflection
+FULL: Final = 32767.0
 
 _clock: Final = RealClock()
 
@@ -27,7 +29,8 @@ class Devices:
 
     def __init__(self, mapping: str | None = None) -> None:
         os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
-        os.environ["SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS"] = "1"  # there is no window
+        # there is no window
+        os.environ["SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS"] = "1"
         os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
         os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
         if mapping is not None:
@@ -37,7 +40,8 @@ class Devices:
 
         self._pygame: Any = pygame
         self._controller: Any = controller
-        pygame.display.init()  # events come with it, though nothing is shown
+        # events come with it, though nothing is shown
+        pygame.display.init()
         controller.init()
         self._open: dict[int, Any] = {}
         self._heard: dict[int, float] = {}
@@ -76,7 +80,8 @@ class Devices:
                 stick = self._pygame.joystick.Joystick(index)
                 self.unknown[stick.get_instance_id()] = stick
             return
-        with suppress(self._pygame.error):  # it has gone again
+        # it has gone again
+        with suppress(self._pygame.error):
             pad = self._controller.Controller(index)
             instance = pad.as_joystick().get_instance_id()
             self._open[instance], self._heard[instance], self.names[instance] = pad, now(), str(pad.name)
@@ -111,7 +116,8 @@ def main(robot: Connection, hand: Mapping[str, Any] | None = None, **parameters:
                 robot.request("stop")
             if wish.velocity is not None:
                 v, omega = wish.velocity
-                if v == 0.0:  # held at rest: the wheel is this pad's all the same
+                # held at rest: the wheel is this pad's all the same
+                if v == 0.0:
                     robot.request("request")
                 robot.request("drive", v=v, omega=omega)
             elif driving:

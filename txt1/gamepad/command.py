@@ -19,7 +19,8 @@ from txt1.gamepad.pad import PadParameters, Pads, PadState
 if TYPE_CHECKING:
     from txt1.gamepad.bridge import Devices
 
-LINES_PERIOD: Final = 0.05  # s between two lines
+# s between two lines
+LINES_PERIOD: Final = 0.05
 STEPS: Final = {
     "a": "press the button that is to be the dead-man (lowest of the four)",
     "b": "press the one for the emergency stop (right of the four)",

@@ -17,7 +17,8 @@ BUTTONS: Final = (
     "dpup", "dpdown", "dpleft", "dpright",
 )  # fmt: skip
 AXES: Final = ("leftx", "lefty", "rightx", "righty", "lefttrigger", "righttrigger")
-HOLD: Final = 0.5  # s that the arm button is held
+# s that the arm button is held
+HOLD: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +86,11 @@ class Pad:
 
     parameters: PadParameters
     hand: Hand
-    ready: bool = False  # the dead-man has been up
+    # the dead-man has been up
+    ready: bool = False
     _down: frozenset[str] = field(default_factory=frozenset)
-    _arming: float = inf  # since when the arm button is held
+    # since when the arm button is held
+    _arming: float = inf
 
     def take(self, reading: PadState, now: float, heard: float) -> Wish:
         """What the hand wants; the pad has been heard last at `heard`."""
@@ -103,7 +106,8 @@ class Pad:
             self._arming = now
         arm = now - self._arming >= HOLD and not silent
         if arm:
-            self._arming = inf  # once
+            # once
+            self._arming = inf
         return Wish(
             velocity(reading, p, self.hand) if held and self.ready and not silent else None,
             p.stop in pressed,
@@ -137,7 +141,8 @@ class Pads:
                 self.driver = number
         for number, pad in self._pads.items():
             if number != self.driver and wishes[number].velocity is not None:
-                pad.ready = False  # it takes over when it is pressed anew, not when the other lets go
+                # it takes over when it is pressed anew, not when the other lets go
+                pad.ready = False
         return Wish(
             None if self.driver is None else wishes[self.driver].velocity,
             *(any(wish[k] for wish in wishes.values()) for k in range(1, 5)),

@@ -22,16 +22,20 @@ class AcknowledgedGains:
         self.missing = False
         self._frame: bytes | None = None
         self._answered: Callable[[bool], None]
-        self._due: float  # of the run, once there is a line
-        self._heal_due = inf  # of the loop
-        self._asked = False  # sent, and not answered yet
+        # of the run, once there is a line
+        self._due: float
+        # of the loop
+        self._heal_due = inf
+        # sent, and not answered yet
+        self._asked = False
         self._rejections: int
 
     def load(self, frame: bytes, answered: Callable[[bool], None]) -> None:
         """Send this PID set from now on."""
         self._answered = answered
         if frame == self._frame and self._due < inf:
-            return  # under way
+            # under way
+            return
         # The answer to other gains that are under way must not pass for the answer to these: they wait for their turn.
         self._due = -inf if self._due == inf else self._due
         self._frame, self._asked, self._rejections = frame, False, 0
@@ -51,10 +55,12 @@ class AcknowledgedGains:
     def take(self, accepted: bool, time: float) -> None:
         """The board has answered."""
         if not self._asked:
-            return  # somebody else's, or a late one
+            # somebody else's, or a late one
+            return
         self._rejections += not accepted
         self.missing &= not accepted
-        if accepted or self._rejections >= REJECTIONS_MAX:  # else it is sent again
+        # else it is sent again
+        if accepted or self._rejections >= REJECTIONS_MAX:
             self._asked, self._rejections, self._due = False, 0, inf
             self._heal_due = time + HEAL_PERIOD if accepted else inf
             self._answered(accepted)

@@ -92,13 +92,20 @@ class Capabilities:
 class BoardLink(NamedTuple):
     """The state of the link to a board."""
 
-    ready: bool  # the board has been heard for long enough to be sent a set-point
-    losses: int  # how often the board was lost so far; each time disarms
-    reason: str  # why it was lost last, in words
-    text: str  # what happened last
-    faults: dict[str, int]  # what went wrong on the line so far, by name
-    gains: bool = True  # it has acknowledged those that were sent to it since it was found
-    connected: bool = True  # there is a line on which something can be sent
+    # the board has been heard for long enough to be sent a set-point
+    ready: bool
+    # how often the board was lost so far; each time disarms
+    losses: int
+    # why it was lost last, in words
+    reason: str
+    # what happened last
+    text: str
+    # what went wrong on the line so far, by name
+    faults: dict[str, int]
+    # it has acknowledged those that were sent to it since it was found
+    gains: bool = True
+    # there is a line on which something can be sent
+    connected: bool = True
 
 
 class Inputs(NamedTuple):

@@ -29,28 +29,37 @@ from txt1.model.vehicle import PWM_MAX, outputs_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.parameters import LineFaults
 
-CALL_PERIOD: Final = 0.02  # s between two calls: the controller's
+# s between two calls: the controller's
+CALL_PERIOD: Final = 0.02
 
 # A HAL obeys either the counts or the set-point, so these carry both.
 NEUTRAL: Final = Outputs()
 FORWARD: Final = Outputs(motor=3000, v=0.5)
 BACKWARD: Final = Outputs(motor=-3000, v=-0.5)
 PIVOT_MOTOR, PIVOT_REAR = map(round, outputs_of(FORWARD.motor, -FORWARD.motor))
-PIVOT: Final = Outputs(PIVOT_MOTOR, -PIVOT_REAR, PIVOT_REAR)  # where no wheel steers: the right side as in FORWARD
+# where no wheel steers: the right side as in FORWARD
+PIVOT: Final = Outputs(PIVOT_MOTOR, -PIVOT_REAR, PIVOT_REAR)
 LEFT: Final = Outputs(motor=3000, front=-12000, rear=12000, v=0.5, omega=0.5)
-STEPS: Final = (0.02, 0.1, 0.3)  # shares of full power that come before it
+# shares of full power that come before it
+STEPS: Final = (0.02, 0.1, 0.3)
 EXTREMES: Final = tuple(Outputs._make((*[sign * PWM_MAX] * 5, sign * 1.5, sign * 1.5 / 0.56)) for sign in (1, -1))
 
 GAINS: Final = PidSet(LINEAR_GAINS, tuple((s.v_max, *s.gains) for s in ANGULAR_GAINS))
 COMBINED: Final = CombinedOdometry(1.0, -2.0, 0.5, 0.3, 0.1)
 
-LINK_PATIENCE: Final = 60.0  # s in which a board behind a link answers and takes its gains, however noisy the link is
-NOTICEABLE: Final = 0.005  # the robot has moved when it has moved so far, m
+# s in which a board behind a link answers and takes its gains, however noisy the link is
+LINK_PATIENCE: Final = 60.0
+# the robot has moved when it has moved so far, m
+NOTICEABLE: Final = 0.005
 
-CUT: Final = 4.0  # s after which the line is lost in the promises on cut lines
-NOTICED: Final = 1.0  # s in which a loss is told
-ALIKE: Final = 1.5  # factor by which two paths with the same counts may differ
-LEAP: Final = 0.4  # m or rad between two readings that are no motion at 0.5 m/s, however late one of them is
+# s after which the line is lost in the promises on cut lines
+CUT: Final = 4.0
+# s in which a loss is told
+NOTICED: Final = 1.0
+# factor by which two paths with the same counts may differ
+ALIKE: Final = 1.5
+# m or rad between two readings that are no motion at 0.5 m/s, however late one of them is
+LEAP: Final = 0.4
 
 
 def over_a_line(**faults: float) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
@@ -131,7 +140,8 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_closing_leaves_the_outputs_neutral(self) -> None:
-        self.requires("simulated")  # nobody wants a real car to be let go at speed, should this fail
+        # nobody wants a real car to be let go at speed, should this fail
+        self.requires("simulated")
         await self.hold(FORWARD, self.drive)
         await self.part.close()
         if self.held(self.part) is not None:
@@ -147,7 +157,8 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_reading_returns_inputs_at_once(self) -> None:
-        self.read()  # which refuses everything else, coroutines first
+        # which refuses everything else, coroutines first
+        self.read()
 
     @opened
     async def test_reading_and_writing_are_prompt(self) -> None:

@@ -12,9 +12,12 @@ from txt1.link.base import End, Link, connect
 from txt1.link.station import Station
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 
-LOOP_PERIOD: Final = 0.005  # s between two steps of a controller's loops
-GAIN: Final = 1.0  # of the loop: counts for an error, as a share of those that would make the missing speed
-RESET: Final = 4.0  # 1/s, of its integral
+# s between two steps of a controller's loops
+LOOP_PERIOD: Final = 0.005
+# of the loop: counts for an error, as a share of those that would make the missing speed
+GAIN: Final = 1.0
+# 1/s, of its integral
+RESET: Final = 4.0
 
 
 class SimulatedCar:
@@ -23,7 +26,8 @@ class SimulatedCar:
     def __init__(self, config: Config) -> None:
         self.hal = create_sim(config.model_copy(update={"hal": "sim"}))
         self.vehicle = self.hal.vehicle
-        self._sides = [0.0, 0.0]  # integrals of the loops, m/s: right and left, or the one motor's
+        # integrals of the loops, m/s: right and left, or the one motor's
+        self._sides = [0.0, 0.0]
         self._time = 0.0
 
     @property

@@ -17,8 +17,10 @@ from txt1.protocol.decoder import Decoder, FrameFault
 from txt1.protocol.layout import Role
 
 LANGUAGES: Final = Registry("language", "txt1.languages", {"serial": "txt1.hal.languages:BOARD"}, HalError)
-LISTENED: Final = 0.8  # s that a device has to answer
-KEPT: Final = 4096  # bytes by which a language is known
+# s that a device has to answer
+LISTENED: Final = 0.8
+# bytes by which a language is known
+KEPT: Final = 4096
 Opens = Callable[["Language"], Port]
 """Makes a port that is opened at a language's speed."""
 
@@ -26,7 +28,8 @@ Opens = Callable[["Language"], Port]
 class Language(NamedTuple):
     """How a device is known."""
 
-    device: str  # in words
+    # in words
+    device: str
     baud: int
     question: bytes
     """What makes it answer, and moves nothing; empty where it speaks by itself."""

@@ -61,18 +61,21 @@ class Line:
         self.link: Link | None = None
         self.tap: Callable[[str, bytes], None] = lambda direction, data: None
         """Told all bytes as they come ("in") and go ("out")."""
-        self.time: Callable[[], float] = lambda: 0.0  # the loop's
+        # the loop's
+        self.time: Callable[[], float] = lambda: 0.0
         self._end, self._awaited, self._greet, self._take = wrap(self), awaited, greet, take
         self._lost, self._settled, self._forget = LOST if lost is None else lost, settled, forget
         self._hal = hal
         self._strange: bytes | None = b""
         """What came since the line was connected and was no answer; None: it was told whose language that is."""
-        self._connected = inf  # loop time
+        # loop time
+        self._connected = inf
         self._pause = BACKOFF[0]
         self._reconnecting: asyncio.Task[None] | None = None
         self._closed = True
         self._failure: Exception | None = None
-        self._origin = inf  # loop time of the run's start
+        # loop time of the run's start
+        self._origin = inf
         self.last = -inf
         """Loop time of the last answer."""
         self.heard_since = inf
@@ -118,7 +121,8 @@ class Line:
             try:
                 self.link.write(data)
             except LinkLost:
-                self._drop()  # `lost` is on its way
+                # `lost` is on its way
+                self._drop()
 
     def heard(self) -> bool:
         """Note a sound answer; whether it is the first since the device was lost."""

@@ -40,7 +40,8 @@ JUMP_TIME: Final = 0.5  # s
 JUMP_SPEED: Final = 0.3  # m/s
 JUMP_ANGLE: Final = 1.5  # rad
 AT_ONCE: Final = 0.1  # s
-NEAR: Final = 0.003  # m, and rad
+# m, and rad
+NEAR: Final = 0.003
 PAUSE: Final = 0.205  # s
 STARTS_AGAIN: Final = (0.3, 0.5)
 # V: below it no pack is fitted, and its level says nothing

@@ -130,21 +130,29 @@ class SerialHal(PlainHal):
         self._scale = scale
         self._gains = AcknowledgedGains()
         # what the board said
-        self._pose: EncoderOdometry  # as it was sent, once it was
+        # as it was sent, once it was
+        self._pose: EncoderOdometry
         self._odometry: Odometry | None = None
         self._batteries: tuple[float, float] | None = None
-        self._batteries_heard = -inf  # loop time
-        self._levels: tuple[float, float] | None = None  # the last since the board was found
+        # loop time
+        self._batteries_heard = -inf
+        # the last since the board was found
+        self._levels: tuple[float, float] | None = None
         # what it is told, and when: s of the run
         self._outputs = Outputs()
-        self._by_hand = False  # the last thing that moved it was PWM counts: zeros have to follow them
+        # the last thing that moved it was PWM counts: zeros have to follow them
+        self._by_hand = False
         self._due = self._combined_due = self._repeat_due = -inf
         self._servos: PwmCommand | None = None
-        self._esc_off = False  # asked for, so it is asked for again and again
-        self._esc_comes_on = False  # asked for, so it is switched on when the board's loops are cleared
-        self._clearing_since = -inf  # since when the board's loops are being cleared
+        # asked for, so it is asked for again and again
+        self._esc_off = False
+        # asked for, so it is switched on when the board's loops are cleared
+        self._esc_comes_on = False
+        # since when the board's loops are being cleared
+        self._clearing_since = -inf
         # what happened on the line
-        self._lossy_until = -inf  # loop time
+        # loop time
+        self._lossy_until = -inf
         self._lost_frames = self._refused = 0
 
     def tap_line(self, tap: Callable[[str, bytes], None]) -> None:
@@ -169,7 +177,8 @@ class SerialHal(PlainHal):
         """The board is lost, or has restarted."""
         self._levels = None
         self._gains.lost()
-        if self.line.link is None:  # a half frame is the old line's
+        # a half frame is the old line's
+        if self.line.link is None:
             self.receiver.close()
 
     def _take(self, event: Event) -> None:
@@ -183,7 +192,8 @@ class SerialHal(PlainHal):
                 self._batteries_heard = self.line.time()
             case PidResponse(accepted):
                 self._gains.take(accepted, self.line.time())
-            case FrameFault(reason) if reason is not Reason.OLD_COMMAND:  # which says nothing about the line
+            case FrameFault(reason) if reason is not Reason.OLD_COMMAND:
+                # which says nothing about the line
                 self._lossy_until = self.line.time() + LOSSY
 
     def _take_odometry(self, pose: EncoderOdometry) -> None:
@@ -198,7 +208,8 @@ class SerialHal(PlainHal):
             self._lossy_until = time + LOSSY
         if self.line.heard():
             self._pose, self._odometry = pose, None
-            self._repeat_due = -inf  # it may have forgotten everything
+            # it may have forgotten everything
+            self._repeat_due = -inf
             self._gains.found()
             self.line.tell(f"the board answers on {self.port.address}")
         self._odometry = follow(self._odometry, self._pose, pose, self._scale)
@@ -284,7 +295,8 @@ class SerialHal(PlainHal):
         PWM test of zeros goes with each cycle until then: it is no sign of a host, but takes the place of what the
         loops put out, until their next step.
         """
-        if not self.capabilities.pwm:  # else the loops are this host's
+        # else the loops are this host's
+        if not self.capabilities.pwm:
             self._clearing_since = now + LAST_ZEROS
             self.line.tell(f"silence clears the board's loops; that takes {LAST_ZEROS + ESC_SILENCE + ESC_ZEROS:.1f} s")
 
@@ -327,7 +339,8 @@ class SerialHal(PlainHal):
     def _send(self, message: HostMessage) -> None:
         try:
             self.line.send(encode(message))
-        except EncodeError:  # combined odometry far outside the world
+        except EncodeError:
+            # combined odometry far outside the world
             self._refused += 1
 
 

@@ -14,10 +14,13 @@ from txt1.sim.parameters import Box
 from txt1.sim.vehicle import Vehicle
 from txt1.units import new
 
-NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
+# an attribute of an Enum is not found quickly
+NO_BUTTON: Final = Button.NONE
 NEUTRAL: Final = Outputs()
-TOUCH: Final = 0.02  # room of less than this is none, m
-BACKLIGHT: Final = 0.5  # nobody turns the simulated potentiometer
+# room of less than this is none, m
+TOUCH: Final = 0.02
+# nobody turns the simulated potentiometer
+BACKLIGHT: Final = 0.5
 
 
 class SimHal(PlainHal):

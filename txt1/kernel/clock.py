@@ -15,7 +15,8 @@ stopwatch_ns: Final = time.perf_counter_ns
 processor_ns: Final = time.thread_time_ns
 """Processor time of the calling thread in ns: without the time in which it waited, or other programs ran."""
 
-wall_ns: Final = time.time_ns  # the time of day, in ns since 1970; only for records, as no duration is measured with it
+# the time of day, in ns since 1970; only for records, as no duration is measured with it
+wall_ns: Final = time.time_ns
 
 
 def seconds(ns: int) -> float:
@@ -47,7 +48,8 @@ class RealClock:
 
     def suspended_ns(self) -> int:
         """Time in ns for which the computer was suspended since its start; 0 without a clock for it."""
-        if not hasattr(time, "CLOCK_BOOTTIME"):  # Linux's
+        # Linux's
+        if not hasattr(time, "CLOCK_BOOTTIME"):
             return 0
         while True:
             before = time.monotonic_ns()

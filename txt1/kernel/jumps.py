@@ -41,7 +41,8 @@ from txt1.kernel.clock import NS_PER_S
 if TYPE_CHECKING:
     from txt1.kernel.loop import VirtualTimeLoop
 
-POLL_EVERY: Final = 64  # at full speed the operating system is asked for signals and input once in this many jumps
+# at full speed the operating system is asked for signals and input once in this many jumps
+POLL_EVERY: Final = 64
 
 Dispatch = Callable[[], None]
 
@@ -62,7 +63,8 @@ class Jumps:
         self._ready = ready
         self._paced = loop.speed is not None
         self._schedulers = 0
-        self._due: list[tuple[int, int, Dispatch]] = []  # heap: time in ns, number of the scheduler, its dispatch
+        # heap: time in ns, number of the scheduler, its dispatch
+        self._due: list[tuple[int, int, Dispatch]] = []
         self._timer: asyncio.TimerHandle | None = None
         self._timer_ns = 0
         self._dispatching = False
@@ -92,7 +94,8 @@ class Jumps:
             return False
         if timers and timers[0].when() * NS_PER_S <= target_ns:
             return False
-        if (self.made + 1) % POLL_EVERY == 0:  # the loop's own jump comes next, and it polls
+        # the loop's own jump comes next, and it polls
+        if (self.made + 1) % POLL_EVERY == 0:
             return False
         self.made += 1
         self.clock.advance_to(target_ns)

@@ -30,7 +30,8 @@ Speed = float | Literal["max"] | None
 # s that a thread of Python computes before another thread may run. Python's default is 5 ms, and a tick may wait more
 # than once: the loop loses its turn whenever it waits
 INTERPRETER_TURN: Final = 5e-4
-_PR_SET_TIMERSLACK: Final = 29  # Linux's prctl option: how far a thread may oversleep its time-outs, 50 us by default
+# Linux's prctl option: how far a thread may oversleep its time-outs, 50 us by default
+_PR_SET_TIMERSLACK: Final = 29
 
 
 class PunctualSelector(selectors.DefaultSelector):
@@ -78,7 +79,8 @@ class _JumpingSelector(selectors.DefaultSelector):
         if timeout is not None and timeout <= 0.0:
             events = super().select(0) if jumps.must_poll() else []
             if events and loop.speed is not None and not jumps.threads_outstanding:
-                loop.catch_up(loop.next_timer_ns())  # input comes at its real time, however busy the loop was
+                # input comes at its real time, however busy the loop was
+                loop.catch_up(loop.next_timer_ns())
             return events
         if timeout is None or jumps.threads_outstanding:
             # No timer to jump to, or a thread still computes for the present instant: wait for input in real time.
@@ -106,14 +108,18 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     virtual time, so it needs links in memory.
     """
 
-    _clock_resolution: float  # asyncio's own, s
-    _ready: deque[asyncio.Handle]  # asyncio's queue of callbacks to call now
-    _scheduled: list[asyncio.TimerHandle]  # asyncio's heap of timers
+    # asyncio's own, s
+    _clock_resolution: float
+    # asyncio's queue of callbacks to call now
+    _ready: deque[asyncio.Handle]
+    # asyncio's heap of timers
+    _scheduled: list[asyncio.TimerHandle]
 
     def __init__(self, speed: float | None = None) -> None:
         self.clock = VirtualClock()
         self.speed = speed
-        self.real_start_ns = RealClock().now_ns()  # real time at which virtual time began
+        # real time at which virtual time began
+        self.real_start_ns = RealClock().now_ns()
         self._threads = ThreadPoolExecutor(thread_name_prefix="txt1")
         selector = _JumpingSelector()
         selector.loop = self
@@ -168,7 +174,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return future
 
     def _report_thread(self, _: object) -> None:
-        if not self.is_closed():  # a job in the caller's own executor may outlive the loop
+        # a job in the caller's own executor may outlive the loop
+        if not self.is_closed():
             self.call_soon_threadsafe(self._thread_done)
 
     def _thread_done(self) -> None:
@@ -189,7 +196,8 @@ def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
     Raises ValueError: the speed is neither None, "max" nor a positive number.
     """
     if not (speed is None or speed == "max" or (isinstance(speed, int | float) and 0.0 < speed < inf)):
-        main.close()  # or Python warns that it was never awaited
+        # or Python warns that it was never awaited
+        main.close()
         raise ValueError(f"speed must be 'max', a positive number, or None for real time, not {speed!r}")
     virtual = partial(VirtualTimeLoop, None if speed == "max" else speed)
     with asyncio.Runner(loop_factory=RealTimeLoop if speed is None else virtual) as runner:

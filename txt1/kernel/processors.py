@@ -5,6 +5,7 @@ import os
 
 def processors() -> int:
     """Return their number."""
-    if hasattr(os, "sched_getaffinity"):  # not on macOS
+    # not on macOS
+    if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

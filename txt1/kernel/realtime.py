@@ -18,13 +18,19 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
-FIFO: Final = 50  # as good as any other application's priority, and below the kernel's own threads
-HELPERS: Final = "txt1 "  # how the names of txt1's own threads begin
-HELPERS_FIFO: Final = 1  # priority of txt1's own threads
-OTHERS_NICENESS: Final = -10  # of the other threads
-SWEEP: Final = 1.0  # s after which new threads and children have to leave the loop's processor
+# as good as any other application's priority, and below the kernel's own threads
+FIFO: Final = 50
+# how the names of txt1's own threads begin
+HELPERS: Final = "txt1 "
+# priority of txt1's own threads
+HELPERS_FIFO: Final = 1
+# of the other threads
+OTHERS_NICENESS: Final = -10
+# s after which new threads and children have to leave the loop's processor
+SWEEP: Final = 1.0
 
-_LOCK_TOUCHED: Final = 1 | 2 | 4  # MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages are locked once they are used
+# MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages are locked once they are used
+_LOCK_TOUCHED: Final = 1 | 2 | 4
 _CAP_IPC_LOCK: Final = 1 << 14
 _CAP_SYS_NICE: Final = 1 << 23
 
@@ -79,7 +85,8 @@ def realtime() -> Iterator[RealTime]:
             try:
                 _raise_limit(resource.RLIMIT_RTPRIO)
                 os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(fifo))
-            except OSError:  # a control group without real-time share, a container's filter
+            except OSError:
+                # a control group without real-time share, a container's filter
                 fifo = None
         if asked.locked:
             _raise_limit(resource.RLIMIT_MEMLOCK)
@@ -98,7 +105,8 @@ def realtime() -> Iterator[RealTime]:
         if fifo is not None:
             try:
                 os.sched_setscheduler(0, policy, parameters)
-            except PermissionError:  # only root may take the flag back; it has no effect at ordinary priorities
+            except PermissionError:
+                # only root may take the flag back; it has no effect at ordinary priorities
                 os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
 
 
@@ -109,7 +117,8 @@ class RealTime:
         self.granted = granted
         self._all = processors
         self._others = processors - {granted.processor}
-        self._swept: dict[int, int] = {}  # niceness before, of other threads by their ids
+        # niceness before, of other threads by their ids
+        self._swept: dict[int, int] = {}
 
     def sweep(self) -> None:
         """Keep the process's other threads and its children off the loop's processor."""
@@ -119,7 +128,8 @@ class RealTime:
         ours = {each.native_id for each in threading.enumerate() if each.name.startswith(HELPERS)}
         for thread in _ids(Path("/proc/self/task")):
             if thread != loop and thread not in self._swept:
-                with suppress(OSError):  # the thread has ended
+                # the thread has ended
+                with suppress(OSError):
                     self._swept[thread] = os.getpriority(os.PRIO_PROCESS, thread)
                     os.sched_setaffinity(thread, self._others)
                     # the flag: a process it starts has the ordinary niceness again

@@ -62,7 +62,8 @@ NS_PER_MS: Final = 1_000_000
 MARGIN_MIN_NS: Final = 20_000
 MARGIN_START_NS: Final = 100_000
 MARGIN_MAX_NS: Final = 250_000
-SLEPT_MIN_NS: Final = 10 * NS_PER_MS  # more than the difference between two clocks read in sequence
+# more than the difference between two clocks read in sequence
+SLEPT_MIN_NS: Final = 10 * NS_PER_MS
 
 # a place in the queue is one number, due time in ns << TASKS_BITS | the task's index: quicker to compare than a tuple
 TASKS_BITS: Final = 10
@@ -99,8 +100,10 @@ class _Scheduled:
         self.name = name
         self.priority = priority
         self.index = 0
-        self.period_ns = 0 if period is None else nanoseconds(period)  # 0: on arrival
-        self.period = self.period_ns << TASKS_BITS  # from one place in the queue to the next
+        # 0: on arrival
+        self.period_ns = 0 if period is None else nanoseconds(period)
+        # from one place in the queue to the next
+        self.period = self.period_ns << TASKS_BITS
         self.ticks = Ticks(period)
         self.coroutine = task(self.ticks)
         self.send: Callable[[Any], Any] = self.coroutine.send
@@ -129,7 +132,8 @@ class Scheduler:
         self._entries: list[_Scheduled] = []
         # by priority, then in the order of adding: an entry's index is its place in this list
         self._ranked: list[_Scheduled] = []
-        self._waiting: list[int] = []  # heap by due time, then index; a task that runs on arrival is due at once
+        # heap by due time, then index; a task that runs on arrival is due at once
+        self._waiting: list[int] = []
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
         self._stop_ns = NEVER
@@ -137,7 +141,8 @@ class Scheduler:
         self._timer: asyncio.Handle | None = None
         self._running = False
         self._dispatching = False
-        self._later = 0  # places in the queue from here on are due after the present instant; 0: look anew, and first
+        # places in the queue from here on are due after the present instant; 0: look anew, and first
+        self._later = 0
         self._suspended_ns = self._clock.suspended_ns()
         self.on_sleep: Callable[[float], None] = lambda slept: None
         """Called with the time of a suspension, s, before any task runs after it; in real time only."""
@@ -173,7 +178,8 @@ class Scheduler:
         def notify() -> None:
             if not entry.queued:
                 entry.queued = True
-                due_ns = self._elapsed_ns() if self._running else 0  # the clock starts anew
+                # the clock starts anew
+                due_ns = self._elapsed_ns() if self._running else 0
                 heappush(self._waiting, due_ns << TASKS_BITS | entry.index)
                 self._wake()
 
@@ -197,7 +203,8 @@ class Scheduler:
         self._ranked.insert(index, entry)
         for k in range(index, len(self._ranked)):
             self._ranked[k].index = k
-        self._waiting[:] = [place + 1 if place & INDEX >= index else place for place in self._waiting]  # order stays
+        # order stays
+        self._waiting[:] = [place + 1 if place & INDEX >= index else place for place in self._waiting]
 
     def statistics(self) -> dict[str, TaskStatistics]:
         """The statistics of every task so far, by name, in the order they were added."""
@@ -222,7 +229,8 @@ class Scheduler:
         self._running = True
         # tasks that this task adds before its first tick are started as they are added
         for entry in self._entries.copy():
-            if self._running:  # not after a fault
+            # not after a fault
+            if self._running:
                 self._prime(entry)
         self._wake()
 
@@ -254,7 +262,8 @@ class Scheduler:
             self.ended.set_result(None)
 
     def _elapsed_ns(self) -> int:
-        virtual = self._virtual_clock  # an attribute, which is read without a call
+        # an attribute, which is read without a call
+        virtual = self._virtual_clock
         return (self._clock.now_ns() if virtual is None else virtual.ns) - self._origin_ns
 
     def _prime(self, entry: _Scheduled) -> None:
@@ -296,7 +305,8 @@ class Scheduler:
                     return
                 due_ns = self._next_due_ns()
                 if due_ns < now_ns or (jumps is None and due_ns == now_ns):
-                    if late_cycles > len(self._entries):  # signals, input and coroutines get a turn
+                    # signals, input and coroutines get a turn
+                    if late_cycles > len(self._entries):
                         self._timer = self._loop.call_soon(self._dispatch)
                         return
                     late_cycles += 1
@@ -321,7 +331,8 @@ class Scheduler:
         """
         waiting, ranked, origin_ns = self._waiting, self._ranked, self._origin_ns
         clock, timers = jumps.clock, jumps.timers
-        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # looked up once instead of in every cycle
+        # looked up once instead of in every cycle
+        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK
         now, now_ns = due_ns / NS_PER_S, due_ns + origin_ns
         self._later = due_ns + 1 << TASKS_BITS
         for _ in range(PUNCTUAL_MAX):
@@ -341,7 +352,8 @@ class Scheduler:
             try:
                 if entry.send(now) is not next_tick:
                     self._waited(entry)
-            except BaseException as error:  # CancelledError too: asyncio would only log it
+            except BaseException as error:
+                # CancelledError too: asyncio would only log it
                 self._raised(entry, error)
             if measured:
                 statistics.run_time.add(time_ns() - started_ns)
@@ -373,12 +385,14 @@ class Scheduler:
         try:
             if entry.send(now_ns / NS_PER_S) is not NEXT_TICK:
                 self._waited(entry)
-        except BaseException as error:  # as above
+        except BaseException as error:
+            # as above
             self._raised(entry, error)
         entry.statistics.cycles += 1
         entry.statistics.run_time.add(stopwatch_ns() - started_ns)
         entry.statistics.add_lateness(late_ns)
-        entry.ticks.missed = 0  # as for a cycle in time
+        # as for a cycle in time
+        entry.ticks.missed = 0
 
     def _waited(self, entry: _Scheduled) -> None:
         entry.coroutine.close()
@@ -407,7 +421,8 @@ class Scheduler:
         self._running = False
         for place in self._waiting:
             entry, passed_ns = self._ranked[place & INDEX], self._stop_ns - (place >> TASKS_BITS)
-            if entry.period_ns and passed_ns > 0:  # slots that passed while a step ran late
+            # slots that passed while a step ran late
+            if entry.period_ns and passed_ns > 0:
                 entry.statistics.misses += passed_ns // entry.period_ns
         if not self.ended.done():
             self.ended.set_result(None)
@@ -434,7 +449,8 @@ class Scheduler:
         deadline that had already passed, and shrinks otherwise. So it settles where nine wake-ups of ten are in time.
         """
         if self._waiting and not self._ranked[self._waiting[0] & INDEX].period_ns:
-            return  # a task on arrival is due: it has no deadline, so there is nothing to learn
+            # a task on arrival is due: it has no deadline, so there is nothing to learn
+            return
         now_ns = self._clock.now_ns
         ahead_ns = self._next_due_ns() + self._origin_ns - now_ns()
         if not 0 < ahead_ns <= self._margin_ns:

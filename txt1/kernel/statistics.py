@@ -13,8 +13,10 @@ from typing import Final, NamedTuple
 from txt1.kernel.clock import NS_PER_S
 
 _SUB_BITS: Final = 5
-_SUB: Final = 1 << _SUB_BITS  # buckets per factor of two; the relative error is at most 1 / _SUB
-_EXACT: Final = 2 * _SUB  # below this many ns every value has a bucket of its own
+# buckets per factor of two; the relative error is at most 1 / _SUB
+_SUB: Final = 1 << _SUB_BITS
+# below this many ns every value has a bucket of its own
+_EXACT: Final = 2 * _SUB
 
 
 class Percentiles(NamedTuple):

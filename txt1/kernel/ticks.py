@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from typing import Final
 
-NEXT_TICK: Final = object()  # a task yields this to the scheduler when it waits for its next tick
+# a task yields this to the scheduler when it waits for its next tick
+NEXT_TICK: Final = object()
 
 
 class Ticks:

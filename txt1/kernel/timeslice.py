@@ -13,10 +13,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-SHORT: Final = 100_000  # ns, the shortest there is
+# ns, the shortest there is
+SHORT: Final = 100_000
 
-_ATTRIBUTES: Final = struct.Struct("=IIQiIQQQ")  # sched_setattr(2): size, policy, flags, niceness, ..., turn in ns, ...
-_NUMBERS: Final = {"x86_64": 314, "aarch64": 274, "riscv64": 274, "armv7l": 380}  # of the system call
+# sched_setattr(2): size, policy, flags, niceness, ..., turn in ns, ...
+_ATTRIBUTES: Final = struct.Struct("=IIQiIQQQ")
+# of the system call
+_NUMBERS: Final = {"x86_64": 314, "aarch64": 274, "riscv64": 274, "armv7l": 380}
 
 
 def short() -> None:
@@ -28,7 +31,8 @@ def short() -> None:
 
 def ordinary(process: int, niceness: int) -> None:
     """Give another process, which has inherited short turns, ordinary turns and this niceness."""
-    with suppress(OSError):  # the process has ended
+    # the process has ended
+    with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, process, niceness)
         if sys.platform == "linux":
             _set(process, niceness, 0)

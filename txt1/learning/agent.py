@@ -11,15 +11,19 @@ from txt1.learning.qtable import StoredTable
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
-Rows = NDArray[np.float64]  # learned numbers, shape (rows, columns)
+# learned numbers, shape (rows, columns)
+Rows = NDArray[np.float64]
 
 
 class Decision(NamedTuple):
     """The grounds of a learner's last decision, or its state when the episode ended."""
 
-    state: int | None  # row of its table; None if the sensors tell no direction
-    reward: float | None  # for the result of the last action; None if nothing was learned from it
-    values: tuple[float, ...]  # of the actions in this state, after learning
+    # row of its table; None if the sensors tell no direction
+    state: int | None
+    # for the result of the last action; None if nothing was learned from it
+    reward: float | None
+    # of the actions in this state, after learning
+    values: tuple[float, ...]
 
 
 class Agent(Protocol):

@@ -76,6 +76,7 @@ def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
         raise QTableError(str(path), f"was learned by '{name}' ({error})", RELEARN) from None
     except ValueError as error:
         raise QTableError(str(path), str(error), "give a table that this agent learned") from None
-    except (LookupError, TypeError, AttributeError, ArithmeticError) as error:  # from wrong notes in the table
+    except (LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        # from wrong notes in the table
         problem = f"lacks what '{name}' keeps with its table: {type(error).__name__}: {error}"
         raise QTableError(str(path), problem, "give a table that this agent learned") from error

@@ -28,19 +28,22 @@ from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at
 from txt1.sim.parameters import VehicleParameters
 
-TICK_MS: Final = 20  # one vehicle step, ms: the controller's period. The light is sampled with it.
-WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)  # (5.10) at 20 ms in place of 16
+# one vehicle step, ms: the controller's period. The light is sampled with it.
+TICK_MS: Final = 20
+# (5.10) at 20 ms in place of 16
+WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)
 
 # rows of the robots' state: the rows of `txt1.sim.batch` first, then the encoders', the loops' and the light's
 PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED, LEAD = 7, 9, 11, 13, 16, 19, 21, 25
 ROWS: Final = 26
 
-SHARE_MIN: Final = 200  # with fewer robots a thread of their own does not pay
-BLOCK: Final = 128  # robots that are moved together: their state stays in the processor's nearest cache
+# with fewer robots a thread of their own does not pay
+SHARE_MIN: Final = 200
+# robots that are moved together: their state stays in the processor's nearest cache
+BLOCK: Final = 128
 
-UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or CarParameters(
-    *[1.0] * 9
-)  # for loops without knowledge of the car
+# for loops without knowledge of the car
+UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or CarParameters(*[1.0] * 9)
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
 _at_rest = compiled(at_rest, forceinline=True)
 _errors = compiled(errors, forceinline=True)
@@ -144,11 +147,13 @@ def _run(
     """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`."""
     for at in range(begin, end, BLOCK):
         until = min(at + BLOCK, end)
-        block = robots[:, at:until].copy()  # a copy, so that its rows lie together
+        # a copy, so that its rows lie together
+        block = robots[:, at:until].copy()
         rolled, target, remaining = block[:2].copy(), block[0].copy(), block[0].copy()
         for k in range(drag.shape[0]):
             tick = first + k
-            dt = tick * TICK_MS / 1000.0 - (tick - 1) * TICK_MS / 1000.0  # as the running robot measures it
+            # as the running robot measures it
+            dt = tick * TICK_MS / 1000.0 - (tick - 1) * TICK_MS / 1000.0
             rolled[0], rolled[1] = block[RIGHT], block[LEFT]
             if tick > 0:
                 move(block, block[OUTPUT], block[OUTPUT + 1], drag[k][at:until], dt, parameters, target, remaining)
@@ -239,6 +244,7 @@ class Batch:
         )
         if self._threads is None:
             run(*self._shares[0])
-        else:  # the compiled loop releases the interpreter's lock
+        else:
+            # the compiled loop releases the interpreter's lock
             list(self._threads.map(lambda share: run(*share), self._shares))
         self.tick += len(drag)

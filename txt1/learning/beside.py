@@ -18,7 +18,8 @@ async def beside(robot: Robot, learner: Learner) -> AsyncIterator[None]:
         sharing = None
         if learner.share is not None:
             exchange = next((part for part in robot.runtime.parts if isinstance(part, Exchange)), None)
-            assert exchange is not None  # the options make sure that the robot is in a fleet
+            # the options make sure that the robot is in a fleet
+            assert exchange is not None
             sharing = Sharing(sharer(str(learner.name), learner.agent), exchange, learner.share, tell=robot.tell)
             await sharing.joined()
         start(robot, learner.agent, sharing=sharing)

@@ -19,8 +19,11 @@ from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start
 from txt1.sim.dynamics import VERSION
 
-BEARINGS: Final = 120  # number of driven bearings, 3 degrees apart
-DECISION_MS: Final = 100  # between two looks for the goal
+# number of driven bearings, 3 degrees apart
+BEARINGS: Final = 120
+# between two looks for the goal
+DECISION_MS: Final = 100
+# keys of the configuration, or what they begin with
 DEPENDS: Final = (
     "geometry.",
     "sim.physics",
@@ -33,15 +36,18 @@ DEPENDS: Final = (
     "learning.start_radius",
     "learning.goal_radius",
     "learning.delay",
-)  # keys of the configuration, or what they begin with
+)
 
 
 class Floor(NamedTuple):
     """The floor by the light's bearing in the robot's frame at the start."""
 
-    times: tuple[float, ...]  # s, unrounded, for bearings from -pi on, evenly; inf: no plan reaches the goal
-    gap: float  # mean share by which a third piece of the plan still shortened the time
-    ways: tuple[float, ...] = ()  # way driven in these times, m; floors.json has none
+    # s, unrounded, for bearings from -pi on, evenly; inf: no plan reaches the goal
+    times: tuple[float, ...]
+    # mean share by which a third piece of the plan still shortened the time
+    gap: float
+    # way driven in these times, m; floors.json has none
+    ways: tuple[float, ...] = ()
 
     @property
     def exists(self) -> bool:

@@ -181,7 +181,8 @@ class Composed(LightWorld):
         self._grid = None if walls is None else walls.grid
         self._shades = bool(walls is not None or config.sim.obstacles or config.sim.movers)
         self._take(config.section(LearningConfig).world_options)
-        for change in self.options.changes:  # refused before anything begins
+        # refused before anything begins
+        for change in self.options.changes:
             options_of({**config.section(LearningConfig).world_options, **change.set})
         self.begin(1)
 

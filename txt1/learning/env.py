@@ -58,9 +58,12 @@ except ModuleNotFoundError:
 Observation = NDArray[np.float32]
 Many = VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]
 DECISION_MS: Final = 500
-LIGHT_MS: Final = 16  # between two samples of the light, ms
-STARTS: Final = 200  # random starts that are tried where something may be in the way
-REST_MS: Final = 600  # rest on the start before the first observation, ms: the filter settles
+# between two samples of the light, ms
+LIGHT_MS: Final = 16
+# random starts that are tried where something may be in the way
+STARTS: Final = 200
+# rest on the start before the first observation, ms: the filter settles
+REST_MS: Final = 600
 SPACE: Final = Box(np.array([0, 0, 0, 0, -2, -10], np.float32), np.array([1, 1, 1, 1, 2, 10], np.float32))
 
 
@@ -124,7 +127,8 @@ class Seeker:
         self._world.begin(1)
         self._blocked_by = hal.blocked_by
         self._filter = LightFilter(spread=inf)
-        self._under_way: list[tuple[int, tuple[float, float]]] = []  # when each command reaches the robot, ms
+        # when each command reaches the robot, ms
+        self._under_way: list[tuple[int, tuple[float, float]]] = []
         self._in_force = (0.0, 0.0)
         self._ms = 0
         self.way: list[tuple[float, float]] = []
@@ -188,7 +192,8 @@ class Seeker:
         assert self._filter.readings is not None
         try:
             return sector(direction(self._filter.readings))
-        except (NoDirection, LightFault):  # of a dead sensor, too
+        except (NoDirection, LightFault):
+            # of a dead sensor, too
             return otherwise
 
     def observation(self) -> Observation:
@@ -305,7 +310,8 @@ class LightSeekingVectorEnv(Many):
         self.sectors = np.zeros(num_envs, int)
         self.steps = np.zeros(num_envs, int)
         self._over = np.ones(num_envs, bool)
-        self._own: list[np.random.Generator] = []  # random starts of each robot, if each was given a seed
+        # random starts of each robot, if each was given a seed
+        self._own: list[np.random.Generator] = []
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -334,7 +340,8 @@ class LightSeekingVectorEnv(Many):
         others, over = self.robots.robots[:, ~which].copy(), self._over & ~which
         self._over = which
         self._begin()
-        if others.size:  # the others keep their state while the restarted robots rest
+        # the others keep their state while the restarted robots rest
+        if others.size:
             self.robots.run(REST_MS // TICK_MS, self.np_random)
             self.robots.robots[:, ~which] = others
         self._over = over
@@ -369,7 +376,8 @@ class LightSeekingVectorEnv(Many):
             raise ValueError(f"actions {actions!r} are not in {self.action_space}")
         fresh = self._over.copy()
         self.robots.commands[:] = self._commands[actions]
-        self._begin()  # their command is 0, as their first step is the rest on the start
+        # their command is 0, as their first step is the rest on the start
+        self._begin()
         self.robots.run(DECISION_MS // TICK_MS, self.np_random)
         before, self.sectors = self.sectors, self.states()
         task = self._task

@@ -44,25 +44,38 @@ COLUMNS: Final = (
     *("unfit_s", "touched"),
 )
 
-KEPT: Final = ("trial", "complete", "voided", "memory")  # of a `TrialResult`, as they are
+# of a `TrialResult`, as they are
+KEPT: Final = ("trial", "complete", "voided", "memory")
 
-THESIS_MEAN: Final = 7.165  # mean time to the light after the first seven episodes that the thesis reports, s (5.4)
-LEARNED: Final = 7  # episodes after which the thesis takes its mean
-LAST: Final = 10  # episodes at the end that are reported separately
-MILESTONES: Final = (1, 2, 4, 8, 16, 31)  # episodes whose ratio to the optimum is reported
+# mean time to the light after the first seven episodes that the thesis reports, s (5.4)
+THESIS_MEAN: Final = 7.165
+# episodes after which the thesis takes its mean
+LEARNED: Final = 7
+# episodes at the end that are reported separately
+LAST: Final = 10
+# episodes whose ratio to the optimum is reported
+MILESTONES: Final = (1, 2, 4, 8, 16, 31)
 
 
 class Plan(NamedTuple):
     """The trials to be done."""
 
-    agent: str  # name of the learner
-    trials: int  # number of trials, each from scratch
-    episodes: int  # episodes of each trial
-    seed: int  # repeats every random value
-    config: Config  # of everything else
-    speed: Speed = "max"  # of the robot's time
-    arm: bool = False  # whether to arm a robot that does not arm by itself
-    log: Path | None = None  # the file to record to; with several trials, the beginning of their names
+    # name of the learner
+    agent: str
+    # number of trials, each from scratch
+    trials: int
+    # episodes of each trial
+    episodes: int
+    # repeats every random value
+    seed: int
+    # of everything else
+    config: Config
+    # of the robot's time
+    speed: Speed = "max"
+    # whether to arm a robot that does not arm by itself
+    arm: bool = False
+    # the file to record to; with several trials, the beginning of their names
+    log: Path | None = None
 
     @property
     def simulated(self) -> bool:
@@ -80,7 +93,8 @@ class Plan(NamedTuple):
         return {"agent": self.agent, "episodes": self.episodes, "seed": self.seed, "config": config}
 
 
-Watch = Callable[[int, Episode], None]  # called with each episode as it ends, and the number of its trial
+# called with each episode as it ends, and the number of its trial
+Watch = Callable[[int, Episode], None]
 
 
 def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resume: bool) -> dict[int, Path]:
@@ -98,7 +112,8 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
     files = {}
     for number in numbers:
         file = log if plan.trials == 1 else log.with_name(f"{log.stem}-trial-{number:04d}{log.suffix}")
-        if number in begun or (resume and file.exists() and not plan.simulated):  # a real robot does not repeat
+        # a real robot does not repeat
+        if number in begun or (resume and file.exists() and not plan.simulated):
             again = (file.with_name(f"{file.stem}-again-{k}{file.suffix}") for k in itertools.count(1))
             file = next(each for each in again if not each.exists())
         elif file.exists():
@@ -123,7 +138,8 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
         before = json.loads(mark.read_text(encoding="utf-8")) if mark.exists() else None
         if before is not None and (before.get("format"), before.get("version")) != (FORMAT, VERSION):
             raise ConfigError(f"--out {out}: experiment.json is not this program's; give another directory")
-        if not trials:  # no trial was finished here, if any was begun
+        # no trial was finished here, if any was begun
+        if not trials:
             content = {"format": FORMAT, "version": VERSION, **identity, "provenance": provenance()}
             mark.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
             return []

@@ -9,21 +9,31 @@ from typing import Any, Final, NamedTuple
 
 from txt1.telemetry.topics import Rule, Topic, declare
 
-NUMBERS_MAX: Final = 512  # in all rows together; with visits it makes a message of at most 20 kB
-COUNT_MAX: Final = 10**9  # of visits and episodes
-LARGEST: Final = 1e9  # of a number
-NAME_MAX: Final = 40  # letters
-TOLD: Final = 1.5  # s in which every robot has told its rows at least once
-FORGET: Final = 5.0  # s without a message after which a robot is lost; rows are told once a second
+# in all rows together; with visits it makes a message of at most 20 kB
+NUMBERS_MAX: Final = 512
+# of visits and episodes
+COUNT_MAX: Final = 10**9
+# of a number
+LARGEST: Final = 1e9
+# letters
+NAME_MAX: Final = 40
+# s in which every robot has told its rows at least once
+TOLD: Final = 1.5
+# s without a message after which a robot is lost; rows are told once a second
+FORGET: Final = 5.0
 
 
 class Learned(NamedTuple):
     """The rows that a learner has learned."""
 
-    learner: str  # its name; rows of a learner with another name are not taken over
-    episodes: int  # number of episodes in which it has learned
-    visits: tuple[int, ...]  # for each row, how often it was updated; 0: unknown
-    rows: tuple[tuple[float, ...], ...]  # of equal length
+    # its name; rows of a learner with another name are not taken over
+    learner: str
+    # number of episodes in which it has learned
+    episodes: int
+    # for each row, how often it was updated; 0: unknown
+    visits: tuple[int, ...]
+    # of equal length
+    rows: tuple[tuple[float, ...], ...]
 
 
 LEARNED: Final = declare(

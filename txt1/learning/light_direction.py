@@ -18,8 +18,10 @@ from typing import Final
 from txt1.errors import LightFault, NoDirection
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
 
-FILTER_WEIGHT: Final = 0.9  # weight of the past in the filter (5.10)
+# weight of the past in the filter (5.10)
+FILTER_WEIGHT: Final = 0.9
 
+# by index (figure 5.5)
 SECTORS: Final = (
     "rear centre",
     "rear right",
@@ -29,10 +31,11 @@ SECTORS: Final = (
     "front left",
     "centre left",
     "rear left",
-)  # by index (figure 5.5)
+)
 # after this many samples the first sample has lost nine tenths of its weight in the filter
 SETTLING_SAMPLES: Final = 22
-FROZEN_SAMPLES: Final = 63  # a sensor's changes are counted over this many samples, about a second
+# a sensor's changes are counted over this many samples, about a second
+FROZEN_SAMPLES: Final = 63
 
 
 def direction(readings: Readings) -> float:
@@ -118,7 +121,8 @@ def spread_limit(exponent: float = 2.0, noise: float = 0.3) -> float:
     return float(((nearest + r) / (nearest - r)) ** exponent * exp(4.0 * sqrt(2.0) * filtered))
 
 
-Lux = tuple[float, float, float, float]  # `Readings` as plain numbers, which cost less to make
+# `Readings` as plain numbers, which cost less to make
+Lux = tuple[float, float, float, float]
 
 
 class LightFilter:

@@ -13,7 +13,8 @@ from txt1.config import Config, completed, flatten, load
 from txt1.errors import ConfigError
 from txt1.learning.settings import LearningConfig
 
-NAMES: Final = ("hal", "vehicle", "name", "seed", "calibrated", "sim.physics")  # refused elsewhere, or no physics
+# refused elsewhere, or no physics
+NAMES: Final = ("hal", "vehicle", "name", "seed", "calibrated", "sim.physics")
 CAR: Final = ("geometry.radius_min", "geometry.wheelbase", "geometry.track_width", "geometry.steering")
 WHEELS: Final = ("geometry.circumference", "geometry.counts_per_rev")
 LOOPS: Final = ("control.linear", "control.angular", "car", "safety.motor_max")

@@ -36,34 +36,53 @@ from txt1.model.odometry import Odometry
 from txt1.units import Positive, PositiveInt, Share
 
 Array = NDArray[np.float64]
-Weights = dict[str, Array]  # each with the networks along its first axis
+# each with the networks along its first axis
+Weights = dict[str, Array]
 
-SEEN: Final = 5  # numbers of x: the mean of the logarithms, and four differences
-ROW: Final = SEEN + 3  # numbers kept for each decision: x, distance, turn, and the action before
-GAIN: Final = 3.0  # factor on logarithms, which brings the networks' numbers to about 1
-SWITCHES: Final = (1, 2, 3, 5, 8, 12, 17)  # decisions after which a plan may change to another action
+# numbers of x: the mean of the logarithms, and four differences
+SEEN: Final = 5
+# numbers kept for each decision: x, distance, turn, and the action before
+ROW: Final = SEEN + 3
+# factor on logarithms, which brings the networks' numbers to about 1
+GAIN: Final = 3.0
+# decisions after which a plan may change to another action
+SWITCHES: Final = (1, 2, 3, 5, 8, 12, 17)
 
 
 @dataclass(frozen=True, slots=True)
 class NeuralSettings:
     """The hyper-parameters, which `learning.neural` sets."""
 
-    period: Positive = 0.1  # time from one decision to the next, s
-    members: PositiveInt = 3  # networks
-    hidden: PositiveInt = 32  # units of each layer
-    latent: PositiveInt = 10  # numbers of the predicted state
-    history: PositiveInt = 5  # decisions from which it is encoded
-    ahead: PositiveInt = 20  # decisions predicted, in training and for a plan
-    batch: PositiveInt = 32  # samples for a step of training; each network has its own
-    steps: PositiveInt = 2  # steps of training after each decision; a few ms together
-    rate: Positive = 3e-3  # learning rate of Adam
-    tries: PositiveInt = 5  # decisions in a row for which each action is tried at first
+    # time from one decision to the next, s
+    period: Positive = 0.1
+    # networks
+    members: PositiveInt = 3
+    # units of each layer
+    hidden: PositiveInt = 32
+    # numbers of the predicted state
+    latent: PositiveInt = 10
+    # decisions from which it is encoded
+    history: PositiveInt = 5
+    # decisions predicted, in training and for a plan
+    ahead: PositiveInt = 20
+    # samples for a step of training; each network has its own
+    batch: PositiveInt = 32
+    # steps of training after each decision; a few ms together
+    steps: PositiveInt = 2
+    # learning rate of Adam
+    rate: Positive = 3e-3
+    # decisions in a row for which each action is tried at first
+    tries: PositiveInt = 5
     # decisions at first that are random; also the usual length of an episode before the first success
     blind: PositiveInt = 40
-    patience: Positive = 2.0  # an episode is long if it takes this many times the usual number of decisions
-    tumble: Share = 0.1  # probability to try an action for up to 30 decisions, per decision of a long episode
-    memory: PositiveInt = 6000  # decisions kept for training
-    latest: PositiveInt = 600  # those from which half of the samples come
+    # an episode is long if it takes this many times the usual number of decisions
+    patience: Positive = 2.0
+    # probability to try an action for up to 30 decisions, per decision of a long episode
+    tumble: Share = 0.1
+    # decisions kept for training
+    memory: PositiveInt = 6000
+    # those from which half of the samples come
+    latest: PositiveInt = 600
 
 
 SETTINGS: Final = NeuralSettings()
@@ -92,12 +111,18 @@ class NeuralAgent(PeriodicAgent):
         one = settings
         self.weights = initial(rng, one.members, one.history * (SEEN + 2 + actions), one.hidden, one.latent, actions)
         self.adam = [{name: np.zeros_like(w) for name, w in self.weights.items()} for _ in range(2)]
-        self.steps = 0  # steps of training so far
-        self.rows: Array = np.zeros((0, ROW))  # the kept decisions
-        self.last: NDArray[np.int64] = np.zeros(0, np.int64)  # for each row, the number of the last row of its episode
-        self.usual = 0.0  # decisions that a success takes, on average; 0: no success yet
-        self.level: Array | None = None  # logarithms of the first readings
-        self.scale = np.zeros(2)  # largest distance and turn of a decision so far, in odometry's units
+        # steps of training so far
+        self.steps = 0
+        # the kept decisions
+        self.rows: Array = np.zeros((0, ROW))
+        # for each row, the number of the last row of its episode
+        self.last: NDArray[np.int64] = np.zeros(0, np.int64)
+        # decisions that a success takes, on average; 0: no success yet
+        self.usual = 0.0
+        # logarithms of the first readings
+        self.level: Array | None = None
+        # largest distance and turn of a decision so far, in odometry's units
+        self.scale = np.zeros(2)
         self._plans = plans(actions, one.ahead)
         self._rng = rng
         self._before = self._copy()
@@ -109,10 +134,12 @@ class NeuralAgent(PeriodicAgent):
         """An episode begins."""
         self._before = self._copy()
         self._rest()
-        self._first = len(self.rows)  # the episode's first row
+        # the episode's first row
+        self._first = len(self.rows)
         self._at: Odometry | None = None
         self._a = -1
-        self._random = 0  # decisions for which the randomly drawn action still stays in force
+        # decisions for which the randomly drawn action still stays in force
+        self._random = 0
         self._untried = [int(a) for a in self._rng.permutation(self.actions)] if not len(self.rows) else []
         self._values: tuple[float, ...] = ()
         self._error: float | None = None

@@ -35,7 +35,8 @@ def asked(arguments: Namespace, config: Config) -> Learner | None:
     from txt1.learning.agents import agent_of
 
     agent = agent_of(config, arguments.learn, arguments.policy)
-    assert agent is not None  # one of the two options is given
+    # one of the two options is given
+    assert agent is not None
     if arguments.share is not None:
         from txt1.learning.sharing import sharer
 

@@ -67,7 +67,8 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
         room = world_of(self._config)
         self.robots, told = {}, {}
         width, reach = self._config.sim.room.width, self._config.section(LearningConfig).boundary
-        for k, name in enumerate(self.agents):  # at first each stands at the wall, in nobody's way
+        # at first each stands at the wall, in nobody's way
+        for k, name in enumerate(self.agents):
             aside = (reach * (2.0 * k / max(1, len(self.agents) - 1) - 1.0), 0.5 * width - 0.5, 0.0)
             sim = self._config.sim.model_copy(update={"start": aside})
             own = self._config.model_copy(update={"name": name, "sim": sim})

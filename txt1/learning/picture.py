@@ -13,9 +13,11 @@ from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Box, Post
 
 SIDE: Final = 400  # pixels
-MARGIN: Final = 0.5  # m around the starts that is shown
+# m around the starts that is shown
+MARGIN: Final = 0.5
 FLOOR, WALL, GOAL, LIGHT = (250, 250, 248), (90, 90, 90), (255, 240, 190), (240, 170, 0)
-CARS: Final = ((30, 90, 200), (200, 60, 40), (40, 150, 80), (140, 60, 170))  # in turn
+# in turn
+CARS: Final = ((30, 90, 200), (200, 60, 40), (40, 150, 80), (140, 60, 170))
 Point = tuple[float, float]
 Colour = tuple[int, int, int]
 
@@ -25,8 +27,10 @@ class Overview(NamedTuple):
 
     config: Config
     light: Point
-    poses: Sequence[tuple[float, float, float]]  # of the robots
-    ways: Sequence[Sequence[Point]]  # that they came
+    # of the robots
+    poses: Sequence[tuple[float, float, float]]
+    # that they came
+    ways: Sequence[Sequence[Point]]
 
 
 def picture(scene: Overview) -> NDArray[np.uint8]:

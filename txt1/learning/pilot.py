@@ -69,30 +69,43 @@ from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 
-Rare = Annotated[float, Field(gt=0.0, lt=0.5)]  # a probability
+# a probability
+Rare = Annotated[float, Field(gt=0.0, lt=0.5)]
 
 
 @dataclass(frozen=True, slots=True)
 class PilotSettings:
     """The hyper-parameters, which `learning.pilot` sets."""
 
-    period: Positive = 0.1  # time from one decision to the next, s
-    tries: PositiveInt = 5  # decisions in a row for which each action is tried when it is lost
-    forgets: Share = 0.99  # weight of the past in the effects of an action, per decision that it is in force
-    window: PositiveInt = 250  # decisions that a survey uses
-    anew: PositiveInt = 5  # decisions from one survey to the next when it is lost
-    doubt: Positive = 2.5  # mean square of the readings' misfit, in their own deviations, above which it is lost
-    slip: NotNegative = 0.15  # standard deviation of odometry in one decision, as a share of distance and turn
-    model: NotNegative = 0.03  # standard deviation of the brightness's law, as a share
+    # time from one decision to the next, s
+    period: Positive = 0.1
+    # decisions in a row for which each action is tried when it is lost
+    tries: PositiveInt = 5
+    # weight of the past in the effects of an action, per decision that it is in force
+    forgets: Share = 0.99
+    # decisions that a survey uses
+    window: PositiveInt = 250
+    # decisions from one survey to the next when it is lost
+    anew: PositiveInt = 5
+    # mean square of the readings' misfit, in their own deviations, above which it is lost
+    doubt: Positive = 2.5
+    # standard deviation of odometry in one decision, as a share of distance and turn
+    slip: NotNegative = 0.15
+    # standard deviation of the brightness's law, as a share
+    model: NotNegative = 0.03
     # standard deviation of the goal's distance, as a share: a course that grazes the goal might miss it
     graze: Share = 0.06
-    judged: PositiveInt = 50  # decisions by which it judges whether its model fits
-    alarm: Rare = 1e-6  # probability of a false report that the model does not fit, each time it judges
-    delays: PositiveInt = 5  # an action takes effect at most this many decisions, less one, after it was taken
+    # decisions by which it judges whether its model fits
+    judged: PositiveInt = 50
+    # probability of a false report that the model does not fit, each time it judges
+    alarm: Rare = 1e-6
+    # an action takes effect at most this many decisions, less one, after it was taken
+    delays: PositiveInt = 5
 
 
 SETTINGS: Final = PilotSettings()
-SECOND: Final = 10  # decisions over which it predicts the effects of its actions, to judge itself
+# decisions over which it predicts the effects of its actions, to judge itself
+SECOND: Final = 10
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
@@ -122,16 +135,21 @@ class PilotAgent(PeriodicAgent):
         self.actions = actions
         self.episode = 0
         self.effects = Effects(actions, settings.delays)
-        self.survey = np.zeros(NUMBERS)  # see POWER, PLACES, SCALE
+        # see POWER, PLACES, SCALE
+        self.survey = np.zeros(NUMBERS)
         self.survey[POWER], self.survey[SCALE] = 2.0, 1.0
-        self.spread = np.full(SENSORS, 0.1)  # mean square of one sample, as a share of its mean
-        self.goal = 0.0  # distance from the light at which an episode ends; 0: unknown
-        self._goals = 0  # number of episodes of which it is the mean
+        # mean square of one sample, as a share of its mean
+        self.spread = np.full(SENSORS, 0.1)
+        # distance from the light at which an episode ends; 0: unknown
+        self.goal = 0.0
+        # number of episodes of which it is the mean
+        self._goals = 0
         self.lost = True
         self.misfit = 1.0
         self._rng = rng
         self._untried = self._all()
-        self._past: list[Array] = []  # for each episode, rows of _RECORD numbers a decision
+        # for each episode, rows of _RECORD numbers a decision
+        self._past: list[Array] = []
         self._before = self.memory()
         self.begin()
 
@@ -145,24 +163,34 @@ class PilotAgent(PeriodicAgent):
         self._before = self.memory()
         self._rows: list[list[float]] = []
         self._rest()
-        self._taken = [self.actions] * self.settings.delays  # actions, the latest first
+        # actions, the latest first
+        self._taken = [self.actions] * self.settings.delays
         self._at: Odometry | None = None
-        self._pace: Place = (0.0, 0.0)  # distance and curvature of the last decision
+        # distance and curvature of the last decision
+        self._pace: Place = (0.0, 0.0)
         # likely places of the light in the robot's frame, the likeliest first
         self._lights: list[tuple[Belief, float]] = []
-        self._range = (inf, inf)  # distance from the light at the last decision but one, and at the last
-        self._near = self.goal  # the goal's distance as it shows in this episode
-        self._arrival = inf  # latest decision at which it arrives if all goes well
-        self.unfit = ""  # the part that its model does not fit, once reported in this episode
-        self._course: list[Any] = []  # of the last decisions: the state before, the actions, and their results
-        self._surveyed = False  # whether it has surveyed again in this episode because it was late
-        self.plan = inf  # length of the plan, decisions
+        # distance from the light at the last decision but one, and at the last
+        self._range = (inf, inf)
+        # the goal's distance as it shows in this episode
+        self._near = self.goal
+        # latest decision at which it arrives if all goes well
+        self._arrival = inf
+        # the part that its model does not fit, once reported in this episode
+        self.unfit = ""
+        # of the last decisions: the state before, the actions, and their results
+        self._course: list[Any] = []
+        # whether it has surveyed again in this episode because it was late
+        self._surveyed = False
+        # length of the plan, decisions
+        self.plan = inf
 
     def act(self, now: float, odometry: Odometry) -> int:
         """Learn from the result of the last action, and choose the next action."""
         self._decides(now)
         self._learn(odometry)
-        if self._lights:  # at every likely place the episode goes on, so the goal is no farther from the light
+        # at every likely place the episode goes on, so the goal is no farther from the light
+        if self._lights:
             farthest = max(hypot(x, y) + sqrt(0.5 * (xx + yy)) for (x, y, xx, yy, _), _ in self._lights)
             self._near = min(self._near, farthest)
         if self.lost and len(self._rows) % self.settings.anew == 0:
@@ -184,7 +212,8 @@ class PilotAgent(PeriodicAgent):
         if len(self._rows) > 2:
             self._past.append(np.array(self._rows))
         if success and self._light is not None:
-            seen = 0.5 * (self._range[0] + self._range[1])  # outside before, inside now
+            # outside before, inside now
+            seen = 0.5 * (self._range[0] + self._range[1])
             self._goals = 1 if self.lost else self._goals + 1
             self.goal += (seen - self.goal) / min(self._goals, 10)
             self.lost = False
@@ -243,7 +272,8 @@ class PilotAgent(PeriodicAgent):
             return ""
         limit = chi_square(readings, self.settings.alarm)
         _, square = seen_along(self.survey, rows, 0.0)
-        if square * readings <= limit:  # the survey fits as it is, so no search for a better survey is needed
+        # the survey fits as it is, so no search for a better survey is needed
+        if square * readings <= limit:
             return ""
         survey, lights, _, _ = self._survey_with([*self._past, rows])
         return "the light" if _misfit(survey, rows, lights[-1]) > limit else ""
@@ -334,7 +364,8 @@ class PilotAgent(PeriodicAgent):
     def _prior(self) -> tuple[Array, Array]:
         """The survey to expect without readings, with squared deviations: equal sensors, placed on the robot."""
         curvature = np.abs(self.effects.c[0, 1] / (1.0 - self.effects.k[0, 1])).max()
-        on_robot = 0.5 / max(curvature, 1e-3)  # half its smallest turning circle
+        # half its smallest turning circle
+        on_robot = 0.5 / max(curvature, 1e-3)
         deviations = np.array([0.2] * 4 + [0.7] + [on_robot] * 8 + [0.1])
         mean = np.zeros(NUMBERS)
         mean[POWER], mean[SCALE] = 2.0, 1.0
@@ -501,7 +532,8 @@ def _misfit(survey: Array, rows: Array, light: Array) -> float:
     """Sum of the squared misfits of an episode's readings, in deviations, with the light at a place on its map."""
     distance, turn = rows[:, 0], survey[SCALE] * rows[:, 1]
     x, y, heading = way(distance, turn)
-    middle, quarter = heading - 0.5 * turn, heading - 0.25 * turn  # the readings belong to the middle of the way
+    # the readings belong to the middle of the way
+    middle, quarter = heading - 0.5 * turn, heading - 0.25 * turn
     east = light[0] - x + 0.5 * distance * np.cos(quarter)
     north = light[1] - y + 0.5 * distance * np.sin(quarter)
     ahead, left = (

@@ -16,8 +16,10 @@ from txt1.sim.batch import compiled as compiled_anew
 
 Array = NDArray[np.float64]
 Place = tuple[float, float]
-Belief = tuple[float, float, float, float, float]  # the light's place (forward, left); variances, and covariance
-SETTLE: Final = 6  # decisions after which an action's distance and curvature have settled
+# the light's place (forward, left); variances, and covariance
+Belief = tuple[float, float, float, float, float]
+# decisions after which an action's distance and curvature have settled
+SETTLE: Final = 6
 # for functions that call no function of another file, as the cache would not notice its change
 compiled = partial(compiled_anew, cache=True)
 
@@ -32,7 +34,8 @@ class Effects:
         # sums of 1, y, y', y^2, y y': for distance, and for curvature
         self.sums = np.zeros((delays, 2, actions + 1, 5))
         self.sums[..., 3] = 1e-6
-        self.error = np.zeros(delays)  # mean square error of the predictions
+        # mean square error of the predictions
+        self.error = np.zeros(delays)
         self.k = np.zeros((delays, 2))
         self.c = np.zeros((delays, 2, actions + 1))
 
@@ -204,7 +207,8 @@ def quickest(
     heading = 0.0
     for a in pending:
         ahead, left, heading, distance, curvature = _driven(ahead, left, heading, distance, curvature, a, k, c, scale)
-    actions = c.shape[1] - 1  # the last action stands for "no action"
+    # the last action stands for "no action"
+    actions = c.shape[1] - 1
     sharpest = 1e-3
     for b in range(actions):
         sharpest = max(sharpest, abs(scale * c[1, b] / (1.0 - k[1])))

@@ -15,16 +15,21 @@ from txt1.learning.trial import Task, TrialResult
 from txt1.model.light_sensors import MOUNT, SENSORS
 
 DPI: Final = 120
-LEGIBLE: Final = 200  # a table with more numbers is drawn without them, by colours only
-PATH, PART = 3.2, 4.8  # in, one path and one part of a table across: of all beside one another, shown 600 pixels wide,
+# a table with more numbers is drawn without them, by colours only
+LEGIBLE: Final = 200
+# in, one path and one part of a table across: of all beside one another, shown 600 pixels wide,
+PATH, PART = 3.2, 4.8
 # letters can be read
-RESAMPLES: Final = 500  # of the trials, for an interval
-BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"  # the colour-blind, too, tell them apart (Okabe, Ito)
+# of the trials, for an interval
+RESAMPLES: Final = 500
+# the colour-blind, too, tell them apart (Okabe, Ito)
+BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"
+# for learners whose tables hold the turning, left positive, for each place of the light
 COURSES: Final[dict[str, Callable[[StoredTable, Any], Any]]] = {
     "pilot": pilot.courses,
     "sweeps": sweeps.courses,
     "thesis": thesis.courses,
-}  # for learners whose tables hold the turning, left positive, for each place of the light
+}
 
 
 def draw(
@@ -42,7 +47,8 @@ def draw(
         raise MissingExtra("drawing pictures", "plots") from None
     table = chosen.table
     parts: list[Callable[[Any, float], None]] = []
-    if table.about.get("agent") != pilot.PilotAgent.name:  # the pilot's table is a survey, which the floor shows
+    # the pilot's table is a survey, which the floor shows
+    if table.about.get("agent") != pilot.PilotAgent.name:
         parts.append(lambda figure, left: _table(figure, left, table, colormaps))
     if table.about.get("agent") in COURSES:
         parts.append(lambda figure, left: _floor(figure, left, table, task))
@@ -53,10 +59,12 @@ def draw(
     )
     pictures = []
     for name, size, paint in paintings:
-        figure = Figure(figsize=size, dpi=DPI)  # no pyplot: no window, no state
+        # no pyplot: no window, no state
+        figure = Figure(figsize=size, dpi=DPI)
         paint(figure)
         path = out / name
-        figure.savefig(path, pil_kwargs={"compress_level": 1})  # half the time, 6 % more bytes
+        # half the time, 6 % more bytes
+        figure.savefig(path, pil_kwargs={"compress_level": 1})
         pictures.append(path)
     return pictures
 
@@ -136,7 +144,8 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         axes.plot(x, y, color=BLUE)
         axes.plot(x[0], y[0], "o", color=RED)
         title = f"episode {number}"
-        if len(chosen.episodes) >= number:  # otherwise the episode was broken off
+        # otherwise the episode was broken off
+        if len(chosen.episodes) >= number:
             one = chosen.episodes[number - 1]
             tip = x[0] + 0.4 * cos(one.start.heading), y[0] + 0.4 * sin(one.start.heading)
             axes.annotate("", tip, (x[0], y[0]), arrowprops={"arrowstyle": "->"})
@@ -167,7 +176,8 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task) -> None:
     outside = np.hypot(ahead, left) > task.goal_radius
     ahead, left = ahead[outside], left[outside]
     turns = COURSES[table.about["agent"]](table, np.column_stack([ahead, left]))
-    turned = 0.5 * np.pi * turns / (np.abs(turns).max() or 1.0) + 0.5 * np.pi  # up is straight on
+    # up is straight on
+    turned = 0.5 * np.pi * turns / (np.abs(turns).max() or 1.0) + 0.5 * np.pi
     colours = np.where(turns > 0.3 * turns.max(), BLUE, np.where(turns < 0.3 * turns.min(), RED, GREEN))
     axes.quiver(-left, ahead, np.cos(turned), np.sin(turned), color=colours, pivot="mid", scale=26.0, width=0.005)
     for name, (x, y) in zip(SENSORS, table.about.get("sensors", MOUNT), strict=True):

@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 
 from txt1.errors import QTableError
 
-Table = NDArray[np.float64]  # Q(s, a), shape (states, actions)
+# Q(s, a), shape (states, actions)
+Table = NDArray[np.float64]
 
-STATES: Final = 8  # the sectors of `txt1.learning.light_direction`
-ACTIONS: Final = ("right", "straight", "left")  # by index (table 5.2)
+# the sectors of `txt1.learning.light_direction`
+STATES: Final = 8
+# by index (table 5.2)
+ACTIONS: Final = ("right", "straight", "left")
 
 FORMAT: Final = "txt1 Q-table"
 VERSION: Final = 1
@@ -48,8 +51,10 @@ def update(q: Table, s: int, a: int, reward: float, s_next: int, alpha: float = 
 class StoredTable:
     """A Q-table as a file holds it."""
 
-    values: Table  # Q(s, a), shape (states, actions)
-    about: Mapping[str, Any] = field(default_factory=dict)  # the agent's notes: JSON values only
+    # Q(s, a), shape (states, actions)
+    values: Table
+    # the agent's notes: JSON values only
+    about: Mapping[str, Any] = field(default_factory=dict)
 
     def shaped(self, states: int, actions: int) -> Table:
         """Return the values; ValueError: their shape is not (states, actions)."""
@@ -85,7 +90,8 @@ def save(path: Path, table: StoredTable) -> None:
     if values.ndim != 2 or not values.size or not np.isfinite(values).all():
         raise ValueError(f"a Q-table is one row of finite numbers for each state; this has the shape {values.shape}")
     try:
-        about = json.loads(json.dumps(dict(table.about), allow_nan=False))  # as it will be read: keys are strings
+        # as it will be read: keys are strings
+        about = json.loads(json.dumps(dict(table.about), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise ValueError(f"the notes of a Q-table are no JSON: {error}") from error
     content = {"format": FORMAT, "version": VERSION, "values": values.tolist(), "about": about}

@@ -16,12 +16,17 @@ import numpy as np
 from txt1.learning.planner import Array, Belief, compiled
 
 SENSORS: Final = 4
-POWER, PLACES, SCALE = 4, 5, 13  # of the survey's numbers: brightness of the four first, then power, places, scale
+# of the survey's numbers: brightness of the four first, then power, places, scale
+POWER, PLACES, SCALE = 4, 5, 13
 NUMBERS: Final = 14
-POWERS: Final = (0.5, 6.0)  # least and largest power by which light may fall, and ...
-SCALES: Final = (0.5, 2.0)  # ... scale of turns
-UNLIKELY: Final = 20.0  # squared misfit, in deviations, by which a place of the light is too unlikely, and is dropped
-TAIL: Final = 8.0  # square of the misfit, in deviations, from which a reading counts less
+# least and largest power by which light may fall, and ...
+POWERS: Final = (0.5, 6.0)
+# ... scale of turns
+SCALES: Final = (0.5, 2.0)
+# squared misfit, in deviations, by which a place of the light is too unlikely, and is dropped
+UNLIKELY: Final = 20.0
+# square of the misfit, in deviations, from which a reading counts less
+TAIL: Final = 8.0
 
 
 @compiled
@@ -198,13 +203,15 @@ def _cost(
         normal[i, i] += 1.0 / square[i]
     column = np.zeros(7, np.int64)
     slope = np.zeros(7)
-    x = y = heading = x_by = y_by = heading_by = 0.0  # on the map, and how they change with the scale of turns
+    # on the map, and how they change with the scale of turns
+    x = y = heading = x_by = y_by = heading_by = 0.0
     for t in range(rows.shape[0]):
         e = which[t]
         if t > 0 and which[t - 1] != e:
             x = y = heading = x_by = y_by = heading_by = 0.0
         distance, turn = rows[t, 0], rows[t, 1]
-        for half in range(2):  # the readings belong to the middle of a decision's way
+        # the readings belong to the middle of a decision's way
+        for half in range(2):
             middle, middle_by = (
                 heading + (0.25 + 0.5 * half) * survey[SCALE] * turn,
                 heading_by + (0.25 + 0.5 * half) * turn,

@@ -8,9 +8,11 @@ from txt1.config.schema import Section
 from txt1.model.vehicle import SPEED, Geometry
 from txt1.units import NotNegative, Positive, PositiveInt
 
-TURN: Final = SPEED / Geometry().radius_min  # sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2
+# sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2
+TURN: Final = SPEED / Geometry().radius_min
 
-Action = tuple[float, float]  # (v, omega) of one of the learner's actions, m/s and rad/s
+# (v, omega) of one of the learner's actions, m/s and rad/s
+Action = tuple[float, float]
 
 
 class ChangeConfig(Section):

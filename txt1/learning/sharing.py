@@ -82,8 +82,10 @@ class Sharing:
         self._learner, self._exchange, self._every = learner, exchange, every
         self._liars, self._hurry, self._tell = liars, hurry, tell
         self._done = 0
-        self._known: dict[str, int] = {}  # the number of episodes of each robot, as last taken over
-        self._strange: set[str] = set()  # names of robots that learn something else
+        # the number of episodes of each robot, as last taken over
+        self._known: dict[str, int] = {}
+        # names of robots that learn something else
+        self._strange: set[str] = set()
 
     def accompany(self, trial: Trial) -> None:
         """Take part before and after each episode of the learner's trial."""

@@ -9,8 +9,10 @@ from txt1.learning.settings import LearningConfig
 from txt1.sim.obstacles import gap
 from txt1.sim.parameters import Box
 
-LOOK: Final = 0.1  # s between two looks for the goal by default: the quickest learner's decisions
-BEARINGS: Final = 72  # number of starts that are tried around the light
+# s between two looks for the goal by default: the quickest learner's decisions
+LOOK: Final = 0.1
+# number of starts that are tried around the light
+BEARINGS: Final = 72
 
 
 def refuse_unsolvable(config: Config) -> None:

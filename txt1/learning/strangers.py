@@ -27,13 +27,14 @@ def _decision(value: Any) -> Decision:
 
 
 KINDS: Final[dict[str, type]] = {"name": str, "table": StoredTable, "memory": dict, "shared": Learned}
+# the types that other results are converted to; TypeError or ValueError if that fails
 MADE: Final[dict[str, Callable[[Any], Any]]] = {
     "ready": bool,
     "waits": bool,
     "act": index,
     "decision": _decision,
     "take": index,
-}  # the types that other results are converted to; TypeError or ValueError if that fails
+}
 
 
 def checked(agent: Agent, who: str, actions: int) -> Agent:

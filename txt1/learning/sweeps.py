@@ -31,22 +31,32 @@ from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 Array = NDArray[np.float64]
 
-BEARINGS: Final = 72  # cells of the bearing, 5 degrees each; the first is centred on straight behind
-YAW_RATES: Final = 13  # cells of the yaw rate, from -YAW_MAX to YAW_MAX
-YAW_MAX: Final = 0.6  # rad/s; a little more than the sharpest turn
+# cells of the bearing, 5 degrees each; the first is centred on straight behind
+BEARINGS: Final = 72
+# cells of the yaw rate, from -YAW_MAX to YAW_MAX
+YAW_RATES: Final = 13
+# rad/s; a little more than the sharpest turn
+YAW_MAX: Final = 0.6
 
 
 @dataclass(frozen=True, slots=True)
 class SweepsSettings:
     """The hyper-parameters, which `learning.sweeps` sets."""
 
-    period: Positive = 0.1  # time from one decision to the next, s
-    memory: Share = 0.97  # weight of the past in the direction's average, per sample of 16 ms: half a second
-    gamma: Share = 0.97  # discount factor, per decision: 0.97 looks three seconds ahead
-    tries: PositiveInt = 6  # decisions in a row for which each action is tried at first
-    moving: NotNegative = 0.2  # m/s; slower than this it learns nothing about turning
-    sweeps: PositiveInt = 10  # largest number of sweeps after each decision
-    tolerance: Positive = 1e-3  # sweeping ends when every change of a value is smaller
+    # time from one decision to the next, s
+    period: Positive = 0.1
+    # weight of the past in the direction's average, per sample of 16 ms: half a second
+    memory: Share = 0.97
+    # discount factor, per decision: 0.97 looks three seconds ahead
+    gamma: Share = 0.97
+    # decisions in a row for which each action is tried at first
+    tries: PositiveInt = 6
+    # m/s; slower than this it learns nothing about turning
+    moving: NotNegative = 0.2
+    # largest number of sweeps after each decision
+    sweeps: PositiveInt = 10
+    # sweeping ends when every change of a value is smaller
+    tolerance: Positive = 1e-3
 
 
 SETTINGS: Final = SweepsSettings()
@@ -138,7 +148,8 @@ class SweepsAgent:
         """One sample of the light, lux."""
         self._watch.step(readings)
         fl, fr, rl, rr = readings
-        if fl <= 0.0 or fr <= 0.0 or rl <= 0.0 or rr <= 0.0:  # dead, as the watch will soon find out
+        # dead, as the watch will soon find out
+        if fl <= 0.0 or fr <= 0.0 or rl <= 0.0 or rr <= 0.0:
             return
         ahead, left = towards(readings)
         c, s = cos(odometry.theta), sin(odometry.theta)
@@ -213,7 +224,8 @@ class SweepsAgent:
         self._fitted = known
         self.converged = False
         c, k = self.model.coefficients()
-        bearings = np.arange(BEARINGS, dtype=np.float64) * (2.0 * pi / BEARINGS) - pi  # at the cells' centres
+        # at the cells' centres
+        bearings = np.arange(BEARINGS, dtype=np.float64) * (2.0 * pi / BEARINGS) - pi
         yaw_rates = np.linspace(-YAW_MAX, YAW_MAX, YAW_RATES, dtype=np.float64)
         w_next = np.clip(c + k * yaw_rates[None, :, None], -YAW_MAX, YAW_MAX)
         b_next = bearings[:, None, None] - self.settings.period * w_next

@@ -31,21 +31,31 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
 LEARNING_PRIORITY = 0
-SIMULATED: Final = "sim_light"  # the driver of simulated light sensors
-TRACKED: Final = 0.2  # s, the age at which a pose of motion capture is no longer believed
-TO_START: Final = 0.4  # m/s, top speed on the way to a start
-EPISODES: Final = 10_000  # more than anyone will watch
-FROM_WALL: Final = 0.5  # least distance of the boundary from the simulated room's walls, m
+# the driver of simulated light sensors
+SIMULATED: Final = "sim_light"
+# s, the age at which a pose of motion capture is no longer believed
+TRACKED: Final = 0.2
+# m/s, top speed on the way to a start
+TO_START: Final = 0.4
+# more than anyone will watch
+EPISODES: Final = 10_000
+# least distance of the boundary from the simulated room's walls, m
+FROM_WALL: Final = 0.5
 
 
 class LearningStep(NamedTuple):
     """A decision of the learner, or the end of an episode."""
 
-    episode: int  # its number, from 1
-    state: int  # row of the learner's table; -1: none
-    action: int  # the decided action; -1: the episode is over
-    reward: float  # for the result of the last action; NaN if nothing was learned from it
-    values: tuple[float, ...]  # of the actions in this state, after learning
+    # its number, from 1
+    episode: int
+    # row of the learner's table; -1: none
+    state: int
+    # the decided action; -1: the episode is over
+    action: int
+    # for the result of the last action; NaN if nothing was learned from it
+    reward: float
+    # of the actions in this state, after learning
+    values: tuple[float, ...]
 
 
 STEP: Final = declare(
@@ -67,8 +77,10 @@ STEP: Final = declare(
 class ModelDoubt(NamedTuple):
     """The learner says that its model does not fit what it sees."""
 
-    episode: int  # its number, from 1
-    what: str  # the part that the model does not fit
+    # its number, from 1
+    episode: int
+    # the part that the model does not fit
+    what: str
 
 
 DOUBT: Final = declare(
@@ -100,7 +112,8 @@ class LearningTask:
     ) -> None:
         self.trial = trial
         trial.decided = self._tell
-        self.ended = asyncio.Event()  # the last episode is over, or the trial was stopped: no more commands
+        # the last episode is over, or the trial was stopped: no more commands
+        self.ended = asyncio.Event()
         self._robot = robot
         self._light = robot.sensors[robot.config.section(LearningConfig).sensor]
         by = robot.config.section(LearningConfig).pose
@@ -111,9 +124,12 @@ class LearningTask:
         self._places = robot.hal.capabilities.place
         self._drive: asyncio.Task[Arrival] | None = None
         self._wheel = robot.source("learner")
-        self.overruled = ""  # the source that has taken the wheel; the learner waits until the robot is armed anew
-        self._doubted = 0  # the episode in which the learner last said that its model does not fit
-        self._epoch = 0  # of the arming that it waits for to pass
+        # the source that has taken the wheel; the learner waits until the robot is armed anew
+        self.overruled = ""
+        # the episode in which the learner last said that its model does not fit
+        self._doubted = 0
+        # of the arming that it waits for to pass
+        self._epoch = 0
         sim = robot.config.sim
         self._touches: Callable[[], object] = lambda: False
         if sim.obstacles or sim.movers or sim.room.map is not None:
@@ -153,7 +169,8 @@ class LearningTask:
                     if not self._moved(now):
                         continue
                     pose = self._pose.read()
-                if pose is None:  # without a pose the boundary is unknown, too
+                # without a pose the boundary is unknown, too
+                if pose is None:
                     trial.void()
                     self._wheel.command(0.0, 0.0)
                     continue
@@ -215,7 +232,8 @@ class LearningTask:
             return False
         if self._places:
             self._wheel.command(0.0, 0.0)
-            if robot.odometry.v or robot.odometry.omega:  # a robot that rolls must not be lifted
+            # a robot that rolls must not be lifted
+            if robot.odometry.v or robot.odometry.omega:
                 return False
             robot.place(*trial.start)
             if self._given is None and not self._truth:
@@ -235,7 +253,8 @@ class LearningTask:
             if isinstance(error, Overruled):
                 self._give_way(error.driver)
                 return False
-            if isinstance(error, NotArmed) or self._pose.read() is None:  # on the way; it drives on later
+            # on the way; it drives on later
+            if isinstance(error, NotArmed) or self._pose.read() is None:
                 return False
             if error is not None:
                 raise error
@@ -336,4 +355,5 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None, trial: Tri
         )
     options = {} if seed is None else {"seed": list(seed)}
     sensor = robot.runtime.make_sensor(name, SensorConfig(driver=SIMULATED, options=options))
-    (await robot.add_sensor(name, sensor)).needed = lambda: False  # until the learner needs it
+    # until the learner needs it
+    (await robot.add_sensor(name, sensor)).needed = lambda: False

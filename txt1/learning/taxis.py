@@ -45,18 +45,30 @@ SENSORS: Final = 4
 class TaxisSettings:
     """The hyper-parameters, which `learning.taxis` sets."""
 
-    period: Positive = 0.1  # time from one decision to the next, s
-    quick: Share = 0.7  # weight of the past in its senses, per decision: 0.3 s
-    slow: Share = 0.9  # the same for the average with which tumbles compare the brightness: 1 s
-    used: Share = 0.9995  # the same for a sensor's usual value and its variance: 200 s
-    gamma: Share = 0.95  # discount of the promise of a place, per decision
-    fades: Share = 0.85  # share of a trace that is left after a decision
-    alpha: Positive = 0.02  # learning rate of promises
-    beta: Positive = 1.0  # learning rate of synapses
-    tumble: Positive = 0.4  # probability of a tumble in a decision while the brightness stays
-    pirouette: NotNegative = 0.02  # probability of a pirouette in a decision while it darkens
-    reorient: Positive = 20.0  # decisions that a pirouette takes, on average
-    longer: NotNegative = 0.5  # how much a run is prolonged, by deviations of the brightening
+    # time from one decision to the next, s
+    period: Positive = 0.1
+    # weight of the past in its senses, per decision: 0.3 s
+    quick: Share = 0.7
+    # the same for the average with which tumbles compare the brightness: 1 s
+    slow: Share = 0.9
+    # the same for a sensor's usual value and its variance: 200 s
+    used: Share = 0.9995
+    # discount of the promise of a place, per decision
+    gamma: Share = 0.95
+    # share of a trace that is left after a decision
+    fades: Share = 0.85
+    # learning rate of promises
+    alpha: Positive = 0.02
+    # learning rate of synapses
+    beta: Positive = 1.0
+    # probability of a tumble in a decision while the brightness stays
+    tumble: Positive = 0.4
+    # probability of a pirouette in a decision while it darkens
+    pirouette: NotNegative = 0.02
+    # decisions that a pirouette takes, on average
+    reorient: Positive = 20.0
+    # how much a run is prolonged, by deviations of the brightening
+    longer: NotNegative = 0.5
 
 
 SETTINGS: Final = TaxisSettings()
@@ -84,11 +96,15 @@ class TaxisAgent(PeriodicAgent):
         self.actions = actions
         self.episode = 0
         self.learns = True
-        self.synapses: Array = np.zeros((SENSORS + 1, actions))  # from each sensor, and from a unit that always fires
+        # from each sensor, and from a unit that always fires
+        self.synapses: Array = np.zeros((SENSORS + 1, actions))
         self.promises: Array = np.zeros(SENSORS + 1)
-        self.used: Array = np.zeros(SENSORS)  # usual difference of each sensor
-        self.varies: Array = np.full(SENSORS, 0.04)  # variance of this difference
-        self.brightens = 0.01  # variance of the brightening
+        # usual difference of each sensor
+        self.used: Array = np.zeros(SENSORS)
+        # variance of this difference
+        self.varies: Array = np.full(SENSORS, 0.04)
+        # variance of the brightening
+        self.brightens = 0.01
         self._rng = rng
         self._before = self.memory()
         self.begin()
@@ -97,12 +113,16 @@ class TaxisAgent(PeriodicAgent):
         """An episode begins."""
         self._before = self.memory()
         self._rest()
-        self._sensed: Array | None = None  # logarithms, quickly averaged
-        self._bright = self._past = 0.0  # mean logarithm at the last decision, and slowly averaged
+        # logarithms, quickly averaged
+        self._sensed: Array | None = None
+        # mean logarithm at the last decision, and slowly averaged
+        self._bright = self._past = 0.0
         self._x: Array | None = None
         self._a = -1
-        self._turning = 0  # decisions for which a pirouette goes on
-        self._promised = np.zeros_like(self.promises)  # traces
+        # decisions for which a pirouette goes on
+        self._turning = 0
+        # traces
+        self._promised = np.zeros_like(self.promises)
         self._did = np.zeros_like(self.synapses)
         self._delta: float | None = None
         self._likes: Array = np.zeros(self.actions)

@@ -31,13 +31,17 @@ from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.sim.lamp import PointLight, illuminances
 
-REACHED: Final = 0.15  # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
-SENSED: Final = 0.18  # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
-RATE_DECAY: Final = 0.9  # factor of a fading learning rate, from an episode to the next
+# remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
+REACHED: Final = 0.15
+# remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
+SENSED: Final = 0.18
+# factor of a fading learning rate, from an episode to the next
+RATE_DECAY: Final = 0.9
 
 DIRECTIONS: Final = {"summed": direction, "diagonal": diagonal_direction, "corrected": corrected_direction}
 
-QRow = NDArray[np.floating[Any]]  # the Q-values of one state's actions
+# the Q-values of one state's actions
+QRow = NDArray[np.floating[Any]]
 
 
 def boltzmann(q: QRow, temperature: float) -> list[float]:
@@ -46,11 +50,13 @@ def boltzmann(q: QRow, temperature: float) -> list[float]:
     The largest Q is subtracted first. That does not change the quotient, and it prevents an overflow. Towards T = 0 the
     result is the greedy policy (5.4), towards infinity a uniform policy (5.3).
     """
-    values: list[float] = q.tolist()  # for so few numbers an array takes ten times as long
+    # for so few numbers an array takes ten times as long
+    values: list[float] = q.tolist()
     largest = max(values)
     weights = [exp((value - largest) / temperature) for value in values]
     total = 0.0
-    for weight in weights:  # sum() rounds otherwise from Python 3.12 on
+    # sum() rounds otherwise from Python 3.12 on
+    for weight in weights:
         total += weight
     return [weight / total for weight in weights]
 
@@ -63,7 +69,8 @@ def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
         cumulative += probability
         if u < cumulative:
             return action
-    return max(range(len(probabilities)), key=probabilities.__getitem__)  # the sum was rounded to a little less than 1
+    # the sum was rounded to a little less than 1
+    return max(range(len(probabilities)), key=probabilities.__getitem__)
 
 
 def greedy_action(q: QRow, rng: np.random.Generator) -> int:
@@ -131,7 +138,8 @@ class ThesisAgent:
         self._commands = commands
         self._direction = DIRECTIONS[settings.direction]
         self.filter = LightFilter(spread_limit(exponent))
-        self._sample: Readings | None = None  # only without a filter
+        # only without a filter
+        self._sample: Readings | None = None
         self._before = (self.q.copy(), self.visits.copy())
         self.begin()
 

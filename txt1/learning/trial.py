@@ -26,31 +26,47 @@ if TYPE_CHECKING:
 
 Pose = tuple[float, float, float]
 
-TICK: Final = 0.05  # the set-point is refreshed 20 times a second, s
+# the set-point is refreshed 20 times a second, s
+TICK: Final = 0.05
 
-Commands = tuple[tuple[float, float], ...]  # (v, omega) of each action, m/s and rad/s
-COMMANDS: Final[Commands] = LearningConfig().actions  # right, straight, left (table 5.2)
+# (v, omega) of each action, m/s and rad/s
+Commands = tuple[tuple[float, float], ...]
+# right, straight, left (table 5.2)
+COMMANDS: Final[Commands] = LearningConfig().actions
 
-OVER: Final = -1  # in place of an action, after the end of an episode
+# in place of an action, after the end of an episode
+OVER: Final = -1
 
-STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4  # streams of random numbers of a trial
+# streams of random numbers of a trial
+STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4
 
-MARGIN: Final = 1.0  # distance of the walls beyond the boundary, m: half a body, and room to stop
+# distance of the walls beyond the boundary, m: half a body, and room to stop
+MARGIN: Final = 1.0
 
 
 class Task(NamedTuple):
     """The task to be learned."""
 
-    light: tuple[float, float] = (0.0, 0.0)  # place of the light in the room, x and y in m
-    start_radius: float = 1.25  # distance from the light at which an episode begins, m (5.4)
-    goal_radius: float = GOAL_RADIUS  # distance at which an episode has succeeded, m (5.4)
-    boundary: float = 8.0  # an episode has failed outside the square of +-this around the room's centre, m
-    time_limit: float = 300.0  # an episode has failed after this time, s; not in the thesis
-    settle: float = 0.5  # rest before the first decision, s
-    speed: float = SPEED  # the fastest of the actions, m/s
-    radius_min: float = Geometry().radius_min  # of the sharpest turn among the actions, m
-    delay: float = 0.0  # delay with which an action reaches the robot, s
-    goal_period: float | None = None  # time between two looks for goal and boundary, s; None: at the agent's decisions
+    # place of the light in the room, x and y in m
+    light: tuple[float, float] = (0.0, 0.0)
+    # distance from the light at which an episode begins, m (5.4)
+    start_radius: float = 1.25
+    # distance at which an episode has succeeded, m (5.4)
+    goal_radius: float = GOAL_RADIUS
+    # an episode has failed outside the square of +-this around the room's centre, m
+    boundary: float = 8.0
+    # an episode has failed after this time, s; not in the thesis
+    time_limit: float = 300.0
+    # rest before the first decision, s
+    settle: float = 0.5
+    # the fastest of the actions, m/s
+    speed: float = SPEED
+    # of the sharpest turn among the actions, m
+    radius_min: float = Geometry().radius_min
+    # delay with which an action reaches the robot, s
+    delay: float = 0.0
+    # time between two looks for goal and boundary, s; None: at the agent's decisions
+    goal_period: float | None = None
 
 
 class Start(NamedTuple):
@@ -74,13 +90,20 @@ class Start(NamedTuple):
 class Episode(NamedTuple):
     """The course of an episode: one line of learning.csv."""
 
-    number: int  # from 1
-    start: Start  # pose at its beginning
-    time: float  # from the first decision to the end, s
-    success: bool  # whether it ended at the light
-    optimal_time: float  # the least time from this start, s
-    unfit: float | None = None  # when the learner said that its model does not fit, s from the first decision
-    touched: bool = False  # whether it ended, and failed, as the robot touched something
+    # from 1
+    number: int
+    # pose at its beginning
+    start: Start
+    # from the first decision to the end, s
+    time: float
+    # whether it ended at the light
+    success: bool
+    # the least time from this start, s
+    optimal_time: float
+    # when the learner said that its model does not fit, s from the first decision
+    unfit: float | None = None
+    # whether it ended, and failed, as the robot touched something
+    touched: bool = False
 
 
 class Phase(StrEnum):
@@ -96,13 +119,20 @@ class Phase(StrEnum):
 class TrialResult:
     """The result of a trial."""
 
-    trial: int  # its number, from 1
-    episodes: list[Episode]  # the completed episodes
-    complete: bool  # whether all episodes are completed
-    table: StoredTable  # the learned table
-    memory: dict[str, Any]  # memory with which the agent can carry on
-    paths: dict[int, list[tuple[float, float]]]  # by the episode's number, (x, y) in m 20 times a second
-    voided: int = 0  # episodes that were broken off by a disarm and done again
+    # its number, from 1
+    trial: int
+    # the completed episodes
+    episodes: list[Episode]
+    # whether all episodes are completed
+    complete: bool
+    # the learned table
+    table: StoredTable
+    # memory with which the agent can carry on
+    memory: dict[str, Any]
+    # by the episode's number, (x, y) in m 20 times a second
+    paths: dict[int, list[tuple[float, float]]]
+    # episodes that were broken off by a disarm and done again
+    voided: int = 0
 
 
 def stream(seed: int, trial: int, which: int) -> np.random.Generator:
@@ -167,22 +197,30 @@ class Trial:
     task: Task
     starts: list[Start]
     commands: Commands = COMMANDS
-    done: Callable[[Episode], None] = lambda _: None  # called with each episode as it ends
-    keep_paths: Collection[int] = ()  # numbers of the episodes whose paths are kept
+    # called with each episode as it ends
+    done: Callable[[Episode], None] = lambda _: None
+    # numbers of the episodes whose paths are kept
+    keep_paths: Collection[int] = ()
     # called with every decided action, and with OVER at the end of an episode
     decided: Callable[[int], None] = lambda _: None
-    begins: Callable[[], None] = lambda: None  # called before an episode begins
-    world: "LightWorld | CheckedWorld | None" = None  # what the learner is told; None: odometry as it is
-    episodes: list[Episode] = field(default_factory=list)  # those that are over
+    # called before an episode begins
+    begins: Callable[[], None] = lambda: None
+    # what the learner is told; None: odometry as it is
+    world: "LightWorld | CheckedWorld | None" = None
+    # those that are over
+    episodes: list[Episode] = field(default_factory=list)
     paths: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     voided: int = 0
 
     def __post_init__(self) -> None:
-        self.since = 0.0  # when the robot was put on its start
+        # when the robot was put on its start
+        self.since = 0.0
         self._began = 0.0
-        self._looks = 0.0  # time of the next look for the goal
+        # time of the next look for the goal
+        self._looks = 0.0
         self._action = 0
-        self._under_way: list[tuple[float, tuple[float, float]]] = []  # commands, and when each reaches the robot
+        # commands, and when each reaches the robot
+        self._under_way: list[tuple[float, tuple[float, float]]] = []
         self._in_force = (0.0, 0.0)
         self._unfit: float | None = None
         self.phase = Phase.DONE

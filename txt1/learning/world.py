@@ -33,10 +33,13 @@ if TYPE_CHECKING:
 
     from txt1.config import Config
 
-Pose = tuple[float, float, float]  # in the room, m and rad
-Command = tuple[float, float]  # v and omega, m/s and rad/s
+# in the room, m and rad
+Pose = tuple[float, float, float]
+# v and omega, m/s and rad/s
+Command = tuple[float, float]
 
-TOUCH: Final = 0.02  # m: with less room than this the robot touches what is there
+# m: with less room than this the robot touches what is there
+TOUCH: Final = 0.02
 
 
 class LightWorld:

@@ -7,7 +7,8 @@ from txt1.errors import ConfigError
 from txt1.resources import resource
 
 WORLDS: Final = "config/worlds"
-OWN: Final = {"thesis": "thesis-simulation"}  # the default world of a learner
+# the default world of a learner
+OWN: Final = {"thesis": "thesis-simulation"}
 
 
 def world_file(name: str) -> Path:

@@ -12,7 +12,8 @@ from typing import Final, Protocol
 
 from txt1.errors import LinkLost
 
-BACKLOG: Final = 4096  # bytes that may wait for the other side to take them
+# bytes that may wait for the other side to take them
+BACKLOG: Final = 4096
 
 
 class Link:
@@ -26,9 +27,11 @@ class Link:
 
     def __init__(self, address: str, end: End) -> None:
         self.address = address
-        self.on_shut: Callable[[], object] = lambda: None  # called when it is closed without asking the end
+        # called when it is closed without asking the end
+        self.on_shut: Callable[[], object] = lambda: None
         self._end = end
-        self._down = ""  # the reason, once it is
+        # the reason, once it is
+        self._down = ""
 
     @property
     def up(self) -> bool:
@@ -143,7 +146,8 @@ class StreamLink(Link, asyncio.Protocol):
 
     def eof_received(self) -> bool:
         """True, so that asyncio leaves it to us: a peer that sends no more is gone."""
-        self.transport.abort()  # asyncio's own answer would first wait until the other side has taken our bytes
+        # asyncio's own answer would first wait until the other side has taken our bytes
+        self.transport.abort()
         return True
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -20,7 +20,8 @@ from txt1.link.pty import is_left_behind
 from txt1.link.tcp import BOARD, open_socket
 
 STANDARD_BAUDS: Final = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
-_Opened = tuple["_Device", Callable[[str, Exception | None], str]]  # the port, and how to explain its loss
+# the port, and how to explain its loss
+_Opened = tuple["_Device", Callable[[str, Exception | None], str]]
 
 
 class _Device(Serial):
@@ -67,9 +68,12 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
         self._closing = True
         self._remove_reader()
         self._remove_writer()
-        with suppress(termios.error, OSError):  # unplugged
-            self._serial.reset_output_buffer()  # closing a UART would wait for it up to 30 s
-        self._serial.close()  # now, so that the port can be opened again at once
+        # unplugged
+        with suppress(termios.error, OSError):
+            # closing a UART would wait for it up to 30 s
+            self._serial.reset_output_buffer()
+        # now, so that the port can be opened again at once
+        self._serial.close()
         self._loop.call_soon(self._protocol.connection_lost, exc)
 
     def _close(self, exc: Exception | None = None) -> None:
@@ -94,12 +98,14 @@ async def open_link(
     try:
         device, explain = await asyncio.shield(opening)
     except asyncio.CancelledError:
-        opening.add_done_callback(_close_port)  # the thread cannot be stopped; nobody wants what it will open
+        # the thread cannot be stopped; nobody wants what it will open
+        opening.add_done_callback(_close_port)
         raise
     link = StreamLink(address, end, explain)
     transport = _DeviceTransport(loop, link, device)
     try:
-        await asyncio.sleep(0)  # the transport has asked the loop to connect us next
+        # the transport has asked the loop to connect us next
+        await asyncio.sleep(0)
     except asyncio.CancelledError:
         link.shut()
         transport.abort()
@@ -165,7 +171,8 @@ def _link_made(address: str) -> tuple[int, int, int] | None:
         return None
     made = 0
     with suppress(OSError):
-        made = os.stat(address).st_ctime_ns  # which bytes that come and go do not change
+        # which bytes that come and go do not change
+        made = os.stat(address).st_ctime_ns
     return status.st_ino, status.st_mtime_ns, made
 
 
@@ -186,16 +193,19 @@ def open_port(address: str, baud: int, behind: str = BOARD) -> _Opened:
     """The open port, and how to explain its loss. Opening may block: a modem's wait for carrier, a slow USB stack."""
     try:
         if baud <= 0:
-            raise ValueError  # the kernel would take 0 for "hang up"
+            # the kernel would take 0 for "hang up"
+            raise ValueError
         if not stat.S_ISCHR(os.stat(address).st_mode):
             raise HalError(f"{address} is no serial port but a file or directory: {_found()}")
         device = _Device(address, baud, exclusive=True, timeout=0, write_timeout=0)
     except (ValueError, OverflowError) as error:
         usual = "the board's rate is 57600" if behind == BOARD else "check the rate"
         raise HalError(f"{address} does not work at {baud} baud: {usual}") from error
-    except OSError as error:  # SerialException is one
+    except OSError as error:
+        # SerialException is one
         raise HalError(_why_not_open(address, error, behind)) from error
-    except termios.error as error:  # and this is none: the device has gone in the middle of it
+    except termios.error as error:
+        # and this is none: the device has gone in the middle of it
         raise HalError(_why_not_open(address, OSError(*error.args), behind)) from error
     if os.path.realpath(address).startswith("/dev/pts/"):
         return device, lambda address, _: f"{address} is gone: the program behind it has ended or closed it"

@@ -12,7 +12,8 @@ from txt1.link.base import BACKLOG, End, Link
 from txt1.sim.parameters import LineFaults
 from txt1.sim.serial_line import Arrival, LineFault, Pace, SerialLine
 
-Carrier = SerialLine | Pace  # decides when which bytes arrive
+# decides when which bytes arrive
+Carrier = SerialLine | Pace
 
 
 class Way:
@@ -64,7 +65,8 @@ class Way:
 
     def _due(self, when: float) -> None:
         self._timer = None
-        self.deliver_until(max(when, self._loop.time()))  # a timer may fire early by what the clock resolves
+        # a timer may fire early by what the clock resolves
+        self.deliver_until(max(when, self._loop.time()))
         self._set_timer()
 
 
@@ -123,7 +125,8 @@ class _ThroughLink(Link):
 
     def _cut(self, now: float) -> None:
         for way in self._ways:
-            way.deliver_until(now)  # it was there in time, even if its timer comes after this one
+            # it was there in time, even if its timer comes after this one
+            way.deliver_until(now)
         if self.up:
             self.lose(f"{self.address}: the line was cut, as its faults say")
             self._link.close()
@@ -141,7 +144,8 @@ def paced(end: End, baud: int) -> End:
 
     What was written at once is delivered at once, when its last byte has passed: faults at either end hit whole frames.
     """
-    Pace(baud)  # a wrong rate is a mistake here, not when a host connects
+    # a wrong rate is a mistake here, not when a host connects
+    Pace(baud)
     return Through(end, lambda _: (Pace(baud), Pace(baud)))
 
 

@@ -13,8 +13,10 @@ from txt1.errors import HalError
 class SerialPort(NamedTuple):
     """A serial port that the operating system knows."""
 
-    device: str  # its path, such as /dev/ttyUSB0
-    description: str  # by its maker or driver
+    # its path, such as /dev/ttyUSB0
+    device: str
+    # by its maker or driver
+    description: str
     usb: bool
 
     def __str__(self) -> str:

@@ -16,7 +16,8 @@ from typing import Final
 from txt1.errors import HalError
 from txt1.link.base import BACKLOG, End, Link, Listener
 
-LOOK_EVERY: Final = 0.05  # s between two looks whether a host has opened the pseudo-terminal
+# s between two looks whether a host has opened the pseudo-terminal
+LOOK_EVERY: Final = 0.05
 
 
 class _PtyLink(Link):
@@ -32,21 +33,25 @@ class _PtyLink(Link):
         self._master = master
         self._slave = slave
         self._poll = select.poll()
-        self._poll.register(master, 0)  # a hang-up is reported unasked
+        # a hang-up is reported unasked
+        self._poll.register(master, 0)
         self._timer: asyncio.TimerHandle | None = None
-        self._used = False  # by a host, since it was cleaned
+        # by a host, since it was cleaned
+        self._used = False
         end.connected(self)
         if self.up:
             self._look()
 
     def _send(self, data: bytes) -> None:
-        if self._poll.poll(0):  # nobody is there: it would lie there until the next host takes it for news
+        # nobody is there: it would lie there until the next host takes it for news
+        if self._poll.poll(0):
             return
         try:
             sent = os.write(self._master, data)
         except BlockingIOError:
             sent = 0
-        except OSError:  # the host has left this very moment
+        except OSError:
+            # the host has left this very moment
             return
         self._used = True
         self.overflows += sent < len(data)
@@ -57,11 +62,13 @@ class _PtyLink(Link):
         else:
             self._timer.cancel()
         with suppress(OSError):
-            if os.readlink(self.address) == self._slave:  # else it is another's by now
+            # else it is another's by now
+            if os.readlink(self.address) == self._slave:
                 os.unlink(self.address)
                 os.unlink(lock_file(self.address))
         os.close(self._lock)
-        os.close(self._master)  # last, for until then no other pseudo-terminal can have its name
+        # last, for until then no other pseudo-terminal can have its name
+        os.close(self._master)
 
     def _look(self) -> None:
         """Read what a host has sent, if one is or was there; else look again later."""
@@ -83,7 +90,8 @@ class _PtyLink(Link):
     def _hung_up(self) -> None:
         """No host is there, and all that the last one sent is read. A reader would wake the loop without end now."""
         self._loop.remove_reader(self._master)
-        if self._used:  # what the host did not read, and how it set the line, are not for the next one
+        # what the host did not read, and how it set the line, are not for the next one
+        if self._used:
             self._used = False
             _clean(self._slave)
         self._timer = self._loop.call_later(LOOK_EVERY, self._look)
@@ -101,7 +109,8 @@ def listen_pty(path: str, end: End) -> Listener:
     except OSError as error:
         raise HalError(f"the system has no pseudo-terminal left for {path}: {error.strerror}") from error
     slave = os.ttyname(slave_fd)
-    tty.setraw(slave_fd)  # before anybody opens it: an echo would send the board its own odometry
+    # before anybody opens it: an echo would send the board its own odometry
+    tty.setraw(slave_fd)
     os.close(slave_fd)
     os.set_blocking(master, False)
     lock: int | None = None
@@ -154,7 +163,8 @@ def is_left_behind(path: str) -> bool | None:
         return None
     try:
         fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:  # held by a board
+    except BlockingIOError:
+        # held by a board
         return os.read(lock, 100).decode(errors="replace") != slave
     else:
         return True
@@ -176,7 +186,8 @@ def _make_link(path: str, slave: str) -> None:
 
 def _clean(slave: str) -> None:
     """Throw away what waits to be read at the host's side, and set it to raw."""
-    with suppress(OSError, termios.error):  # a host may have reserved it for itself
+    # a host may have reserved it for itself
+    with suppress(OSError, termios.error):
         slave_fd = os.open(slave, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             termios.tcflush(slave_fd, termios.TCIFLUSH)

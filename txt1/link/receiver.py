@@ -7,8 +7,10 @@ from typing import Final
 from txt1.protocol.decoder import Decoder, Event
 from txt1.protocol.layout import Role
 
-SILENCE: Final = 0.05  # s without a byte after which a half frame is given up
-LONGEST: Final = 0.3  # s after which it is given up whatever comes: at 57600 baud the longest frame takes 42 ms
+# s without a byte after which a half frame is given up
+SILENCE: Final = 0.05
+# s after which it is given up whatever comes: at 57600 baud the longest frame takes 42 ms
+LONGEST: Final = 0.3
 
 
 class Receiver:
@@ -18,8 +20,10 @@ class Receiver:
         self.decoder = Decoder(role)
         self.take = take
         self._expiry: asyncio.TimerHandle | None = None
-        self._half = -1  # where in the stream the half frame begins that is waited for
-        self._since = 0.0  # loop time since when
+        # where in the stream the half frame begins that is waited for
+        self._half = -1
+        # loop time since when
+        self._since = 0.0
 
     def feed(self, data: bytes) -> None:
         """Take bytes that have arrived."""
@@ -29,7 +33,8 @@ class Receiver:
             loop, half = asyncio.get_running_loop(), self.decoder.position - self.decoder.pending
             if half != self._half:
                 self._half, self._since = half, loop.time()
-            elif loop.time() - self._since > LONGEST:  # what was lost of it will not come
+            elif loop.time() - self._since > LONGEST:
+                # what was lost of it will not come
                 self.give_up()
                 return
             self._expiry = loop.call_later(SILENCE, self.give_up)

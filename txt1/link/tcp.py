@@ -13,11 +13,15 @@ from urllib.parse import urlsplit
 from txt1.errors import HalError
 from txt1.link.base import BACKLOG, End, Link, Listener, StreamLink
 
-SILENT: Final = 1.0  # s: a host that has sent nothing for so long makes room for another one
-VANISHED_MS: Final = 3000  # a peer that has not acknowledged a byte for so many milliseconds is gone
+# s: a host that has sent nothing for so long makes room for another one
+SILENT: Final = 1.0
+# a peer that has not acknowledged a byte for so many milliseconds is gone
+VANISHED_MS: Final = 3000
 CHALLENGE_MAX: Final = 80  # bytes
-ANSWER: Final = 3.0  # s that a peer has to accept a connection
-BOARD: Final = "txt1 board"  # the command that serves a board's address
+# s that a peer has to accept a connection
+ANSWER: Final = 3.0
+# the command that serves a board's address
+BOARD: Final = "txt1 board"
 
 _NO_PORT: Final = {
     errno.EADDRINUSE: "it is in use, perhaps by another board; choose another port, or 0 for any that is free",
@@ -69,7 +73,8 @@ async def _connected_socket(host: str, port: int) -> socket.socket:
                 sock.setblocking(False)
                 tune(sock)
                 await loop.sock_connect(sock, where)
-            except OSError as error:  # such as IPv6 on a computer without it
+            except OSError as error:
+                # such as IPv6 on a computer without it
                 refusal = error
             else:
                 opened.pop_all()
@@ -117,7 +122,8 @@ def broken_off(address: str, exc: Exception | None) -> str:
 def tune(sock: socket.socket) -> None:
     """Make a TCP socket behave like a wire: no waiting for more bytes, little storage, a dead peer is noticed."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    for direction in (socket.SO_SNDBUF, socket.SO_RCVBUF):  # the kernel would keep minutes of frames in megabytes
+    # the kernel would keep minutes of frames in megabytes
+    for direction in (socket.SO_SNDBUF, socket.SO_RCVBUF):
         sock.setsockopt(socket.SOL_SOCKET, direction, 4 * BACKLOG)
     if hasattr(socket, "TCP_USER_TIMEOUT"):
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, VANISHED_MS)
@@ -159,7 +165,8 @@ class _TcpListener:
 
     def __init__(self, end: End) -> None:
         self.end = end
-        self.host: _HostLink | None = None  # that is or was connected last
+        # that is or was connected last
+        self.host: _HostLink | None = None
 
     def close(self) -> None:
         self.server.close()
@@ -179,14 +186,16 @@ async def listen_tcp(host: str, port: int, end: End) -> Listener:
     if not 0 <= port <= 65535:
         raise HalError(f"cannot listen on {where}: a port is a number from 0 to 65535")
     try:
-        if port == 0:  # on one address only: a name that has two would get two different ports
+        # on one address only: a name that has two would get two different ports
+        if port == 0:
             found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
             host = str(found[0][4][0])
         listener.server = await loop.create_server(lambda: _HostLink(listener), host, port)
     except socket.gaierror as error:
         raise HalError(f"cannot listen on {where}: {host!r} is no name or address of this computer") from error
     except OSError as error:
-        number = error.errno or errno.EADDRNOTAVAIL  # from Python 3.13 on, that one comes without its number
+        # from Python 3.13 on, that one comes without its number
+        number = error.errno or errno.EADDRNOTAVAIL
         raise HalError(f"cannot listen on {where}: {_NO_PORT.get(number, error)}") from error
     listener.address = socket_address(listener.server.sockets[0].getsockname())
     return listener
@@ -194,7 +203,8 @@ async def listen_tcp(host: str, port: int, end: End) -> Listener:
 
 def socket_address(name: Any) -> str:
     """The address of a socket the way `open_link` takes it."""
-    if not name:  # the peer was gone before anyone could ask
+    # the peer was gone before anyone could ask
+    if not name:
         return "socket://?"
     host, port = name[:2]
     return f"socket://[{host}]:{port}" if ":" in host else f"socket://{host}:{port}"

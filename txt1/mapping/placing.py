@@ -256,7 +256,8 @@ class OnMap(MapInUse):
         bus.offer(
             PARTICLES_ON_MAP, lambda: None if self.news is None else tuple(each[:2] for each in self.news.particles)
         )
-        if sensor is not None:  # a replay has no scans, but what was made of them
+        # a replay has no scans, but what was made of them
+        if sensor is not None:
             bus.offer(SCAN_ON_MAP, self._scan)
         bus.offer(PARTICLES, lambda: (self.news.particles or None) if self.news is not None else None)
 

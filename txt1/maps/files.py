@@ -24,13 +24,17 @@ from txt1.maps.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, Grid
 from txt1.resources import resource
 
 MAPS: Final = "config/maps"
-CELLS_MAX: Final = 16_000_000  # 200 m x 200 m at 5 cm; the distances of so many are known in some seconds
+# 200 m x 200 m at 5 cm; the distances of so many are known in some seconds
+CELLS_MAX: Final = 16_000_000
 BYTES_MAX: Final = 100_000_000
-HEAD: Final = 1000  # bytes in which a picture tells its size
+# bytes in which a picture tells its size
+HEAD: Final = 1000
 PICTURES: Final = (".pgm", ".png")
 KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
-FREE_BELOW: Final = 0.196  # map_server's default
-OCCUPIED_ABOVE: Final = 0.65  # map_server's default
+# map_server's default
+FREE_BELOW: Final = 0.196
+# map_server's default
+OCCUPIED_ABOVE: Final = 0.65
 
 
 class Map(NamedTuple):
@@ -170,8 +174,10 @@ def _check_size(file: Path, width: int, height: int) -> None:
 
 
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
-_GREY: Final = bytes((8, 0, 0, 0, 0))  # of a PNG: eight bits, grey, not interlaced
-_GAP: Final = rb"(?:\s|#[^\n]*\n)+"  # between the numbers of a PGM's head; a comment goes to the end of its line
+# of a PNG: eight bits, grey, not interlaced
+_GREY: Final = bytes((8, 0, 0, 0, 0))
+# between the numbers of a PGM's head; a comment goes to the end of its line
+_GAP: Final = rb"(?:\s|#[^\n]*\n)+"
 _HEADER: Final = re.compile(rb"(P[25])" + 3 * (_GAP + rb"(\d{1,9})") + rb"\s")
 
 

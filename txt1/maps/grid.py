@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 FREE: Final = 0
 OCCUPIED: Final = 100
 UNKNOWN: Final = -1
-OCCUPIED_FROM: Final = 50  # a cell of this probability, in per cent, or more is no floor to drive on
-REACH: Final = 32  # cells up to which distances are told apart
-WITHIN: Final = 8  # the same inside walls: nothing gets deeper into one
+# a cell of this probability, in per cent, or more is no floor to drive on
+OCCUPIED_FROM: Final = 50
+# cells up to which distances are told apart
+REACH: Final = 32
+# the same inside walls: nothing gets deeper into one
+WITHIN: Final = 8
 ROWS: Final = 16
 
 Bools = NDArray[np.bool_]

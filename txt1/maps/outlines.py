@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from txt1.maps.grid import Grid
 
-Outline = tuple[tuple[float, float], ...]  # corners (x, y) in m, the last one joined to the first
+# corners (x, y) in m, the last one joined to the first
+Outline = tuple[tuple[float, float], ...]
 
-POINTS_MAX: Final = 500  # corners of all the lines together
-EDGES_MAX: Final = 200_000  # cells' edges that are followed; of more, blocks of 2 x 2 cells are taken for one
+# corners of all the lines together
+POINTS_MAX: Final = 500
+# cells' edges that are followed; of more, blocks of 2 x 2 cells are taken for one
+EDGES_MAX: Final = 200_000
 TOLERANCE: Final = 0.5  # cells
 
 Corners = NDArray[np.int64]

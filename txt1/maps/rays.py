@@ -20,8 +20,10 @@ import numpy as np
 from txt1.installing import installs
 from txt1.maps.grid import REACH, Bools, Floats, Grid
 
-FEW: Final = 8  # rays that are quicker one by one than as arrays
-ACROSS: Final = 1.5  # more than two half diagonals of a cell, cells
+# rays that are quicker one by one than as arrays
+FEW: Final = 8
+# more than two half diagonals of a cell, cells
+ACROSS: Final = 1.5
 
 
 def cast(grid: Grid, x: Floats | float, y: Floats | float, angles: Floats | float, range_max: float = inf) -> Floats:

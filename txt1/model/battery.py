@@ -2,13 +2,20 @@
 
 from typing import Final
 
-INTERCEPT_V: Final = 12.165769  # voltage of a full pack under full load, V
-SLOPE_V_PER_MIN: Final = 0.033691  # fall of the voltage under full load, V/min
-SAFE_END_MIN: Final = 46.0  # minutes under full load after which a pack is empty as far as the robot is concerned
-CUT_OFF_MIN: Final = 50.0  # minutes under full load after which the cut-off circuit opens
-CUT_OFF_V: Final = 9.25  # below this the hardware cuts the power
-FULL_LOAD_W: Final = 89.0  # 6500 mAh of 11.4 V on average in 50 min: what the robot draws under full load, W
-FULL_LOAD_SPEED: Final = 0.5  # m/s at which that was measured
+# voltage of a full pack under full load, V
+INTERCEPT_V: Final = 12.165769
+# fall of the voltage under full load, V/min
+SLOPE_V_PER_MIN: Final = 0.033691
+# minutes under full load after which a pack is empty as far as the robot is concerned
+SAFE_END_MIN: Final = 46.0
+# minutes under full load after which the cut-off circuit opens
+CUT_OFF_MIN: Final = 50.0
+# below this the hardware cuts the power
+CUT_OFF_V: Final = 9.25
+# 6500 mAh of 11.4 V on average in 50 min: what the robot draws under full load, W
+FULL_LOAD_W: Final = 89.0
+# m/s at which that was measured
+FULL_LOAD_SPEED: Final = 0.5
 SAFE_END_V: Final = INTERCEPT_V - SLOPE_V_PER_MIN * SAFE_END_MIN
 
 

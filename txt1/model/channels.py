@@ -12,7 +12,8 @@ from annotated_types import Ge, Le
 from txt1.model.vehicle import PWM_MAX, outputs_of, sides
 from txt1.units import Positive
 
-NEUTRAL_MAX: Final = 2400.0  # counts from the middle, 50 us, within which a motor's neutral lies
+# counts from the middle, 50 us, within which a motor's neutral lies
+NEUTRAL_MAX: Final = 2400.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,18 @@ class Estimate(NamedTuple):
 
     x: float  # m
     y: float  # m
-    theta: float  # rad in (-pi, pi]
+    # rad in (-pi, pi]
+    theta: float
     v: float  # m/s
     omega: float  # rad/s
-    covariance: tuple[float, ...]  # of these five, row by row
-    bias: float  # of the gyro, rad/s
-    slip: float  # share of the wheels' way that the ground does not see
-    located: bool  # whether the pose is in the frame of the sensors that tell one; else it is from where it began
+    # of these five, row by row
+    covariance: tuple[float, ...]
+    # of the gyro, rad/s
+    bias: float
+    # share of the wheels' way that the ground does not see
+    slip: float
+    # whether the pose is in the frame of the sensors that tell one; else it is from where it began
+    located: bool
 
     def sigma(self, place: int) -> float:
         """The standard deviation of one of the five."""

@@ -12,15 +12,20 @@ class Odometry(NamedTuple):
 
     x: float = 0.0  # m
     y: float = 0.0  # m
-    theta: float = 0.0  # rad, in (-pi, pi]
-    v: float = 0.0  # speed along the vehicle's axis, m/s
-    omega: float = 0.0  # yaw rate, rad/s
+    # rad, in (-pi, pi]
+    theta: float = 0.0
+    # speed along the vehicle's axis, m/s
+    v: float = 0.0
+    # yaw rate, rad/s
+    omega: float = 0.0
 
 
 def body_velocity(right: int, left: int, dt: float, count_length: float, track_width: float) -> tuple[float, float]:
     """Speed and yaw rate (v, omega) from the encoders' ticks in dt s; `count_length` is C_W / CPR in m."""
-    v_right, v_left = right * count_length / dt, left * count_length / dt  # (3.1)
-    return (v_right + v_left) / 2.0, (v_right - v_left) / track_width  # (2.21), (2.24)
+    # (3.1)
+    v_right, v_left = right * count_length / dt, left * count_length / dt
+    # (2.21), (2.24)
+    return (v_right + v_left) / 2.0, (v_right - v_left) / track_width
 
 
 class WheelOdometry:
@@ -35,7 +40,8 @@ class WheelOdometry:
 
     def step(self, counts: tuple[int, int], now: float) -> tuple[int, int] | None:
         """Counts (right, left) since the last reading, with the odometry brought up to `now`; None at the first one."""
-        before, dt = self._counts, now - self._time  # measured: a late reading gives the same speed
+        # measured: a late reading gives the same speed
+        before, dt = self._counts, now - self._time
         self._counts, self._time = counts, now
         if before is None:
             return None
@@ -58,9 +64,11 @@ def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
     if v == 0.0 and omega == 0.0:
         return Odometry(odometry.x, odometry.y, odometry.theta, 0.0, 0.0)
     distance = v * dt
-    if abs(distance) > 1e-15:  # m; the curvature of less than that could overflow
+    # m; the curvature of less than that could overflow
+    if abs(distance) > 1e-15:
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)
-    else:  # wheels that turn against each other, which only slip can make them do
+    else:
+        # wheels that turn against each other, which only slip can make them do
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta + omega * dt, 0.0, 0.0, 0.0)
     return new(Odometry, (x, y, theta, v, omega))
 

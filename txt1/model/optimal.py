@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from txt1.model.vehicle import SPEED, Geometry
 
-GOAL_RADIUS: Final = 0.5  # the light is reached so many metres from it (thesis 5.4)
+# the light is reached so many metres from it (thesis 5.4)
+GOAL_RADIUS: Final = 0.5
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,8 @@ def _length_turning_left_first(ahead: Array, left: Array, radius: float, goal: f
     """Length of the shortest of the three kinds of path that begin to the left, m; the light is at (ahead, left)."""
     rho = np.hypot(ahead, left - radius)
     phi = np.arctan2(left - radius, ahead)
-    with np.errstate(invalid="ignore", divide="ignore"):  # NaN where there is no path of the kind
+    # NaN where there is no path of the kind
+    with np.errstate(invalid="ignore", divide="ignore"):
         # C
         delta = np.arccos((rho**2 + radius**2 - goal**2) / (2.0 * rho * radius))
         arc = radius * _turn(phi - delta)

@@ -12,17 +12,21 @@ from typing import Final, NamedTuple
 
 from txt1.model.kinematics import wrap_angle
 
-Pose = tuple[float, float, float]  # x and y in m, theta in rad
+# x and y in m, theta in rad
+Pose = tuple[float, float, float]
 
-SHORTEST: Final = 1e-9  # segments below this many radii are no segments
+# segments below this many radii are no segments
+SHORTEST: Final = 1e-9
 QUARTER: Final = pi / 2.0
 
 
 class Segment(NamedTuple):
     """A piece of a path."""
 
-    curvature: float  # 1/m, left positive: 1 / R, 0 or -1 / R
-    distance: float  # m, backward negative
+    # 1/m, left positive: 1 / R, 0 or -1 / R
+    curvature: float
+    # m, backward negative
+    distance: float
 
 
 Path = tuple[Segment, ...]

@@ -8,10 +8,14 @@ from annotated_types import Ge
 
 from txt1.units import Positive
 
-PWM_MAX: Final = 24000  # counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
-SPEED: Final = 0.3  # the learning robot's speed, m/s (table 5.2)
-SIDES: Final = 3.0  # counts of steering for a count between a side and the mean, where sides run at two speeds
-STEERING_MAX: Final = 18000  # counts at which the linkage is at its stop; more only makes the servo draw current (4.3)
+# counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
+PWM_MAX: Final = 24000
+# the learning robot's speed, m/s (table 5.2)
+SPEED: Final = 0.3
+# counts of steering for a count between a side and the mean, where sides run at two speeds
+SIDES: Final = 3.0
+# counts at which the linkage is at its stop; more only makes the servo draw current (4.3)
+STEERING_MAX: Final = 18000
 
 
 @dataclass(frozen=True, slots=True)

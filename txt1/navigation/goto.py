@@ -25,28 +25,50 @@ from txt1.tasks.on_map import MapInUse
 
 T = TypeVar("T")
 
-POSITION: Final = 0.035  # m from the goal that is near enough; 5 cm are asked for, and the pose source has an error
-HEADING: Final = radians(3.5)  # rad likewise; 5 degrees are asked for
-OFF_POSITION: Final = 0.06  # m from the path at the end of a stretch, beyond which it is planned anew
-OFF_HEADING: Final = radians(10.0)  # rad likewise
-CORRECTION: Final = 0.2  # m from the goal within which a path is a correction
-ATTEMPTS: Final = 8  # paths that are planned before the robot is content with where it is
-DETOURS: Final = 3  # ways that are planned round what stands in the way, before the robot says so and stays
-CONTENT: Final = 3  # paths after which 5 cm and 5 degrees do on a map, whose poses err by some centimetres themselves
-BRAKING: Final = 0.4  # m/s^2 with which the set-point falls before the end of a stretch
-CRAWL: Final = 0.1  # m/s, the slowest set-point: below, the motors' dead band and the encoders make it uneven
-SPEED_LAG: Final = 0.15  # s by which the vehicle's speed follows the set-point, so it comes to rest so much later
-DEAD_TIME: Final = 0.05  # s from a command to the wheels: a driver's period, a controller's and an encoder's
-FOLLOWS_WITHIN: Final = 0.12  # m in which the yaw-rate loop is to follow for curves to be driven at full speed
-STRAIGHT: Final = 0.3  # m ahead that must be straight for a speed at which the loop does not follow as closely
-CLEARANCE: Final = 0.03  # m/s from the border of a gain set, two quanta of the encoders
-REST: Final = 0.25  # s without motion after which the vehicle is at rest
-RETURN_LENGTH: Final = 0.25  # m of path in which an error falls to a quarter; shorter would oscillate
-LATERAL_GAIN: Final = 1.0 / RETURN_LENGTH**2  # curvature per lateral error, 1/m^2
-BESIDE: Final = 0.03  # m from the body within which something seen is in the way
-LOOK_EVERY: Final = 0.1  # s between two looks at what is seen
-LOOK_AHEAD: Final = 0.3  # m of path beyond that of braking that must be free of what is seen
-HEADING_GAIN: Final = 2.0 / RETURN_LENGTH  # curvature per heading error, 1/m: critical damping
+# m from the goal that is near enough; 5 cm are asked for, and the pose source has an error
+POSITION: Final = 0.035
+# rad likewise; 5 degrees are asked for
+HEADING: Final = radians(3.5)
+# m from the path at the end of a stretch, beyond which it is planned anew
+OFF_POSITION: Final = 0.06
+# rad likewise
+OFF_HEADING: Final = radians(10.0)
+# m from the goal within which a path is a correction
+CORRECTION: Final = 0.2
+# paths that are planned before the robot is content with where it is
+ATTEMPTS: Final = 8
+# ways that are planned round what stands in the way, before the robot says so and stays
+DETOURS: Final = 3
+# paths after which 5 cm and 5 degrees do on a map, whose poses err by some centimetres themselves
+CONTENT: Final = 3
+# m/s^2 with which the set-point falls before the end of a stretch
+BRAKING: Final = 0.4
+# m/s, the slowest set-point: below, the motors' dead band and the encoders make it uneven
+CRAWL: Final = 0.1
+# s by which the vehicle's speed follows the set-point, so it comes to rest so much later
+SPEED_LAG: Final = 0.15
+# s from a command to the wheels: a driver's period, a controller's and an encoder's
+DEAD_TIME: Final = 0.05
+# m in which the yaw-rate loop is to follow for curves to be driven at full speed
+FOLLOWS_WITHIN: Final = 0.12
+# m ahead that must be straight for a speed at which the loop does not follow as closely
+STRAIGHT: Final = 0.3
+# m/s from the border of a gain set, two quanta of the encoders
+CLEARANCE: Final = 0.03
+# s without motion after which the vehicle is at rest
+REST: Final = 0.25
+# m of path in which an error falls to a quarter; shorter would oscillate
+RETURN_LENGTH: Final = 0.25
+# curvature per lateral error, 1/m^2
+LATERAL_GAIN: Final = 1.0 / RETURN_LENGTH**2
+# m from the body within which something seen is in the way
+BESIDE: Final = 0.03
+# s between two looks at what is seen
+LOOK_EVERY: Final = 0.1
+# m of path beyond that of braking that must be free of what is seen
+LOOK_AHEAD: Final = 0.3
+# curvature per heading error, 1/m: critical damping
+HEADING_GAIN: Final = 2.0 / RETURN_LENGTH
 
 
 class Blocked(CommandRefused):
@@ -67,10 +89,14 @@ class Blocked(CommandRefused):
 class Arrival(NamedTuple):
     """Where `go_to` has brought the robot, by the pose source."""
 
-    pose: Pose  # where it is, m and rad
-    distance: float  # from the goal, m
-    turn: float  # from the goal's heading, rad, never negative
-    plans: int  # how many paths it took
+    # where it is, m and rad
+    pose: Pose
+    # from the goal, m
+    distance: float
+    # from the goal's heading, rad, never negative
+    turn: float
+    # how many paths it took
+    plans: int
 
     @property
     def arrived(self) -> bool:
@@ -229,7 +255,8 @@ async def _rest(robot: Robot, wheel: CommandSource, poses: PoseSource) -> None:
     while still < REST:
         wheel.insist(0.0, 0.0)
         await asyncio.sleep(REFRESH)
-        poses.pose()  # the encoders' pose wants to be read all the time
+        # the encoders' pose wants to be read all the time
+        poses.pose()
         still = still + REFRESH if robot.odometry.v == 0.0 else 0.0
 
 
@@ -283,8 +310,10 @@ class Stretch:
     """A part of a path that is driven in one gear, from `start` on; beyond both ends it goes straight on."""
 
     def __init__(self, start: Pose, path: Path) -> None:
-        self.gear = 1.0 if path[0].distance > 0.0 else -1.0  # forward, backward
-        self._pieces: list[tuple[float, Pose, float]] = []  # path driven before, pose there, curvature
+        # forward, backward
+        self.gear = 1.0 if path[0].distance > 0.0 else -1.0
+        # path driven before, pose there, curvature
+        self._pieces: list[tuple[float, Pose, float]] = []
         self.length, pose = 0.0, start  # m
         for curvature, distance in path:
             self._pieces.append((self.length, pose, curvature))

@@ -6,7 +6,8 @@ from txt1.config import Config
 from txt1.errors import CommandRefused
 from txt1.sim.battery import economical_speed
 
-SURE: Final = 1.0  # m/s up to which `follow` and `go_to` were tried to keep to their way
+# m/s up to which `follow` and `go_to` were tried to keep to their way
+SURE: Final = 1.0
 
 
 def pace(speed: float | str, config: Config) -> float:

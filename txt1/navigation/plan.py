@@ -13,16 +13,25 @@ from txt1.model.vehicle import Geometry
 from txt1.navigation.search import leaving, round_walls, stands_free
 from txt1.sim.room import Room, clearance
 
-MARGINS: Final = (1.1, 1.35)  # planned radii over R_min: one that leaves room to correct, one for want of a path
-ROOMS: Final = (0.06, 0.03, 0.0)  # m that the body is to keep from the walls: the most with which there is a path
+# planned radii over R_min: one that leaves room to correct, one for want of a path
+MARGINS: Final = (1.1, 1.35)
+# m that the body is to keep from the walls: the most with which there is a path
+ROOMS: Final = (0.06, 0.03, 0.0)
 BACKWARD: Final = "; backward, the robot drives only where the laser has seen free floor in this drive"
-BY_WALLS: Final = (0.12, 0.06, 0.03, 0.0)  # the same of a map's walls, which are as uncertain as the pose
-GEAR_CHANGE: Final = 0.1  # m of path that stopping to change gear is worth
-SHORT: Final = 0.15  # m; a shorter stretch in one gear ends before the steering has come round
-SHORT_STRETCH: Final = 0.3  # m of path that such a stretch is worth
-LOOK_EVERY: Final = 0.05  # m of path after which the body is looked at again
-RUN_UP: Final = 0.4  # m of straight path before the goal of a correction
-VIA: Final = 3  # places along each side of a grid that a path in two parts may lead over
+# the same of a map's walls, which are as uncertain as the pose
+BY_WALLS: Final = (0.12, 0.06, 0.03, 0.0)
+# m of path that stopping to change gear is worth
+GEAR_CHANGE: Final = 0.1
+# m; a shorter stretch in one gear ends before the steering has come round
+SHORT: Final = 0.15
+# m of path that such a stretch is worth
+SHORT_STRETCH: Final = 0.3
+# m of path after which the body is looked at again
+LOOK_EVERY: Final = 0.05
+# m of straight path before the goal of a correction
+RUN_UP: Final = 0.4
+# places along each side of a grid that a path in two parts may lead over
+VIA: Final = 3
 
 
 class NoPath(Txt1Error):

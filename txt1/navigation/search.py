@@ -25,25 +25,44 @@ from txt1.model.vehicle import Geometry
 from txt1.sim.room import Room, clearance
 from txt1.sim.walls import Walls
 
-LATTICE: Final = 0.1  # m between two places of the lattice
-PLACES_MAX: Final = 400_000  # of the lattice that are looked at: 4000 m^2
-CELL: Final = 0.2  # m, side of a cell of poses
-TURN: Final = pi / 9.0  # rad likewise
-STEP: Final = 0.3  # m of a step: longer than a cell's diagonal, so that it leaves it
-LOOK: Final = 0.05  # m of a step after which the body is looked at again
-NARROW: Final = 0.8  # m from the start within which a search in a narrow place takes short steps:
-SHORT_STEP: Final = 0.1  # m of these, longer than a diagonal of
-SMALL_CELL: Final = 0.06  # m, side of a cell of poses there, and
-SMALL_TURN: Final = pi / 36.0  # rad likewise
-GREED: Final = 1.5  # what a metre to the goal is worth, to a metre driven
-BACKWARD: Final = 1.3  # what a metre backward is worth, to one forward
-CHANGE: Final = 0.5  # m that a change of gear is worth: one costs time
-BEND: Final = 0.03  # m that a step at full lock is worth more
-POSES_MAX: Final = 6000  # that are looked at before it gives up
-UNSEEN: Final = 0.03  # m by which a body may stick into floor that was not seen: what was seen comes in cells
-LEAVES: Final = 0.06  # m: a robot that stands as close to a wall, by a pose that errs, may drive away from it,
-LEAVING: Final = 0.4  # m long, as long as it does not come closer
-NEAR: Final = 2.0  # m from the goal within which each pose is tried, and else every so many:
+# m between two places of the lattice
+LATTICE: Final = 0.1
+# of the lattice that are looked at: 4000 m^2
+PLACES_MAX: Final = 400_000
+# m, side of a cell of poses
+CELL: Final = 0.2
+# rad likewise
+TURN: Final = pi / 9.0
+# m of a step: longer than a cell's diagonal, so that it leaves it
+STEP: Final = 0.3
+# m of a step after which the body is looked at again
+LOOK: Final = 0.05
+# m from the start within which a search in a narrow place takes short steps:
+NARROW: Final = 0.8
+# m of these, longer than a diagonal of
+SHORT_STEP: Final = 0.1
+# m, side of a cell of poses there, and
+SMALL_CELL: Final = 0.06
+# rad likewise
+SMALL_TURN: Final = pi / 36.0
+# what a metre to the goal is worth, to a metre driven
+GREED: Final = 1.5
+# what a metre backward is worth, to one forward
+BACKWARD: Final = 1.3
+# m that a change of gear is worth: one costs time
+CHANGE: Final = 0.5
+# m that a step at full lock is worth more
+BEND: Final = 0.03
+# that are looked at before it gives up
+POSES_MAX: Final = 6000
+# m by which a body may stick into floor that was not seen: what was seen comes in cells
+UNSEEN: Final = 0.03
+# m: a robot that stands as close to a wall, by a pose that errs, may drive away from it,
+LEAVES: Final = 0.06
+# m long, as long as it does not come closer
+LEAVING: Final = 0.4
+# m from the goal within which each pose is tried, and else every so many:
+NEAR: Final = 2.0
 EVERY: Final = 10
 
 Place = tuple[int, int]

@@ -21,9 +21,12 @@ from txt1.tasks.on_map import MapInUse
 class PoseSource(NamedTuple):
     """Somebody who knows where the robot is."""
 
-    name: str  # for figures and reports
-    read: Callable[[], Pose | None]  # the pose now, m and rad; None while it is not known
-    sees: bool = False  # whether its frame is that of `MapInUse.seen`
+    # for figures and reports
+    name: str
+    # the pose now, m and rad; None while it is not known
+    read: Callable[[], Pose | None]
+    # whether its frame is that of `MapInUse.seen`
+    sees: bool = False
 
     def pose(self) -> Pose:
         """The pose now, m and rad; CommandRefused while it is not known."""
@@ -157,7 +160,8 @@ def straighten(distance: float, turn: float, geometry: Geometry) -> tuple[float,
     tan_max = geometry.tan_steering_max
     q_max = tan_max / (1.0 + tan_max * tan_max)
     tangent = tan_max if abs(q) >= q_max else (1.0 - sqrt(1.0 - 4.0 * q * q)) / (2.0 * q) if abs(q) > 1e-6 else q
-    stretch = sqrt(1.0 + tangent * tangent)  # 1 / cos(phi)
+    # 1 / cos(phi)
+    stretch = sqrt(1.0 + tangent * tangent)
     return distance / stretch, turn * stretch
 
 

@@ -14,11 +14,15 @@ from txt1.navigation.pace import pace
 from txt1.navigation.source import PoseSource, wheel_pose
 from txt1.robot import Robot
 
-LOOK_AHEAD: Final = 1.0  # m, at the original's 0.5 m/s
-SPEED: Final = 0.5  # m/s, the original's
-SIDEWAYS: Final = 0.6  # m/s^2, the largest v^2 abs(curvature); at 0.5 m/s it is not reached even at full lock
+# m, at the original's 0.5 m/s
+LOOK_AHEAD: Final = 1.0
+# m/s, the original's
+SPEED: Final = 0.5
+# m/s^2, the largest v^2 abs(curvature); at 0.5 m/s it is not reached even at full lock
+SIDEWAYS: Final = 0.6
 
-Point = tuple[float, float]  # x and y, m
+# x and y, m
+Point = tuple[float, float]
 
 
 def aim(pose: Pose, leg_start: Point, leg_end: Point, look_ahead: float) -> Point:

@@ -52,10 +52,14 @@ from txt1.sim.dynamics import Motion
 
 VEHICLE: Final = 2
 """The package's number of the BMW 320i."""
-GRAVITY: Final = 9.81  # as the models have it, m/s^2
-LONGEST: Final = 1e-3  # of the full-size car's steps, s
-STABLE: Final = 1.3  # of a step times the wheels' rate at rest; 2 is the limit of both methods
-KINEMATIC: Final = 0.1  # below this the multi-body model has no slip, m/s of the full-size car
+# as the models have it, m/s^2
+GRAVITY: Final = 9.81
+# of the full-size car's steps, s
+LONGEST: Final = 1e-3
+# of a step times the wheels' rate at rest; 2 is the limit of both methods
+STABLE: Final = 1.3
+# below this the multi-body model has no slip, m/s of the full-size car
+KINEMATIC: Final = 0.1
 
 
 def _elsewhere(*_: Any) -> Any:

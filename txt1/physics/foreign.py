@@ -25,17 +25,22 @@ from txt1.sim.dynamics import Motion
 OWN: Final = ("slip", "understeer", "grip", "cornering", "skid")
 """Parameters of our vehicle for which other people's models have tyres of their own."""
 LEVEL: Final = (0.0, 0.0)
-INSTANT: Final = 1e-9  # s: shorter times are what is left of rounding
-KEPT: Final = 8  # motions whose hidden state is remembered; the world weighs fewer before it decides
+# s: shorter times are what is left of rounding
+INSTANT: Final = 1e-9
+# motions whose hidden state is remembered; the world weighs fewer before it decides
+KEPT: Final = 8
 
 
 class MotorDrive(NamedTuple):
     """What the motor does, held for a while."""
 
-    driven: bool  # else it coasts
-    free: float  # the free speed, m/s; where it coasts the speed of its dry friction
+    # else it coasts
+    driven: bool
+    # the free speed, m/s; where it coasts the speed of its dry friction
+    free: float
     tau: float  # s
-    loss: float  # 1 + the floor's drag
+    # 1 + the floor's drag
+    loss: float
 
 
 class Foreign:

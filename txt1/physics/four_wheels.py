@@ -26,11 +26,16 @@ from txt1.physics.settings import PhysicsSettings
 from txt1.sim.batch import Array
 from txt1.sim.dynamics import Motion
 
-STANDS: Final = 1e-3  # m/s: what coasts more slowly, stands
-SETTLING: Final = 2.0  # s on the springs before the first drive
-FASTEST: Final = 0.5  # of a wheel's turn in a step, rad
-HELD: Final = 1e4  # N s/m and N m s/rad: of a body on blocks
-OVER: Final = 1.2  # rad of roll or pitch: the car lies on its side
+# m/s: what coasts more slowly, stands
+STANDS: Final = 1e-3
+# s on the springs before the first drive
+SETTLING: Final = 2.0
+# of a wheel's turn in a step, rad
+FASTEST: Final = 0.5
+# N s/m and N m s/rad: of a body on blocks
+HELD: Final = 1e4
+# rad of roll or pitch: the car lies on its side
+OVER: Final = 1.2
 
 
 class FourWheels(Foreign):

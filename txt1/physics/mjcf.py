@@ -20,11 +20,15 @@ from txt1.model.vehicle import Geometry
 from txt1.physics.settings import PhysicsSettings
 
 GRAVITY: Final = 9.81  # m/s^2
-STEP: Final = 0.001  # the longest of the integration, s
+# the longest of the integration, s
+STEP: Final = 0.001
 WHEELS: Final = ("front_left", "front_right", "rear_left", "rear_right")
-PATCH: Final = 0.25  # radius of the tyre's patch on the floor, of the tyre's width; assumed
-TRAVEL: Final = 0.04  # of a wheel up and down from where it is at rest, m
-LINKAGE: Final = 40.0  # N m/rad a wheel: the stiffness of servo and linkage, which no floor turns back; assumed
+# radius of the tyre's patch on the floor, of the tyre's width; assumed
+PATCH: Final = 0.25
+# of a wheel up and down from where it is at rest, m
+TRAVEL: Final = 0.04
+# N m/rad a wheel: the stiffness of servo and linkage, which no floor turns back; assumed
+LINKAGE: Final = 40.0
 
 
 def wheel_radius(body: Geometry) -> float:

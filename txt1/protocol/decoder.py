@@ -14,9 +14,12 @@ from typing import Final, NamedTuple
 from txt1.protocol.layout import HEADER, LAYOUTS, BadValue, Role
 from txt1.protocol.messages import Message
 
-DATA_MAX: Final = 249  # bytes of data in a frame
-OVERHEAD: Final = 6  # bytes of a frame that are not data: header, length, command and checksum
-HEAD: Final = 8  # bytes of a faulty frame that are kept for the reader
+# bytes of data in a frame
+DATA_MAX: Final = 249
+# bytes of a frame that are not data: header, length, command and checksum
+OVERHEAD: Final = 6
+# bytes of a faulty frame that are kept for the reader
+HEAD: Final = 8
 
 # (length, command) of two older messages still sent in the field (one gain set; the PID's terms): safe to ignore
 OLD_COMMANDS: Final = frozenset({(24, 0x6B), (16, 0x6D)})
@@ -26,11 +29,16 @@ class Reason(Enum):
     """Why something that began like a frame is no message."""
 
     BAD_CHECKSUM = "bad checksum"
-    BAD_LENGTH = "bad length"  # the command exists, but not with this length; or no frame is that long
-    UNKNOWN_COMMAND = "unknown command"  # this end of the line does not receive such a command
-    OLD_COMMAND = "old command"  # one of OLD_COMMANDS: expected from boards and hosts in the field, ignored
-    BAD_VALUE = "bad value"  # the frame is intact, but a byte of it stands for nothing, such as switch 7
-    EXPIRED = "expired"  # the line fell silent in the middle of it
+    # the command exists, but not with this length; or no frame is that long
+    BAD_LENGTH = "bad length"
+    # this end of the line does not receive such a command
+    UNKNOWN_COMMAND = "unknown command"
+    # one of OLD_COMMANDS: expected from boards and hosts in the field, ignored
+    OLD_COMMAND = "old command"
+    # the frame is intact, but a byte of it stands for nothing, such as switch 7
+    BAD_VALUE = "bad value"
+    # the line fell silent in the middle of it
+    EXPIRED = "expired"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +47,8 @@ class FrameFault:
 
     reason: Reason
     offset: int
-    head: bytes  # its first ones, at most 8: header, length, command and some data, as far as they were there
+    # its first ones, at most 8: header, length, command and some data, as far as they were there
+    head: bytes
 
 
 Event = Message | FrameFault
@@ -48,9 +57,12 @@ Event = Message | FrameFault
 class Receivable(NamedTuple):
     """How to check and read a frame of one (length, command) pair."""
 
-    size: int  # bytes of the whole frame
-    words: Callable[[bytes, int], tuple[int, ...]]  # pairs of command and data, the odd last byte if any, the checksum
-    odd: bool  # whether there is an odd last byte, for the XOR
+    # bytes of the whole frame
+    size: int
+    # pairs of command and data, the odd last byte if any, the checksum
+    words: Callable[[bytes, int], tuple[int, ...]]
+    # whether there is an odd last byte, for the XOR
+    odd: bool
     read: Callable[[bytes, int], Message]
     message: type[Message] | None
 
@@ -82,15 +94,19 @@ class Decoder:
     def __init__(self, role: Role) -> None:
         self.role = role
         self.position = 0  # bytes fed so far
-        self.offsets: list[int] = []  # where in the stream each event of the last `feed` or `expire` began
+        # where in the stream each event of the last `feed` or `expire` began
+        self.offsets: list[int] = []
         self._table = receivable(role)
         self.messages = {legal.message: 0 for legal in self._table.values() if legal.message is not None}
         self.faults = dict.fromkeys(Reason, 0)
-        self.skipped = 0  # bytes that are part of no intact frame: noise, damaged frames and foreign ones
+        # bytes that are part of no intact frame: noise, damaged frames and foreign ones
+        self.skipped = 0
         self._commands = {pair[1] for pair in self._table}
         self._tail = b""
-        self._wanted = 0  # fewer bytes than this decide nothing
-        self._settled = 0  # the stream up to here is in an intact frame or counted as skipped
+        # fewer bytes than this decide nothing
+        self._wanted = 0
+        # the stream up to here is in an intact frame or counted as skipped
+        self._settled = 0
 
     @property
     def pending(self) -> int:
@@ -118,13 +134,15 @@ class Decoder:
         table, messages, size = self._table, self.messages, len(stream)
         base = self.position - size
         settled = self._settled - base
-        before, *pieces = stream.split(HEADER)  # finds all headers at once; what follows is after that of each piece
+        # finds all headers at once; what follows is after that of each piece
+        before, *pieces = stream.split(HEADER)
         at = following = len(before)
         pair = None
         for piece in pieces:
             at = following
             following = at + 2 + len(piece)
-            if piece[:2] != pair:  # most frames are of the same kind as the one before
+            # most frames are of the same kind as the one before
+            if piece[:2] != pair:
                 pair = piece[:2]
                 length, unpack, odd, read, message = table.get(pair, ILLEGAL)
             end = at + length
@@ -140,7 +158,8 @@ class Decoder:
                 check = words[-1]
                 last = words[-2] if odd else 0
                 if (sum(words) - check - last ^ last) & 0xFFFF == check:
-                    if end > settled:  # else it is inside a longer one
+                    # else it is inside a longer one
+                    if end > settled:
                         if at > settled:
                             self.skipped += at - settled
                         settled = end
@@ -152,7 +171,8 @@ class Decoder:
                             events.append(self._fault(Reason.BAD_VALUE, base + at, stream[at:end]))
                     continue
                 reason = Reason.BAD_CHECKSUM
-            if at >= settled:  # what only looks like a header inside an intact frame is none
+            # what only looks like a header inside an intact frame is none
+            if at >= settled:
                 events.append(self._fault(reason, base + at, stream[at : min(end, at + HEAD)]))
                 offsets.append(base + at)
         else:

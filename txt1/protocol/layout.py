@@ -18,7 +18,8 @@ from txt1.protocol.messages import HostMessage, Message, PidSet, PowerControl, S
 from txt1.units import PER_UNIT, from_thousandths, to_thousandths
 
 HEADER: Final = b"\xfa\xfb"
-SETS_MAX: Final = 14  # angular gain sets that a PID set has room for
+# angular gain sets that a PID set has room for
+SETS_MAX: Final = 14
 ACCEPTED: Final = 0x3C
 REJECTED: Final = 0x55
 
@@ -39,8 +40,10 @@ class FieldKind(NamedTuple):
 
     to_wire: Callable[[Any], int]
     from_wire: Callable[[int], Any]
-    from_number: Callable[[float], Any]  # the value of a number that a recording has for it
-    takes: str  # the values there are, in words, with room for the smallest and the largest
+    # the value of a number that a recording has for it
+    from_number: Callable[[float], Any]
+    # the values there are, in words, with room for the smallest and the largest
+    takes: str
     per_unit: int = 1
 
 
@@ -68,11 +71,15 @@ class Layout:
 
     message: type[Message]
     command: int
-    code: str  # the letter in `struct` of every integer of the data: "h", "i", "H" or "B"
-    counts: Sequence[int]  # how many integers there may be
+    # the letter in `struct` of every integer of the data: "h", "i", "H" or "B"
+    code: str
+    # how many integers there may be
+    counts: Sequence[int]
     kind: FieldKind
-    values: Callable[[Any], Iterable[tuple[str, Any]]]  # in the order of the wire, with the names of their fields
-    make: Callable[..., Message]  # of such values
+    # in the order of the wire, with the names of their fields
+    values: Callable[[Any], Iterable[tuple[str, Any]]]
+    # of such values
+    make: Callable[..., Message]
 
     @property
     def receiver(self) -> Role:
@@ -102,12 +109,14 @@ class Layout:
     def reader(self, data: Struct) -> Callable[[bytes, int], Message]:
         """Return a function of a buffer and the data's place in it that makes the message, or raises BadValue."""
         unpack, make, from_wire = data.unpack_from, self.make, self.kind.from_wire
-        if self.kind is SI:  # most of what the line carries; a call for each value would take half as long again
+        # most of what the line carries; a call for each value would take half as long again
+        if self.kind is SI:
             return lambda buffer, at: make(*[integer / 1000.0 for integer in unpack(buffer, at)])
         return lambda buffer, at: make(*[from_wire(integer) for integer in unpack(buffer, at)])
 
 
-LAYOUTS: Final[dict[type[Message], Layout]] = {}  # every message's
+# every message's
+LAYOUTS: Final[dict[type[Message], Layout]] = {}
 
 
 def declare(

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-PID_SET_PERIOD: Final = 1.0  # s between two attempts at having the gains acknowledged
+# s between two attempts at having the gains acknowledged
+PID_SET_PERIOD: Final = 1.0
 
 
 class Switch(IntEnum):

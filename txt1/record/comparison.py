@@ -31,7 +31,8 @@ class Difference(NamedTuple):
 
     time: float
     topic: str
-    field: str  # the first that differs, dotted; empty when a message is missing or there is one too many
+    # the first that differs, dotted; empty when a message is missing or there is one too many
+    field: str
     recorded: object
     replayed: object
 
@@ -112,7 +113,8 @@ class Comparison:
                 return 0
             item = next(self._recorded, None)
             if item is None:
-                return 0  # what the recording lacks at its end is no difference: it may break off
+                # what the recording lacks at its end is no difference: it may break off
+                return 0
             if (item.name, item.message.log_time, item.message.data) != (topic.name, time, data):
                 self.difference = self._explain(item, topic.name, time, data)
             self.compared[topic.name] += 1
@@ -143,7 +145,8 @@ class Comparison:
             before, after = values(item), values(now)
         except (RecordingError, ValueError, LookupError, TypeError, AttributeError):
             return Difference(at, topic, "", "a damaged message", "a sound one")
-        late = self._real and topic == fields.LOG.name  # as late as the processor was
+        # as late as the processor was
+        late = self._real and topic == fields.LOG.name
         for name in dict.fromkeys((*before, *after)):
             old, new = before.get(name), after.get(name)
             if repr(old) != repr(new) and not (late and name.startswith("stamp.")) and not self._close(old, new):
@@ -172,6 +175,7 @@ class Comparison:
         told = json.loads(self._decoding.values(item)["data"])
         topics = told.pop("topics")
         if self._real:
-            del told["time"]  # later than the step's
+            # later than the step's
+            del told["time"]
         self.left_out |= {f"{SNAPSHOT.name} {name}" for name in topics.keys() - self._in_snapshots}
         return dict(flat(told)) | dict(flat({name: topics[name] for name in topics if name in self._in_snapshots}))

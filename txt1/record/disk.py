@@ -10,7 +10,8 @@ from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.record.encoder import Block
 from txt1.record.mcap_file import Compression, McapFile
 
-SYNC_NS: Final = NS_PER_S * 2 // 5  # real time after which what was written is forced to the disk with the next block
+# real time after which what was written is forced to the disk with the next block
+SYNC_NS: Final = NS_PER_S * 2 // 5
 
 
 class Rotation(NamedTuple):

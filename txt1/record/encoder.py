@@ -58,10 +58,12 @@ class Block:
     """Message records in the order of their happening, with the smallest and the largest log time, ns."""
 
     data: bytes
-    index: dict[int, list[int]]  # for each channel the log time (ns) and offset of each record, one behind the other
+    # for each channel the log time (ns) and offset of each record, one behind the other
+    index: dict[int, list[int]]
     first: int
     last: int
-    channels: Sequence[TopicChannel]  # the channels so far, channel number n at place n - 1
+    # the channels so far, channel number n at place n - 1
+    channels: Sequence[TopicChannel]
 
     @property
     def count(self) -> int:

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 from txt1.telemetry.messages import Field, fields
 
-HEADER: Final = b"\x00\x01\x00\x00"  # CDR, little-endian; alignment counts from the byte behind it
+# CDR, little-endian; alignment counts from the byte behind it
+HEADER: Final = b"\x00\x01\x00\x00"
 
 CODES: Final = {
     "bool": "?", "byte": "B", "int8": "b", "uint8": "B", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f",

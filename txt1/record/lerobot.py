@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 VERSION: Final = "v3.0"
 DATA: Final = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES: Final = "meta/episodes/chunk-000/file-000.parquet"
-CHUNK: Final = 1000  # files in a folder at most, as LeRobot's own tools have it; here it is one
+# files in a folder at most, as LeRobot's own tools have it; here it is one
+CHUNK: Final = 1000
 ACTION: Final = "/setpoint"
 PICTURE: Final = "sensor_msgs/msg/CompressedImage"
 
@@ -115,7 +116,8 @@ def taken(path: Path) -> Taken:
     pictures: dict[str, Pictures] = {}
     learned: list[tuple[float, float]] = []
     driven: list[tuple[float, float]] = []
-    begun: float | None = None  # of the learner's episode
+    # of the learner's episode
+    begun: float | None = None
     armed: float | None = None
     reading, decoding, time = FilePass(path), Decoding(), 0.0
     for item in reading:
@@ -135,7 +137,8 @@ def taken(path: Path) -> Taken:
             else:
                 if armed is not None:
                     driven.append((armed, time))
-                armed = begun = None  # a disarm voids the learner's episode
+                # a disarm voids the learner's episode
+                armed = begun = None
     if armed is not None:
         driven.append((armed, time))
     for topic in ("/odom", ACTION):
@@ -201,7 +204,8 @@ def _frames(
     count = max(0, ceil((end - begin) * fps - 1e-6))
     number = np.arange(count)
     times = begin + number / fps
-    just_after = times + 1e-6  # what is told in the very instant of a frame belongs to it
+    # what is told in the very instant of a frame belongs to it
+    just_after = times + 1e-6
     return {
         "observation.state": np.column_stack([series[topic].at(just_after) for topic in topics]),
         "action": series[ACTION].at(np.minimum(times + 1.0 / fps, end)),

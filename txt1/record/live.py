@@ -22,13 +22,16 @@ from txt1.telemetry.bus import Bus
 from txt1.telemetry.messages import schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic
 
-LATEST: Final = 20  # lines of the event log that a client who comes late is told
-STOPS: Final = 1.0  # s that the server has to let go of its clients
+# lines of the event log that a client who comes late is told
+LATEST: Final = 20
+# s that the server has to let go of its clients
+STOPS: Final = 1.0
 
 Drive = Callable[[float, float, float], object]
 """Takes a speed (m/s), a yaw rate (rad/s) and how long ago a client's message with them came, s."""
 
-_CLOCK: Final = RealClock()  # clients know nothing of virtual time
+# clients know nothing of virtual time
+_CLOCK: Final = RealClock()
 
 
 class LiveView:
@@ -44,8 +47,10 @@ class LiveView:
                 f"--view {host}: not a loopback address, and the whole network could watch and drive; use 127.0.0.1, "
                 "and from elsewhere 'ssh -L 8765:127.0.0.1:8765 ROBOT', or the web page (--web)"
             )
-        self._context = context = foxglove.Context()  # kept: its channels close when it goes
-        self._channels: dict[str, tuple[foxglove.Channel, deque[tuple[int, bytes]]]] = {}  # with the latest messages
+        # kept: its channels close when it goes
+        self._context = context = foxglove.Context()
+        # with the latest messages
+        self._channels: dict[str, tuple[foxglove.Channel, deque[tuple[int, bytes]]]] = {}
         self._listener = _Listener()
         try:
             self._server = foxglove.start_server(
@@ -70,11 +75,13 @@ class LiveView:
         loop = asyncio.get_running_loop()
 
         def drive_or_turn(v: float, omega: float, received_ns: int) -> None:
-            with suppress(CommandRefused):  # counted by the safety gate
+            # counted by the safety gate
+            with suppress(CommandRefused):
                 drive(*hand.on_the_spot(v, omega), seconds(_CLOCK.now_ns() - received_ns))
 
         def asked(v: float, omega: float) -> None:
-            with suppress(RuntimeError):  # the loop has just been closed
+            # the loop has just been closed
+            with suppress(RuntimeError):
                 loop.call_soon_threadsafe(drive_or_turn, v, omega, _CLOCK.now_ns())
 
         self._listener.asked = asked
@@ -87,7 +94,8 @@ class LiveView:
                 for time, data in latest:
                     channel.log(data, log_time=time)
         for (name, topic), time, data in block.messages():
-            if name not in self._channels:  # of the others those that are told
+            # of the others those that are told
+            if name not in self._channels:
                 self._advertise(name, topic)
             channel, latest = self._channels[name]
             channel.log(data, log_time=time)

@@ -25,8 +25,10 @@ from txt1.record.encoder import Block
 from txt1.telemetry.messages import schema_name, schema_text
 from txt1.version import __version__
 
-FORMAT: Final = 2  # counts up when a reader has to treat files otherwise than before; a new topic or field is no reason
-FOOTER_UP_TO_CRC: Final = 25  # bytes of the footer record that its own checksum covers
+# counts up when a reader has to treat files otherwise than before; a new topic or field is no reason
+FORMAT: Final = 2
+# bytes of the footer record that its own checksum covers
+FOOTER_UP_TO_CRC: Final = 25
 MESSAGE_INDEX: Final = struct.Struct("<BQHI")
 """The head of a message index record: opcode, length, channel, bytes of entries."""
 
@@ -58,11 +60,11 @@ class McapFile:
         self._compression = compression
         self._schemas: dict[str, mcap.Schema] = {}
         self._channels: dict[int, mcap.Channel] = {}
-        self._chunks = (
-            bytearray()
-        )  # their index, as it goes to the end of the file: objects would take several times that
+        # their index, as it goes to the end of the file: objects would take several times that
+        self._chunks = bytearray()
         self._chunk_count = 0
-        self._span: tuple[int, int] | None = None  # of all messages, ns
+        # of all messages, ns
+        self._span: tuple[int, int] | None = None
         self._metadata: list[mcap.MetadataIndex] = []
         self._counts: Counter[int] = Counter()
         self._write(MCAP0_MAGIC + _bytes(mcap.Header("ros2", f"txt1 {__version__}")))

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from txt1.kernel.loop import Speed
     from txt1.record.live import LiveView
 
-LAYOUT: Final = resource("config/foxglove/txt1.foxglove-layout.json")  # of Foxglove's panels
+# of Foxglove's panels
+LAYOUT: Final = resource("config/foxglove/txt1.foxglove-layout.json")
 
 
 def new_file(text: str) -> Path:

@@ -15,7 +15,8 @@ from txt1.ui import tty
 from txt1.ui.summary_line import status_line
 from txt1.ui.terminal import Terminal
 
-SEEK: Final = 5.0  # s that one press of a or d winds
+# s that one press of a or d winds
+SEEK: Final = 5.0
 SPEED_MIN: Final = 1.0 / 64.0
 SPEED_MAX: Final = 64.0
 

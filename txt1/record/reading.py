@@ -113,7 +113,8 @@ class FilePass:
             payload = file.read(length)
             try:
                 records = self._parse(opcode, payload)
-            except Exception:  # each compression has errors of its own
+            except Exception:
+                # each compression has errors of its own
                 self.damaged += 1
             else:
                 yield from records
@@ -220,7 +221,8 @@ class Decoding:
                 )
             if decoder is not None:
                 return decoder(item.message.data)
-        except Exception as error:  # whatever the libraries say to a definition that is none
+        except Exception as error:
+            # whatever the libraries say to a definition that is none
             raise RecordingError(
                 f"{item.topic}: a message is not as its definition {item.schema.name!r} in the file says, so one of "
                 f"both is damaged ({type(error).__name__}: {error}); choose other topics with --topic"

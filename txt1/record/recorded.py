@@ -90,7 +90,8 @@ class _RunRead:
         self._found = Recorded(path, robot)
         self._path = path
         self._cycles, self._whole = 0, True
-        self._in_step = False  # whether what is read belongs to the last step, not to an input behind it
+        # whether what is read belongs to the last step, not to an input behind it
+        self._in_step = False
 
     def take(self, item: Item) -> None:
         """Take the next message."""
@@ -123,7 +124,8 @@ class _RunRead:
             report = report._replace(value=None if report.text else self._value(Inputs, report))
             if self._in_step and found.steps:
                 found.steps[-1].reports.append(report)
-            else:  # read in the course of the last input, so it has to be known ahead of that
+            else:
+                # read in the course of the last input, so it has to be known ahead of that
                 found.given.insert(-1, Given(time, report))
 
     def _value(self, kind: Any, report: Report) -> Any:

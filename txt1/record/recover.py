@@ -48,7 +48,8 @@ def _copy(reading: FilePass, writer: Writer) -> int:
     channels: dict[int, int] = {}
     count = 0
     records = reading.records()
-    first = next(records, None)  # the header, whose profile the new file takes over
+    # the header, whose profile the new file takes over
+    first = next(records, None)
     writer.start(reading.header.profile, reading.header.library)
     for record in chain((first,), records):
         match record:

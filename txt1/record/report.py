@@ -28,11 +28,16 @@ from txt1.tasks.mode import MODE
 
 PACKS: Final = tuple(topic.name for topic in BATTERIES)
 DPI: Final = 110
-TOGETHER: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")  # ... and seven robots
-NAMED: Final = 20  # robots at most whose names stand at the ends of their paths
-BLUE, ORANGE, GREY = "#0072B2", "#E69F00", "0.35"  # the colour-blind, too, tell them apart
-SPAN: Final = 1.0  # V that the battery's axis shows at least: less would make noise look like a fall
-PLACED: Final = 0.3  # m: no robot drives as far between two messages, so it was placed somewhere else
+# ... and seven robots
+TOGETHER: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
+# robots at most whose names stand at the ends of their paths
+NAMED: Final = 20
+# the colour-blind, too, tell them apart
+BLUE, ORANGE, GREY = "#0072B2", "#E69F00", "0.35"
+# V that the battery's axis shows at least: less would make noise look like a fall
+SPAN: Final = 1.0
+# m: no robot drives as far between two messages, so it was placed somewhere else
+PLACED: Final = 0.3
 
 
 class Content:
@@ -276,7 +281,8 @@ def _changed(text: str) -> list[tuple[str, str]]:
     tree = json.loads(text)
     try:
         config = recorded(tree)
-    except ConfigError:  # another version's
+    except ConfigError:
+        # another version's
         return [(key, json.dumps(value)) for key, value in tree.items()]
     return [(key, json.dumps(value)) for key, value in flatten(config)]
 

@@ -60,7 +60,8 @@ def export(items: Iterable[Item], file: Path) -> int:
         # half a bag is none
         file.unlink(missing_ok=True)
         if bag.bio is not None:
-            with suppress(OSError):  # of a full disk, once more
+            # of a full disk, once more
+            with suppress(OSError):
                 bag.bio.close()
         raise
     return count
@@ -80,7 +81,8 @@ def _write(items: Iterable[Item], bag: Writer) -> int:
             bag.write(connection, item.message.log_time, converter.convert(kind, item.message.data))
         except OSError:
             raise
-        except Exception as error:  # whatever the library says to bytes that are no message
+        except Exception as error:
+            # whatever the library says to bytes that are no message
             raise RecordingError(
                 f"{item.topic}: a message cannot be put in a bag, so it or its definition is damaged "
                 f"({type(error).__name__}: {' '.join(str(error).split())[:200]}); choose other topics with --topic"

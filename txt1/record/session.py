@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 MODULES: Final = ("mcap", "mcap_ros2", "zstandard", "lz4")
 """With which recordings are read; without mcap_ros2 they can still be written."""
 LIBRARIES: Final = ("pydantic", "mcap")
-VIEW_BATCH: Final = 0.1  # real s between two batches for a live view
+# real s between two batches for a live view
+VIEW_BATCH: Final = 0.1
 MEGABYTE: Final = 1_000_000
 
 
@@ -41,7 +42,8 @@ def machine() -> dict[str, str]:
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
             models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    except OSError:  # not Linux
+    except OSError:
+        # not Linux
         models = []
     processor = " ".join((platform.machine(), *(models[:1] or [platform.processor()]))).strip()
     return {"processor": processor, "libm": " ".join(platform.libc_ver()).strip(), "numpy": version("numpy")}

@@ -19,9 +19,11 @@ from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 from txt1.telemetry.topics import Topic
 
-STEP_NS: Final = NS_PER_S // 10  # between two snapshots
+# between two snapshots
+STEP_NS: Final = NS_PER_S // 10
 
-EVENTS_MAX: Final = 20  # lines of the event log that are shown, as in the robot
+# lines of the event log that are shown, as in the robot
+EVENTS_MAX: Final = 20
 
 _FAST: Final = frozenset(topic.name for topic in (ODOMETRY, SETPOINT, PWM, ENCODERS, POSE))
 _SELDOM: Final = frozenset(topic.name for topic in (MODE, GAINS))
@@ -81,7 +83,8 @@ class Snapshots:
             snapshot = Snapshot.decode(line)
         except ValueError as error:
             raise RecordingError(f"at {now:.1f} s: {error}; the version that made the recording shows it") from None
-        if MODE in values:  # the panel, link and power are in the snapshot
+        # the panel, link and power are in the snapshot
+        if MODE in values:
             armed, stopped, reason = values[MODE]
             values = values | {MODE: snapshot.get(MODE, Mode())._replace(armed=armed, stopped=stopped, reason=reason)}
         if self._others:

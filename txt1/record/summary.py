@@ -15,7 +15,8 @@ from txt1.kernel.clock import NS_PER_S
 from txt1.record.reading import Decoding, FilePass, Item, flat
 
 RECOVER: Final = "'txt1 log recover' makes a complete file of it"
-SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")  # of the metadata, what `info` prints
+# of the metadata, what `info` prints
+SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")
 
 
 @dataclass

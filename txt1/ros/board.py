@@ -53,7 +53,8 @@ class BoardDesk:
                 do(**request.fields)
         except Txt1Error as error:
             self.say(f": {error}")
-        except Exception as error:  # whatever it asks for, the node lives on
+        except Exception as error:
+            # whatever it asks for, the node lives on
             self.say(f": request '{request.name}' failed: {type(error).__name__}: {error}")
 
     def say(self, text: str) -> None:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from txt1.sidecar import Connection
 
 CANCELLED: Final = "cancelled"
-ANSWER_PATIENCE: Final = 10.0  # s within which the robot answers
+# s within which the robot answers
+ANSWER_PATIENCE: Final = 10.0
 
 
 class Calls:
@@ -56,7 +57,8 @@ class Calls:
             self.answers.append((id, True, "" if told is None else str(told)))
         except Txt1Error as error:
             self.answers.append((id, False, str(error)))
-        except Exception as error:  # whatever a node asks for does not end the run
+        except Exception as error:
+            # whatever a node asks for does not end the run
             self.answers.append((id, False, f"{type(error).__name__}: {error}"))
         except asyncio.CancelledError:
             self.answers.append((id, False, CANCELLED))

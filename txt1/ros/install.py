@@ -14,7 +14,8 @@ from txt1.ros.definitions import TF2, own, write_package
 from txt1.ros.python import clean
 
 INTERFACES: Final = Path(__file__).with_name("interfaces.py")
-STATE: Final = "txt1_msgs.txt"  # the definitions that types were made of
+# the definitions that types were made of
+STATE: Final = "txt1_msgs.txt"
 
 _MESSAGES: Final = ("std", "geometry", "nav", "sensor", "diagnostic")
 
@@ -33,7 +34,8 @@ WHEELS: Final = {
     ),
 }
 """The wheels of a distribution that go together."""
-GENERATING: Final = ("catkin-pkg",)  # which the wheels of the generators forget to name
+# which the wheels of the generators forget to name
+GENERATING: Final = ("catkin-pkg",)
 
 
 def install(place: Path, distribution: str) -> None:

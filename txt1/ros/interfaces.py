@@ -70,7 +70,8 @@ def _compile(package: str, generated: list[Path], work: Path, prefix: Path, site
         *sorted(path for path in include.iterdir() if path.is_dir()),
     ]
     flags = [f"-I{path}" for path in includes]
-    objects: dict[bool, list[str]] = {True: [], False: []}  # those for Python, and all others
+    # those for Python, and all others
+    objects: dict[bool, list[str]] = {True: [], False: []}
     for source in sources:
         language = ["gcc", "-std=gnu11"] if source.suffix == ".c" else ["g++", "-std=c++17"]
         name = str(work / f"{source.relative_to(work)}.o".replace("/", "_"))
@@ -88,7 +89,8 @@ def _compile(package: str, generated: list[Path], work: Path, prefix: Path, site
     whole = library / f"lib{package}__{SUPPORTS[0]}.so"
     link = ["g++", "-shared", "-Wl,--as-needed", f"-Wl,-rpath,{library}"]
     _run(*link, "-o", str(whole), *objects[False], *others)
-    for same in (SUPPORTS[1], "rosidl_typesupport_c", "rosidl_generator_c"):  # found by these names
+    # found by these names
+    for same in (SUPPORTS[1], "rosidl_typesupport_c", "rosidl_generator_c"):
         alias = library / f"lib{package}__{same}.so"
         alias.unlink(missing_ok=True)
         alias.symlink_to(whole.name)

@@ -13,7 +13,8 @@ from txt1.runtime import Runtime
 from txt1.sidecar import TELEMETRY_PERIOD, Request, Sidecar
 
 START: Final = Path(__file__).with_name("start.py")
-NODE_PRIORITY: Final = -110  # behind the telemetry's task, so that what a cycle tells is sent in the same one
+# behind the telemetry's task, so that what a cycle tells is sent in the same one
+NODE_PRIORITY: Final = -110
 
 
 class NodeDesk(Protocol):
@@ -62,9 +63,8 @@ async def node_beside(
         node = target.rpartition(":")[0].rpartition(".")[2]
         with warning(runtime, f"bridge '{node}'", beside):
             async with beside:
-                runtime.add_task(
-                    f"bridge {node}", NODE_PRIORITY, 0.5 * TELEMETRY_PERIOD, beside.serve
-                )  # an IMU tells 100 a second
+                # an IMU tells 100 a second
+                runtime.add_task(f"bridge {node}", NODE_PRIORITY, 0.5 * TELEMETRY_PERIOD, beside.serve)
                 yield beside
     finally:
         desk.lost()

@@ -21,10 +21,14 @@ from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1.ros.tree import SensorFeed
 
-ODOMETRY: Final = 0.05  # s between two odometry messages
-BATTERY: Final = 1.0  # s between two battery messages
-SETS: Final = 4  # numbers of a set of angular gains: v_max, kp, ki, kd
-NUMBERS_MAX: Final = 56  # of all sets
+# s between two odometry messages
+ODOMETRY: Final = 0.05
+# s between two battery messages
+BATTERY: Final = 1.0
+# numbers of a set of angular gains: v_max, kp, ki, kd
+SETS: Final = 4
+# of all sets
+NUMBERS_MAX: Final = 56
 
 
 class Ros1Desk(RobotEnd):
@@ -54,7 +58,8 @@ class Ros1Desk(RobotEnd):
             },
         )
         self._readings = SensorFeed(robot.runtime)
-        self._frames: list[dict[str, Any]] = []  # where the sensors sit, for a node that has begun
+        # where the sensors sit, for a node that has begun
+        self._frames: list[dict[str, Any]] = []
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._odometry_due = self._battery_due = 0.0
 

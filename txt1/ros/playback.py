@@ -26,9 +26,12 @@ from txt1.tasks.controller import PWM
 from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.topics import Topic
 
-BEAT: Final = 0.01  # s between two looks at whether something is due
-BYTES_MAX: Final = 1 << 19  # after which a line is long enough
-LAST: Final = 1.0  # s that what was sent last has to arrive
+# s between two looks at whether something is due
+BEAT: Final = 0.01
+# after which a line is long enough
+BYTES_MAX: Final = 1 << 19
+# s that what was sent last has to arrive
+LAST: Final = 1.0
 
 
 class Playback:
@@ -41,7 +44,8 @@ class Playback:
     def __init__(
         self, file: Path, robot: str | None, speed: float, start: float | None, loop: bool, say: Callable[[str], None]
     ) -> None:
-        for module in OWNERS:  # of the topics' qualities of service
+        # of the topics' qualities of service
+        for module in OWNERS:
             import_module(module)
         self.over = asyncio.Event()
         """Set when the end was sent."""
@@ -51,8 +55,10 @@ class Playback:
         self._geometry = checked(Geometry, config.get("geometry", {}), "geometry")
         self._name = config.get("name", "")
         self._clock = RealClock()
-        self._began: int | None = None  # ns of the clock; None: there is no node yet
-        self._due_ns = 0  # of the clock: when the next line is
+        # ns of the clock; None: there is no node yet
+        self._began: int | None = None
+        # of the clock: when the next line is
+        self._due_ns = 0
 
     def request(self, request: Request) -> None:
         """Begin when the node is there; tell what it lacks."""
@@ -75,7 +81,8 @@ class Playback:
         """The messages from the start on, and before them the last of each kind that is kept for late comers."""
         reading = FilePass(self._file, self._robot)
         kept: dict[int, Item] = {}
-        self._first: int | None = None  # time of the recording at the beginning, ns
+        # time of the recording at the beginning, ns
+        self._first: int | None = None
         for item in reading:
             if self._start is not None and (run := reading.run_time(item)) < self._start:
                 place = self._place(item)

@@ -37,8 +37,10 @@ from txt1.tasks.encoder import ODOMETRY, POSE, TRANSFORM, origin
 from txt1.tasks.on_map import MapInUse
 from txt1.telemetry.topics import Rule, Topic
 
-EVENTS_MAX: Final = 3000  # messages that wait for the node; the oldest go first
-STEPPED: Final = 0.05  # s by which the time of day may drift before stamps follow it
+# messages that wait for the node; the oldest go first
+EVENTS_MAX: Final = 3000
+# s by which the time of day may drift before stamps follow it
+STEPPED: Final = 0.05
 DESCRIPTION: Final = Topic("/robot_description", str, "", "std_msgs/String", Rule.CHANGE, "the robot as URDF")
 
 
@@ -108,15 +110,19 @@ class Publisher:
 
     def __init__(self, runtime: Runtime, say: Callable[[str], None], told: Told = PLAIN) -> None:
         self._runtime, self._say, self._how = runtime, say, told
-        self._yields = False  # another program tells where odom is
+        # another program tells where odom is
+        self._yields = False
         self.virtual: Final = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         """Whether ROS is to have the robot's time instead of the time of day."""
         self._leave: Callable[[], None] = lambda: None
         self._events: deque[Message] = deque(maxlen=EVENTS_MAX)
-        self._lacking: dict[str, list[str]] = {}  # messages that the node has no type for, and their topics' names
-        self._refused: set[Topic[Any]] = set()  # topics of which a value was no message
+        # messages that the node has no type for, and their topics' names
+        self._lacking: dict[str, list[str]] = {}
+        # topics of which a value was no message
+        self._refused: set[Topic[Any]] = set()
         self._wheels = WheelJoints(runtime.config.geometry)
-        self._told = 0  # channels that the node was told of
+        # channels that the node was told of
+        self._told = 0
         self._forget()
 
     def begin(self) -> None:
@@ -165,7 +171,8 @@ class Publisher:
         if not self._events and not any(more.values()):
             return None
         if not self.virtual and abs(self._offset() - self._epoch) > STEPPED:
-            self._forget()  # the time of day was set
+            # the time of day was set
+            self._forget()
         events, self._events = self._events, deque(maxlen=EVENTS_MAX)
         messages = [
             (self._numbers.setdefault(topic, len(self._numbers)), time, data)
@@ -185,7 +192,8 @@ class Publisher:
         try:
             return self._encoder.block(events).messages()
         except RecordingError as error:
-            if len(events) > 1:  # one of them is no message; the others are
+            # one of them is no message; the others are
+            if len(events) > 1:
                 return (each for event in events for each in self._encoded([event]))
             if events[0][1] not in self._refused:
                 self._refused.add(events[0][1])
@@ -206,7 +214,8 @@ class Publisher:
         self._told = 0
         self._publications: dict[Topic[Any], tuple[Publication, ...]] = {}
         self._publication: dict[Topic[Any], Publication] = {}
-        self._kinds: dict[type, Topic[Any]] = {}  # the first sensor's topic of each type
+        # the first sensor's topic of each type
+        self._kinds: dict[type, Topic[Any]] = {}
 
     def _publications_of(self, topic: Topic[Any]) -> tuple[Publication, ...]:
         found = self._publications.get(topic)

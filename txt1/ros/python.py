@@ -14,8 +14,10 @@ from txt1.errors import ConfigError
 
 SYSTEM: Final = "/usr/bin/python3"
 INSTALLED: Final = Path("/opt/ros")
-DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy")  # newest first; older ones have an older Python
-OLDER: Final = ("foxy", "galactic", "humble", "iron")  # whose Python or rclpy cannot run the node
+# newest first; older ones have an older Python
+DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy")
+# whose Python or rclpy cannot run the node
+OLDER: Final = ("foxy", "galactic", "humble", "iron")
 OWN: Final = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
 """Variables of our own environment that another Python must not see."""
 REMEDY: Final = "install ROS 2 Jazzy or later, or 'txt1 ros2 install' for one of its own (Linux on x86-64)"
@@ -27,7 +29,8 @@ class RosPython(NamedTuple):
     program: tuple[str, ...]
     environment: Mapping[str, str]
     where: str
-    ours: bool = False  # made by `txt1 ros2 install`
+    # made by `txt1 ros2 install`
+    ours: bool = False
 
 
 def home() -> Path:
@@ -47,7 +50,8 @@ def clean(environment: Mapping[str, str]) -> dict[str, str]:
 
 def ros2() -> RosPython:
     """The Python for ROS 2; raises ConfigError with what to do where there is none."""
-    if os.environ.get("AMENT_PREFIX_PATH"):  # the user has sourced a set-up, perhaps with a workspace on top
+    # the user has sourced a set-up, perhaps with a workspace on top
+    if os.environ.get("AMENT_PREFIX_PATH"):
         if (name := os.environ.get("ROS_DISTRO")) in OLDER:
             raise ConfigError(f"--ros2: this shell's is {name}: source Jazzy or later, or use a shell without it")
         kept = {name: os.environ[name] for name in ("LD_LIBRARY_PATH", "PYTHONPATH") if name in os.environ}

@@ -21,8 +21,10 @@ from txt1.ros.calls import Calls
 from txt1.ros.publisher import PLAIN, Publisher, Told
 from txt1.tasks.on_map import MapInUse
 
-FEEDBACK: Final = 0.2  # s between two reports on the way to a goal
-SPEED: Final = 0.4  # m/s to a goal that says none
+# s between two reports on the way to a goal
+FEEDBACK: Final = 0.2
+# m/s to a goal that says none
+SPEED: Final = 0.4
 _SWITCHES: Final = {"atx": Switch.ATX, "esc": Switch.ESC}
 
 
@@ -96,7 +98,8 @@ class Ros2RobotEnd(RobotEnd):
 
     def _drive(self, v: float, omega: float, age: float = 0.0) -> None:
         if self._goal is not None and (v or omega):
-            self._goal.cancel()  # whoever steers by hand has the wheel
+            # whoever steers by hand has the wheel
+            self._goal.cancel()
         limited = clip(v, self._v_max) if v == v else v
         self.drive(limited, omega * limited / v if v and limited != v else omega, age)
 

@@ -28,9 +28,12 @@ from txt1.ros.txt_driver import MESSAGES, SERVICES
 from txt1.sidecar import Connection
 
 NODE_NAME: Final = "txt1_node"
-COMBINED: Final = 0.02  # s between two combined odometries that are handed on
-TOGETHER: Final = 1.0  # s within which two programs drive at the same time
-LOOK: Final = 0.5  # s between two looks at the master
+# s between two combined odometries that are handed on
+COMBINED: Final = 0.02
+# s within which two programs drive at the same time
+TOGETHER: Final = 1.0
+# s between two looks at the master
+LOOK: Final = 0.5
 _HEADER: Final = "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 
 
@@ -102,14 +105,17 @@ class OriginalNode:
         self._robot, self._virtual, self._parameters = robot, virtual, parameters
         self._caller = Caller(robot)
         self._combined_at = 0.0
-        self._drivers: dict[str, float] = {}  # by name when each program sent its last command
-        self._together: list[str] = []  # those that drove at the same time
+        # by name when each program sent its last command
+        self._drivers: dict[str, float] = {}
+        # those that drove at the same time
+        self._together: list[str] = []
         self._services: list[Any] = []
         self._odom = rospy.Publisher(f"{place}odom", Odometry, queue_size=5)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=20)
         self._battery = rospy.Publisher(f"{place}battery", BATTERY, queue_size=2)
         self._static = rospy.Publisher("/tf_static", TFMessage, queue_size=2, latch=True)
-        self._sensors: dict[str, Any] = {}  # publishers by name; () where there is no type
+        # publishers by name; () where there is no type
+        self._sensors: dict[str, Any] = {}
         self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if virtual else None
         self._set_parameters()
         rospy.Subscriber(f"{place}cmd_vel", Twist, self._drive, queue_size=1, tcp_nodelay=True)
@@ -130,7 +136,8 @@ class OriginalNode:
         """Publish what the robot sends until its process ends."""
         self._robot.request("begin")
         for telemetry in self._robot:
-            self._robot.request("")  # received: the next may come
+            # received: the next may come
+            self._robot.request("")
             stamp = rospy.Time(*divmod(telemetry["now"], 10**9))
             if self._clock is not None:
                 self._clock.publish(Clock(stamp))
@@ -256,19 +263,23 @@ class OriginalNode:
         while not rospy.is_shutdown():
             time.sleep(LOOK)
             if rospy.is_shutdown():
-                return  # the master has just forgotten this node, and is not to be told again
+                # the master has just forgotten this node, and is not to be told again
+                return
             master = rosgraph.Master(rospy.get_name())
             try:
                 if master.lookupNode(rospy.get_name()) == rospy.get_node_uri():
                     continue
             except rosgraph.MasterError:
-                pass  # it is there, and does not know us
+                # it is there, and does not know us
+                pass
             except OSError:
-                continue  # it is away
+                # it is away
+                continue
             try:
                 self._register(master)
             except (OSError, rosgraph.MasterError, rospy.ROSException):
-                continue  # away again
+                # away again
+                continue
 
     def _register(self, master: Any) -> None:
         uri = rospy.get_node_uri()
@@ -305,7 +316,8 @@ def main(
             robot.request(
                 "tell", text=f"{name} is on this master already, at {where}; end it, or give --ros1-namespace NS"
             )
-        robot.receive(LOOK)  # a sign of life
+        # a sign of life
+        robot.receive(LOOK)
     rospy.init_node(name, disable_signals=True, disable_rosout=False)
     node = OriginalNode(robot, virtual, parameters, f"/{namespace}/" if namespace else "/")
 

@@ -34,16 +34,26 @@ from txt1.ros.calls import Caller
 from txt1.ros.stamps import Publishers, Stamps
 from txt1.sidecar import Connection
 
-LOOK: Final = 0.1  # s between two looks at whether a goal is to be cancelled
-SECOND: Final = 1.0  # s between two reports about the node itself
-DEAF: Final = 0.1  # s in which what came meanwhile is thrown away, once this process has stood still
-SIOCGIFFLAGS: Final = 0x8913  # Linux's request for an interface's flags
-SIOCGIFADDR: Final = 0x8915  # ... and for its address
-IFF_RUNNING: Final = 0x40  # the flag that it is at work
-TURN: Final = 5e-4  # s that a thread has before others have theirs: a command does not wait for a camera's picture
-OWN: Final = 256  # transforms of its own that a node knows again
-HEAD: Final = 4  # bytes before a message, which the middleware may change
-HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
+# s between two looks at whether a goal is to be cancelled
+LOOK: Final = 0.1
+# s between two reports about the node itself
+SECOND: Final = 1.0
+# s in which what came meanwhile is thrown away, once this process has stood still
+DEAF: Final = 0.1
+# Linux's request for an interface's flags
+SIOCGIFFLAGS: Final = 0x8913
+# ... and for its address
+SIOCGIFADDR: Final = 0x8915
+# the flag that it is at work
+IFF_RUNNING: Final = 0x40
+# s that a thread has before others have theirs: a command does not wait for a camera's picture
+TURN: Final = 5e-4
+# transforms of its own that a node knows again
+OWN: Final = 256
+# bytes before a message, which the middleware may change
+HEAD: Final = 4
+# s without a sign of life of the main thread, after which this process ends
+HUNG: Final = 5.0
 
 _BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
 QUALITIES: Final = {
@@ -80,8 +90,10 @@ class Bridge:
     ) -> None:
         self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
         self._owner, self._child, self._best_effort = owner, child, best_effort
-        self._others: Any = None  # listens to transforms, while other programs tell some
-        self._own: deque[bytes] = deque(maxlen=OWN)  # the newest transforms of this node, without the head
+        # listens to transforms, while other programs tell some
+        self._others: Any = None
+        # the newest transforms of this node, without the head
+        self._own: deque[bytes] = deque(maxlen=OWN)
         self.over = False
         """Whether the node is to end and begin anew: ROS looks at the network when it begins, and never again."""
         self.wake: Callable[[], None] = lambda: None
@@ -90,13 +102,17 @@ class Bridge:
         self._publishers: dict[int, tuple[Any, str]] = {}
         self._by_name: dict[str, Any] = {}
         self._clock: Any = None
-        self._now = 0  # the robot's time stamp of now, ns
+        # the robot's time stamp of now, ns
+        self._now = 0
         self._caller = Caller(robot)
-        self._feedback: tuple[int, list[float]] | None = None  # on the way to a goal: when, and what
+        # on the way to a goal: when, and what
+        self._feedback: tuple[int, list[float]] | None = None
         self._counts = {"commands": 0, "publishers": 0}
         self._alive = time.monotonic()
-        self._heard = self._alive  # when the robot's last message came
-        self._deaf = 0.0  # until when commands are not taken
+        # when the robot's last message came
+        self._heard = self._alive
+        # until when commands are not taken
+        self._deaf = 0.0
         self._names: tuple[str, ...] = ()
         self._stamps, self._order = Stamps(stale), Publishers()
         self._commands: Any = None
@@ -119,11 +135,13 @@ class Bridge:
         """Publish whatever the robot sends, until its process ends; in a thread of its own."""
         self._robot.request("begin")
         for telemetry in self._robot:
-            self._robot.request("")  # received: the next may come
+            # received: the next may come
+            self._robot.request("")
             if self.over:
                 return
             if time.monotonic() - self._alive > HUNG:
-                return  # the main thread hangs, and so does this heartbeat
+                # the main thread hangs, and so does this heartbeat
+                return
             now = time.monotonic()
             if now - self._heard > self._stale:
                 self._deaf = now + DEAF
@@ -199,7 +217,8 @@ class Bridge:
             self._node.destroy_subscription(self._commands)
         self._stamps, self._order = Stamps(self._stale), Publishers()
         take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take
-        quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)  # goes together with publishers of both kinds
+        # goes together with publishers of both kinds
+        quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)
         self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self.driving)
 
     def _take(self, twist: Any, info: dict[str, Any], age: float = 0.0) -> None:
@@ -207,7 +226,8 @@ class Bridge:
         self._order.take(info.get("publication_sequence_number"))
         now = time.monotonic()
         if now < self._deaf or now - self._heard > self._stale:
-            return  # this process stood still: nobody knows how old it is
+            # this process stood still: nobody knows how old it is
+            return
         self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z, age=age)
 
     def _take_stamped(self, message: Any, info: dict[str, Any]) -> None:
@@ -246,7 +266,8 @@ class Bridge:
         services = {name: (Trigger, trigger(name)) for name in ("arm", "disarm", "stop", "load_gains")}
         services |= {f"power_{which}": (SetBool, switch("power", switch=which)) for which in ("atx", "esc")}
         services["manual"] = SetBool, switch("manual")
-        with suppress(ImportError):  # types of our own
+        # types of our own
+        with suppress(ImportError):
             from txt1_msgs.srv import Place
 
             def place(request: Any, response: Any) -> Any:
@@ -492,12 +513,14 @@ def _serve(executor: Serving) -> None:
 
 def _publish(bridge: Bridge, ends: threading.Event) -> None:
     """Publish, and end the process when the robot's has ended or the main thread hangs."""
-    with suppress(OSError):  # the robot's process has gone
+    # the robot's process has gone
+    with suppress(OSError):
         bridge.publish()
     if not bridge.over:
         ends.set()
         signal.raise_signal(signal.SIGTERM)
-        bridge.wake()  # the main thread sleeps in ROS, and obeys signals when it wakes
+        # the main thread sleeps in ROS, and obeys signals when it wakes
+        bridge.wake()
 
 
 def addresses() -> frozenset[tuple[int, str]]:
@@ -506,7 +529,8 @@ def addresses() -> frozenset[tuple[int, str]]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         for number, name in socket.if_nameindex():
             given = struct.pack("256s", name.encode()[:15])
-            with suppress(OSError):  # it has no address
+            # it has no address
+            with suppress(OSError):
                 if fcntl.ioctl(asking, SIOCGIFFLAGS, given)[16] & IFF_RUNNING:
                     found.add((number, socket.inet_ntoa(fcntl.ioctl(asking, SIOCGIFADDR, given)[20:24])))
     return frozenset(found)

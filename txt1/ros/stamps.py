@@ -3,10 +3,14 @@
 from collections import Counter, deque
 from typing import Final
 
-WINDOW: Final = 10.0  # s over which the offset between the clocks is judged
-AHEAD: Final = 0.1  # s by which a stamp may be earlier than the offset allows
-AGREEING: Final = 5  # stamps ahead by the same time after which the other end's clock was set
-FIRST: Final = 60.0  # s by which the clocks may differ when the first command comes
+# s over which the offset between the clocks is judged
+WINDOW: Final = 10.0
+# s by which a stamp may be earlier than the offset allows
+AHEAD: Final = 0.1
+# stamps ahead by the same time after which the other end's clock was set
+AGREEING: Final = 5
+# s by which the clocks may differ when the first command comes
+FIRST: Final = 60.0
 
 
 class Stamps:
@@ -19,7 +23,8 @@ class Stamps:
         self.refused: Counter[str] = Counter()
         """Commands refused, by why: "past" or "future"."""
         self._stale = stale
-        self._seen: deque[tuple[float, float]] = deque()  # when received, and receive minus stamp
+        # when received, and receive minus stamp
+        self._seen: deque[tuple[float, float]] = deque()
         self._ahead: deque[float] = deque(maxlen=AGREEING)
 
     def age(self, stamp: float, received: float) -> float | None:
@@ -41,7 +46,8 @@ class Stamps:
         if delay < offset - AHEAD:
             self._ahead.append(delay)
             if len(self._ahead) == AGREEING and max(self._ahead) - min(self._ahead) < AHEAD:
-                self._seen.clear()  # the other end's clock was set
+                # the other end's clock was set
+                self._seen.clear()
                 self._ahead.clear()
                 self._seen.append((received, delay))
                 return 0.0

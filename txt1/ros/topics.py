@@ -204,7 +204,8 @@ def turned(front: int, rear: int, geometry: Geometry) -> tuple[float, float]:
 def _nav_sat_fix(value: FixReading) -> dict[str, Any]:
     known = value.sigma_x is not None and value.sigma_y is not None
     east, north = value.sigma_x or 0.0, value.sigma_y or 0.0
-    up = 4.0 * max(east, north) ** 2  # a receiver that does not say is about twice as wrong in height
+    # a receiver that does not say is about twice as wrong in height
+    up = 4.0 * max(east, north) ** 2
     return {
         "status": {"status": 0 if value.mode >= 2 else -1, "service": 1},
         "latitude": value.latitude,

@@ -14,8 +14,10 @@ from txt1.ros.urdf import links_of
 from txt1.runtime import Runtime
 from txt1.telemetry.topics import Topic
 
-READINGS_MAX: Final = 500  # messages that wait for the node; the oldest go first
-OWN: Final = "txt1_msgs/"  # messages that ROS 1 has not
+# messages that wait for the node; the oldest go first
+READINGS_MAX: Final = 500
+# messages that ROS 1 has not
+OWN: Final = "txt1_msgs/"
 Told = tuple[str, str, int, dict[str, Any]]
 """A message: the topic's name, its type, its time in ns, and its tree."""
 
@@ -25,7 +27,8 @@ class SensorFeed:
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
-        self._first: dict[type, Topic[Any]] = {}  # the first sensor's topic of each type of reading
+        # the first sensor's topic of each type of reading
+        self._first: dict[type, Topic[Any]] = {}
         self._waiting: deque[tuple[str, Topic[Any], Any, float]] = deque(maxlen=READINGS_MAX)
         self._leave: Callable[[], None] = lambda: None
 

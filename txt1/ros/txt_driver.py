@@ -78,7 +78,8 @@ os.execvp("txt1", ["txt1", "run", "--headless", "--ros1", *words])
 
 def gains() -> str:
     """Return the file of gains that launch files load as parameters of the node: the robot's own."""
-    from txt1.config import Config  # not where ROS 1's Python imports this module
+    # not where ROS 1's Python imports this module
+    from txt1.config import Config
 
     config = Config()
     linear = ", ".join(f"{each:g}" for each in config.control.linear.gains())

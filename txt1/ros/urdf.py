@@ -33,13 +33,18 @@ _SIZES: Final = {
     "base_imu_link": (0.044, 0.024, 0.064),
     "base_gps_link": (0.061, 0.061, 0.02),
 }
-TYRE: Final = 0.085  # width of a tyre, m
-HEIGHT: Final = 0.14  # of the body, m
+# width of a tyre, m
+TYRE: Final = 0.085
+# of the body, m
+HEIGHT: Final = 0.14
 BODY_DENSITY: Final = (
-    300.0  # kg/m^3, of the body's box; assumed: an F1TENTH, whose mass of 3.74 kg is published, gets 4.1
+    # kg/m^3, of the body's box; assumed: an F1TENTH, whose mass of 3.74 kg is published, gets 4.1
+    300.0
 )
-TYRE_DENSITY: Final = 150.0  # kg/m^3, of a tyre's cylinder; assumed
-HUB: Final = 0.05  # kg; assumed: a simulator leaves out a link without a mass, and the wheel with it
+# kg/m^3, of a tyre's cylinder; assumed
+TYRE_DENSITY: Final = 150.0
+# kg; assumed: a simulator leaves out a link without a mass, and the wheel with it
+HUB: Final = 0.05
 _ROBOT: Final = """\
 <?xml version="1.0"?>
 <robot name="{}">
@@ -91,13 +96,16 @@ def robot_description(name: str, geometry: Geometry, links: Links) -> str:
             parts.append(_BODY.format(link, place, box, colour, mass))
         parts.append(_JOINT.format(f"{link}_joint", "fixed", above, link, _origin((x, y, z), turned), ""))
     radius, lock = geometry.circumference / tau, geometry.steering_max
-    rear = 0.0 if geometry.steering == "front" else -0.5 * geometry.wheelbase  # the pose is on that car's rear axle
+    # the pose is on that car's rear axle
+    rear = 0.0 if geometry.steering == "front" else -0.5 * geometry.wheelbase
     tyre = f'<cylinder radius="{radius:.6f}" length="{TYRE:g}"/>'
-    lying = _origin((0.0, 0.0, 0.0), f"{tau / 4:.6f} 0 0")  # a cylinder stands along z, a wheel turns about y
+    # a cylinder stands along z, a wheel turns about y
+    lying = _origin((0.0, 0.0, 0.0), f"{tau / 4:.6f} 0 0")
     weight = TYRE_DENSITY * tau / 2 * radius**2 * TYRE
     across = weight * (3.0 * radius**2 + TYRE**2) / 12.0
     wheel_mass = _INERTIAL.format(lying, weight, across, across, 0.5 * weight * radius**2)
-    hub_mass = _INERTIAL.format("", HUB, *(HUB * TYRE**2 / 6.0,) * 3)  # of a cube as wide as the tyre
+    # of a cube as wide as the tyre
+    hub_mass = _INERTIAL.format("", HUB, *(HUB * TYRE**2 / 6.0,) * 3)
     limits = f'<axis xyz="0 0 1"/><limit lower="-{lock:.6f}" upper="{lock:.6f}" effort="2" velocity="7"/>'
     for wheel in WHEELS:
         is_front = wheel.startswith("front")

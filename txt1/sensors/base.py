@@ -13,7 +13,8 @@ from txt1.errors import ConfigError
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import TOPICS, Rule, Topic, declare
 
-if TYPE_CHECKING:  # the screens' process does without the schema, which takes 0.4 s to load
+# the screens' process does without the schema, which takes 0.4 s to load
+if TYPE_CHECKING:
     from txt1.config import Config
 
 T = TypeVar("T")
@@ -81,10 +82,14 @@ class SensorState(NamedTuple):
 
     name: str
     units: str
-    values: dict[str, float]  # the last reading's numbers by their paths in the topic's message
-    time: float | None  # when it was taken, s of the run; None before the first one
-    healthy: bool  # the last reading came in time, and the hardware has not failed since
-    reason: str  # why it is not healthy; empty when it is
+    # the last reading's numbers by their paths in the topic's message
+    values: dict[str, float]
+    # when it was taken, s of the run; None before the first one
+    time: float | None
+    # the last reading came in time, and the hardware has not failed since
+    healthy: bool
+    # why it is not healthy; empty when it is
+    reason: str
     readings: int
     failures: int
 

@@ -62,7 +62,8 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
     while True:
         try:
             container = av.open(given.source, format="v4l2" if device else None, options=size if device else {})
-        except (OSError, ValueError) as error:  # PyAV's errors are both
+        except (OSError, ValueError) as error:
+            # PyAV's errors are both
             remedy = "is the camera plugged in, and are you in the group video?" if device else "is it a video file?"
             why = getattr(error, "strerror", None) or error
             raise HalError(f"{given.source}: {why}: {remedy}") from None

@@ -16,7 +16,8 @@ from txt1.sensors.frames import Frames
 from txt1.sensors.readings import CAMERA_MOUNT, DepthImage, Mount, depth_topic
 from txt1.units import NotNegative, Positive, PositiveInt
 
-PATIENCE_MS = 5000  # that a frame may take to come
+# that a frame may take to come
+PATIENCE_MS = 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,8 @@ def realsense_frames(given: RealSenseOptions) -> Iterator[DepthImage]:
         import pyrealsense2 as rs
     except ImportError:
         raise MissingExtra("a depth camera", "depth") from None
-    if not len(rs.context().query_devices()):  # starting without one would wait 15 s
+    # starting without one would wait 15 s
+    if not len(rs.context().query_devices()):
         raise HalError("no RealSense camera is found: is it plugged in, and are librealsense's udev rules installed?")
     pipeline, wanted = rs.pipeline(), rs.config()
     if given.serial_number:

@@ -5,11 +5,16 @@ from typing import Final
 
 from txt1.model.kinematics import wrap_angle
 
-STEP_RATE: Final = 75.0  # for which the noises are meant, steps a second
-PLACE_NOISE: Final = 0.1  # process variance of x, y and theta, a step
-RATE_NOISE: Final = 5.0  # of their rates
-MEASURED_NOISE: Final = 0.01  # variance of a measurement
-GAP: Final = 0.5  # s without a pose after which it begins anew
+# for which the noises are meant, steps a second
+STEP_RATE: Final = 75.0
+# process variance of x, y and theta, a step
+PLACE_NOISE: Final = 0.1
+# of their rates
+RATE_NOISE: Final = 5.0
+# variance of a measurement
+MEASURED_NOISE: Final = 0.01
+# s without a pose after which it begins anew
+GAP: Final = 0.5
 
 
 class _Axis:
@@ -17,7 +22,8 @@ class _Axis:
 
     def __init__(self, value: float) -> None:
         self.value, self.rate = value, 0.0
-        self._p = (1.0, 0.0, 1.0)  # variance of the value, covariance, variance of the rate
+        # variance of the value, covariance, variance of the rate
+        self._p = (1.0, 0.0, 1.0)
 
     def step(self, innovation: float, dt: float) -> None:
         """Take a measurement that lies so far from the prediction, dt s after the last one."""

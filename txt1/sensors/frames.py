@@ -12,9 +12,11 @@ from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
-Wait = Callable[[float], object]  # waits for so many s, or until the sensor is closed
+# waits for so many s, or until the sensor is closed
+Wait = Callable[[float], object]
 
-ENDING: Final = 3.0  # s that the thread has to end
+# s that the thread has to end
+ENDING: Final = 3.0
 
 
 class Frames(Generic[T]):

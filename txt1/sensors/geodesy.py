@@ -22,7 +22,8 @@ class UtmGrid:
             self._east, self._north, self.zone, self.letter = utm.from_latlon(latitude, longitude)
         except ValueError as error:
             raise ConfigError(f"datum {latitude:g}, {longitude:g}: {error}; UTM covers 80 S to 84 N") from None
-        self._meridian = 6.0 * self.zone - 183.0  # of the zone's middle, degrees
+        # of the zone's middle, degrees
+        self._meridian = 6.0 * self.zone - 183.0
 
     def place(self, latitude: float, longitude: float) -> tuple[float, float]:
         """Metres east and north of the datum, of a place in degrees."""

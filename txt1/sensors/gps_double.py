@@ -12,7 +12,8 @@ from txt1.sensors.gps_gpsd import CONFIDENCE
 from txt1.sensors.readings import FixReading
 
 KNOT = 1852.0 / 3600.0  # m/s
-DATE = "2026-05-04"  # when every run begins, at midnight
+# when every run begins, at midnight
+DATE = "2026-05-04"
 VERSION = {"class": "VERSION", "release": "3.22", "rev": "3.22", "proto_major": 3, "proto_minor": 14}
 
 

@@ -18,11 +18,15 @@ from txt1.units import NotNegative
 
 WATCH: Final = b'?WATCH={"enable":true,"json":true};\n'
 UNWATCH: Final = b'?WATCH={"enable":false};\n'
-CONFIDENCE: Final = 1.96  # gpsd's errors are for 95 %: so many standard deviations
-LINE_MAX: Final = 65536  # bytes; gpsd's longest, of all satellites, have about 10 000
+# gpsd's errors are for 95 %: so many standard deviations
+CONFIDENCE: Final = 1.96
+# bytes; gpsd's longest, of all satellites, have about 10 000
+LINE_MAX: Final = 65536
 DAY: Final = 86400.0  # s
-FRESH: Final = 2.0  # s between a fix and the errors that are still its own
-STILL: Final = 0.1  # m/s: below this a track says nothing
+# s between a fix and the errors that are still its own
+FRESH: Final = 2.0
+# m/s: below this a track says nothing
+STILL: Final = 0.1
 
 
 def seconds_of_day(stamp: str) -> float | None:
@@ -83,7 +87,8 @@ class GpsdDecoder(Codec[FixReading]):
             self.grid = UtmGrid(latitude, longitude)
         try:
             x, y = self.grid.place(latitude, longitude)
-        except ValueError:  # too far from the datum's zone
+        except ValueError:
+            # too far from the datum's zone
             self.faults += 1
             return None
         v, track, off = _number(report, "speed"), _number(report, "track"), _number(report, "epd")
@@ -154,10 +159,12 @@ class GpsOptions:
 def create(setup: Setup) -> Streamed[FixReading]:
     """The driver ``gps_gpsd``; options: those of `GpsOptions`. Raises MissingExtra without the extra gps."""
     given = checked(GpsOptions, setup.options, f"sensors.{setup.name}.options")
-    UtmGrid(*(given.datum or (0.0, 0.0)))  # tells now that the extra is missing or the datum is none
+    # tells now that the extra is missing or the datum is none
+    UtmGrid(*(given.datum or (0.0, 0.0)))
     last = GpsdDecoder(given.datum)
 
-    def codec() -> GpsdDecoder:  # a datum outlives the connection that brought it
+    # a datum outlives the connection that brought it
+    def codec() -> GpsdDecoder:
         nonlocal last
         grid, last = last.grid, GpsdDecoder(given.datum, given.mount)
         last.grid = last.grid or grid

@@ -16,18 +16,26 @@ from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, ImuSigma, Moun
 from txt1.sensors.stream import Framed, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
-PLAIN: Final = 0xC8  # accelerations, rates, orientation matrix
-MAGNETIC: Final = 0xCC  # accelerations, rates, magnetic field, orientation matrix
-CONTINUOUS: Final = b"\xc4\xc1\x29"  # and the command that is repeated from now on
-CONFIRMED: Final = 0xC4  # the reply to that: 8 bytes
-IDENTIFIER: Final = 0xEA  # the reply to a question for a name: 20 bytes
+# accelerations, rates, orientation matrix
+PLAIN: Final = 0xC8
+# accelerations, rates, magnetic field, orientation matrix
+MAGNETIC: Final = 0xCC
+# and the command that is repeated from now on
+CONTINUOUS: Final = b"\xc4\xc1\x29"
+# the reply to that: 8 bytes
+CONFIRMED: Final = 0xC4
+# the reply to a question for a name: 20 bytes
+IDENTIFIER: Final = 0xEA
 STOP: Final = {"gx2": b"\xfa", "gx3": b"\xfa\x75\xb4"}
-TICKS: Final = {"gx2": 19_660_800.0, "gx3": 62_500.0}  # of the timer, a second
+# of the timer, a second
+TICKS: Final = {"gx2": 19_660_800.0, "gx3": 62_500.0}
 LENGTHS: Final = {PLAIN: 67, MAGNETIC: 79, CONFIRMED: 8, IDENTIFIER: 20}
 GAUSS: Final = 1e-4  # T
-MOST: Final = 100.0  # accelerations in g and rates in rad/s beyond this are no measurements
+# accelerations in g and rates in rad/s beyond this are no measurements
+MOST: Final = 100.0
 
-Matrix = tuple[float, ...]  # 3 x 3, row by row
+# 3 x 3, row by row
+Matrix = tuple[float, ...]
 Model = Literal["gx2", "gx3"]
 
 

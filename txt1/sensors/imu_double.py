@@ -19,15 +19,18 @@ from txt1.sensors.imu_3dmgx2 import (
 from txt1.sensors.readings import GRAVITY, ImuReading
 
 STOP: Final = 0xFA
-IDENTIFIERS: Final = {0: "6223-4220", 1: "6223-00001", 2: "3DM-GX2", 3: "5g 300d/s"}  # by the type that is asked for
-LONGEST: Final = {CONFIRMED: 4, IDENTIFIER: 2}  # bytes of a command that has more than one
+# by the type that is asked for
+IDENTIFIERS: Final = {0: "6223-4220", 1: "6223-00001", 2: "3DM-GX2", 3: "5g 300d/s"}
+# bytes of a command that has more than one
+LONGEST: Final = {CONFIRMED: 4, IDENTIFIER: 2}
 
 
 class FakeImu(Double):
     """The device's end of the line."""
 
     def __init__(self) -> None:
-        self._repeated: int | None = None  # the command that is carried out again and again
+        # the command that is carried out again and again
+        self._repeated: int | None = None
         self._now: Reading[ImuReading] | None = None
 
     def received(self, data: bytes) -> None:

@@ -21,7 +21,8 @@ VERSION: Final = {
     "SERI": "H0000000",
 }
 FIRST, LAST, FRONT = (int(PARAMETERS[name]) for name in ("AMIN", "AMAX", "AFRT"))
-NOTHING: Final = 0  # range where nothing is in reach, mm: below DMIN is an error code
+# range where nothing is in reach, mm: below DMIN is an error code
+NOTHING: Final = 0
 
 
 def line(text: bytes) -> bytes:
@@ -39,9 +40,12 @@ class FakeScip(Double):
     """The scanner's end of the line."""
 
     def __init__(self) -> None:
-        self._echo: bytes | None = None  # of the request for scans that is carried out, without the number left
-        self._left = 0  # scans still to be sent; 0 is without end
-        self._once: list[bytes] = []  # requests for the next scan
+        # of the request for scans that is carried out, without the number left
+        self._echo: bytes | None = None
+        # scans still to be sent; 0 is without end
+        self._left = 0
+        # requests for the next scan
+        self._once: list[bytes] = []
 
     def received(self, data: bytes) -> None:
         """Carry out commands."""

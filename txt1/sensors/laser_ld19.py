@@ -14,15 +14,21 @@ from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
 from txt1.sensors.stream import Framed, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
-POINTS: Final = 12  # of a packet
-PACKET: Final = struct.Struct("<BBHH" + "HB" * POINTS + "HHB")  # head, kind, speed, angle, points, angle, time, check
+# of a packet
+POINTS: Final = 12
+# head, kind, speed, angle, points, angle, time, check
+PACKET: Final = struct.Struct("<BBHH" + "HB" * POINTS + "HHB")
 HEAD: Final = b"\x54\x2c"
-CLOCK: Final = 30000.0  # milliseconds at which the time stamp begins anew
-BEAMS: Final = 450  # of a turn: 4500 points a second at 10 turns a second
-POLYNOMIAL: Final = 0x4D  # of the check sum, a CRC of eight bits
+# milliseconds at which the time stamp begins anew
+CLOCK: Final = 30000.0
+# of a turn: 4500 points a second at 10 turns a second
+BEAMS: Final = 450
+# of the check sum, a CRC of eight bits
+POLYNOMIAL: Final = 0x4D
 RANGE_MIN: Final = 0.02  # m
 RANGE_MAX: Final = 12.0  # m
-SPEED_MAX: Final = 7200  # degrees a second: faster it does not turn
+# degrees a second: faster it does not turn
+SPEED_MAX: Final = 7200
 
 
 def _table() -> tuple[int, ...]:
@@ -60,10 +66,13 @@ class Ld19Decoder(Framed[Scan]):
         super().__init__()
         self._mount = mount
         self._clock = Unwrapped(CLOCK)
-        self._ranges: np.ndarray[tuple[int], np.dtype[np.float32]] | None = None  # None until a turn begins
+        # None until a turn begins
+        self._ranges: np.ndarray[tuple[int], np.dtype[np.float32]] | None = None
         self._intensities = np.zeros(BEAMS, np.float32)
-        self._before = 0.0  # angle of the last point, degrees
-        self._began = 0.0  # when the turn did, s by the device's clock
+        # angle of the last point, degrees
+        self._before = 0.0
+        # when the turn did, s by the device's clock
+        self._began = 0.0
 
     def frame(self, data: bytes, at: int, found: list[Measured[Scan]]) -> int | None:
         """Take the packet at a place."""
@@ -84,7 +93,8 @@ class Ld19Decoder(Framed[Scan]):
             self.faults += 1
             return
         width = ((end - start) % 36000) / 100.0
-        time = self._clock(ms) / 1000.0  # of the last point
+        # of the last point
+        time = self._clock(ms) / 1000.0
         for k in range(POINTS):
             angle = (start / 100.0 + width * k / (POINTS - 1)) % 360.0
             if angle < self._before - 180.0:

@@ -14,9 +14,12 @@ from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
 from txt1.sensors.stream import Codec, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
-BLOCK: Final = 64  # characters of a line of data
-CLOCK: Final = 2.0**24  # milliseconds at which the time stamp begins anew
-ANSWER_MAX: Final = 20000  # bytes of the longest answer: 1081 ranges take 3500
+# characters of a line of data
+BLOCK: Final = 64
+# milliseconds at which the time stamp begins anew
+CLOCK: Final = 2.0**24
+# bytes of the longest answer: 1081 ranges take 3500
+ANSWER_MAX: Final = 20000
 
 
 def check_character(text: bytes) -> int:
@@ -57,7 +60,8 @@ class ScipDecoder(Codec[Scan]):
     """
 
     def __init__(self, cluster: int = 1, mount: Mount = LASER_MOUNT) -> None:
-        super().__init__(b"QT\nPP\n", b"QT\n")  # stops scans and the laser
+        # stops scans and the laser
+        super().__init__(b"QT\nPP\n", b"QT\n")
         self.parameters = Parameters()
         """As the device told them."""
         self._cluster, self._mount = cluster, mount
@@ -86,7 +90,8 @@ class ScipDecoder(Codec[Scan]):
     def _take_parameters(self, lines: list[bytes]) -> None:
         """Note them, and ask for scans."""
         for line in lines[1:]:
-            name, _, value = line[:-2].partition(b":")  # a ; and the check sum stand at the end
+            # a ; and the check sum stand at the end
+            name, _, value = line[:-2].partition(b":")
             if line[-2:-1] != b";" or check_character(line[:-2]) != line[-1]:
                 self.faults += 1
             elif value.isdigit():
@@ -105,7 +110,8 @@ class ScipDecoder(Codec[Scan]):
         if len(status) != 3 or check_character(code) != status[2]:
             self.faults += 1
             return None
-        if code == b"00":  # it will send
+        # it will send
+        if code == b"00":
             return None
         if code != b"99":
             if code.isdigit() and 50 <= int(code) <= 97:
@@ -117,18 +123,22 @@ class ScipDecoder(Codec[Scan]):
             return None
         p, stamp, text = self.parameters, rest[0][:-1], b"".join(line[:-1] for line in rest[1:])
         beams, rest_of_text = divmod(len(text), 3)
-        whole = (p["AMAX"] - p["AMIN"] + 1) // self._cluster  # steps left over may make one more
+        # steps left over may make one more
+        whole = (p["AMAX"] - p["AMIN"] + 1) // self._cluster
         if len(stamp) != 4 or rest_of_text or not whole <= beams <= whole + 1:
             self.faults += 1
             return None
         characters = (np.frombuffer(text, np.uint8).reshape(-1, 3).astype(np.int32) - 0x30) & 0x3F
         mm = characters @ np.array((4096, 64, 1), np.int32)
         ranges = (mm / 1000.0).astype(np.float32)
-        ranges[mm < p["DMIN"]] = nan  # an error code,
-        ranges[mm == 0] = inf  # of which this one says that nothing is near
+        # an error code,
+        ranges[mm < p["DMIN"]] = nan
+        # of which this one says that nothing is near
+        ranges[mm == 0] = inf
         ranges[mm > p["DMAX"]] = inf
         step, turn = tau / p["ARES"], 60.0 / p["SCAN"]
-        centre = 0.5 * (self._cluster - 1)  # a cluster's range is its smallest, in its middle as far as one knows
+        # a cluster's range is its smallest, in its middle as far as one knows
+        centre = 0.5 * (self._cluster - 1)
         scan = Scan(
             (p["AMIN"] + centre - p["AFRT"]) * step,
             self._cluster * step,

@@ -32,9 +32,12 @@ LIGHT: Final = declare(
     )
 )
 
-STREAM: Final = 3  # marks the random values of simulated light sensors
-BASE: Final = 100.0  # mean reading of the compass that stands in for the four sensors, lux
-See = Callable[[Pose], Readings]  # the readings (lux) of a vehicle at a pose in the room, m and rad
+# marks the random values of simulated light sensors
+STREAM: Final = 3
+# mean reading of the compass that stands in for the four sensors, lux
+BASE: Final = 100.0
+# the readings (lux) of a vehicle at a pose in the room, m and rad
+See = Callable[[Pose], Readings]
 
 
 def topic_of(name: str) -> Topic[Readings]:

@@ -8,7 +8,8 @@ from txt1.sensors.double import Double
 from txt1.sensors.mocap_vrpn import MILLIMETRE
 from txt1.sensors.readings import TrackerReading
 
-SENDER, POSE, PONG, CONTROL = 1, 1, 2, 0  # our numbers of the subject, the types, and the server itself
+# our numbers of the subject, the types, and the server itself
+SENDER, POSE, PONG, CONTROL = 1, 1, 2, 0
 
 
 class FakeVicon(Double):

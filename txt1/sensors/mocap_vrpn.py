@@ -14,14 +14,16 @@ from txt1.sensors.readings import TRACKER_MOUNT, Mount, TrackerReading, tracker_
 from txt1.sensors.stream import Codec, Measured, Streamed
 from txt1.units import NotNegative, Positive
 
-MILLIMETRE: Final = 0.001  # m; Vicon's unit
+# m; Vicon's unit
+MILLIMETRE: Final = 0.001
 
 
 class VrpnDecoder(Codec[TrackerReading]):
     """The messages of a VRPN server as poses of one subject; `scale` is its unit of length, m."""
 
     def __init__(self, subject: str, scale: float = MILLIMETRE, mount: Mount = TRACKER_MOUNT) -> None:
-        super().__init__(vrpn.COOKIE)  # and no farewell: a VRPN client just goes
+        # and no farewell: a VRPN client just goes
+        super().__init__(vrpn.COOKIE)
         self.names = vrpn.Names()
         """Of all senders (subjects) and types that the server has told."""
         self._subject, self._scale, self._mount = subject, scale, mount
@@ -41,7 +43,8 @@ class VrpnDecoder(Codec[TrackerReading]):
                 continue
             _, _, x, y, z, *quaternion = vrpn.POSE.unpack(message.body)
             norm = hypot(*quaternion)
-            if not (isfinite(x + y + z) and isfinite(norm) and norm > 0.5):  # an occluded subject may read 0 0 0 0
+            # an occluded subject may read 0 0 0 0
+            if not (isfinite(x + y + z) and isfinite(norm) and norm > 0.5):
                 self.faults += 1
                 continue
             qx, qy, qz, qw = (each / norm for each in quaternion)

@@ -15,10 +15,14 @@ from txt1.telemetry.bus import Bus
 
 T = TypeVar("T")
 
-SENSORS_PRIORITY: Final = 0  # below the robot's own tasks
-STALE_PERIODS: Final = 10  # a sensor without a reading for so many periods,
-STALE_MIN: Final = 1.0  # and at least so many seconds, is unhealthy
-CLOSING_MAX: Final = 5.0  # s in which a sensor must have closed
+# below the robot's own tasks
+SENSORS_PRIORITY: Final = 0
+# a sensor without a reading for so many periods,
+STALE_PERIODS: Final = 10
+# and at least so many seconds, is unhealthy
+STALE_MIN: Final = 1.0
+# s in which a sensor must have closed
+CLOSING_MAX: Final = 5.0
 
 AddTask = Callable[[str, int, float, PeriodicTask], None]
 Tell = Callable[[float, str], None]
@@ -32,13 +36,17 @@ class Polled(Generic[T]):
 
     name: str
     sensor: Sensor[T]
-    period: float  # between two readings, s
+    # between two readings, s
+    period: float
     last: Reading[T] | None = None
-    needed: Callable[[], bool] = lambda: True  # asked before each reading: a sensor that nobody needs is left alone
-    reason: str = ""  # why it is not healthy; empty when it is
+    # asked before each reading: a sensor that nobody needs is left alone
+    needed: Callable[[], bool] = lambda: True
+    # why it is not healthy; empty when it is
+    reason: str = ""
     readings: int = 0
     failures: int = 0
-    listeners: list[Callable[[Reading[T]], None]] = field(default_factory=list)  # told of every reading
+    # told of every reading
+    listeners: list[Callable[[Reading[T]], None]] = field(default_factory=list)
 
     def state(self) -> SensorState:
         """How it is."""
@@ -55,7 +63,8 @@ class Polled(Generic[T]):
     async def poll(self, ticks: Ticks, bus: Bus, tell: Tell, note: Note) -> None:
         """Read the sensor at every tick and tell its readings."""
         stale = max(STALE_PERIODS * self.period, STALE_MIN)
-        since = 0.0  # when it was last asked for the first time in vain
+        # when it was last asked for the first time in vain
+        since = 0.0
         asked = True
         async for now in ticks:
             needed = self.needed()

@@ -20,7 +20,8 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Topic
 
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]  # x, y, z, w
+# x, y, z, w
+Quaternion = tuple[float, float, float, float]
 
 GRAVITY: Final = 9.80665  # m/s^2
 
@@ -28,13 +29,18 @@ GRAVITY: Final = 9.80665  # m/s^2
 class Mount(NamedTuple):
     """Where a device sits: its origin on the vehicle, whose own is on the floor below its centre; m and rad."""
 
-    x: float = 0.0  # forward, m
-    y: float = 0.0  # left, m
-    z: float = 0.0  # up, m
-    yaw: float = 0.0  # of its x axis against the vehicle's, rad
+    # forward, m
+    x: float = 0.0
+    # left, m
+    y: float = 0.0
+    # up, m
+    z: float = 0.0
+    # of its x axis against the vehicle's, rad
+    yaw: float = 0.0
 
 
-BASE: Final = 0.14605  # height of base_link over the floor, m
+# height of base_link over the floor, m
+BASE: Final = 0.14605
 IMU_MOUNT: Final = Mount(-0.1016, 0.0, BASE + 0.3187)
 GPS_MOUNT: Final = Mount(-0.0762, 0.0, BASE + 0.3492)
 LASER_MOUNT: Final = Mount(0.1905, 0.0, BASE + 0.1435)
@@ -242,7 +248,8 @@ class TrackerReading(NamedTuple):
     subject: str = ""
     """Name of the tracked body."""
     mount: Mount = TRACKER_MOUNT
-    sigma_x: float | None = None  # standard deviations, m and rad, where they are told
+    # standard deviations, m and rad, where they are told
+    sigma_x: float | None = None
     sigma_y: float | None = None
     sigma_theta: float | None = None
 

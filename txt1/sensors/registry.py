@@ -20,7 +20,8 @@ from txt1.sensors.base import Reading, Sensor, Setup
 
 T = TypeVar("T")
 
-DROP_OUTS: Final = 5  # marks the random values of a sensor's drop-outs
+# marks the random values of a sensor's drop-outs
+DROP_OUTS: Final = 5
 
 DRIVERS: Final = Registry(
     "sensor driver",

@@ -79,17 +79,20 @@ class SimulatedCamera(Generic[T]):
         """A new run may begin."""
         self._exposed, self._picture = -inf, None
         self._thread = ThreadPoolExecutor(1, "txt1 camera")
-        await asyncio.get_running_loop().run_in_executor(self._thread, int)  # it starts now: no `read` waits for that
+        # it starts now: no `read` waits for that
+        await asyncio.get_running_loop().run_in_executor(self._thread, int)
 
     async def close(self) -> None:
         """End the thread; a picture under way is thrown away."""
         thread, self._thread = self._thread, None
         picture, self._picture = self._picture, None
         if thread is not None:
-            await asyncio.to_thread(thread.shutdown)  # which draws the picture under way to its end
+            # which draws the picture under way to its end
+            await asyncio.to_thread(thread.shutdown)
         if picture is not None:
             await asyncio.wait([picture])
-            picture.exception()  # or Python warns that an error was never looked at
+            # or Python warns that an error was never looked at
+            picture.exception()
 
     def read(self, now: float) -> Reading[T] | None:
         """The picture of the last exposure; None while there is none. HalError: it could not be drawn."""
@@ -150,7 +153,8 @@ def _camera(
 
 def simulated(setup: Setup) -> SimulatedCamera[Image]:
     """The driver ``sim_camera``; options: those of `CameraOptions`."""
-    jpeg(np.zeros((1, 1, 3), np.uint8))  # tells now that the extra is missing
+    # tells now that the extra is missing
+    jpeg(np.zeros((1, 1, 3), np.uint8))
     return _camera(setup, image_topic(setup.name), photograph)
 
 

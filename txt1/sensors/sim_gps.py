@@ -14,7 +14,8 @@ from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
 from txt1.sensors.twin import Absences, Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
-STILL = 0.1  # slower than this it has no direction, m/s
+# slower than this it has no direction, m/s
+STILL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,8 @@ class SimulatedGps(Twin[FixReading]):
         self._grid = UtmGrid(*errors.datum)
         self._slow = [errors.slow * each for each in rng.standard_normal(2).tolist()]
         self._outages = Absences(errors.outages, errors.outage_every, errors.outage_length, rng)
-        self._place = 0.0, 0.0  # where it was, m
+        # where it was, m
+        self._place = 0.0, 0.0
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[FixReading] | None:
         """The fix at `now`; None in an outage."""

@@ -13,7 +13,8 @@ from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, ImuSigma, Moun
 from txt1.sensors.twin import Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
-JUMP = 5.0  # faster than this it was carried, m/s
+# faster than this it was carried, m/s
+JUMP = 5.0
 Attitude = Callable[[], tuple[float, float]]
 
 

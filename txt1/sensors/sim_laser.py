@@ -76,12 +76,14 @@ class SimulatedLaser(Twin[Scan]):
         self._step = tau / parameters.steps
         self._angles = self._step * (np.arange(beams) - beams // 2)
         self._time_step = parameters.turn_time / parameters.steps
-        self._old = 0.0, 0.0, 0.0  # the pose when the last sweep was read
+        # the pose when the last sweep was read
+        self._old = 0.0, 0.0, 0.0
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[Scan] | None:
         """The sweep that ends at `now`."""
         old, self._old = self._old, pose
-        if before == -inf:  # the first sweep begins
+        # the first sweep begins
+        if before == -inf:
             return None
         first = max(now - self._time_step * len(self._angles), before)
         ranges = self._measured(old, pose, before, now, first)

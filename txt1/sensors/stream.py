@@ -13,9 +13,12 @@ from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
-RETRY: Final = 1.0  # s from losing a device to trying it again
-DRIFT: Final = 1e-4  # largest share by which a device's clock may be fast
-LOST: Final = 1.0  # s: a device's clock that is further off began anew
+# s from losing a device to trying it again
+RETRY: Final = 1.0
+# largest share by which a device's clock may be fast
+DRIFT: Final = 1e-4
+# s: a device's clock that is further off began anew
+LOST: Final = 1.0
 
 
 class Measured(NamedTuple, Generic[T]):
@@ -42,7 +45,8 @@ class Codec(Generic[T]):
         """Pieces of the stream that were thrown away."""
         self.farewell = farewell
         self._out = greeting
-        self._rest = b""  # what came of a piece that is not complete
+        # what came of a piece that is not complete
+        self._rest = b""
 
     def feed(self, data: bytes) -> list[Measured[T]]:
         """Take bytes as they arrived; a HalError when the device says that it cannot go on, or is another one."""
@@ -145,7 +149,8 @@ class Streamed(Generic[T]):
         self._failure = ""
         self._opening: asyncio.Task[None] | None = None
         self._clock = DeviceClock()
-        self._origin = inf  # of the run, by the loop's clock
+        # of the run, by the loop's clock
+        self._origin = inf
         self._newest: tuple[float, T] | None = None
         self._last = -inf
 
@@ -168,7 +173,8 @@ class Streamed(Generic[T]):
         if link is not None and link.up:
             if self._codec.farewell:
                 link.write(self._codec.farewell)
-                await asyncio.sleep(0.05)  # closing throws away what is not sent
+                # closing throws away what is not sent
+                await asyncio.sleep(0.05)
             link.close()
 
     def read(self, now: float) -> Reading[T] | None:
@@ -180,7 +186,8 @@ class Streamed(Generic[T]):
         if newest is None:
             return None
         time = max(self._last, min(newest[0] - self._origin - self._latency, now))
-        if time < 0.0:  # from before the run
+        # from before the run
+        if time < 0.0:
             return None
         self._last = time
         return Reading(time, newest[1])

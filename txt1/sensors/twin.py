@@ -13,7 +13,8 @@ from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 Others = Callable[[], Sequence[Pose | Box]]
-STREAM = 7  # marks the random values of simulated sensors
+# marks the random values of simulated sensors
+STREAM = 7
 
 
 class Twin(Generic[T]):

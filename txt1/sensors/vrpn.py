@@ -14,19 +14,22 @@ PORT: Final = 3883
 COOKIE: Final = b"vrpn: ver. 07.35  0".ljust(24, b"\0")
 MAJOR: Final = b"vrpn: ver. 07."
 HEAD: Final = struct.Struct(">iiiiii")
-POSE: Final = struct.Struct(">ii3d4d")  # sensor, padding, position, quaternion x y z w
+# sensor, padding, position, quaternion x y z w
+POSE: Final = struct.Struct(">ii3d4d")
 SENDER_NAME: Final = -1
 TYPE_NAME: Final = -2
 POSE_TYPE: Final = "vrpn_Tracker Pos_Quat"
 PING_TYPE: Final = "vrpn_Base ping_message"
 PONG_TYPE: Final = "vrpn_Base pong_message"
-BODY_MAX: Final = 65536  # bytes; the longest of a tracker's has 72
+# bytes; the longest of a tracker's has 72
+BODY_MAX: Final = 65536
 
 
 class VrpnMessage(NamedTuple):
     """One message; numbers are the sending side's."""
 
-    time: float  # s by the sending side's clock
+    # s by the sending side's clock
+    time: float
     sender: int
     type: int
     body: bytes

@@ -54,11 +54,15 @@ Array = NDArray[np.float64]
 X, Y, THETA, V, PHI, RIGHT, LEFT = range(7)
 """Rows of a batch's state: as in `VehicleState`, with one steering angle, the front's; the rear's is its opposite."""
 
-SERIES_MAX: Final = pi / 4.0  # largest angle, rad, for which `sine` and `cosine` are good
-EXPONENT_MAX: Final = 0.25  # largest exponent for which `exponential` is good
-LOSS_MAX: Final = 2.0  # of 1 + scrub + drag: more is rare, and costs the exponential a digit or two
+# largest angle, rad, for which `sine` and `cosine` are good
+SERIES_MAX: Final = pi / 4.0
+# largest exponent for which `exponential` is good
+EXPONENT_MAX: Final = 0.25
+# of 1 + scrub + drag: more is rare, and costs the exponential a digit or two
+LOSS_MAX: Final = 2.0
 
-_HALF_PI_REST: Final = 6.123233995736766e-17  # what pi / 2 is more than its double
+# what pi / 2 is more than its double
+_HALF_PI_REST: Final = 6.123233995736766e-17
 
 
 def compiled(
@@ -78,7 +82,8 @@ def compiled(
         from numba import njit
     except ImportError:
         return function
-    if not isinstance(function, FunctionType):  # mypyc has made C of it; numba wants its source, which lies beside it
+    # mypyc has made C of it; numba wants its source, which lies beside it
+    if not isinstance(function, FunctionType):
         source = Path(__file__).parents[2].joinpath(*function.__module__.split(".")).with_suffix(".py")
         function = run_path(str(source))[function.__name__]
     if calls:
@@ -172,7 +177,8 @@ def _sine_cosine(x: float) -> tuple[float, float]:
     rest = (x - quarter * (0.5 * pi)) - quarter * _HALF_PI_REST
     s, c = sine(rest), cosine(rest)
     half = np.floor(0.5 * quarter)
-    odd = quarter - 2.0 * half  # 1 where the two change places
+    # 1 where the two change places
+    odd = quarter - 2.0 * half
     sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
     return sign * (s + odd * (c - s)), sign * (1.0 - 2.0 * odd) * (c + odd * (s - c))
 

@@ -8,9 +8,11 @@ import numpy as np
 from txt1.model.battery import CUT_OFF_V, FULL_LOAD_SPEED, FULL_LOAD_W, pack_voltage
 from txt1.sim.parameters import Batteries, VehicleParameters
 
-SETTLE_PERIOD: Final = 1.0  # the packs' charge is brought up to date once in so many seconds
+# the packs' charge is brought up to date once in so many seconds
+SETTLE_PERIOD: Final = 1.0
 
-NOISE_PERIOD: Final = 1.0  # a voltage reading is good for so many seconds
+# a voltage reading is good for so many seconds
+NOISE_PERIOD: Final = 1.0
 
 
 class Packs(NamedTuple):
@@ -132,7 +134,8 @@ class Supply:
         self.drawn = 0.0
         self.voltages = self.packs.voltages()
         self._keep_readings(broken)
-        fitted = [voltage for voltage in self.voltages if voltage]  # without any, the external supply feeds us
+        # without any, the external supply feeds us
+        fitted = [voltage for voltage in self.voltages if voltage]
         self.cut_off = bool(fitted) and max(fitted) <= CUT_OFF_V
 
     def read(self, now: float, broken: float | None) -> None:

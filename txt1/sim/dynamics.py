@@ -28,13 +28,17 @@ from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sim.parameters import VehicleParameters
 
 VERSION: Final = (
-    2  # of these equations: raised with any change of theirs, so that what was found with others is not used
+    # of these equations: raised with any change of theirs, so that what was found with others is not used
+    2
 )
 GRAVITY: Final = 9.81  # m/s^2
-CALM_ALONG: Final = 0.62  # shares of what tyres hold: what asks for less, and is slower, is reckoned without the circle
+# shares of what tyres hold: what asks for less, and is slower, is reckoned without the circle
+CALM_ALONG: Final = 0.62
 CALM_ACROSS: Final = 0.5
-DRAG_MAX: Final = 0.2  # of the floor, at most, for that
-SHORT_RAMP: Final = 0.25  # share of the ramp step below which the end of a servo's turn gets no piece of its own
+# of the floor, at most, for that
+DRAG_MAX: Final = 0.2
+# share of the ramp step below which the end of a servo's turn gets no piece of its own
+SHORT_RAMP: Final = 0.25
 
 
 Motion = tuple[float, float, float, float, float, float, float, float]
@@ -44,14 +48,21 @@ Motion = tuple[float, float, float, float, float, float, float, float]
 class VehicleState(NamedTuple):
     """Where the vehicle is and what it does."""
 
-    x: float = 0.0  # of the vehicle's centre in the room, m
+    # of the vehicle's centre in the room, m
+    x: float = 0.0
     y: float = 0.0  # m
-    theta: float = 0.0  # heading, rad in (-pi, pi]
-    v: float = 0.0  # speed of the centre along its path, m/s
-    phi_front: float = 0.0  # front steering angle, rad, left positive
-    phi_rear: float = 0.0  # rear steering angle, rad, left positive
-    right: float = 0.0  # path rolled by the right encoder wheel, m
-    left: float = 0.0  # path rolled by the left encoder wheel, m
+    # heading, rad in (-pi, pi]
+    theta: float = 0.0
+    # speed of the centre along its path, m/s
+    v: float = 0.0
+    # front steering angle, rad, left positive
+    phi_front: float = 0.0
+    # rear steering angle, rad, left positive
+    phi_rear: float = 0.0
+    # path rolled by the right encoder wheel, m
+    right: float = 0.0
+    # path rolled by the left encoder wheel, m
+    left: float = 0.0
 
 
 Dynamics = tuple[
@@ -60,8 +71,10 @@ Dynamics = tuple[
 ]  # fmt: skip
 """The parameters of `move`, in the order in which it unpacks them; see `dynamics`."""
 
-LOCK: Final = float(STEERING_MAX)  # PWM counts at which the steering is at its stop
-RAMP_STEP: Final = 0.005  # longest piece of a motion while a servo turns, s
+# PWM counts at which the steering is at its stop
+LOCK: Final = float(STEERING_MAX)
+# longest piece of a motion while a servo turns, s
+RAMP_STEP: Final = 0.005
 
 
 def dynamics(vehicle: VehicleParameters, body: Geometry, ramp_step: float = RAMP_STEP) -> Dynamics:
@@ -162,7 +175,8 @@ def move(
     target_rear = -steering_max * (rear / LOCK)
     coasting = abs(motor) <= dead_band
     if coasting and v == 0.0 and phi_front == target_front and phi_rear == target_rear:
-        return state  # at rest
+        # at rest
+        return state
     if coasting:
         v_free, tau = 0.0, coast_time_constant
     else:
@@ -184,7 +198,8 @@ def move(
                 h = abs(gap_front) / servo_rate
             if 0.0 < abs(gap_rear) < h * servo_rate:
                 h = abs(gap_rear) / servo_rate
-            travel = servo_rate * h * (1.0 + 1e-12)  # a servo that arrives with this piece has arrived
+            # a servo that arrives with this piece has arrived
+            travel = servo_rate * h * (1.0 + 1e-12)
             next_front, next_rear = target_front, target_rear
             if abs(gap_front) > travel:
                 next_front = phi_front + (travel if gap_front > 0.0 else -travel)

@@ -8,7 +8,8 @@ import numpy as np
 from txt1.model.vehicle import Geometry
 from txt1.sim.parameters import Roughness
 
-WAVES: Final = 24  # of random direction, length and phase, that the ground is made of
+# of random direction, length and phase, that the ground is made of
+WAVES: Final = 24
 
 
 class Ground:

@@ -23,7 +23,8 @@ from txt1.model.light_sensors import (
     SensorFault,
 )
 
-NEAREST: Final = 0.03**2  # square of the lamp's radius, m^2: nearer than this it gets no brighter
+# square of the lamp's radius, m^2: nearer than this it gets no brighter
+NEAREST: Final = 0.03**2
 
 
 Lit = Callable[[float, float, float], Sequence[bool]]
@@ -38,11 +39,16 @@ class PointLight(NamedTuple):
     any corner of the walls at +-8 m: inside them no healthy sensor falls silent.
     """
 
-    x: float = 0.0  # m, in the room
-    y: float = 0.0  # m, in the room
-    intensity: float = 135.0  # lux at a distance of 1 m
-    exponent: float = 2.0  # the light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)
-    height: float = 0.0  # above the sensors' plane, m
+    # m, in the room
+    x: float = 0.0
+    # m, in the room
+    y: float = 0.0
+    # lux at a distance of 1 m
+    intensity: float = 135.0
+    # the light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)
+    exponent: float = 2.0
+    # above the sensors' plane, m
+    height: float = 0.0
 
 
 class Range(NamedTuple):
@@ -52,7 +58,8 @@ class Range(NamedTuple):
     high: float = LUX_MAX
 
 
-SENSOR_LIMITS: Final = Range()  # 1 to 1000 lux (thesis 5.3)
+# 1 to 1000 lux (thesis 5.3)
+SENSOR_LIMITS: Final = Range()
 
 
 def illuminances(x: float, y: float, theta: float, light: PointLight) -> Readings:
@@ -138,7 +145,8 @@ def noise_for_jitter(
         lowest, highest = max(0.0, mean - 8.0 * sd_x), mean + 8.0 * sd_x
         step = (highest - lowest) / 400
         total = 0.0
-        for k in range(400):  # midpoint rule
+        # midpoint rule
+        for k in range(400):
             x = lowest + (k + 0.5) * step
             density = exp(-0.5 * ((x - mean) / sd_x) ** 2) / (sd_x * sqrt(2.0 * pi))
             total += density * erf(x * tan(jitter) / (sqrt(2.0) * sd_y))

@@ -5,7 +5,8 @@ from math import cos, hypot, pi, sin
 from txt1.sim.parameters import Box, Post
 
 Obstacle = Box | Post
-Outline = tuple[tuple[float, float], ...]  # corners (x, y) in m, the last one joined to the first
+# corners (x, y) in m, the last one joined to the first
+Outline = tuple[tuple[float, float], ...]
 
 
 def outline(obstacle: Obstacle) -> Outline:

@@ -20,9 +20,12 @@ Floats = NDArray[np.float64]
 class Shapes(NamedTuple):
     """The outlines of all that stands on a floor."""
 
-    edges: Floats  # (n, 4): from x, y to x, y; m
-    posts: Floats  # (m, 3): x, y and radius; m
-    grid: Grid | None = None  # whose solid cells stand there, too
+    # (n, 4): from x, y to x, y; m
+    edges: Floats
+    # (m, 3): x, y and radius; m
+    posts: Floats
+    # whose solid cells stand there, too
+    grid: Grid | None = None
 
     def __add__(self, other: object) -> "Shapes":
         """Both together."""
@@ -44,7 +47,8 @@ def edges_of(outlines: Iterable[Outline]) -> Shapes:
 def walls_of(room: Room) -> Shapes:
     """The four walls, those at infinity left out; or those of a map, with the caster ready."""
     x, y = 0.5 * room.length, 0.5 * room.width
-    far = 1e6  # of a wall whose ends are at infinity, m
+    # of a wall whose ends are at infinity, m
+    far = 1e6
     wide, high = (min(each, far) for each in (x, y))
     walls = [(side * x, -high, side * x, high) for side in (-1.0, 1.0) if isfinite(x)]
     walls += [(-wide, side * y, wide, side * y) for side in (-1.0, 1.0) if isfinite(y)]
@@ -77,7 +81,8 @@ def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -
         ax, ay, bx, by = shapes.edges.T[..., None]
         dx, dy, ox, oy = bx - ax, by - ay, ax - px, ay - py
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            share = 1.0 / (ux * dy - uy * dx)  # inf where it runs along the edge
+            # inf where it runs along the edge
+            share = 1.0 / (ux * dy - uy * dx)
             t = (ox * dy - oy * dx) * share
             s = (ox * uy - oy * ux) * share
             t[~((t >= 0.0) & (s >= 0.0) & (s <= 1.0))] = np.inf
@@ -88,7 +93,8 @@ def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -
         along, beside = ux * ox + uy * oy, ux * oy - uy * ox
         half = radius * radius - beside * beside
         reach = np.sqrt(np.maximum(half, 0.0))
-        t = np.where(along - reach >= 0.0, along - reach, along + reach)  # from inside, where it leaves
+        # from inside, where it leaves
+        t = np.where(along - reach >= 0.0, along - reach, along + reach)
         t[(half < 0.0) | (t < 0.0)] = np.inf
         nearest = np.minimum(nearest, t.min(axis=0))
     if shapes.grid is not None:

@@ -12,10 +12,13 @@ if TYPE_CHECKING:
 class Room(NamedTuple):
     """A rectangular room around the origin; infinite by default."""
 
-    length: float = inf  # along x, m
-    width: float = inf  # along y, m
+    # along x, m
+    length: float = inf
+    # along y, m
+    width: float = inf
     walls: "Walls | None" = None  # of a map
-    behind: "Walls | None" = None  # backward: those, and all floor that nobody has seen free
+    # backward: those, and all floor that nobody has seen free
+    behind: "Walls | None" = None
 
 
 def clearance(x: float, y: float, theta: float, room: Room, body: Geometry) -> float:

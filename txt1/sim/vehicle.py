@@ -17,9 +17,11 @@ from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 if TYPE_CHECKING:
     from txt1.sim.world import World
 
-NOISE_RATE: Final = 50  # the floor's drag changes so many times a second
+# the floor's drag changes so many times a second
+NOISE_RATE: Final = 50
 
-INSTANT: Final = 1e-9  # what has not moved in longer than this, s, stands
+# what has not moved in longer than this, s, stands
+INSTANT: Final = 1e-9
 
 
 class Vehicle:
@@ -92,7 +94,8 @@ class Vehicle:
         self.drag = 0.0
         self._drag_count = 0
         self._outputs = (0.0, 0.0, 0.0)
-        self._rest = (0.0, 0.0, 0.0, nan, nan)  # outputs and steering angles with which it stands and nothing moves it
+        # outputs and steering angles with which it stands and nothing moves it
+        self._rest = (0.0, 0.0, 0.0, nan, nan)
         self.supply.settle(0.0, None)
         # the motor's voltage, as a share of that with which its parameters hold
         self._strength = voltage_share(parameters, self.supply.voltages)
@@ -188,7 +191,8 @@ class Vehicle:
             motor = 0.0
         before, dt = self.motion, time - self.time
         stands = before[3] == 0.0
-        if stands and (motor, front, rear, before[4], before[5]) == self._rest:  # 5 % of an idle simulation is saved
+        # 5 % of an idle simulation is saved
+        if stands and (motor, front, rear, before[4], before[5]) == self._rest:
             return before
         driven = motor if self._strength == 1.0 else at_voltage(motor, self._dead_band, self._strength)
         if self.physics is not None:
@@ -206,7 +210,8 @@ class Vehicle:
         supply = self.supply
         before, dt, powered = self.motion, until - self.time, not supply.cut_off
         self.time, self.motion = until, after
-        if after is not before and powered and self.atx_on:  # the encoders need the ATX supply's 5 V
+        # the encoders need the ATX supply's 5 V
+        if after is not before and powered and self.atx_on:
             faults, counts_per_m = self.faults, self._counts_per_m
             # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
             if not faults.right_encoder:

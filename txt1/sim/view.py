@@ -15,17 +15,25 @@ from txt1.sim.rays import Floats, Shapes, cast
 WALL_HEIGHT: Final = 2.5  # m
 OBSTACLE_HEIGHT: Final = 0.6
 VEHICLE_HEIGHT: Final = 0.297
-PAINTS: Final = (  # red, green and blue of
-    (60.0, 65.0, 75.0),  # the sky above the walls
-    (150.0, 140.0, 125.0),  # the floor
-    (205.0, 200.0, 190.0),  # walls
-    (70.0, 120.0, 190.0),  # obstacles
-    (190.0, 70.0, 60.0),  # vehicles
+# red, green and blue of
+PAINTS: Final = (
+    # the sky above the walls
+    (60.0, 65.0, 75.0),
+    # the floor
+    (150.0, 140.0, 125.0),
+    # walls
+    (205.0, 200.0, 190.0),
+    # obstacles
+    (70.0, 120.0, 190.0),
+    # vehicles
+    (190.0, 70.0, 60.0),
 )
 LAMP: Final = (255.0, 250.0, 215.0)
 LAMP_RADIUS: Final = 0.05  # m
-AMBIENT: Final = 0.35  # share of full brightness without the lamp
-BRIGHT: Final = 1.0  # m: as near the lamp as this, brightness is full
+# share of full brightness without the lamp
+AMBIENT: Final = 0.35
+# m: as near the lamp as this, brightness is full
+BRIGHT: Final = 1.0
 
 Picture = NDArray[np.uint8]
 
@@ -35,7 +43,8 @@ class Camera(NamedTuple):
 
     width: int = 160  # pixels
     height: int = 120  # pixels
-    field: float = 60.0 * pi / 180.0  # horizontal angle of view, rad
+    # horizontal angle of view, rad
+    field: float = 60.0 * pi / 180.0
 
     @property
     def focal(self) -> float:
@@ -49,7 +58,8 @@ class Scene(NamedTuple):
     walls: Shapes
     obstacles: Shapes
     vehicles: Shapes
-    light: tuple[float, float]  # m, at the camera's height
+    # m, at the camera's height
+    light: tuple[float, float]
 
 
 def distances(camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float) -> Floats:
@@ -98,7 +108,8 @@ def _surfaces(
         if not shapes:
             continue
         along = cast(x, y, angles, shapes) * np.cos(angles - theta)
-        up = z - below * np.minimum(along, 1e6)  # height over the floor of what is seen there
+        # height over the floor of what is seen there
+        up = z - below * np.minimum(along, 1e6)
         stands = (up >= 0.0) & (up <= tall) & (along < depth)
         depth = np.where(stands, along, depth)
         paint[stands] = index

@@ -19,8 +19,10 @@ from txt1.maps.outlines import Outline, outlines
 from txt1.model.vehicle import Geometry
 
 SLOPE: Final = 2.0**0.5
-PLENTY: Final = 0.1  # m: clearances above this need not be exact
-STEP: Final = 0.5  # longest step beside a wall, cells
+# m: clearances above this need not be exact
+PLENTY: Final = 0.1
+# longest step beside a wall, cells
+STEP: Final = 0.5
 
 
 class Walls:

@@ -28,9 +28,11 @@ from txt1.sim.vehicle import Vehicle
 if TYPE_CHECKING:
     from txt1.sim.movers import Moving
 
-ROAM: Final = 0.25  # A vehicle looks round anew when it is so far along x or y from where it did so last, m
+# A vehicle looks round anew when it is so far along x or y from where it did so last, m
+ROAM: Final = 0.25
 
-STEP: Final = 0.3  # two vehicles do not come nearer to one another than by this in 20 ms, m: that is 7.5 m/s each
+# two vehicles do not come nearer to one another than by this in 20 ms, m: that is 7.5 m/s each
+STEP: Final = 0.3
 
 NEAR: Final = 3.0 * ROAM + STEP
 """Vehicles whose circles were so near when they looked round last watch one another, m; 3 for twice a diagonal."""
@@ -45,7 +47,8 @@ class _Whereabouts:
         self.vehicle = vehicle
         self.reach = 0.5 * hypot(vehicle.body.length, vehicle.body.width) + abs(vehicle.body.centre)
         self.x = self.y = 0.0
-        self.roam = inf  # there is nothing to look round for
+        # there is nothing to look round for
+        self.roam = inf
         self.others: list[_Whereabouts] = []
         self.obstacles: list[Obstacle] = []
 
@@ -81,7 +84,8 @@ class World:
         self._origin_ns = -1
         self._all: list[_Whereabouts] = []
         self._of: dict[Vehicle, _Whereabouts] = {}
-        self._ends: list[tuple[float, int]] = []  # heap: when a running vehicle's drag changes next, and its index
+        # heap: when a running vehicle's drag changes next, and its index
+        self._ends: list[tuple[float, int]] = []
 
     @property
     def vehicles(self) -> list[Vehicle]:
@@ -184,7 +188,8 @@ class World:
         left = gap(vehicle.outline(after), other.outline(its_after))
         if left >= 0.0:
             return after
-        last = max(vehicle.time, other.time + ahead)  # my time when one of us moved on last
+        # my time when one of us moved on last
+        last = max(vehicle.time, other.time + ahead)
         mine = self._blocked(here, vehicle.motion_at(last), last) if last > vehicle.time else vehicle.motion
         its_last = last - ahead
         its = self._blocked(there, other.motion_at(its_last), its_last) if its_last > other.time else other.motion
@@ -206,7 +211,8 @@ class World:
         for there in self._all:
             if there is here:
                 continue
-            if there.roam > ROAM:  # it was alone
+            # it was alone
+            if there.roam > ROAM:
                 self.look_round(there.vehicle)
             near = hypot(here.x - there.x, here.y - there.y) < here.reach + there.reach + NEAR
             if near is not (there in here.others):

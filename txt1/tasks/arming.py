@@ -17,7 +17,8 @@ def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held
     `io` is the hardware layer as the tasks have it. `held` says that the loops run here behind a line, which is not
     allowed.
     """
-    board = None if state.board is None else hal.read(now).link  # as it is after what was done just now
+    # as it is after what was done just now
+    board = None if state.board is None else hal.read(now).link
     if board is not None and not board.ready:
         return f"no link to the board yet: {board.text}"
     if not state.link.alive:

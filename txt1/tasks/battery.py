@@ -13,16 +13,21 @@ from txt1.tasks.fields import Battery, BatteryState
 from txt1.tasks.state import State
 from txt1.telemetry.topics import Rule, Topic, declare
 
-OLD_WEIGHT: Final = 0.6  # weight of the old value in the smoothed voltage (the original firmware)
+# weight of the old value in the smoothed voltage (the original firmware)
+OLD_WEIGHT: Final = 0.6
 GOOD_V: Final = 9.5
 WARNING_V: Final = 9.0
-FITTED_V: Final = 1.0  # a pack that reads less is not fitted
-BAD_TIME: Final = 5.0  # seconds of bad batteries that stop the robot: readings may start low and settle
-_HEALTH: Final = {BatteryState.GOOD: 1, BatteryState.WARNING: 1, BatteryState.BAD: 3}  # in ROS's numbers
+# a pack that reads less is not fitted
+FITTED_V: Final = 1.0
+# seconds of bad batteries that stop the robot: readings may start low and settle
+BAD_TIME: Final = 5.0
+# in ROS's numbers
+_HEALTH: Final = {BatteryState.GOOD: 1, BatteryState.WARNING: 1, BatteryState.BAD: 3}
 
 
 def _topic(number: int) -> Topic[Battery]:
-    unknown = float("nan")  # as ROS says it of anything that is not measured
+    # as ROS says it of anything that is not measured
+    unknown = float("nan")
 
     def numbers(battery: Battery) -> tuple[float, int, bool]:
         voltage = (battery.battery1 if number == 1 else battery.battery2) or 0.0
@@ -45,7 +50,8 @@ def _topic(number: int) -> Topic[Battery]:
                 "percentage": unknown,
                 "power_supply_status": 2,
                 "power_supply_technology": 3,
-                "location": f"battery{number}",  # discharging; lithium polymer
+                # discharging; lithium polymer
+                "location": f"battery{number}",
             },
             ("voltage", "power_supply_health", "present"),
             numbers,
@@ -82,7 +88,8 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
     async for now in ticks:
         inputs = hal.read(now)
         if inputs.batteries is None or inputs.battery_time == time is not None:
-            continue  # nothing new
+            # nothing new
+            continue
         time = inputs.battery_time
         one, two = smooth(one, inputs.batteries[0], weight), smooth(two, inputs.batteries[1], weight)
         judged = judge(one, two, good, bad)

@@ -20,10 +20,14 @@ from txt1.units import new
 
 CONTROL_PERIOD: Final = 0.02
 
-COMBINED_TIMEOUT: Final = 0.1  # age in seconds at which combined odometry is not used any more
-ODOMETRY_TIMEOUT: Final = 0.5  # age in seconds at which odometry is lost
-STEP_MAX: Final = 0.1  # longest s from one reading of the odometry to the next that a step of the loops may bridge
-READ: Final = 0.1  # m/s of the faster wheel from which boards read the slower one, too: originals read 0 below 0.045
+# age in seconds at which combined odometry is not used any more
+COMBINED_TIMEOUT: Final = 0.1
+# age in seconds at which odometry is lost
+ODOMETRY_TIMEOUT: Final = 0.5
+# longest s from one reading of the odometry to the next that a step of the loops may bridge
+STEP_MAX: Final = 0.1
+# m/s of the faster wheel from which boards read the slower one, too: originals read 0 below 0.045
+READ: Final = 0.1
 SETPOINT: Final = declare(
     Topic(
         "/setpoint",
@@ -83,7 +87,8 @@ MEASURED_BY: Final = declare(
 )
 
 _OFF: Final = Gains()
-ENCODER: Final = Source.ENCODER  # an attribute of an Enum is not found quickly
+# an attribute of an Enum is not found quickly
+ENCODER: Final = Source.ENCODER
 COMBINED: Final = Source.COMBINED
 RECKONED: Final = Source.RECKONED
 

@@ -17,7 +17,8 @@ class TaskCount(NamedTuple):
     run_time: Histogram | None = None
 
 
-TaskCounts = dict[str, TaskCount]  # by the tasks' names
+# by the tasks' names
+TaskCounts = dict[str, TaskCount]
 
 
 def task_counts(tasks: Mapping[str, TaskStatistics], times: bool) -> TaskCounts:
@@ -39,7 +40,8 @@ class Reports:
 
     def __init__(self, statistics: Callable[[], Mapping[str, TaskStatistics]], virtual: bool) -> None:
         self._statistics, self._virtual = statistics, virtual
-        self._tasks: dict[str, tuple[int, float | None]] = {}  # priority and period (s), by name
+        # priority and period (s), by name
+        self._tasks: dict[str, tuple[int, float | None]] = {}
         self._reports: dict[str, TaskReport] = {}
         self._next = 0
         self._counts: TaskCounts | None = None

@@ -16,8 +16,10 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 from txt1.units import new
 
-BRAKES: Final = 10.0  # m/s^2 at most: a speed that falls faster is one that is not measured any more, or a wall's work
-MESSAGES: Final = 0.05  # s between two messages of odometry: a line may hold some up, and then they come in a bunch
+# m/s^2 at most: a speed that falls faster is one that is not measured any more, or a wall's work
+BRAKES: Final = 10.0
+# s between two messages of odometry: a line may hold some up, and then they come in a bunch
+MESSAGES: Final = 0.05
 PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
 """The numbers of a pose in the plane, in a ROS message."""
 _ROBOT: Final = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
@@ -31,8 +33,10 @@ def _diagonal(x: float, y: float, theta: float) -> dict[str, list[float]]:
 
 
 _UNSURE: Final = {
-    "pose": _diagonal(0.01, 0.01, 0.01),  # it grows with the way, which a constant cannot say: 0.1 m and 0.1 rad
-    "twist": _diagonal(0.006**2, 1e-6, 0.04**2),  # a count more or less, the floor and the tyres: m/s, rad/s
+    # it grows with the way, which a constant cannot say: 0.1 m and 0.1 rad
+    "pose": _diagonal(0.01, 0.01, 0.01),
+    # a count more or less, the floor and the tyres: m/s, rad/s
+    "twist": _diagonal(0.006**2, 1e-6, 0.04**2),
 }
 
 
@@ -198,4 +202,5 @@ async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], No
             continue
         x, y, theta, v, omega = state.odometry
         send(EncoderOdometry(x, y, theta, v, omega))
-        state.transmitted += 1  # for the transmit LED; the few other messages do not show beside these
+        # for the transmit LED; the few other messages do not show beside these
+        state.transmitted += 1

@@ -98,7 +98,8 @@ class Source(StrEnum):
 
     ENCODER = "encoder"
     COMBINED = "combined"
-    RECKONED = "reckoned"  # nothing measures them: they are what was asked for
+    # nothing measures them: they are what was asked for
+    RECKONED = "reckoned"
 
 
 class Control(NamedTuple):
@@ -221,7 +222,8 @@ _WARN: Final = ("disarmed", "link lost", "batteries", "the robot does not", "the
 
 def _log_message(event: Event) -> dict[str, object]:
     warns = event.text.startswith(_WARN)
-    return {"level": 30 if warns else 20, "name": "txt1", "msg": event.text}  # ROS's WARN and INFO
+    # ROS's WARN and INFO
+    return {"level": 30 if warns else 20, "name": "txt1", "msg": event.text}
 
 
 LOG: Final = declare(Topic("/rosout", Event, "", "rcl_interfaces/Log", Rule.EVENT, "the event log", make=_log_message))

@@ -52,13 +52,15 @@ class Report(NamedTuple):
     source: str
     kind: str
     text: str = ""
-    time: float = 0.0  # when a reading was taken, s of the run
+    # when a reading was taken, s of the run
+    time: float = 0.0
     value: Any = None
 
 
 def _report(report: Report) -> dict[str, Any]:
     """The fields of a report's message; without data where the value has no exact bytes, which a replay says."""
-    from txt1.telemetry import exact  # which nobody needs but a recorder
+    # which nobody needs but a recorder
+    from txt1.telemetry import exact
 
     told: dict[str, Any] = report._asdict()
     value = told.pop("value")

@@ -7,12 +7,18 @@ from txt1.tasks.fields import Surroundings
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
-CUBE, SPHERE, LINES = 1, 2, 4  # kinds of visualization_msgs/Marker
-HEIGHT: Final = 0.3  # m, of the body
-LAMP: Final = 0.5  # m, of the light's marker above the floor: higher than the body, which drives below it
-LAMP_SIZE: Final = 0.15  # m, its diameter
-EDGE: Final = 0.03  # m, width of the lines that are walls and obstacles
-BLUE, YELLOW, GREY = (0.0, 0.447, 0.698), (0.941, 0.894, 0.259), (0.5, 0.5, 0.5)  # the first two of Okabe and Ito
+# kinds of visualization_msgs/Marker
+CUBE, SPHERE, LINES = 1, 2, 4
+# m, of the body
+HEIGHT: Final = 0.3
+# m, of the light's marker above the floor: higher than the body, which drives below it
+LAMP: Final = 0.5
+# m, its diameter
+LAMP_SIZE: Final = 0.15
+# m, width of the lines that are walls and obstacles
+EDGE: Final = 0.03
+# the first two of Okabe and Ito
+BLUE, YELLOW, GREY = (0.0, 0.447, 0.698), (0.941, 0.894, 0.259), (0.5, 0.5, 0.5)
 
 define("std_msgs/ColorRGBA", "float32 r\nfloat32 g\nfloat32 b\nfloat32 a")
 define("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec")

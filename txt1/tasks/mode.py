@@ -80,7 +80,8 @@ async def mode(ticks: Ticks, state: State, gate: Gate) -> None:
         velocities, combined = state.velocity_count, state.combined_count
         if state.link.alive and not link.alive:
             state.tell(now, "link lost")
-            board = state.board  # in the instant in which it is lost this task comes before the controller
+            # in the instant in which it is lost this task comes before the controller
+            board = state.board
             known = board is not None and not board.ready and board.reason
             gate.disarm(known or "link lost", Fault.LINK)
         state.link = link

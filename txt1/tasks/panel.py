@@ -30,7 +30,8 @@ async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, g
                 panel, presses.popleft(), rows=len(state.gains.angular.sets), has_pwm=hal.capabilities.by_hand
             )
         if panel.manual != state.panel.manual:
-            gate.renew(now)  # a command for the one mode is none in the other
+            # a command for the one mode is none in the other
+            gate.renew(now)
             state.tell(now, "manual mode" if panel.manual else "controller mode")
         state.panel = panel
 

@@ -27,8 +27,10 @@ from txt1.protocol.messages import (
 from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm
 from txt1.tasks.state import State
 
-SEEN: Final = 0.3  # s; older odometry says nothing of the speed that combined odometry is made of
-INBOX_MAX: Final = 1000  # messages that may wait for the task; a host that floods it loses the oldest
+# s; older odometry says nothing of the speed that combined odometry is made of
+SEEN: Final = 0.3
+# messages that may wait for the task; a host that floods it loses the oldest
+INBOX_MAX: Final = 1000
 Inbox = deque[tuple[Message, float, int]]
 """Messages from the host, each with the time its author gave it (s of the run) and the gate's epoch at that time.
 
@@ -74,7 +76,8 @@ async def serial(
                         state.command = Command(*limited, time, epoch)
                 case CombinedOdometry():
                     if gate.admit_finite(message.v, message.omega):
-                        seen = now - state.odometry_time <= SEEN  # else it is made of a speed from before a loss
+                        # else it is made of a speed from before a loss
+                        seen = now - state.odometry_time <= SEEN
                         if hal.capabilities.combined and seen and not stands(state):
                             hal.offer_odometry(message, now)
                         state.combined_count += 1
@@ -89,7 +92,8 @@ async def serial(
                             state.servos = pwm[3], pwm[4]
                 case PwmCommand(pwm4, pwm5):
                     servos = gate.admit_pwm(pwm4, pwm5)
-                    if servos is not None and gate.armed and epoch == gate.epoch:  # nothing from before arming counts
+                    # nothing from before arming counts
+                    if servos is not None and gate.armed and epoch == gate.epoch:
                         state.servos = servos[0], servos[1]
                 case PowerControl() if not hal.capabilities.power:
                     gate.count(Fault.POWER)
@@ -132,7 +136,8 @@ def switch_power(state: State, hal: Hal, switch: Switch, on: bool, now: float) -
     if switch is Switch.ATX and on:
         state.atx_time = now
     power = state.power._replace(**{switch.name.lower(): on})
-    if power != state.power:  # hosts say it again and again
+    # hosts say it again and again
+    if power != state.power:
         state.power = power
         state.tell(now, f"{switch.name} {'on' if on else 'off'}{'' if power.confirmed else ' (asked, not confirmed)'}")
 

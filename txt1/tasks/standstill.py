@@ -22,13 +22,20 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
 STANDSTILL_PERIOD: Final = 0.05
-SEEN: Final = 0.3  # age in s at which a speed is not known any more
-AGAIN: Final = 0.1  # s after which a PWM test of zeros is sent again, as lines lose frames
-SLOWEST: Final = 0.1  # m/s that have to be commanded for a second ...
-UNMOVED: Final = 0.03  # ... and not so many measured: original boards read 0 below 0.045 m/s
-UNMOVED_TIME: Final = 1.0  # s of that
-FULL: Final = 3.4  # s after which the loops of a board have certainly forgotten what they wound up meanwhile
-END: Final = 3.0  # s that the end of a run waits at most
+# age in s at which a speed is not known any more
+SEEN: Final = 0.3
+# s after which a PWM test of zeros is sent again, as lines lose frames
+AGAIN: Final = 0.1
+# m/s that have to be commanded for a second ...
+SLOWEST: Final = 0.1
+# ... and not so many measured: original boards read 0 below 0.045 m/s
+UNMOVED: Final = 0.03
+# s of that
+UNMOVED_TIME: Final = 1.0
+# s after which the loops of a board have certainly forgotten what they wound up meanwhile
+FULL: Final = 3.4
+# s that the end of a run waits at most
+END: Final = 3.0
 CAUSES: Final = "ESC off, gains lost, board in manual mode, wheel blocked, or a wall"
 
 STOP: Final = declare(
@@ -62,10 +69,14 @@ class Watch:
         self._switch = switch
         self._clear_loops: Callable[[float], None] = getattr(hal, "clear_loops", lambda now: None)
         self._halt_due = 0.0
-        self._full_until = 0.0  # the board's loops may be wound up until then
-        self._asked = 0.0  # the speed that has been commanded all the time ...
-        self._unmoved_since = 0.0  # ... without a motion, since then, s of the run
-        self._epoch = gate.epoch  # of these commands: it is another once the robot has been armed anew
+        # the board's loops may be wound up until then
+        self._full_until = 0.0
+        # the speed that has been commanded all the time ...
+        self._asked = 0.0
+        # ... without a motion, since then, s of the run
+        self._unmoved_since = 0.0
+        # of these commands: it is another once the robot has been armed anew
+        self._epoch = gate.epoch
 
     def step(self, now: float, outputs: Outputs) -> Stop:
         """Look at the speed after these outputs, and do what the stop calls for."""
@@ -104,7 +115,8 @@ class Watch:
             self.state.tell(
                 now, "the speed fell faster than it can: a wall, or encoders without power; look at the robot"
             )
-            self._clear_loops(now)  # which drive on against a speed that they do not see
+            # which drive on against a speed that they do not see
+            self._clear_loops(now)
         if stop in UNOBEYED:
             self.gate.disarm("the robot did not stop when told to", Fault.STOP_UNOBEYED)
         if stop is Stop.ESC_OFF and self.hal.capabilities.power:
@@ -125,7 +137,8 @@ class Watch:
             low = state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
             causes = f"battery empty, {CAUSES}" if low else CAUSES
             self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)
-            self._clear_loops(now)  # which are full: an ESC that comes back would move it
+            # which are full: an ESC that comes back would move it
+            self._clear_loops(now)
             self._full_until = now + FULL
 
     @property
@@ -192,7 +205,8 @@ async def settle(watch: Watch, io: Hal, clock: Callable[[], float]) -> None:
     `io` is the hardware layer as the tasks have it, `clock` returns s of the run.
     """
     ends = clock() + END
-    with suppress(HalError):  # then nobody sees it stand
+    # then nobody sees it stand
+    with suppress(HalError):
         while not watch.settled and clock() < ends:
             await asyncio.sleep(STANDSTILL_PERIOD)
             now, neutral = clock(), watch.gate.neutral(watch.state.servos)

@@ -36,7 +36,8 @@ class State:
         self.combined: CombinedSample | None = None
         self.gains = GainTable()
         self.power = Power(True, True, True) if can.power_known else Power()
-        self.atx_time = 0.0  # when the ATX supply was switched on last, s of the run
+        # when the ATX supply was switched on last, s of the run
+        self.atx_time = 0.0
         self.servos: tuple[int, int] = (0, 0)
         self.received = 0
         self.velocity_count = 0
@@ -45,8 +46,10 @@ class State:
         self.encoders = Encoders()
         self.odometry = Odometry()
         self.odometry_time = 0.0
-        self.moved_time = 0.0  # when it moved last, or nobody could see it, s of the run
-        self.fell_time = 0.0  # when its speed fell faster than it can and no motion was seen since, s of the run
+        # when it moved last, or nobody could see it, s of the run
+        self.moved_time = 0.0
+        # when its speed fell faster than it can and no motion was seen since, s of the run
+        self.fell_time = 0.0
         self.pose: tuple[float, float, float] | None = None
         self.board: BoardLink | None = None
         # by the mode, controller and battery tasks
@@ -56,9 +59,12 @@ class State:
         # by the button task
         self.panel = Panel(manual=False if can.pwm else None)
         self.backlight: float | None = None
-        self.transmitted = 0  # by the odometry task
-        self.events: deque[Event] = deque(maxlen=20)  # the latest, oldest first: everybody may append to them
-        self.line_faults: dict[str, int] = {}  # what went wrong on the line to the host; kept by whoever reads it
+        # by the odometry task
+        self.transmitted = 0
+        # the latest, oldest first: everybody may append to them
+        self.events: deque[Event] = deque(maxlen=20)
+        # what went wrong on the line to the host; kept by whoever reads it
+        self.line_faults: dict[str, int] = {}
 
         self.warnings: list[Callable[[], str]] = []
         """Each says what is not at work beside the robot now, "" if it is; kept by those who watch it."""

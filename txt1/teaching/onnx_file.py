@@ -27,9 +27,11 @@ from txt1.teaching.network import PolicyNetwork, Shape
 Array = NDArray[np.float32]
 IR_VERSION: Final = 8
 OPSET: Final = 13
-FLOAT: Final = 1  # TensorProto.DataType
+# TensorProto.DataType
+FLOAT: Final = 1
 INT64: Final = 7
-_VARINT, _BYTES = 0, 2  # kinds of fields on the wire
+# kinds of fields on the wire
+_VARINT, _BYTES = 0, 2
 
 
 class PolicyError(Txt1Error):

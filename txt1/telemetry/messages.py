@@ -87,7 +87,8 @@ def schema_text(message: str) -> str:
     Every type that is used stands in it, ROS's own `builtin_interfaces` included: some viewers know nothing by heart.
     """
     kinds = [message]
-    for kind in kinds:  # which grows
+    # which grows
+    for kind in kinds:
         found = (field.type for field in fields(kind) if field.type in DEFINITIONS)
         kinds += dict.fromkeys(kind for kind in found if kind not in kinds)
     parts = (f"{'=' * 80}\nMSG: {kind}\n{DEFINITIONS[kind]}\n" for kind in kinds[1:])

@@ -143,7 +143,8 @@ def plain(value: Any) -> Any:
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, bytes):
         return b64encode(value).decode("ascii")
-    words = getattr(value, "tolist", None)  # of numpy's arrays, which the screens do without: it takes 0.1 s to load
+    # of numpy's arrays, which the screens do without: it takes 0.1 s to load
+    words = getattr(value, "tolist", None)
     if words is not None:
         return words()
     raise TypeError(f"{kind.__name__} has no place in a snapshot")
@@ -169,7 +170,8 @@ def _reader(kind: Any) -> Convert:
 
 def _make_reader(kind: Any) -> Convert:
     origin, args = get_origin(kind) or kind, get_args(kind)
-    if origin in (Union, UnionType):  # here always "something or None"
+    # here always "something or None"
+    if origin in (Union, UnionType):
         return _reader(next(arg for arg in args if arg is not NoneType))
     if origin is Schedule:
         sets = _reader(tuple[GainSet, ...])

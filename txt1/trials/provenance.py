@@ -15,7 +15,8 @@ SHOWS: Final = (
     "fleet/page.py", "fleet/screen.py", "gamepad/", "learning/plots.py", "record/", "ros/", "sidecar.py", "ui/", "web/",
 )  # fmt: skip
 """What only shows, keeps or passes on what a robot does; no result is another by it. All else is hashed."""
-BRINGS_UP: Final = "cli/app.py"  # the front's part that a result does depend on
+# the front's part that a result does depend on
+BRINGS_UP: Final = "cli/app.py"
 
 
 @cache

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from txt1.commands import OK, say, signals_to
 from txt1.trials.workers import Work, Workers
 
-if TYPE_CHECKING:  # rich takes its time
+# rich takes its time
+if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
 K = TypeVar("K")

@@ -29,9 +29,12 @@ from txt1.errors import ConfigError, MissingExtra, Txt1Error
 from txt1.kernel.processors import processors
 from txt1.trials.provenance import code_hash
 
-AGAIN: Final = 5  # times that a pool is made anew because one of its processes was killed
-POLL: Final = 0.1  # s of real time between two looks whether it is to end
-GRACE: Final = 2.0  # s for trials that look whether it is to end; others are killed: their results are lost
+# times that a pool is made anew because one of its processes was killed
+AGAIN: Final = 5
+# s of real time between two looks whether it is to end
+POLL: Final = 0.1
+# s for trials that look whether it is to end; others are killed: their results are lost
+GRACE: Final = 2.0
 LOOPBACK: Final = ("127.0.0.1", "localhost", "[::1]")
 OPTIONS: Final = {
     "--jobs": takes("N", "number of processes; in simulation one for each processor by default", count),
@@ -43,7 +46,8 @@ OPTIONS: Final = {
 
 K = TypeVar("K")
 Work = Callable[[Any], Any]
-Ended = Callable[[], bool]  # whether it is to end
+# whether it is to end
+Ended = Callable[[], bool]
 
 
 class Cluster(NamedTuple):
@@ -107,7 +111,8 @@ def on_processes(work: Work, trials: Mapping[K, str], jobs: int, ended: Ended) -
 
 def _pooled(work: Work, left: dict[K, str], jobs: int, ended: Ended) -> Iterator[tuple[K, Any]]:
     context = multiprocessing.get_context("spawn")
-    with _deaf():  # here the process is born that tidies up after the others
+    # here the process is born that tidies up after the others
+    with _deaf():
         stop = context.Event()
     pool = ProcessPoolExecutor(min(jobs, max(1, len(left))), context, _enter, (stop,))
     futures: dict[Any, K] = {}

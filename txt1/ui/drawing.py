@@ -21,20 +21,25 @@ from txt1.ui import tty
 from txt1.ui.screens import installed, render
 from txt1.ui.viewer import DRIVING, Viewer
 
-DRAW_INTERVAL: Final = 0.1  # s between frames, unless a key asks for one
-STALE: Final = 0.5  # s after which a key that waited while this process was held up no longer drives or arms
+# s between frames, unless a key asks for one
+DRAW_INTERVAL: Final = 0.1
+# s after which a key that waited while this process was held up no longer drives or arms
+STALE: Final = 0.5
 STALE_KEYS: Final = frozenset("wasdm")
 
-PRINTED: Final = "p"  # the key that shows the text behind the screens, printed before them; any key comes back
+# the key that shows the text behind the screens, printed before them; any key comes back
+PRINTED: Final = "p"
 
-REPAINT: Final = 20  # every so many frames all lines are sent again, over what other programs may have written
+# every so many frames all lines are sent again, over what other programs may have written
+REPAINT: Final = 20
 
 
 def drawn(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> list[str]:
     """Return the lines of a frame with the sequences of its colours, as far as TERM and NO_COLOR want any."""
     console = Console(file=StringIO(), force_terminal=True, width=width, height=height, highlight=False)
     with console.capture() as capture:
-        console.print(render(snapshot, viewer, width, height), end="", crop=False)  # it fits
+        # it fits
+        console.print(render(snapshot, viewer, width, height), end="", crop=False)
     return capture.get().split("\n")[:height]
 
 
@@ -75,10 +80,13 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
     snapshot: Snapshot | None = None
     waited_for: list[Any] = [tty.IN, connection]
     now = next_frame = RealClock().now_ns()
-    behind = False  # whether the text printed before the screens is shown in their place
+    # whether the text printed before the screens is shown in their place
+    behind = False
     for screen in installed().values():
-        with suppress(Exception):  # it is told when the screen is shown
-            screen.load()  # not then: while something is loaded there is no heartbeat
+        # it is told when the screen is shown
+        with suppress(Exception):
+            # not then: while something is loaded there is no heartbeat
+            screen.load()
     with tty.full_screen():
         while True:
             ready, _, _ = select.select(waited_for, [], [], min(connection.due(), DRAW_INTERVAL))
@@ -90,7 +98,8 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
                     return
                 stale = STALE_KEYS if now - before > nanoseconds(STALE) else ()
                 pressed = [key for key in decoder.feed(data) if key not in stale]
-            if pressed or connection.due() <= 0.0:  # a key, maybe the emergency stop, does not wait for the next beat
+            # a key, maybe the emergency stop, does not wait for the next beat
+            if pressed or connection.due() <= 0.0:
                 connection.request("keys", keys=[key for key in pressed if key != "?"])
             if pressed.count("?") % 2:
                 viewer.help = not viewer.help
@@ -99,7 +108,8 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
                 behind = key == PRINTED and not behind
             if behind != was_behind:
                 tty.write(tty.BEHIND if behind else tty.ENTER)
-                painter.size = (0, 0)  # all lines are drawn again
+                # all lines are drawn again
+                painter.size = (0, 0)
             if connection in ready:
                 line = connection.newest() or line
             if not behind and (pressed or window() != painter.size or (now >= next_frame and line is not None)):

@@ -21,22 +21,28 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM, Kept
 from txt1.ui.viewer import Viewer, pose_of
 
-BODY_DOTS: Final = 9.0  # the robot is drawn at least so many dots long, or its heading could not be seen
-VIEW_MIN: Final = 2.0  # side of the smallest view without a room, m
+# the robot is drawn at least so many dots long, or its heading could not be seen
+BODY_DOTS: Final = 9.0
+# side of the smallest view without a room, m
+VIEW_MIN: Final = 2.0
 _BITS: Final = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 """Bit of the dot in column x and row y of a braille character."""
 
-_BLANK: Final = 0x2800  # the braille character without a dot
+# the braille character without a dot
+_BLANK: Final = 0x2800
 _STYLES: Final = (DIM, "white", "cyan", "yellow", "bold bright_green")
 """Colour of a cell by the highest layer that has a dot in it."""
 
 AXES, WALL, PATH, OTHER, ROBOT = range(len(_STYLES))
 
-Point = tuple[float, float]  # x and y, m
-Bounds = tuple[float, float, float, float]  # left, bottom, right and top of a rectangle, m
+# x and y, m
+Point = tuple[float, float]
+# left, bottom, right and top of a rectangle, m
+Bounds = tuple[float, float, float, float]
 
 
-_kept: dict[tuple[int, int], tuple[object, Kept]] = {}  # by size: all that was drawn last, and the picture
+# by size: all that was drawn last, and the picture
+_kept: dict[tuple[int, int], tuple[object, Kept]] = {}
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
@@ -52,7 +58,8 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
         lines = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
         range_left = None if left is None else f"{left:.0f} m left"
         picture = Kept(Panel(lines, title="MAP", subtitle=range_left, padding=0, border_style=DIM))
-        _kept.clear()  # of other sizes: the window has changed
+        # of other sizes: the window has changed
+        _kept.clear()
         _kept[width, rows] = key, picture
     return picture
 
@@ -145,7 +152,8 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
         bounds = around(snapshot, viewer)
         canvas = Canvas(bounds, columns, rows, round_up(fitting_scale(bounds, columns, rows)))
     else:
-        x, y = 0.5 * about.room[0], 0.5 * about.room[1]  # it lies around the origin
+        # it lies around the origin
+        x, y = 0.5 * about.room[0], 0.5 * about.room[1]
         canvas = Canvas((-x, -y, x, y), columns, rows)
         canvas.outline([(-x, -y), (x, -y), (x, y), (-x, y)], WALL)
     arm = 4.0 * canvas.scale

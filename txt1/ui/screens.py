@@ -73,9 +73,11 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
         waiting = Text("TXT-1: waiting for the robot", style="bold", justify="center")
         return Align.center(waiting, vertical="middle", height=height)
     names = list(installed())
-    name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]  # which the joystick has chosen
+    # which the joystick has chosen
+    name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]
     warnings = [Text(f" {printable(each)}", "bold yellow", no_wrap=True) for each in snapshot.get(WARNINGS, ())]
-    warnings = warnings[: max(0, height - 4)]  # the body keeps a row
+    # the body keeps a row
+    warnings = warnings[: max(0, height - 4)]
     rows = height - 3 - len(warnings)
     body = _help(viewer, width, rows - 2) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, rows))
     header, state, keys = _header(snapshot, names, name, width), _state_line(snapshot, viewer), _keys(viewer, width)

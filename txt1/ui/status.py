@@ -36,12 +36,17 @@ from txt1.ui.text import (
 )
 from txt1.ui.viewer import Viewer
 
-LEFT = 43  # columns of the left half in a window of 80
+# columns of the left half in a window of 80
+LEFT = 43
 LEFT_ROWS = 21
-ROBOT_ROWS = 12  # of a narrow window, border included
-NARROW = 72  # columns below which there is no room for two halves
-EVENT_ROWS = 8  # rows kept for the events, border included, however many faults there are
-NO_PACK = 0.5  # V, less than any pack has, and more than an open input shows
+# of a narrow window, border included
+ROBOT_ROWS = 12
+# columns below which there is no room for two halves
+NARROW = 72
+# rows kept for the events, border included, however many faults there are
+EVENT_ROWS = 8
+# V, less than any pack has, and more than an open input shows
+NO_PACK = 0.5
 _BATTERY_STYLES = {BatteryState.WARNING: WARNING, BatteryState.BAD: BAD}
 _NUMBER = Column(right=True)
 
@@ -55,7 +60,8 @@ def state_of(snapshot: Snapshot) -> str:
         return "[bold white on red] ■ EMERGENCY STOP ■ [/]"
     if mode.armed:
         return "[bold black on green] ▶ ARMED [/]"
-    reason = f" ({clean(mode.reason)})" if mode.reason else ""  # the whole of it is among the events
+    # the whole of it is among the events
+    reason = f" ({clean(mode.reason)})" if mode.reason else ""
     return f"[black on yellow] ▌▌disarmed{reason} [/]"
 
 

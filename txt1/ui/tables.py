@@ -40,8 +40,10 @@ from txt1.ui.text import (
 )
 from txt1.ui.viewer import Viewer
 
-COUNTS_MAX: Final = 24000  # PWM counts at the end of the range: a pulse of 1 or 2 ms
-SPACED: Final = 20  # rows from which PWM and ENCODERS have blank rows
+# PWM counts at the end of the range: a pulse of 1 or 2 ms
+COUNTS_MAX: Final = 24000
+# rows from which PWM and ENCODERS have blank rows
+SPACED: Final = 20
 _NUMBER: Final = Column(right=True)
 
 
@@ -80,7 +82,8 @@ def _motion(snapshot: Snapshot, width: int, rows: int) -> Group:
     odometry, ticks = snapshot.get(ODOMETRY, Odometry()), snapshot.get(ENCODERS, fields.Encoders())
     x, y, theta = snapshot.get(POSE) or (None, None, None)
     length, hand = max(11, width - 34), snapshot.get(fields.HAND, DEFAULT_HAND)
-    v_max, omega_max = hand.velocity(hand.v_max, 1.0, 1.0)  # the bars' full scales: the tightest bend at full speed
+    # the bars' full scales: the tightest bend at full speed
+    v_max, omega_max = hand.velocity(hand.v_max, 1.0, 1.0)
     motion = (
         ("ticks right", number(ticks.right, 0), "per period"),
         ("ticks left", number(ticks.left, 0), "per period"),

@@ -14,8 +14,10 @@ from typing import Final
 
 from txt1.control.hand import DEFAULT_HAND, Hand
 
-HOLD: Final = 0.7  # s that a key counts as held after its last press
-DECAY: Final = 0.3  # s from the end of the hold to zero
+# s that a key counts as held after its last press
+HOLD: Final = 0.7
+# s from the end of the hold to zero
+DECAY: Final = 0.3
 SPEED_MIN: Final = 0.1
 SPEED_STEP: Final = 0.1  # m/s
 _DRIVE: Final = {"w": 1, "s": -1}
@@ -38,7 +40,8 @@ class Teleop:
 
     def release(self) -> None:
         """Let go of every key at once; the next `command` is None."""
-        self._drive = self._steer = (0, -inf)  # direction and when it was pressed last
+        # direction and when it was pressed last
+        self._drive = self._steer = (0, -inf)
         self._active = False
 
     def key(self, key: str, now: float) -> None:

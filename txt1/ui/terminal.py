@@ -21,8 +21,10 @@ from txt1.ui.teleop import Teleop
 
 Reason = Literal["quit", "lost"]
 
-INTERVAL: Final = 0.1  # s between snapshots
-BACKLOG: Final = 0.5  # s: keys older than that, found after this process was held up, no longer drive or arm
+# s between snapshots
+INTERVAL: Final = 0.1
+# s: keys older than that, found after this process was held up, no longer drive or arm
+BACKLOG: Final = 0.5
 _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
 _ALWAYS: Final = frozenset(("space", "x", "q"))
 
@@ -96,7 +98,8 @@ class Terminal:
         more: Mapping[str, Callable[[], None]] | None = None,
     ) -> None:
         self._robot, self._keys = robot, keys
-        self._origin = self._sent = -inf  # of the newest command, and of the newest snapshot, s of the run
+        # of the newest command, and of the newest snapshot, s of the run
+        self._origin = self._sent = -inf
         self._teleop: DrivingKeys = teleop or Teleop()
         self._more = more or {}
         target, options = "txt1.ui.drawing:main", {"keys": shown}
@@ -123,7 +126,8 @@ class Terminal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self._beside.__aexit__(kind, error, trace)
-        killed = self._beside.returncode is not None and self._beside.returncode < 0  # else it has cleaned up
+        # else it has cleaned up
+        killed = self._beside.returncode is not None and self._beside.returncode < 0
         await asyncio.shield(asyncio.to_thread(tty.put_back, self._modes, killed))
 
     async def wait(self) -> Reason:
@@ -144,7 +148,8 @@ class Terminal:
     def telemetry(self) -> bytes | None:
         """A snapshot, ten a second."""
         now = self._robot.now
-        if now < self._sent + INTERVAL - 0.5 * TELEMETRY_PERIOD:  # the nearest of the ticks
+        # the nearest of the ticks
+        if now < self._sent + INTERVAL - 0.5 * TELEMETRY_PERIOD:
             return None
         self._sent = now
         return self._robot.snapshot.encode()
@@ -172,7 +177,8 @@ class Terminal:
             self._let_go()
             self._quit.set()
         elif key == "m":
-            self._let_go()  # a key pressed while stopped does not count
+            # a key pressed while stopped does not count
+            self._let_go()
             self._try(robot.arm)
         elif key in self._more:
             self._try(self._more[key])
@@ -200,7 +206,8 @@ class Terminal:
         try:
             action()
         except (CommandRefused, NotCapable) as refusal:
-            self._let_go()  # or the refusal would be repeated at every heartbeat
+            # or the refusal would be repeated at every heartbeat
+            self._let_go()
             self._robot.tell(str(refusal))
 
     def _lost(self) -> None:

@@ -14,7 +14,8 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-DASH: Final = "–"  # stands for a value that this HAL cannot know
+# stands for a value that this HAL cannot know
+DASH: Final = "–"
 LABEL: Final = "cyan"
 DIM: Final = "bright_black"
 GOOD: Final = "green"
@@ -26,7 +27,8 @@ def number(value: float | None, decimals: int, unit: str = "") -> str:
     """The value with sign-aligned digits and its unit; a dash for None."""
     if value is None:
         return DASH
-    rounded = round(value, decimals) + 0.0  # no "-0.00"
+    # no "-0.00"
+    rounded = round(value, decimals) + 0.0
     return f"{rounded:.{decimals}f} {unit}".rstrip()
 
 
@@ -103,7 +105,8 @@ class Column(NamedTuple):
 
 
 NAME_COLUMN: Final = Column(style=LABEL)
-FIELDS: Final = (NAME_COLUMN, Column())  # names and values
+# names and values
+FIELDS: Final = (NAME_COLUMN, Column())
 
 
 class Kept:
@@ -137,7 +140,8 @@ def table(
     grid = Table.grid(padding=(0, gap))
     grid.show_header, grid.header_style = any(column.heading for column in columns), LABEL
     for index, (heading, style, right, fold, least) in enumerate(columns):
-        if style == LABEL and least is None:  # a long value never takes the room of the names
+        # a long value never takes the room of the names
+        if style == LABEL and least is None:
             least = max((Text.from_markup(row[index]).cell_len for row in rows if index < len(row)), default=0)
         grid.add_column(
             heading,

@@ -17,12 +17,15 @@ from typing import Any, Final
 IN: Final = 0
 OUT: Final = 1
 
-ENTER: Final = b"\x1b[?1049h\x1b[?25l\x1b[2J"  # alternate screen, no cursor, cleared
-BEHIND: Final = b"\x1b[0m\x1b[?1049l"  # the screen as it was, until ENTER
+# alternate screen, no cursor, cleared
+ENTER: Final = b"\x1b[?1049h\x1b[?25l\x1b[2J"
+# the screen as it was, until ENTER
+BEHIND: Final = b"\x1b[0m\x1b[?1049l"
 LEAVE: Final = b"\x1b[0m\x1b[2J\x1b[H\x1b[?25h\x1b[?1049l"
 """Colours off, cleared (after a resize tmux would leave the text behind), cursor, the screen as it was."""
 
-Modes = list[Any]  # what termios.tcgetattr returns
+# what termios.tcgetattr returns
+Modes = list[Any]
 
 
 def drawable() -> bool:
@@ -51,7 +54,8 @@ def full_screen() -> Iterator[None]:
     modes[0] &= ~termios.IXON
     modes[3] &= ~(termios.ICANON | termios.ECHO)
     modes[6][termios.VMIN], modes[6][termios.VTIME] = 1, 0
-    modes[6][termios.VSUSP] = b"\x00"  # _POSIX_VDISABLE on Linux
+    # _POSIX_VDISABLE on Linux
+    modes[6][termios.VSUSP] = b"\x00"
     try:
         # what was typed before there was anything to see is no command
         termios.tcflush(IN, termios.TCIFLUSH)
@@ -81,7 +85,8 @@ def write(data: bytes) -> None:
 _ARROWS: Final = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 _PLAIN: Final = {
     **{bytes([code]): chr(code) for code in b"cmq?wasd+-ebrnxp"},
-    **{bytes([code]): chr(code).lower() for code in b"CMQWASDEBRNXP"},  # caps lock must not disable the keyboard
+    # caps lock must not disable the keyboard
+    **{bytes([code]): chr(code).lower() for code in b"CMQWASDEBRNXP"},
     b" ": "space",
     b"=": "+",
     b"_": "-",
@@ -90,7 +95,8 @@ _PLAIN: Final = {
 
 _PARAMETERS: Final = rb"[0-9;:<=>?]{0,16}"
 _TOKEN: Final = re.compile(
-    rb"\x1b\[\[[A-E]"  # a function key of the Linux console
+    # a function key of the Linux console
+    rb"\x1b\[\[[A-E]"
     rb"|\x1b\[" + _PARAMETERS + rb"([@-Z\\-~])"
     rb"|\x1bO([@-~])"
     rb"|(.)",

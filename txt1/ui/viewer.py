@@ -10,11 +10,16 @@ from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.tasks.on_map import MAP_POSE
 from txt1.telemetry.snapshot import Snapshot
 
-PATH_MAX: Final = 4000  # points kept; when they are used up every other one goes, and the spacing doubles
-SPACING: Final = 0.02  # m between points, to begin with
-JUMP: Final = 0.5  # m from one snapshot to the next that tell that the robot was lifted ...
-REACH: Final = 2.0  # ... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart
+# points kept; when they are used up every other one goes, and the spacing doubles
+PATH_MAX: Final = 4000
+# m between points, to begin with
+SPACING: Final = 0.02
+# m from one snapshot to the next that tell that the robot was lifted ...
+JUMP: Final = 0.5
+# ... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart
+REACH: Final = 2.0
 NOWHERE: Final = (nan, nan, nan)
+# the keys of a robot
 DRIVING: Final = {
     "SPACE": "stop",
     "q": "quit",
@@ -26,7 +31,7 @@ DRIVING: Final = {
     "+-": "speed",
     "c": "manual",
     "e": "ESC",
-}  # the keys of a robot
+}
 
 
 def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
@@ -44,10 +49,14 @@ def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
 class Viewer:
     """The viewer's own state."""
 
-    keys: Mapping[str, str] = field(default_factory=DRIVING.copy)  # of the last row, the most important first
-    help: bool = False  # whether the list of keys covers the screen
-    path: list[tuple[float, float]] = field(default_factory=list)  # points (x, y) passed, m; at most PATH_MAX
-    spacing: float = SPACING  # least distance between points, m
+    # of the last row, the most important first
+    keys: Mapping[str, str] = field(default_factory=DRIVING.copy)
+    # whether the list of keys covers the screen
+    help: bool = False
+    # points (x, y) passed, m; at most PATH_MAX
+    path: list[tuple[float, float]] = field(default_factory=list)
+    # least distance between points, m
+    spacing: float = SPACING
     _last: tuple[float, float] = (0.0, 0.0)
     _time: float = 0.0
 

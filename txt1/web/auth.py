@@ -22,11 +22,16 @@ from txt1.web.wheel import Budget
 
 Role = Literal["operator", "visitor"]
 
-SESSION: Final = 12 * 3600  # s that a page stays signed in
-TOKEN_MIN: Final = 16  # characters of a token; fewer could be guessed
-TOKEN: Final = re.compile(rf"[A-Za-z0-9._~-]{{{TOKEN_MIN},}}")  # stands in an address as it is
-TRIES: Final = (0.2, 5.0)  # wrong tokens a second from one address, and at once
-ADDRESSES_MAX: Final = 1000  # addresses whose tries are counted
+# s that a page stays signed in
+SESSION: Final = 12 * 3600
+# characters of a token; fewer could be guessed
+TOKEN_MIN: Final = 16
+# stands in an address as it is
+TOKEN: Final = re.compile(rf"[A-Za-z0-9._~-]{{{TOKEN_MIN},}}")
+# wrong tokens a second from one address, and at once
+TRIES: Final = (0.2, 5.0)
+# addresses whose tries are counted
+ADDRESSES_MAX: Final = 1000
 
 
 def token_in(file: Path) -> str:
@@ -56,7 +61,8 @@ def token_in(file: Path) -> str:
 
 def _make(file: Path) -> None:
     """Put a file with a new token there, whole from the first; one that has come there meanwhile stays."""
-    with NamedTemporaryFile("w", encoding="ascii", dir=file.parent, prefix=".token-") as made:  # has mode 0600
+    # has mode 0600
+    with NamedTemporaryFile("w", encoding="ascii", dir=file.parent, prefix=".token-") as made:
         made.write(secrets.token_urlsafe(32) + "\n")
         made.flush()
         with suppress(FileExistsError):

@@ -16,7 +16,8 @@ from cryptography.x509.oid import NameOID
 from txt1.errors import ConfigError
 from txt1.kernel.clock import NS_PER_S, wall_ns
 
-DAYS: Final = 397  # that it is good for: browsers take no longer ones
+# that it is good for: browsers take no longer ones
+DAYS: Final = 397
 CERTIFICATE: Final = "web-certificate.pem"
 KEY: Final = "web-key.pem"
 
@@ -73,7 +74,8 @@ def addresses(host: str) -> list[str]:
     found = [] if host in ("0.0.0.0", "::") else [host]  # noqa: S104
     if not found:
         with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.connect(("192.0.2.1", 9))  # nothing is sent: it only asks which way it would go
+            # nothing is sent: it only asks which way it would go
+            probe.connect(("192.0.2.1", 9))
             found.append(probe.getsockname()[0])
         found.append(socket.gethostname())
     return found

@@ -18,9 +18,12 @@ TYPES: Final = {
 class File(NamedTuple):
     """One of them."""
 
-    kind: str  # its MIME type
-    body: bytes  # compressed by gzip
-    tag: str  # another one when the content is another
+    # its MIME type
+    kind: str
+    # compressed by gzip
+    body: bytes
+    # another one when the content is another
+    tag: str
 
 
 @cache

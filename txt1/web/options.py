@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from txt1.config import Config
     from txt1.kernel.loop import Speed
 
-FILE: Final = "web-token"  # where the token is, unless told otherwise
+# where the token is, unless told otherwise
+FILE: Final = "web-token"
 
 
 WEB: Final = {
@@ -90,7 +91,8 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
             remedy = "give --web-token and --web-cert files of your own, or set XDG_STATE_HOME"
             raise ConfigError(f"{folder}: cannot be made or written: {error.strerror}; {remedy}") from None
     if certificate is not None:
-        tls(certificate, key)  # refused before the robot is brought up
+        # refused before the robot is brought up
+        tls(certificate, key)
     scheme = "http" if certificate is None else "https"
     word = "" if token is None else token_in(token)
     hosts = [host] if inside else addresses(host)

@@ -21,11 +21,16 @@ from txt1.web.auth import Role
 from txt1.web.player import PagePlayer, strict
 from txt1.web.wheel import Budget, PageClock, PageWheel, Sequence
 
-MESSAGES: Final = (80.0, 160.0)  # a second, and at once, of one page; more are dropped
-OVERRUNS: Final = 4000.0  # a second, beyond the budgets, of all pages together; the rest waits in its socket
-SLOW: Final = 10.0  # s in which a page must have taken what it was sent
-PAGE_RATE: Final = 20.0  # telemetry a second
-UNSEEN: Final = 0.1  # the same of a robot that no page shows, of several
+# a second, and at once, of one page; more are dropped
+MESSAGES: Final = (80.0, 160.0)
+# a second, beyond the budgets, of all pages together; the rest waits in its socket
+OVERRUNS: Final = 4000.0
+# s in which a page must have taken what it was sent
+SLOW: Final = 10.0
+# telemetry a second
+PAGE_RATE: Final = 20.0
+# the same of a robot that no page shows, of several
+UNSEEN: Final = 0.1
 FAST: Final = (
     "/odom",
     "/odometry/filtered",
@@ -38,7 +43,8 @@ FAST: Final = (
     "/mode",
     "/driver",
 )
-FULL: Final = "/capabilities"  # is told with everything else, once a second
+# is told with everything else, once a second
+FULL: Final = "/capabilities"
 
 _clock: Final = RealClock()
 
@@ -52,10 +58,13 @@ def now() -> float:
 class PageRobot:
     """One robot, as pages see it."""
 
-    name: str  # empty where there is only one
+    # empty where there is only one
+    name: str
     wheel: PageWheel = field(default_factory=PageWheel)
-    full: str = ""  # the newest telemetry with everything in it
-    wanted: tuple[frozenset[str], float] | None = None  # topics asked for, and how often a second
+    # the newest telemetry with everything in it
+    full: str = ""
+    # topics asked for, and how often a second
+    wanted: tuple[frozenset[str], float] | None = None
 
 
 @dataclass(eq=False)
@@ -66,16 +75,22 @@ class Page:
     role: Role
     address: str
     socket: web.WebSocketResponse
-    car: PageRobot  # the robot that it shows
+    # the robot that it shows
+    car: PageRobot
     clock: PageClock = field(default_factory=PageClock)
     sequence: Sequence = field(default_factory=Sequence)
     budget: Budget = field(default_factory=lambda: Budget(*MESSAGES))
-    counts: Counter[str] = field(default_factory=Counter)  # late, dropped and malformed messages
-    round_trip: float | None = None  # s, of the last message there and back
-    chosen: frozenset[str] = frozenset()  # topics that it plots
-    player: PagePlayer | None = None  # of the recording it sees in place of the robot
+    # late, dropped and malformed messages
+    counts: Counter[str] = field(default_factory=Counter)
+    # s, of the last message there and back
+    round_trip: float | None = None
+    # topics that it plots
+    chosen: frozenset[str] = frozenset()
+    # of the recording it sees in place of the robot
+    player: PagePlayer | None = None
     outbox: deque[str] = field(default_factory=lambda: deque(maxlen=50))
-    newest: str | None = None  # telemetry that waits to be sent
+    # telemetry that waits to be sent
+    newest: str | None = None
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def tell(self, **message: object) -> None:
@@ -121,11 +136,14 @@ class Pages:
         self.folder, self.limit = folder, limit
         self.cars = {name: PageRobot(name) for name in fleet or [""]}
         self.connected: dict[int, Page] = {}
-        self.ended = asyncio.Event()  # the robot's process has gone
-        self.loading = asyncio.Lock()  # held while a recording is read
+        # the robot's process has gone
+        self.ended = asyncio.Event()
+        # held while a recording is read
+        self.loading = asyncio.Lock()
         self._robot, self._others, self._fleet, self._invites = robot, dict(others), fleet, invites
         self._last = 0
-        self._overrun = 0.0  # when the next message beyond a budget may be read
+        # when the next message beyond a budget may be read
+        self._overrun = 0.0
         self._tasks: set[asyncio.Task[None]] = set()
 
     # -- the pages ---------------------------------------------------------------------------------------------
@@ -164,7 +182,8 @@ class Pages:
                     if line:
                         await page.socket.send_str(line)
         except (ConnectionError, RuntimeError):
-            pass  # it has gone
+            # it has gone
+            pass
         except TimeoutError:
             self.dismiss(page, "too slow")
 
@@ -172,7 +191,8 @@ class Pages:
         """Wait until one more message beyond its page's budget may be read; so few of them slow nobody else down."""
         self._overrun = max(self._overrun, now()) + 1.0 / OVERRUNS
         ahead = self._overrun - now()
-        await asyncio.sleep(ahead if ahead > 0.005 else 0.0)  # a shorter sleep lasts longer than it should
+        # a shorter sleep lasts longer than it should
+        await asyncio.sleep(ahead if ahead > 0.005 else 0.0)
 
     def dismiss(self, page: Page, why: str) -> None:
         """Send a page away."""
@@ -245,7 +265,8 @@ class Pages:
             if wanted != car.wanted:
                 car.wanted = wanted
                 if unseen:
-                    car.full = ""  # whoever looks next waits for what is new
+                    # whoever looks next waits for what is new
+                    car.full = ""
                 which = {"robot": car.name} if self._fleet else {}
                 self.ask(None, "subscribe", topics=sorted(wanted[0]), rate=wanted[1], seldom=None, **which)
 
@@ -263,7 +284,8 @@ class Pages:
         else:
             for each in json.loads(line, parse_constant=lambda _: None):
                 car = self.cars.get(each["name"])
-                if car is None:  # one that has come to a fleet on a network
+                # one that has come to a fleet on a network
+                if car is None:
                     car = self.cars[each["name"]] = PageRobot(each["name"])
                     self._fleet.append(car.name)
                 self._show(car, json.dumps(each, separators=(",", ":")))

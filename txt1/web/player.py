@@ -16,11 +16,14 @@ from txt1.errors import RecordingError
 if TYPE_CHECKING:
     from txt1.record.snapshots import Snapshots
 
-PLAYER_PERIOD: Final = 0.1  # s between two snapshots
-SIZE_MAX: Final = 200 << 20  # bytes of a recording that is shown: it is held in memory
+# s between two snapshots
+PLAYER_PERIOD: Final = 0.1
+# bytes of a recording that is shown: it is held in memory
+SIZE_MAX: Final = 200 << 20
 SPEED_MAX: Final = 16.0
 LISTED_MAX: Final = 200
-RECORDING_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap")  # of a recording
+# of a recording
+RECORDING_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap")
 
 
 def recordings(folder: Path) -> list[dict[str, object]]:
@@ -51,9 +54,11 @@ class PagePlayer:
     name: str
     recording: Snapshots
     position: float  # s of the run
-    speed: float = 1.0  # times real time; 0: paused
+    # times real time; 0: paused
+    speed: float = 1.0
     _stopped: bool = False
-    _moved: bool = False  # there is something else to show
+    # there is something else to show
+    _moved: bool = False
 
     @classmethod
     def open(cls, path: Path) -> Self:
@@ -62,7 +67,8 @@ class PagePlayer:
             raise RecordingError("there is no such recording")
         if path.stat().st_size > SIZE_MAX:
             raise RecordingError(f"it is larger than {SIZE_MAX >> 20} MB: fetch it, and 'txt1 replay' shows it")
-        from txt1.record.snapshots import Snapshots  # takes a while to load, and not every page wants it
+        # takes a while to load, and not every page wants it
+        from txt1.record.snapshots import Snapshots
 
         recording = Snapshots(path)
         return cls(path.name, recording, recording.start)

@@ -17,10 +17,14 @@ from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME, PagePlayer, recordings
 from txt1.web.wheel import AGE_MAX
 
-FLOOD: Final = 5000  # messages dropped after which a page is sent away
-STOP_MAX: Final = 1000  # letters of a page's stop
-CHOSEN_MAX: Final = 20  # topics that a page may choose
-POINTS_MAX: Final = 100  # of a route
+# messages dropped after which a page is sent away
+FLOOD: Final = 5000
+# letters of a page's stop
+STOP_MAX: Final = 1000
+# topics that a page may choose
+CHOSEN_MAX: Final = 20
+# of a route
+POINTS_MAX: Final = 100
 
 Message = dict[str, Any]
 
@@ -43,7 +47,8 @@ def take(pages: Pages, page: Page, text: str) -> bool:
         REQUESTS[message["do"]](pages, page, message, present)
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         page.counts["malformed"] += 1
-    except Exception as error:  # a mistake of ours, whose price is this message alone
+    except Exception as error:
+        # a mistake of ours, whose price is this message alone
         page.counts["malformed"] += 1
         page.tell(told=f"that failed: {type(error).__name__}: {error}")
     return enough
@@ -113,7 +118,8 @@ def _release(pages: Pages, page: Page, message: Message, present: float) -> None
 
 def _take(pages: Pages, page: Page, message: Message, present: float) -> None:
     if page.player is None and page.car.wheel.take(page.number, present):
-        pages.ask(page, "release")  # what the page before had asked for
+        # what the page before had asked for
+        pages.ask(page, "release")
         pages.ask(page, "halt")
     else:
         page.tell(told=f"page {page.car.wheel.holder} drives; it may give the wheel away, or be idle for 10 s")
@@ -238,13 +244,15 @@ def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 async def _play(pages: Pages, page: Page, name: str) -> None:
     try:
-        async with pages.loading:  # one at a time: it takes memory
+        # one at a time: it takes memory
+        async with pages.loading:
             player = await asyncio.to_thread(PagePlayer.open, pages.folder / name)
         if page.number in pages.connected:
             page.player = player
             pages.status(page)
             await player.play(page.show, now)
-    except Exception as error:  # whatever is wrong with the file
+    except Exception as error:
+        # whatever is wrong with the file
         page.tell(told=f"{name} cannot be shown: {error}")
 
 

@@ -17,10 +17,14 @@ from txt1.web.player import RECORDING_NAME
 from txt1.web.requests import take
 
 PAGES_MAX: Final = 100
-STRANGER: Final = 5.0  # s that a connection has for its first request
-MESSAGE_MAX: Final = 8192  # bytes of a page's message
-PARTING: Final = 0.02  # s that a page which is sent away has to close its socket; a flood is read until then
-SOCKET_BEAT: Final = 4.0  # s between two pings of a socket; one that is not answered in half of it is closed
+# s that a connection has for its first request
+STRANGER: Final = 5.0
+# bytes of a page's message
+MESSAGE_MAX: Final = 8192
+# s that a page which is sent away has to close its socket; a flood is read until then
+PARTING: Final = 0.02
+# s between two pings of a socket; one that is not answered in half of it is closed
+SOCKET_BEAT: Final = 4.0
 
 HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
@@ -41,7 +45,8 @@ class Routes:
 
     def __init__(self, door: Auth, pages: Pages) -> None:
         self._door, self._pages = door, pages
-        self.strangers: dict[web.RequestHandler, float] = {}  # connections without a request yet, and since when
+        # connections without a request yet, and since when
+        self.strangers: dict[web.RequestHandler, float] = {}
 
     def application(self) -> web.Application:
         """Return all routes."""
@@ -77,7 +82,8 @@ class Routes:
             response = await handler(request)
         except web.HTTPException as answer:
             response = answer
-        except (TimeoutError, ConnectionError):  # it says nothing, or is gone before it is answered
+        except (TimeoutError, ConnectionError):
+            # it says nothing, or is gone before it is answered
             response = web.Response(status=408)
         if not response.prepared:
             response.headers.update(HEADERS)
@@ -133,7 +139,8 @@ class Routes:
             raise web.HTTPForbidden(text="only the operator invites\n")
         import segno
 
-        picture = BytesIO()  # with its name space, without which a browser shows no picture
+        # with its name space, without which a browser shows no picture
+        picture = BytesIO()
         code = segno.make(f"{request.scheme}://{request.host}/#token={token}", error="m")
         code.save(picture, kind="svg", scale=4, border=2, light="white")
         return web.Response(body=picture.getvalue(), content_type="image/svg+xml")
@@ -171,4 +178,5 @@ async def listen(pages: Pages, page: Page, messages: AsyncIterable[WSMessage]) -
         if message.type is not WSMsgType.TEXT:
             break
         if not take(pages, page, message.data):
-            await pages.overrun()  # what a flood has brought would be read at once, and a stop of another page wait
+            # what a flood has brought would be read at once, and a stop of another page wait
+            await pages.overrun()

@@ -20,7 +20,8 @@ from txt1.web.pages import Pages, Robots, now
 from txt1.web.routes import STRANGER, Routes
 
 CONNECTIONS_MAX: Final = 256
-STATUS: Final = 1.0  # s between two messages about the page itself
+# s between two messages about the page itself
+STATUS: Final = 1.0
 
 
 def main(
@@ -58,7 +59,8 @@ async def serve(
     """As `main`, with any way to the robots, in an event loop."""
     context = None
     if certificate is not None:
-        from txt1.web.certificate import tls  # cryptography takes a while to load
+        # cryptography takes a while to load
+        from txt1.web.certificate import tls
 
         context = tls(Path(certificate), None if key is None else Path(key))
     door = Auth(None if token is None else token_in(Path(token)), "http" if context is None else "https", port)
@@ -83,7 +85,8 @@ async def serve(
         listener = await loop.create_server(
             connect, host, port, ssl=context, reuse_address=True, ssl_handshake_timeout=patience
         )
-    except OSError as error:  # another program has taken it since it was found to be free
+    except OSError as error:
+        # another program has taken it since it was found to be free
         await runner.cleanup()
         why = os.strerror(error.errno) if error.errno else error
         sys.exit(f"txt1: --web {host}:{port}: cannot listen there: {why}; choose another address")

@@ -7,10 +7,14 @@ from collections import deque
 from math import inf, isfinite
 from typing import Final
 
-AGE_MAX: Final = 0.25  # s after which a command is late: the safety gate would not obey it either
-SAMPLES: Final = 20  # messages there and back that the offset of a page's clock is taken from
-ROUNDING: Final = 1e-6  # s by which answers may contradict one another: large times are rounded
-IDLE: Final = 10.0  # s without a command after which another page may take the wheel
+# s after which a command is late: the safety gate would not obey it either
+AGE_MAX: Final = 0.25
+# messages there and back that the offset of a page's clock is taken from
+SAMPLES: Final = 20
+# s by which answers may contradict one another: large times are rounded
+ROUNDING: Final = 1e-6
+# s without a command after which another page may take the wheel
+IDLE: Final = 10.0
 
 
 class PageClock:

@@ -13,11 +13,16 @@ from txt1.hal.channels import Rewired
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 
-HAND_PERIOD: Final = 0.05  # s between two PWM commands by hand
-STAND: Final = 2.5  # s after which a vehicle whose motor is in neutral stands
-SETTLE: Final = 0.6  # s that the steering gets to arrive
-CRUISE: Final = 1200  # counts beyond the dead band at which distances are driven
-DRIVE_PATIENCE: Final = 60.0  # s after which a drive ends whatever the operator sees
+# s between two PWM commands by hand
+HAND_PERIOD: Final = 0.05
+# s after which a vehicle whose motor is in neutral stands
+STAND: Final = 2.5
+# s that the steering gets to arrive
+SETTLE: Final = 0.6
+# counts beyond the dead band at which distances are driven
+CRUISE: Final = 1200
+# s after which a drive ends whatever the operator sees
+DRIVE_PATIENCE: Final = 60.0
 
 
 class Operator(Protocol):
@@ -126,7 +131,8 @@ class Bench:
     def found(self, values: Mapping[str, Any]) -> None:
         """Keep values that were found, by dotted key, and use them from now on."""
         simulated = {f"sim.{key}": value for key, value in values.items() if key.startswith("channels.")}
-        values = {**values, **simulated}  # so that the same vehicle is simulated from its file
+        # so that the same vehicle is simulated from its file
+        values = {**values, **simulated}
         self.config = with_values(self.config, values)
         self._keep(values)
 

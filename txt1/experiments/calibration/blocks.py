@@ -8,20 +8,31 @@ from txt1.errors import HalError
 from txt1.experiments.calibration.bench import HAND_PERIOD, SETTLE, STAND, Bench, Hands, Operator, own_settings
 from txt1.model.vehicle import PWM_MAX, SIDES, STEERING_MAX
 
-RAMP: Final = 200.0  # counts a second by which the motor's output is raised until encoders count
-SLOW_RAMP: Final = 100.0  # likewise, until a person sees something turn
-TURNED: Final = 4  # encoder counts that are no noise
-BEYOND: Final = 400  # counts beyond those at which it begins to turn: it turns surely
-WELL_TURNED: Final = 20  # encoder counts that a wheel makes in the second after that, at least
-SWEEP: Final = 1500.0  # counts a second by which the steering is turned to its stop
-SWEEP_FROM: Final = 3000.0  # counts from which it is
-REACTION: Final = 0.7  # s by which an operator is late to say that wheels have stopped turning
-FURTHER: Final = 2000.0  # counts more at once, which shows whether they had
-WIDEST: Final = PWM_MAX / STEERING_MAX  # scale of a steering that may use the whole range of pulses
+# counts a second by which the motor's output is raised until encoders count
+RAMP: Final = 200.0
+# likewise, until a person sees something turn
+SLOW_RAMP: Final = 100.0
+# encoder counts that are no noise
+TURNED: Final = 4
+# counts beyond those at which it begins to turn: it turns surely
+BEYOND: Final = 400
+# encoder counts that a wheel makes in the second after that, at least
+WELL_TURNED: Final = 20
+# counts a second by which the steering is turned to its stop
+SWEEP: Final = 1500.0
+# counts from which it is
+SWEEP_FROM: Final = 3000.0
+# s by which an operator is late to say that wheels have stopped turning
+REACTION: Final = 0.7
+# counts more at once, which shows whether they had
+FURTHER: Final = 2000.0
+# scale of a steering that may use the whole range of pulses
+WIDEST: Final = PWM_MAX / STEERING_MAX
 
 MOTORS: Final = ("motor",)
 OUTPUTS: Final = ("right", "left")
-AS_IT_IS: Final = {"direction": 1, "trim": 0.0, "scale": 1.0}  # of a channel whose counts go to the wire unchanged
+# of a channel whose counts go to the wire unchanged
+AS_IT_IS: Final = {"direction": 1, "trim": 0.0, "scale": 1.0}
 
 
 async def motor(bench: Bench) -> None:
@@ -97,7 +108,8 @@ def _encoders(turned: Sequence[tuple[int, int]]) -> dict[str, Any]:
     """Encoders' directions by what they counted while the wheels turned forward: all of them, or one side at a time."""
     right, left = turned[0][0], turned[0][1]
     swapped = False
-    if len(turned) == 2:  # the right side alone, the left side alone
+    # the right side alone, the left side alone
+    if len(turned) == 2:
         swapped = abs(turned[0][1]) > abs(turned[0][0])
         right, left = (turned[0][1], turned[1][0]) if swapped else (turned[0][0], turned[1][1])
     for name, counted in (("right", right), ("left", left)):
@@ -134,7 +146,8 @@ async def steering(bench: Bench) -> None:
             {
                 f"channels.{axle}.direction": 1
                 if way == "right"
-                else -1,  # positive counts point either axle to the right
+                # positive counts point either axle to the right
+                else -1,
                 f"channels.{axle}.trim": float(round(0.5 * (stops[0] + stops[1]))),
                 f"channels.{axle}.scale": round(0.5 * (stops[0] - stops[1]) / STEERING_MAX, 4),
             }

@@ -10,15 +10,21 @@ from txt1.experiments.calibration.bench import DRIVE_PATIENCE, SETTLE, STAND, Be
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX
 
-TURNING: Final = 16.0  # s of turning in place: a guess of the angle is wrong by degrees, however long it takes
-DISTANCE: Final = 3.0  # m that are driven straight
-DRIFT: Final = radians(0.3)  # rad of heading lost in a metre that are straight enough
-UNLIKE: Final = 0.5  # share of the other axle's angle at full lock that an axle has at least
-TRIES: Final = 4  # drives at most until it is
+# s of turning in place: a guess of the angle is wrong by degrees, however long it takes
+TURNING: Final = 16.0
+# m that are driven straight
+DISTANCE: Final = 3.0
+# rad of heading lost in a metre that are straight enough
+DRIFT: Final = radians(0.3)
+# share of the other axle's angle at full lock that an axle has at least
+UNLIKE: Final = 0.5
+# drives at most until it is
+TRIES: Final = 4
 LINE: Final = f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it."
 OFF: Final = "How far left of the line is it (right: negative)?"
 
-Counts = tuple[int, int] | None  # of the right and left encoder, where there are some
+# of the right and left encoder, where there are some
+Counts = tuple[int, int] | None
 
 
 async def straight(bench: Bench) -> None:
@@ -48,7 +54,8 @@ async def straight(bench: Bench) -> None:
             circumference = bench.config.geometry.circumference * hypot(ahead, off) / shown
             bench.found({"geometry.circumference": round(circumference, 5)})
         if bench.skids:
-            return  # the loops see to it
+            # the loops see to it
+            return
         if max(abs(tan(angle)) for angle in angles.values()) < DRIFT * geometry.lever:
             return
         # a tape tells a heading over a short wheelbase badly: what two axles lack is averaged over the drives
@@ -182,7 +189,8 @@ async def circle(bench: Bench) -> None:
     bench.found({"geometry.radius_min": round(1.0 / bend, 4)})
     if shares:
         channels, share = bench.config.channels, 0.5 * (shares[0] + shares[1])
-        if share < 0.0:  # the outer wheel seems to go the shorter way
+        # the outer wheel seems to go the shorter way
+        if share < 0.0:
             bench.found(
                 {
                     "channels.encoders_swapped": not channels.encoders_swapped,
@@ -278,6 +286,7 @@ async def turn(bench: Bench) -> None:
     if before is not None and after is not None:
         apart = ((after[0] - before[0]) - (after[1] - before[1])) * geometry.count_length
         bench.found({"geometry.track_width": round(apart / turned[1], 4)})
-    else:  # by what half of the time adds, as starting and stopping are the same in both
+    else:
+        # by what half of the time adds, as starting and stopping are the same in both
         rate = (turned[1] - turned[0]) / (0.5 * TURNING)
         bench.found({"geometry.track_width": round(geometry.track_width * omega / rate, 4)})

@@ -11,9 +11,12 @@ from txt1.experiments.calibration.bench import SETTLE, Bench
 from txt1.experiments.identify import identify, try_out
 from txt1.experiments.tune import angular_gains, linear_gains
 
-LEVELS: Final = (1.0, 0.3, 0.6, -0.3, -0.8)  # shares of the largest speed that the speed map has, in this order
-TOO_NEAR: Final = 0.15  # share of it by which two of them differ at least
-ACCELERATED: Final = 1.3  # s after which a vehicle has nearly its speed
+# shares of the largest speed that the speed map has, in this order
+LEVELS: Final = (1.0, 0.3, 0.6, -0.3, -0.8)
+# share of it by which two of them differ at least
+TOO_NEAR: Final = 0.15
+# s after which a vehicle has nearly its speed
+ACCELERATED: Final = 1.3
 
 
 async def speeds(bench: Bench) -> None:

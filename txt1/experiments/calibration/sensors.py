@@ -25,7 +25,8 @@ QUANTITIES: Final = {
     "bias": ("told by a gyro that stands", "rad/s", 1.0),
 }
 """What is learned: in words, its unit, and how many of them are one in SI units."""
-SHOWN: Final = 0.7  # of its sigma before the drive, below which a drive has shown a quantity; chosen
+# of its sigma before the drive, below which a drive has shown a quantity; chosen
+SHOWN: Final = 0.7
 
 
 class SensorFindings(NamedTuple):

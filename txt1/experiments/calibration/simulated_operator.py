@@ -20,25 +20,40 @@ from txt1.robot import Robot
 from txt1.sim.dynamics import LOCK
 from txt1.sim.vehicle import Vehicle
 
-LOOK: Final = 0.05  # s between two looks of an operator at the car
-TAPE: Final = 0.005  # standard deviation of a measurement by tape, m
-ALIGNED: Final = radians(0.2)  # of the heading with which the car is put on the line, rad
-REACTION: Final = (0.15, 0.35)  # s from seeing something to saying so: at least, at most
-STIRS: Final = 0.004  # m that a tyre turns before an operator sees it
-TURNS: Final = radians(0.2)  # rad that wheels steer before an operator sees it
-STOPPED: Final = 0.5  # s for which they have not
-ASKEW: Final = 1.2  # rad that it has turned when an operator ends a drive that was to be straight
-GONE: Final = 3.0  # m that it is to go
-COUNTED: Final = 3.0  # standard deviation of a turn in place, degrees
+# s between two looks of an operator at the car
+LOOK: Final = 0.05
+# standard deviation of a measurement by tape, m
+TAPE: Final = 0.005
+# of the heading with which the car is put on the line, rad
+ALIGNED: Final = radians(0.2)
+# s from seeing something to saying so: at least, at most
+REACTION: Final = (0.15, 0.35)
+# m that a tyre turns before an operator sees it
+STIRS: Final = 0.004
+# rad that wheels steer before an operator sees it
+TURNS: Final = radians(0.2)
+# s for which they have not
+STOPPED: Final = 0.5
+# rad that it has turned when an operator ends a drive that was to be straight
+ASKEW: Final = 1.2
+# m that it is to go
+GONE: Final = 3.0
+# standard deviation of a turn in place, degrees
+COUNTED: Final = 3.0
 
-UP_TO_SPEED: Final = 3.0  # s after which a car is judged
-JUDGED: Final = 2.0  # s for which it is, at least; a turn in place stays below half a turn
+# s after which a car is judged
+UP_TO_SPEED: Final = 3.0
+# s for which it is, at least; a turn in place stays below half a turn
+JUDGED: Final = 2.0
 
-SLOWLY: Final = 0.5  # m/s, free speed at which the smallest circle is driven
-STEP: Final = 0.02  # s, of that
+# m/s, free speed at which the smallest circle is driven
+SLOWLY: Final = 0.5
+# s, of that
+STEP: Final = 0.02
 
 STEERING: Final = ("front", "rear")
-BOTH_AXLES: Final = (1.18, 4.41)  # wheelbases in R_min of a car that steers with both: 0.4 to 1.5 m of a TXT-1
+# wheelbases in R_min of a car that steers with both: 0.4 to 1.5 m of a TXT-1
+BOTH_AXLES: Final = (1.18, 4.41)
 
 
 def unknown_car(config: Config, seed: int) -> Config:
@@ -53,6 +68,7 @@ def unknown_car(config: Config, seed: int) -> Config:
 
     body, car = config.geometry, config.sim.vehicle
     band = times(0.7, 1.5, car.dead_band)
+    # else it would roll off in neutral
     values: dict[str, Any] = {
         "sim.vehicle.dead_band": band,
         # other people's models hold to a speed that is not far above the usual one
@@ -62,9 +78,7 @@ def unknown_car(config: Config, seed: int) -> Config:
         "geometry.circumference": times(0.85, 1.15, body.circumference),
         "geometry.track_width": times(0.9, 1.1, body.track_width),
         "sim.channels.motor.direction": way(),
-        "sim.channels.motor.trim": float(
-            rng.uniform(-0.7, 0.7) * min(band, NEUTRAL_MAX)
-        ),  # else it would roll off in neutral
+        "sim.channels.motor.trim": float(rng.uniform(-0.7, 0.7) * min(band, NEUTRAL_MAX)),
         "sim.channels.right_encoder": way(),
         "sim.channels.left_encoder": way(),
         "sim.channels.encoders_swapped": bool(rng.choice((True, False))),
@@ -98,14 +112,18 @@ class SimulatedOperator:
         self._vehicle = hal.vehicle
         self._rng = np.random.default_rng(seed)
         self.tell = tell
-        self._rolled = (0.0, 0.0)  # by the right and left wheels when he was last told to watch, m
+        # by the right and left wheels when he was last told to watch, m
+        self._rolled = (0.0, 0.0)
+        # farthest from its mark in a circle: pose, middle of front and rear axle, m
         self._widest: tuple[float, ...] = (
             0.0,
             0.0,
             0.0,
-        )  # farthest from its mark in a circle: pose, middle of front and rear axle, m
-        self._seen = 0.0  # angle that wheels had when he last said that they turn no further, rad
-        self._turned = 0.0  # rad since it was put down
+        )
+        # angle that wheels had when he last said that they turn no further, rad
+        self._seen = 0.0
+        # rad since it was put down
+        self._turned = 0.0
 
     async def ready(self, key: str, text: str) -> None:
         """Do it at once."""
@@ -187,10 +205,14 @@ class SimulatedOperator:
 class DrivingVerdict(NamedTuple):
     """How a calibrated car drives, by its true motion; None for figures that a car of its kind does not have."""
 
-    speed: float  # largest error of the speed at the set-points tried, as a share of it
-    drift: float  # degrees of heading lost in a metre of driving straight, the most
-    radius: float | None  # error of R_min, as a share of it
-    turn: float | None  # error of the yaw rate of a turn in place, as a share of it
+    # largest error of the speed at the set-points tried, as a share of it
+    speed: float
+    # degrees of heading lost in a metre of driving straight, the most
+    drift: float
+    # error of R_min, as a share of it
+    radius: float | None
+    # error of the yaw rate of a turn in place, as a share of it
+    turn: float | None
 
 
 def passes(verdict: DrivingVerdict, driving: float) -> bool:
@@ -204,7 +226,8 @@ class Practised(NamedTuple):
 
     seed: int
     verdict: DrivingVerdict
-    driving: float  # s of driving that it took
+    # s of driving that it took
+    driving: float
 
     @property
     def passes(self) -> bool:

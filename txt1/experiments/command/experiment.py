@@ -25,7 +25,8 @@ from txt1.record.options import LOG
 from txt1.trials.run import progress, run
 from txt1.trials.workers import OPTIONS, Workers, workers_of
 
-ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")  # the thesis's hall is larger than its learning room
+# the thesis's hall is larger than its learning room
+ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +72,8 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"{arguments.runs[0]}: only 'compare' takes folders; --out says where the results go")
     profile = load_profile(arguments.what)
     if not arguments.no_figure:
-        figures.available()  # said before the robot has driven for 46 minutes
+        # said before the robot has driven for 46 minutes
+        figures.available()
     config, speed = configure(arguments)
     name = Path(arguments.what).stem
     folder = run_folder.make(arguments.out or unused(Path("out") / name))
@@ -93,7 +95,8 @@ def main(arguments: argparse.Namespace) -> int:
     label = arguments.label or ("sim" if config.hal == "sim" else f"{config.hal} {config.serial.port or ''}".strip())
     result = repeated(label, profile, outcomes)
     run_folder.write(result, folder)
-    (folder / FIGURE).unlink(missing_ok=True)  # of a run before
+    # of a run before
+    (folder / FIGURE).unlink(missing_ok=True)
     if not arguments.no_figure:
         figures.draw([result], folder / FIGURE)
     if arguments.json:
@@ -191,7 +194,8 @@ def drive(
             await experiment.run()
 
     with progress(bar, 1.0, TaskProgressColumn(), TimeElapsedColumn()) as shown:
-        (task,) = shown.tasks  # written to by itself: the robot waits for no lock either
+        # written to by itself: the robot waits for no lock either
+        (task,) = shown.tasks
         code = app.run(work())
     if experiment is None:
         return None, code

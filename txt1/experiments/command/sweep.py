@@ -21,11 +21,16 @@ from txt1.trials.provenance import provenance
 from txt1.trials.run import Rows, run
 from txt1.trials.workers import OPTIONS, workers_of
 
-OUT: Final = "{out}"  # among a trial's words: a folder of its own, whose metrics.json is its result
-MEASURED: Final = ("wall", "run_time", "lateness", "tasks.")  # of the processor's time: never the same
-TOLD_ONCE: Final = ("provenance.", "settings.")  # what all of a sweep have in common stands in sweep.json
-ROWS: Final = "rows.jsonl"  # results as they come
-TABLE: Final = "table.csv"  # all of them in order, at the end
+# among a trial's words: a folder of its own, whose metrics.json is its result
+OUT: Final = "{out}"
+# of the processor's time: never the same
+MEASURED: Final = ("wall", "run_time", "lateness", "tasks.")
+# what all of a sweep have in common stands in sweep.json
+TOLD_ONCE: Final = ("provenance.", "settings.")
+# results as they come
+ROWS: Final = "rows.jsonl"
+# all of them in order, at the end
+TABLE: Final = "table.csv"
 ABOUT: Final = "sweep.json"
 
 
@@ -57,7 +62,8 @@ def main(arguments: argparse.Namespace) -> int:
     command = arguments.words[len(given) :]
     if not given or not command:
         raise ConfigError("sweep: give settings with their values, then --, then a command; see 'txt1 sweep --help'")
-    parsed([word.replace(OUT, "out") for word in command])  # a mistake in it is told once, and before anything is made
+    # a mistake in it is told once, and before anything is made
+    parsed([word.replace(OUT, "out") for word in command])
     trials = dict(enumerate(combinations(dict(map(_setting, given)))))
     about = {"settings": given, "command": command, **provenance()}
     done = _begun(arguments.out, about, arguments.resume)

@@ -23,7 +23,8 @@ from txt1.kernel.loop import Speed
 from txt1.trials.run import progress
 from txt1.trials.workers import OPTIONS, Workers, workers_of
 
-TESTS: Final = ("linear-steps", "angular-steps")  # on which gains are compared
+# on which gains are compared
+TESTS: Final = ("linear-steps", "angular-steps")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

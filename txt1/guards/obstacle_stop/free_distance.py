@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-STRAIGHT: Final = 1e-4  # curvature that counts as none, 1/m
+# curvature that counts as none, 1/m
+STRAIGHT: Final = 1e-4
 TURN: Final = 2.0 * pi
 
 Floats = NDArray[np.float64]
@@ -55,7 +56,8 @@ def _along(points: Floats, curvature: float, front: float, side: float) -> float
             reach = np.sqrt(rho2 - (edge - radius) ** 2)
             meets += [(reach, np.full_like(x, edge)), (-reach, np.full_like(x, edge))]
         for at_x, at_y in meets:
-            on = (np.abs(at_x) <= front + 1e-9) & (np.abs(at_y) <= side + 1e-9)  # NaN where it does not meet
+            # NaN where it does not meet
+            on = (np.abs(at_x) <= front + 1e-9) & (np.abs(at_y) <= side + 1e-9)
             if on.any():
                 angle = np.arctan2(at_y[on] - radius, at_x[on])
                 gone = (copysign(1.0, radius) * (turn[on] - angle)) % TURN

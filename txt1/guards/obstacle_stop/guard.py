@@ -17,8 +17,10 @@ from txt1.sensors.base import Reading
 from txt1.sensors.readings import Scan
 from txt1.tasks.state import State
 
-MEMORY: Final = 50  # poses of the past, one a cycle, 1 s
-SLOW: Final = 0.05  # m/s below which a measured curvature says nothing
+# poses of the past, one a cycle, 1 s
+MEMORY: Final = 50
+# m/s below which a measured curvature says nothing
+SLOW: Final = 0.05
 
 Pose = tuple[float, float, float]
 
@@ -42,7 +44,8 @@ class LaserGuard:
         self._geometry, self._parameters = geometry, parameters
         self._past: deque[tuple[float, Pose]] = deque(maxlen=MEMORY)
         self._slowed = False
-        self._reading: Reading[Scan] | None = None  # the one that the next three are of
+        # the one that the next three are of
+        self._reading: Reading[Scan] | None = None
         self._points: Floats = np.empty((0, 2))
         self._radii: Floats = np.empty(0)
         self._nearest = inf
@@ -85,7 +88,8 @@ class LaserGuard:
         if points is None:
             return inf
         curvatures = [commanded]
-        if odometry.v > SLOW and isfinite(odometry.omega):  # it takes a while to turn the wheels
+        # it takes a while to turn the wheels
+        if odometry.v > SLOW and isfinite(odometry.omega):
             driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
             curvatures.append(min(max(driven, -most), most))
         free = min(free_distance(points, each, body.length, body.width, p.margin) for each in curvatures)

@@ -21,7 +21,8 @@ from txt1.guards.roll_guard.settings import RollGuard
 from txt1.model.kinematics import yaw_rate_max
 
 GRAVITY: Final = 9.80665  # m/s^2
-CRAWL: Final = 0.1  # m/s, the least speed that is left
+# m/s, the least speed that is left
+CRAWL: Final = 0.1
 
 
 def lean(roll: float, v: float, omega: float) -> float:
@@ -69,7 +70,8 @@ class Guard:
         self._measured, self._tell = measured, tell
         self._blind = CRAWL * yaw_rate_max(CRAWL, radius_min)
         self._told = False
-        self._roll = 0.0  # the largest of late, rad
+        # the largest of late, rad
+        self._roll = 0.0
         self._time = 0.0
 
     def __call__(self, v: float, omega: float, now: float) -> tuple[float, float]:
@@ -82,7 +84,8 @@ class Guard:
             allowed = self._blind
         else:
             gradient = self.parameters.roll_gradient
-            self._roll = max(self._roll, abs(roll - gradient * sideways))  # the ground's alone
+            # the ground's alone
+            self._roll = max(self._roll, abs(roll - gradient * sideways))
             allowed = sideways_max(self._largest, self._roll, gradient)
             self._told = False
         # what it does now counts, too: the wheels take a while to turn

@@ -12,15 +12,18 @@ from txt1.sensors.base import Reading
 from txt1.sensors.readings import ImuReading
 from txt1.tasks.state import State
 
-FRESH: Final = 0.2  # s, the age up to which a reading counts
-SMOOTH: Final = 0.1  # share of a new reading where the device tells no attitude and its accelerometer shakes
+# s, the age up to which a reading counts
+FRESH: Final = 0.2
+# share of a new reading where the device tells no attitude and its accelerometer shakes
+SMOOTH: Final = 0.1
 
 
 def roll_of(reading: ImuReading) -> float:
     """The roll of a reading, rad, left side up: by its orientation, else by gravity, with which turning mixes."""
     if reading.orientation is not None:
         x, y, z, w = reading.orientation
-        return asin(max(-1.0, min(1.0, 2.0 * (y * z + w * x))))  # of the left side over the horizon
+        # of the left side over the horizon
+        return asin(max(-1.0, min(1.0, 2.0 * (y * z + w * x))))
     _, left, up = reading.acceleration
     return atan2(left, up)
 

@@ -62,7 +62,8 @@ def chips(read_byte: Callable[[int], Any], wanted: int) -> Iterator[Remark]:
         try:
             read_byte(address)
         except OSError as error:
-            if error.errno == errno.EBUSY:  # a driver of the kernel's has it, so it is there
+            # a driver of the kernel's has it, so it is there
+            if error.errno == errno.EBUSY:
                 answered.append(address)
             continue
         answered.append(address)

@@ -23,12 +23,17 @@ from txt1.hal.registry import create_sim
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 from txt1.sim.parameters import LineFaults
 
-FULL_OFF: Final = 0x10  # in the high byte of when an output goes off
+# in the high byte of when an output goes off
+FULL_OFF: Final = 0x10
 OSCILLATOR: Final = 25e6  # Hz
-TRANSFER: Final = 54  # bits of a transfer of four bytes: address, register, data, each acknowledged
-BUS: Final = 3  # marks the random values of a bus
-MONOSTABLE_TIME: Final = 0.2  # s for which the watchdog lets the outputs be on after a rising edge
-AWAY: Final = 1.0  # s for which a line that is cut leaves the servo board without power
+# bits of a transfer of four bytes: address, register, data, each acknowledged
+TRANSFER: Final = 54
+# marks the random values of a bus
+BUS: Final = 3
+# s for which the watchdog lets the outputs be on after a rising edge
+MONOSTABLE_TIME: Final = 0.2
+# s for which a line that is cut leaves the servo board without power
+AWAY: Final = 1.0
 
 
 class Chip(Protocol):

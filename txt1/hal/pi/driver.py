@@ -32,19 +32,28 @@ from txt1.model.odometry import Odometry, rolled
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry, sides
 from txt1.units import Positive
 
-LOST: Final = 0.3  # s without an answer of the guard's
-HANGS: Final = 0.2  # s for which a guard may leave pulses without an answer; then it is killed
-ENDS: Final = 0.25  # s that a guard may take to end; then it is killed
-DIES: Final = 1.0  # s that one may take that was killed: Linux gives a transfer on the bus up after 0.05 s
-WRITES: Final = 2.0  # s in which this process puts out neutral in place of a guard
-SETTLED: Final = 1.0  # s of neutral before the first other output: an ESC arms in that
-AGAIN: Final = 1.0  # s after which a guard that has ended is started again
-START: Final = 10.0  # s that a guard may take to begin: Python on a Raspberry Pi 3
+# s without an answer of the guard's
+LOST: Final = 0.3
+# s for which a guard may leave pulses without an answer; then it is killed
+HANGS: Final = 0.2
+# s that a guard may take to end; then it is killed
+ENDS: Final = 0.25
+# s that one may take that was killed: Linux gives a transfer on the bus up after 0.05 s
+DIES: Final = 1.0
+# s in which this process puts out neutral in place of a guard
+WRITES: Final = 2.0
+# s of neutral before the first other output: an ESC arms in that
+SETTLED: Final = 1.0
+# s after which a guard that has ended is started again
+AGAIN: Final = 1.0
+# s that a guard may take to begin: Python on a Raspberry Pi 3
+START: Final = 10.0
 NOT_NEUTRAL: Final = (
     "the outputs are perhaps not neutral: their guard was killed, and the bus fails; "
     "switch the ESC off, or take its battery out"
 )
-PULSES: Final = (500.0, 2500.0)  # us, which no output leaves
+# us, which no output leaves
+PULSES: Final = (500.0, 2500.0)
 GET_LGPIO: Final = (
     "from Python 3.13 on, where lgpio has no wheel: sudo apt install python3-lgpio, and an "
     "environment made with --system-site-packages"
@@ -101,9 +110,11 @@ class PiOptions:
 class GuardAnswer(NamedTuple):
     """An answer of the guard."""
 
-    done: bool  # the pulses were put out
+    # the pulses were put out
+    done: bool
     voltage: float | None  # V
-    counts: tuple[int, int]  # of the encoders
+    # of the encoders
+    counts: tuple[int, int]
 
 
 class Keeper(Protocol):
@@ -146,7 +157,8 @@ class Process:
         self._ended: subprocess.Popen[bytes] | None = None
         self._again = inf
         self._rest = b""
-        self._unanswered = inf  # since when pulses wait for an answer, s of the run
+        # since when pulses wait for an answer, s of the run
+        self._unanswered = inf
 
     async def open(self) -> None:
         """Start it, and wait until it has put out neutral."""
@@ -155,7 +167,8 @@ class Process:
 
     async def close(self) -> None:
         """End it: its outputs are neutral then, also when it had to be killed; else a HalError."""
-        if self._starting is not None:  # a guard that begins just now has to be ended, too
+        # a guard that begins just now has to be ended, too
+        if self._starting is not None:
             await self._starting
             self._starting = None
         process, self._process, self._ended = self._process or self._ended, None, None
@@ -201,7 +214,8 @@ class Process:
         ended = self._ended
         if ended is not None:
             await _aside(lambda: _end(ended, self._setup))
-            if ended.poll() is None:  # the kernel holds it in the bus
+            # the kernel holds it in the bus
+            if ended.poll() is None:
                 return
             self._ended = None
         with suppress(HalError, OSError):
@@ -232,7 +246,8 @@ async def _aside(work: Callable[[], bool]) -> bool:
 
 def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
     """Start a guard; called in a thread."""
-    if setup.output == "pca9685":  # a guard that is killed leaves no time for imports
+    # a guard that is killed leaves no time for imports
+    if setup.output == "pca9685":
         guard.bus_class(setup)
     process = subprocess.Popen(  # noqa: S603 - our own program
         [sys.executable, "-P", guard.__file__, json.dumps(setup._asdict())],
@@ -319,7 +334,8 @@ class PiHal(PlainHal):
     def _forget(self) -> None:
         self._heard, self._heard_since = -inf, inf  # s of the run
         self._counts: tuple[int, int] | None = None
-        self._past = (0, 0)  # counts of the guards that have ended
+        # counts of the guards that have ended
+        self._past = (0, 0)
         self._odometry = Odometry()
         self._voltage: float | None = None
         self._share, self._forward = 0.0, True
@@ -389,7 +405,8 @@ class PiHal(PlainHal):
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hand the guard the pulses of these outputs."""
-        if self._options.encoders:  # which are read by what is meant, not by what the wires want
+        # which are read by what is meant, not by what the wires want
+        if self._options.encoders:
             motor, front, _ = self._channels.meant(*outputs[:3], self._geometry.steering == "skid")
             self._forward = motor > 0.0 if motor else self._forward
             self._share = min(max(-front / STEERING_MAX, -1.0), 1.0)

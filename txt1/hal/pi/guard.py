@@ -25,26 +25,39 @@ from struct import Struct
 from tempfile import mkdtemp
 from typing import Any, Final, NamedTuple, Protocol
 
-SILENCE_MS: Final = 200  # without pulses, after which the outputs are neutral
-TRIES: Final = 20  # at putting out neutral when a bus fails
-LAST_TRIES: Final = 300  # and so many times as many when the host has gone, for a minute
-TRANSFER_MAX: Final = 5  # units of 10 ms after which Linux gives a transfer up; by default it waits for a second
-I2C_TIMEOUT: Final = 0x0702  # Linux's request that sets it
-TAKEN: Final = 15  # times SILENCE_MS for which a guard waits for the one before, which is about to end
-ANSWER: Final = Struct("<?dqq")  # whether the pulses were put out, the voltage (V, -1: unknown), two encoders' counts
-VOLTAGE_EVERY: Final = 50  # answers
-PULSE: Final = 0.1  # us, what pulses are sent in
-LOCK: Final = Struct("hhqqi4x")  # Linux's struct flock with 64 bits: type, whence, start, length, process
+# without pulses, after which the outputs are neutral
+SILENCE_MS: Final = 200
+# at putting out neutral when a bus fails
+TRIES: Final = 20
+# and so many times as many when the host has gone, for a minute
+LAST_TRIES: Final = 300
+# units of 10 ms after which Linux gives a transfer up; by default it waits for a second
+TRANSFER_MAX: Final = 5
+# Linux's request that sets it
+I2C_TIMEOUT: Final = 0x0702
+# times SILENCE_MS for which a guard waits for the one before, which is about to end
+TAKEN: Final = 15
+# whether the pulses were put out, the voltage (V, -1: unknown), two encoders' counts
+ANSWER: Final = Struct("<?dqq")
+# answers
+VOLTAGE_EVERY: Final = 50
+# us, what pulses are sent in
+PULSE: Final = 0.1
+# Linux's struct flock with 64 bits: type, whence, start, length, process
+LOCK: Final = Struct("hhqqi4x")
 
-LED0: Final = 0x06  # the first output's first register; each has four: when it goes on and off, low byte first
+# the first output's first register; each has four: when it goes on and off, low byte first
+LED0: Final = 0x06
 MODE1: Final = 0x00
 MODE2: Final = 0x01
 PRESCALE: Final = 0xFE
 SLEEP: Final = 0x10
-AUTO: Final = 0x20  # the register counts on while bytes come
+# the register counts on while bytes come
+AUTO: Final = 0x20
 RESTART: Final = 0x80
 TOTEM_POLE: Final = 0x04
-STEPS: Final = 4096  # of a period
+# of a period
+STEPS: Final = 4096
 
 
 class I2cBus(Protocol):
@@ -63,19 +76,31 @@ class I2cBus(Protocol):
 class GuardSetup(NamedTuple):
     """The guard's setup, as the host sends it."""
 
-    bus: int | str  # number of the I2C bus, or the file of a virtual bus
-    output: str  # "pca9685" or "gpio"
-    address: int  # of the servo board
-    frequency: float  # of the pulses, Hz
-    oscillator: float  # of the servo board, Hz
-    channels: Sequence[int]  # of the servo board, or GPIO numbers
-    neutral: Sequence[float]  # pulses, us
-    encoders: Sequence[Sequence[int]]  # GPIO numbers: A and B, or one
-    battery: str  # "none", "ina219" or "ads1115"
+    # number of the I2C bus, or the file of a virtual bus
+    bus: int | str
+    # "pca9685" or "gpio"
+    output: str
+    # of the servo board
+    address: int
+    # of the pulses, Hz
+    frequency: float
+    # of the servo board, Hz
+    oscillator: float
+    # of the servo board, or GPIO numbers
+    channels: Sequence[int]
+    # pulses, us
+    neutral: Sequence[float]
+    # GPIO numbers: A and B, or one
+    encoders: Sequence[Sequence[int]]
+    # "none", "ina219" or "ads1115"
+    battery: str
     battery_address: int
-    battery_channel: int  # of an ADS1115
-    divider: float  # battery's voltage over the one that is measured
-    watchdog: int | None = None  # GPIO number of the pin that feeds the watchdog of the servo board's outputs
+    # of an ADS1115
+    battery_channel: int
+    # battery's voltage over the one that is measured
+    divider: float
+    # GPIO number of the pin that feeds the watchdog of the servo board's outputs
+    watchdog: int | None = None
 
     @property
     def pulses(self) -> Struct:
@@ -115,7 +140,8 @@ class Pca9685:
                 data = [0, 0, off & 0xFF, off >> 8]
                 self._bus.write_i2c_block_data(self._setup.address, LED0 + 4 * channel, data)
         except OSError:
-            self._ready = False  # it may have lost its power, and with it the frequency
+            # it may have lost its power, and with it the frequency
+            self._ready = False
             raise
 
 
@@ -167,7 +193,8 @@ class Ads1115:
 class Quadrature:
     """Counts the edges of an encoder's two signals, forward positive: A before B. With one signal, all of them."""
 
-    STEP: Final = (0, 1, -1, 0, -1, 0, 0, 1, 1, 0, 0, -1, 0, -1, 1, 0)  # by the levels before and after, AB each
+    # by the levels before and after, AB each
+    STEP: Final = (0, 1, -1, 0, -1, 0, 0, 1, 1, 0, 0, -1, 0, -1, 1, 0)
 
     def __init__(self, pins: Sequence[int]) -> None:
         self._pins = pins
@@ -231,10 +258,12 @@ class Guarded:
 def bus_class(setup: GuardSetup) -> Callable[[Any], Any]:
     """Import what opens the I2C bus of a set-up."""
     if isinstance(setup.bus, str):
-        from txt1.hal.pi.double import FileBus  # for a virtual bus only
+        # for a virtual bus only
+        from txt1.hal.pi.double import FileBus
 
         return FileBus
-    from smbus2 import SMBus  # not on every host
+    # not on every host
+    from smbus2 import SMBus
 
     made: Callable[[Any], Any] = SMBus
     return made
@@ -246,7 +275,8 @@ def open_bus(setup: GuardSetup) -> I2cBus | None:
         return None
     bus = bus_class(setup)(setup.bus)
     if not isinstance(setup.bus, str):
-        with suppress(OSError):  # not every adapter can
+        # not every adapter can
+        with suppress(OSError):
             fcntl.ioctl(bus.fd, I2C_TIMEOUT, TRANSFER_MAX)
     opened: I2cBus = bus
     return opened
@@ -355,7 +385,8 @@ def pulses_in(setup: GuardSetup, pulses: Sequence[float]) -> bytes:
 def main(words: Sequence[str]) -> int:
     """Guard until the host has ended."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
-        signal.signal(number, signal.SIG_IGN)  # it ends with its host
+        # it ends with its host
+        signal.signal(number, signal.SIG_IGN)
     setup = GuardSetup(**json.loads(words[0]))
     try:
         claim(setup, TAKEN)
@@ -374,13 +405,15 @@ def main(words: Sequence[str]) -> int:
             guard.neutral()
             continue
         data = os.read(stdin, 4096)
-        if not data or os.getppid() != host:  # what a host that is gone has left in the pipe is old
+        # what a host that is gone has left in the pipe is old
+        if not data or os.getppid() != host:
             break
         rest += data
         whole = len(rest) // size * size
         if whole:
             newest, rest = rest[whole - size : whole], rest[whole:]
-            with suppress(OSError):  # a host that does not listen
+            # a host that does not listen
+            with suppress(OSError):
                 os.write(stdout, guard.answer([PULSE * count for count in setup.pulses.unpack(newest)]))
     for _ in range(LAST_TRIES):
         if guard.neutral():

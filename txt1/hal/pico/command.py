@@ -70,7 +70,8 @@ def _reset(board: OverMpremote) -> None:
     """Restart the board; it hangs up in the middle of the command."""
     try:
         board.run(RESET)
-    except Exception as error:  # mpremote says in one way or another that the board has gone
+    except Exception as error:
+        # mpremote says in one way or another that the board has gone
         say(f"restarting ({error.__class__.__name__})")
 
 

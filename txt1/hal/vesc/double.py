@@ -16,10 +16,14 @@ from txt1.hal.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions,
 from txt1.link.base import Link
 from txt1.model.vehicle import PWM_MAX
 
-VESC_TIMEOUT: Final = 1.0  # s; the firmware's own
-ERPM_MIN: Final = 900.0  # electrical turns a minute below which the speed loop lets the motor roll; the firmware's own
-APPCONF: Final = 470  # bytes of its settings, about
-SIGNATURE: Final = 0x0B5C8F1D  # of their layout; differs with every firmware
+# s; the firmware's own
+VESC_TIMEOUT: Final = 1.0
+# electrical turns a minute below which the speed loop lets the motor roll; the firmware's own
+ERPM_MIN: Final = 900.0
+# bytes of its settings, about
+APPCONF: Final = 470
+# of their layout; differs with every firmware
+SIGNATURE: Final = 0x0B5C8F1D
 _VALUES: Final = Struct(">BhhiiiihihiiiiiiBiBhhhii")
 
 
@@ -38,7 +42,8 @@ class Vesc(Controller):
         self._unpacker = Unpacker()
         self._command, self._value = PacketId.SET_CURRENT, 0.0
         self._servo = options.servo_centre
-        self._heard = -inf  # loop time of the last command
+        # loop time of the last command
+        self._heard = -inf
         self._distance = self._last = self._duty = 0.0
 
     @property
@@ -66,7 +71,8 @@ class Vesc(Controller):
                 motor = self.car.counts(now, wanted)[0]
             case PacketId.SET_DUTY:
                 motor = sign * min(max(value, -1.0), 1.0) * PWM_MAX
-            case PacketId.SET_CURRENT:  # the simulated vehicle knows no torque: 60 A are full throttle
+            case PacketId.SET_CURRENT:
+                # the simulated vehicle knows no torque: 60 A are full throttle
                 motor = sign * min(max(value / 60.0, -1.0), 1.0) * PWM_MAX
         self._duty = sign * motor / PWM_MAX
         share = (self._servo - self._options.servo_centre) / self._options.servo_range

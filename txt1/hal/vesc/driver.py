@@ -23,11 +23,16 @@ from txt1.model.odometry import Odometry, rolled
 from txt1.model.vehicle import Geometry
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 
-STEPS: Final = 6  # counts of the tachometer in an electrical turn
-LENGTH_MAX: Final = 512  # bytes of a payload
-TIMEOUT_MAX: Final = 1.0  # s that a time-out of the controller's may be long without being remarked on
-ASK_AGAIN: Final = 1.0  # s after which firmware and settings are asked for again, until they are told
-RESTARTED: Final = 2.0  # m between two reports that are no motion
+# counts of the tachometer in an electrical turn
+STEPS: Final = 6
+# bytes of a payload
+LENGTH_MAX: Final = 512
+# s that a time-out of the controller's may be long without being remarked on
+TIMEOUT_MAX: Final = 1.0
+# s after which firmware and settings are asked for again, until they are told
+ASK_AGAIN: Final = 1.0
+# m between two reports that are no motion
+RESTARTED: Final = 2.0
 
 
 class PacketId(IntEnum):
@@ -136,21 +141,31 @@ class Unpacker:
 class Values(NamedTuple):
     """The controller's report, as in its answer to GET_VALUES."""
 
-    transistors: float  # their temperature, degrees Celsius
-    motor: float  # its temperature, degrees Celsius
+    # their temperature, degrees Celsius
+    transistors: float
+    # its temperature, degrees Celsius
+    motor: float
     motor_current: float  # A
     input_current: float  # A
-    duty: float  # -1 to 1
-    erpm: int  # electrical turns a minute
-    voltage: float  # of the battery, V
-    tachometer: int  # sixths of an electrical turn, forward positive
-    distance: int  # the same, always rising
-    fault: int  # 0: none
-    timed_out: bool | None  # it has stopped as nothing came; None: older firmware does not tell
+    # -1 to 1
+    duty: float
+    # electrical turns a minute
+    erpm: int
+    # of the battery, V
+    voltage: float
+    # sixths of an electrical turn, forward positive
+    tachometer: int
+    # the same, always rising
+    distance: int
+    # 0: none
+    fault: int
+    # it has stopped as nothing came; None: older firmware does not tell
+    timed_out: bool | None
 
 
 _VALUES: Final = Struct(">hhiiiihihiiiiiiB")
-_STATUS_AT: Final = 73  # bytes behind the command; firmware that has it tells in its first bit of a time-out
+# bytes behind the command; firmware that has it tells in its first bit of a time-out
+_STATUS_AT: Final = 73
 
 
 def values_of(payload: bytes) -> Values | None:
@@ -223,17 +238,21 @@ class VescHal(PlainHal):
         self._erpm_per_speed = sign * 60.0 * options.pole_pairs * options.gear / geometry.circumference
         self._count_length = sign * geometry.circumference / (STEPS * options.pole_pairs * options.gear)
         self._unpacker = Unpacker()
-        self._skipped = 0  # faults of streams that are gone
+        # faults of streams that are gone
+        self._skipped = 0
         self._forget()
 
     def _forget(self) -> None:
         self._odometry: Odometry | None = None
         self._values: Values | None = None
-        self._taken = 0.0  # loop time of the values
+        # loop time of the values
+        self._taken = 0.0
         self._firmware: tuple[int, int] | None = None
         self._timeout: float | None = None
-        self._asked = -ASK_AGAIN  # loop time
-        self._share = 0.0  # of the steering's range, left positive
+        # loop time
+        self._asked = -ASK_AGAIN
+        # of the steering's range, left positive
+        self._share = 0.0
         self._halted = False
 
     async def open(self) -> None:

@@ -27,10 +27,13 @@ from txt1.hal.waveshare.driver import (
 )
 from txt1.model.vehicle import PWM_MAX
 
-HEARTBEAT_MS: Final = 3000.0  # as it comes
+# as it comes
+HEARTBEAT_MS: Final = 3000.0
 GYRO: Final = 16.4 * 180.0 / pi  # counts for 1 rad/s
-BIAS: Final = 12.0  # counts, of the simulated gyroscope
-ASK: Final = 130  # for one report
+# counts, of the simulated gyroscope
+BIAS: Final = 12.0
+# for one report
+ASK: Final = 130
 ROS: Final = 13  # X in m/s and Z in rad/s
 
 
@@ -45,9 +48,11 @@ class Waveshare(Controller):
         """Time without a set-point after which it stops, ms."""
         self._track, self._encoders = config.geometry.track_width, options.encoders
         self._rest = b""
-        self._sides = 0.0, 0.0  # right and left: m/s, or PWM
+        # right and left: m/s, or PWM
+        self._sides = 0.0, 0.0
         self._by_pwm = False
-        self._heard = -inf  # s since power-up
+        # s since power-up
+        self._heard = -inf
         self._reports, self._interval, self._echoes = False, 0.0, False
         self._reported = -inf
 

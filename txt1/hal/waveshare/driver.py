@@ -22,28 +22,46 @@ from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX, Geometry, sides
 from txt1.units import Positive, PositiveInt
 
-SPEED: Final = 1  # commands: L and R, m/s
-PWM: Final = 11  # L and R, -255 to 255
-FEEDBACK: Final = 131  # whether it reports without being asked
+# commands: L and R, m/s
+SPEED: Final = 1
+# L and R, -255 to 255
+PWM: Final = 11
+# whether it reports without being asked
+FEEDBACK: Final = 131
 HEARTBEAT: Final = 136  # ms
-INTERVAL: Final = 142  # between two reports, ms
-ECHO: Final = 143  # whether it sends back what it is sent
-REPORT: Final = 1001  # what it reports itself
+# between two reports, ms
+INTERVAL: Final = 142
+# whether it sends back what it is sent
+ECHO: Final = 143
+# what it reports itself
+REPORT: Final = 1001
 
 PWM_FULL: Final = 255
-LINE_MAX: Final = 2048  # bytes; a report has about 200
-EVERY: Final = 20  # ms between two reports
+# bytes; a report has about 200
+LINE_MAX: Final = 2048
+# ms between two reports
+EVERY: Final = 20
 SETTINGS_EVERY: Final = 1.0  # s
-HUNDREDTHS: Final = 60.0  # V: more than this is hundredths of one, and paths are in cm
-ROUNDED: Final = 0.011  # m by which paths in whole centimetres leap
-SLOW: Final = 0.3  # m/s with which a side may have rolled on although it says that it stands
-BURST: Final = 0.1  # s in whose course reports that were held back may come at once
-RESTART: Final = 0.2  # s without a report, after which a board that begins at 0 has restarted: reports come every 20 ms
-KICK: Final = 1.0, 10.0  # by which a side's speed changes from report to report: m/s, and m/s^2 besides
-SWING: Final = 2.0, 100.0  # likewise a yaw rate: rad/s, and rad/s^2
-GAP: Final = 0.2  # s: a yaw rate holds no longer
-CALM: Final = 25  # reports at rest that make the gyroscope's bias known
-LARGEST_NUMBER: Final = 1e9  # numbers beyond this are none
+# V: more than this is hundredths of one, and paths are in cm
+HUNDREDTHS: Final = 60.0
+# m by which paths in whole centimetres leap
+ROUNDED: Final = 0.011
+# m/s with which a side may have rolled on although it says that it stands
+SLOW: Final = 0.3
+# s in whose course reports that were held back may come at once
+BURST: Final = 0.1
+# s without a report, after which a board that begins at 0 has restarted: reports come every 20 ms
+RESTART: Final = 0.2
+# by which a side's speed changes from report to report: m/s, and m/s^2 besides
+KICK: Final = 1.0, 10.0
+# likewise a yaw rate: rad/s, and rad/s^2
+SWING: Final = 2.0, 100.0
+# s: a yaw rate holds no longer
+GAP: Final = 0.2
+# reports at rest that make the gyroscope's bias known
+CALM: Final = 25
+# numbers beyond this are none
+LARGEST_NUMBER: Final = 1e9
 
 
 def line(command: int, **values: float) -> bytes:
@@ -76,7 +94,8 @@ class Lines:
             clean &= not words[at:start].strip()
             try:
                 value, at = self._decoder.raw_decode(words, start)
-            except (ValueError, RecursionError):  # torn: another may begin behind its brace
+            except (ValueError, RecursionError):
+                # torn: another may begin behind its brace
                 clean, at = False, start + 1
                 continue
             if isinstance(value, dict):
@@ -95,12 +114,15 @@ def number(value: Any) -> float | None:
 class BoardReport(NamedTuple):
     """The board's report; None where it has no such value."""
 
-    left: float | None  # speed of that side, m/s
+    # speed of that side, m/s
+    left: float | None
     right: float | None
-    path_left: float | None  # rolled by that side, m
+    # rolled by that side, m
+    path_left: float | None
     path_right: float | None
     voltage: float | None  # V
-    gyro: float | None  # about the vertical axis, as it comes
+    # about the vertical axis, as it comes
+    gyro: float | None
 
 
 def report_of(found: dict[str, Any]) -> BoardReport | None:
@@ -182,17 +204,21 @@ class WaveshareHal(PlainHal):
         self._line = Line(port, wrap, "reports of the rover's board", self._greet, self._take, hal=self.name)
         self._options, self._geometry = options, geometry
         self._lines = Lines()
-        self._skipped = 0  # faults of streams that are gone
+        # faults of streams that are gone
+        self._skipped = 0
         self._forget()
 
     def _forget(self) -> None:
         self._odometry: Odometry | None = None
         self._report: BoardReport | None = None
-        self._doubted: BoardReport | None = None  # one that does not follow from it
+        # one that does not follow from it
+        self._doubted: BoardReport | None = None
         self._doubts = 0
-        self._taken = 0.0  # loop time of the report
+        # loop time of the report
+        self._taken = 0.0
         self._batteries: tuple[float, float] | None = None
-        self._set = -SETTINGS_EVERY  # loop time
+        # loop time
+        self._set = -SETTINGS_EVERY
         self._bias, self._calm = 0.0, 0
         self._halted = False
 
@@ -210,7 +236,8 @@ class WaveshareHal(PlainHal):
         self._lines = Lines()
         self._report = self._doubted = None
         self._set = self._line.time() - SETTINGS_EVERY
-        self._line.send(b"\n")  # ends what an earlier host has left half said
+        # ends what an earlier host has left half said
+        self._line.send(b"\n")
 
     def read(self, now: float) -> Inputs:
         """Odometry by the sides' paths and the gyroscope, and the battery's voltage."""
@@ -266,7 +293,8 @@ class WaveshareHal(PlainHal):
         if self._report is not None and not goes_on(self._report, report, since, self._options.gyro):
             first = self._doubted is None or not goes_on(self._doubted, report, since, self._options.gyro)
             self._doubted = report
-            if first:  # nothing is lost: paths count on, and a second one that says the same is believed
+            # nothing is lost: paths count on, and a second one that says the same is believed
+            if first:
                 self._doubts += 1
                 return
         self._doubted = None

@@ -67,7 +67,8 @@ def main(arguments: argparse.Namespace) -> int:
     """Do the trials and write their results; return the exit code."""
     name = arguments.agent or "thesis"
     config = loaded(_in_world(arguments, name)).config
-    make(name, config, np.random.default_rng(0))  # refuses a wrong name or options at once
+    # refuses a wrong name or options at once
+    make(name, config, np.random.default_rng(0))
     speed = robot_speed(arguments, config)
     plan = Plan(
         name,

@@ -46,8 +46,10 @@ from txt1.trials.run import run
 from txt1.trials.workers import Workers, stopped
 
 HERE: Final = Workers()
-BEGIN: Final = 4.0  # s of the run at which a trial in simulation begins; by then the robot is ready
-Ended = signal.Signals | Txt1Error | None  # why there are no more trials; None: all are complete
+# s of the run at which a trial in simulation begins; by then the robot is ready
+BEGIN: Final = 4.0
+# why there are no more trials; None: all are complete
+Ended = signal.Signals | Txt1Error | None
 
 
 def conduct(
@@ -114,13 +116,20 @@ def on_robot(
     plan: Plan,
     number: int,
     *,
-    agent: Agent | None = None,  # the learner, in place of the plan's
-    done: Callable[[Episode], None] = lambda _: None,  # called with each episode as it ends
-    commands: Commands | None = None,  # (v, omega) of each action, m/s and rad/s, in place of the configured
-    stopped: Callable[[], bool] = lambda: False,  # asked all the time; the trial ends once it returns True
-    before: TrialResult | None = None,  # the result so far of an interrupted trial, which then carries on
-    out: Path | None = None,  # the directory for the result; also written after an error if an episode was completed
-    log: Path | None = None,  # the file to record it to
+    # the learner, in place of the plan's
+    agent: Agent | None = None,
+    # called with each episode as it ends
+    done: Callable[[Episode], None] = lambda _: None,
+    # (v, omega) of each action, m/s and rad/s, in place of the configured
+    commands: Commands | None = None,
+    # asked all the time; the trial ends once it returns True
+    stopped: Callable[[], bool] = lambda: False,
+    # the result so far of an interrupted trial, which then carries on
+    before: TrialResult | None = None,
+    # the directory for the result; also written after an error if an episode was completed
+    out: Path | None = None,
+    # the file to record it to
+    log: Path | None = None,
 ) -> TrialResult:
     """Do a trial of a plan through the robot's real tasks, and return its result.
 
@@ -146,7 +155,8 @@ def on_robot(
         async with app.robot(own, log=log, about=told) as robot:
             await need_light(robot, [seed, number, SENSORS], trial)
             await get_ready(robot, plan.arm or None)
-            if robot.hal.capabilities.place:  # always at the same instant
+            # always at the same instant
+            if robot.hal.capabilities.place:
                 await asyncio.sleep(max(0.0, BEGIN - 0.001 - robot.now))
             learning = LearningTask(
                 robot,

@@ -39,7 +39,8 @@ POINTS: Final = define(
     "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\n"
     "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense",
 )
-FLOAT32: Final = 7  # a PointField's datatype
+# a PointField's datatype
+FLOAT32: Final = 7
 _FIELDS: Final = [
     {"name": name, "offset": 4 * place, "datatype": FLOAT32, "count": 1} for place, name in enumerate("xyz")
 ]
@@ -47,7 +48,8 @@ SCAN: Final = "sensor_msgs/msg/LaserScan"
 MAP: Final = "nav_msgs/msg/OccupancyGrid"
 PARTICLES: Final = "geometry_msgs/msg/PoseArray"
 PLACE: Final = "geometry_msgs/msg/PoseWithCovarianceStamped"
-OCCUPIED_FROM: Final = 50  # per cent: no floor to drive on
+# per cent: no floor to drive on
+OCCUPIED_FROM: Final = 50
 WAY: Final = 0.05  # m
 SCRIPT: Final = Path(__file__).with_name("rerun_script.py")
 
