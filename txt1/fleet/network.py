@@ -21,7 +21,7 @@ age of each message is measured with the sender's clock.
 it was seen to stand. A robot is expected if it is alive, was heard in the last half minute, or was named. The stop is
 repeated for another second, in case a robot joins meanwhile. With a share p of all messages lost, one robot is still
 missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3. Every robot obeys each stop that it hears, even a
-stop that is not signed.
+stop that is not signed. After a second in which not all have answered, it is said through a new session, too.
 
 **Names** are unique. The peer that joined later leaves, and so does one that hears its own name in use. A peer looks
 for its name when it joins. On a busy computer the others may not be found by then. So for another half minute it also
@@ -79,6 +79,8 @@ LONGER: Final = 1.0
 STOP_FOR: Final = 30.0
 # s after the last gate has closed; a robot that was not seen to stand by then is given up
 SETTLED: Final = 5.0
+# s after which a stop that some robot has not answered is also said through a new session
+UNANSWERED: Final = 1.0
 # s after which a stop ends if no robot is heard
 ALONE: Final = 3.0
 # s; a robot that was heard within this time is expected to answer a stop
@@ -142,14 +144,19 @@ class Hooks:
 
 
 def configuration(interface: str = "", key: FleetKey | None = None, dictionary: str = "") -> Any:
-    """Zenoh's configuration; `key` and `dictionary`, the file of its password, are for an interface beyond loopback."""
+    """Zenoh's configuration; `key` and `dictionary`, the file of its password, are for an interface beyond loopback.
+
+    Two peers that connect to each other in the same instant may end up with a session that carries messages one way
+    only. So on loopback a peer connects to what is there as it joins, and again every few seconds to what was too busy
+    to answer, and is introduced to nobody; on an interface the peer with the greater ID connects.
+    """
     zenoh = need_zenoh()
     config = zenoh.Config()
     settings: dict[str, Any] = {
-        "mode": "peer", "scouting/multicast/enabled": bool(interface), "scouting/gossip/enabled": True,
+        "mode": "peer", "scouting/multicast/enabled": bool(interface), "scouting/gossip/enabled": bool(interface),
         "listen/exit_on_failure": True, "listen/timeout_ms": 0,
-        "connect/exit_on_failure": False, "connect/timeout_ms": 0,
-        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
+        "connect/exit_on_failure": False, "connect/timeout_ms": -1,
+        "connect/retry": {"period_init_ms": 1500, "period_max_ms": 4000, "period_increase_factor": 2},
     }  # fmt: skip
     if not interface:
         settings["connect/endpoints"] = [f"tcp/127.0.0.1:{port}" for port in PORTS]
@@ -160,6 +167,8 @@ def configuration(interface: str = "", key: FleetKey | None = None, dictionary: 
         password = {"user": key.fleet, "password": key.password, "dictionary_file": dictionary}
         settings["transport/auth/usrpwd"] = password
         settings["scouting/multicast/interface"] = interface
+        for each in ("multicast", "gossip"):
+            settings[f"scouting/{each}/autoconnect_strategy"] = {"peer": {"to_peer": "greater-zid"}}
         settings["listen/endpoints"] = [f"tcp/0.0.0.0:0#iface={interface}"]
     for name, value in settings.items():
         config.insert_json5(name, json.dumps(value))
@@ -212,6 +221,8 @@ class Peer:
         self._refused: dict[str, str] = {}
         # the newest stop that began here
         self._stop: StopOfAll | None = None
+        # threads that say a stop through a new session
+        self._anew: list[threading.Thread] = []
         # identities of the stops that began here
         self._said: deque[str] = deque(maxlen=SAID_MAX)
         self._closing = threading.Event()
@@ -220,6 +231,7 @@ class Peer:
         self._console = console
         if not is_name(name):
             raise ConfigError(f"name: '{name}': in a fleet a name has small letters, digits and _, 64 at most")
+        self._interface = interface
         self._session = self._open(interface)
         self.id = f"{wall_ns():020d}-{self._session.zid()}"
         self.began = self.now
@@ -240,6 +252,11 @@ class Peer:
         """Leave the fleet."""
         self._closing.set()
         self._unmeasured.set()
+        with self._lock:
+            saying = tuple(self._anew)
+        # Python cannot end while a thread opens a session
+        for each in saying:
+            each.join()
         self._session.close()
 
     @property
@@ -287,18 +304,37 @@ class Peer:
 
     def _say_stop(self, stop: StopOfAll) -> None:
         complete = closed = 0.0
-        while stop is self._stop and self.now < stop.began + STOP_FOR:
-            self._put(f"stop/{self.name}", {"stop": stop.identity})
+        ends = threading.Event()
+        anew = threading.Thread(target=self._say_anew, args=(stop, ends), name="fleet stop anew", daemon=True)
+        try:
+            while stop is self._stop and self.now < stop.began + STOP_FOR:
+                self._put(f"stop/{self.name}", {"stop": stop.identity})
+                with self._lock:
+                    now, others = self.now, self._others.items()
+                    stop.expect(name for name, one in others if one.alive or 0.0 < now - one.heard < RECENT)
+                    standing = stop.standing()
+                    if anew.ident is None and now > stop.began + UNANSWERED and not standing.closed:
+                        self._anew.append(anew)
+                        anew.start()
+                alone = standing == Standing() and now > stop.began + ALONE
+                complete = (complete or now) if standing.complete else 0.0
+                closed = (closed or now) if standing.closed else 0.0
+                done = (complete and now > complete + LONGER) or (closed and now > closed + SETTLED)
+                if alone or done or self._closing.wait(REPEAT):
+                    return
+        finally:
+            ends.set()
+
+    def _say_anew(self, stop: StopOfAll, ends: threading.Event) -> None:
+        """Say a stop through a new session, too: it meets everybody anew, whatever is wrong with the old one."""
+        try:
+            with suppress(ConfigError, self._zenoh.ZError), self._open(self._interface) as session:
+                session.declare_subscriber(f"{self._space}/stopped/{self.name}", self._checked(self._take_answer))
+                while not ends.wait(REPEAT) and not self._closing.is_set():
+                    self._put(f"stop/{self.name}", {"stop": stop.identity}, session)
+        finally:
             with self._lock:
-                now = self.now
-                stop.expect(name for name, one in self._others.items() if one.alive or 0.0 < now - one.heard < RECENT)
-                standing = stop.standing()
-            alone = standing == Standing() and now > stop.began + ALONE
-            complete = (complete or now) if standing.complete else 0.0
-            closed = (closed or now) if standing.closed else 0.0
-            done = (complete and now > complete + LONGER) or (closed and now > closed + SETTLED)
-            if alone or done or self._closing.wait(REPEAT):
-                return
+                self._anew.remove(threading.current_thread())
 
     def listen(self, duration: float) -> None:
         """Wait for `duration` s."""
@@ -339,13 +375,13 @@ class Peer:
 
     # -- in Zenoh's threads ------------------------------------------------------------------------------------
 
-    def _put(self, key: str, message: Mapping[str, Any]) -> None:
+    def _put(self, key: str, message: Mapping[str, Any], session: Any = None) -> None:
         if self._closing.is_set() or (self._loss and self._rng.random() < self._loss):
             return
         whole = {"from": self.name, "id": self.id, "sent": self._clock.now_ns(), **message}
         urgent = not key.startswith(("state", "learned"))
         try:
-            self._session.put(
+            (session or self._session).put(
                 f"{self._space}/{key}",
                 self._key.signed(key, json.dumps(whole).encode()),
                 express=True,
