@@ -18,6 +18,7 @@ from blockbuster import BlockBuster
 from tests.e2e.conftest import ENDLESS, may_block
 from tests.patience import TXT1
 from txt1.cli import execute
+from txt1.cli.app import App
 from txt1.commands import FAULT, OK, USAGE
 from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
@@ -190,17 +191,30 @@ EVERY_STEP = [
 def test_ctrl_c_ends_it_at_once_with_the_file_as_far_as_it_has_come(kind: str, step: int, tmp_path: Path) -> None:
     file, names = tmp_path / "mine.yaml", STEPS_OF[kind]
     words = ["calibrate", "--vehicle", kind, "--seed", "3", "--write", str(file), "--speed", "40"]
-    with subprocess.Popen([*TXT1, *words], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([*TXT1, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:
             if line.startswith(f"-- {step} of {len(names)}"):
                 process.send_signal(signal.SIGINT)
                 break
         told = process.stdout.read()
-    assert process.returncode == 130
+    assert process.returncode == 130, told
     assert "the same command goes on there" in told
     done = load(None, (), {}, {"vehicle": str(file)}).config.calibrated if file.exists() else ()
     assert list(done) == names[: step - 1]
+
+
+def test_a_command_that_finds_the_gate_closed_by_ctrl_c_is_ended_by_ctrl_c() -> None:
+    app = App()
+
+    async def work() -> None:
+        signal.raise_signal(signal.SIGINT)
+        try:
+            await asyncio.Future()
+        except asyncio.CancelledError:
+            raise NotArmed("ended by a signal") from None
+
+    assert app.run(work()) == 130
 
 
 def test_it_writes_a_vehicles_file_and_shows_before_and_after(

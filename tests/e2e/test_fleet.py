@@ -399,7 +399,8 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
             stack.callback(console.close)
             listening = configuration()
             listening.insert_json5("listen/endpoints", json.dumps(["tcp/127.0.0.1:0"]))
-            strangers = itertools.cycle([stack.enter_context(zenoh.open(listening)) for _ in range(2)])
+            opened = [await asyncio.to_thread(zenoh.open, listening) for _ in range(2)]
+            strangers = itertools.cycle([stack.enter_context(each) for each in opened])
 
             def says(where: str, message: object) -> None:
                 next(strangers).put(f"{key.space}/{where}", key.signed(where, json.dumps(message).encode()))

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 from txt1.commands import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, View, say, signals_to
 from txt1.config import Config
 from txt1.driver import REFRESH
-from txt1.errors import ConfigError, HalError, StopNotVerified, TaskFault
+from txt1.errors import ConfigError, HalError, NotArmed, StopNotVerified, TaskFault
 from txt1.hal.base import Hal
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.realtime import SWEEP, realtime
@@ -104,6 +104,10 @@ class App:
                 run(main(), speed=self.speed)
         except asyncio.CancelledError:
             if self.code == OK and not unexpected:
+                raise
+        except NotArmed:
+            # a command may find the gate closed by a signal just before it is cancelled
+            if self.code == OK:
                 raise
         if unexpected:
             raise TaskFault("event loop", unexpected[0]) from unexpected[0]
