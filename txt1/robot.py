@@ -576,8 +576,9 @@ class Robot:
 
     async def _drive_messages(self, ticks: Ticks) -> None:
         """Run the driver: send a Velocity message in every period."""
+        runtime, rearm = self.runtime, self.config.serial.rearm
         async for now in ticks:
-            if self.arms_again and self.runtime.linked:
+            if rearm and self.arms_again and runtime.linked:
                 # it may be disarmed for another reason, which may pass
                 with suppress(NotArmed):
                     self.arm()
