@@ -169,7 +169,8 @@ class Commander:
             if driver is not None:
                 driver.overruled = source.name
             self._driver, self._since, self._told = source, time, None
-        source.held = max(source.held, time)
+        if time > source.held:
+            source.held = time
         return True
 
     def _refuse(self, name: str) -> None:

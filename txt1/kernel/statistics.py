@@ -42,10 +42,15 @@ class Histogram:
 
     def add(self, ns: int) -> None:
         """Count one duration in ns; a negative one counts as 0."""
-        ns = max(ns, 0)
-        shift = max(ns.bit_length() - _SUB_BITS - 1, 0)
+        # comparisons, as `max` takes longer than the rest
+        if ns < 0:
+            ns = 0
+        shift = ns.bit_length() - _SUB_BITS - 1
+        if shift < 0:
+            shift = 0
         self._counts[(shift << _SUB_BITS) + (ns >> shift)] += 1
-        self.max_ns = max(self.max_ns, ns)
+        if ns > self.max_ns:
+            self.max_ns = ns
 
     def copy(self) -> Histogram:
         """Return a new histogram with the same counts."""
