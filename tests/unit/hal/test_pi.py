@@ -464,13 +464,13 @@ def test_each_guard_that_hangs_or_is_killed_is_replaced_behind_neutral_outputs(
         try:
             for count in (1, 2):  # the second guard hangs as well
                 os.kill(await stopped_while_driving(hal, registers, began), number)
-                await drive_until(hal, lambda n=count: len(seen) == n, began)
+                await drive_until(hal, lambda n=count: sum(drove for drove, *_ in seen) >= n, began)
         finally:
             await hal.close()
 
     run(body())
-    # on a slow machine the last guard, which stood already, is killed at the end as well
-    assert seen[:2] == [(True, [], True, pytest.approx(1500.0, abs=5.0))] * 2
+    # on a slow machine guards that stood already are replaced as well
+    assert [rest for _, *rest in seen] == [[[], True, pytest.approx(1500.0, abs=5.0)]] * len(seen)
     assert processes_of(registers) == []
 
 
