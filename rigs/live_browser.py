@@ -10,7 +10,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import AsyncExitStack, contextmanager
+from contextlib import AsyncExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -102,24 +102,37 @@ def live(
     With `realtime` it asks to go before all other programs, as `txt1 run --realtime` does.
     """
     port = free_port()
+    begun: Future[tuple[asyncio.AbstractEventLoop, asyncio.Task[None]]] = Future()
     started: Future[Live] = Future()
     given = {"port": port, "folder": str(folder), "speed": speed, **options}
-    main = partial(_main, started, hal, settings, given, folder, realtime)
-    thread = threading.Thread(target=run, args=(main(),), name="robot")
+    main = partial(_main, begun, started, hal, settings, given, folder, realtime)
+    # a daemon, so that a robot that does not end fails one test and does not keep the program
+    thread = threading.Thread(target=lambda: run(main()), name="robot", daemon=True)
     with surviving():
         thread.start()
         try:
-            here = started.result(LIMIT)
-            yield here
+            yield started.result(LIMIT)
         finally:
-            if started.done() and started.exception() is None:
-                here.loop.call_soon_threadsafe(here.ended.set)  # type: ignore[attr-defined]
+            loop, task = begun.result(LIMIT)
+            with suppress(RuntimeError):
+                # the loop has ended by itself
+                loop.call_soon_threadsafe(task.cancel)
             thread.join(LIMIT)
+            assert not thread.is_alive(), "the robot did not end"
 
 
 async def _main(
-    started: Future[Live], hal: str, settings: Sequence[str], given: dict[str, Any], folder: Path, realtime: bool
+    begun: Future[tuple[asyncio.AbstractEventLoop, asyncio.Task[None]]],
+    started: Future[Live],
+    hal: str,
+    settings: Sequence[str],
+    given: dict[str, Any],
+    folder: Path,
+    realtime: bool,
 ) -> None:
+    task = asyncio.current_task()
+    assert task is not None
+    begun.set_result((asyncio.get_running_loop(), task))
     try:
         async with Robot.open(hal=hal, seed=1, settings=settings) as robot, AsyncExitStack() as rights:
             if realtime:
@@ -128,10 +141,9 @@ async def _main(
             if not robot.armed:
                 robot.arm()
             here = Live(robot, asyncio.get_running_loop(), given["port"])
-            here.ended = asyncio.Event()  # type: ignore[attr-defined]
             robot.add_task("watch", 0.02, here.watch, -10)
             services = Services(robot, robot.config, None, folder)
-            async with bridge(robot, "web", given, services.requests) as beside:
+            async with bridge(robot, "web", given, services.requests, silence=LIMIT) as beside:
                 while True:
                     try:
                         _, writer = await asyncio.open_connection("127.0.0.1", given["port"])
@@ -141,8 +153,13 @@ async def _main(
                         await asyncio.sleep(0.05)
                 here.pid = beside.pid or 0
                 started.set_result(here)
-                await here.ended.wait()  # type: ignore[attr-defined]
+                with suppress(asyncio.CancelledError):
+                    await asyncio.Future()
+                task.uncancel()
             await services.close()
+    except asyncio.CancelledError:
+        # nobody waits for it any more
+        return
     except BaseException as error:
         if not started.done():
             started.set_exception(error)

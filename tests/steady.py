@@ -26,6 +26,7 @@ PYTEST: Final = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider")
 SUITE: Final = ("--numprocesses=6", "--dist=worksteal")
 WAITING: Final = (*SUITE, "-m", "waits and not long and not browser")
 BROWSER: Final = ("-m", "browser", "tests/browser")
+HUNG: Final = 1800.0  # s that one pytest may take
 NOTHING: Final = 5  # pytest's exit code where all tests are skipped or none is chosen
 
 
@@ -77,8 +78,12 @@ def kept() -> dict[str, Any]:
 
 
 def pytest(words: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    """One pytest, to its end."""
-    return subprocess.run([*PYTEST, *words], cwd=ROOT, capture_output=True, text=True, check=False)
+    """One pytest, to its end; one that hangs has failed."""
+    try:
+        return subprocess.run([*PYTEST, *words], cwd=ROOT, capture_output=True, text=True, check=False, timeout=HUNG)
+    except subprocess.TimeoutExpired as hung:
+        said = (hung.stdout or b"").decode(errors="replace")
+        return subprocess.CompletedProcess(hung.args, 1, said, f"pytest hung for {HUNG:g} s")
 
 
 def ran(one: Round) -> dict[str, Any]:

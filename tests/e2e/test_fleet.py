@@ -396,7 +396,7 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
             at_work = bridge(robot, "fleet", {"name": "net01", "fleet": fleet}, link.requests)
             beside = await stack.enter_async_context(at_work)
             console = await asyncio.to_thread(Peer, "console1", fleet=fleet, console=True)
-            stack.callback(console.close)
+            stack.push_async_callback(asyncio.to_thread, console.close)
             listening = configuration()
             listening.insert_json5("listen/endpoints", json.dumps(["tcp/127.0.0.1:0"]))
             opened = [await asyncio.to_thread(zenoh.open, listening) for _ in range(2)]
