@@ -199,6 +199,15 @@ def test_an_unknown_key_is_refused_with_the_nearest_one(write: Write, key: str, 
     assert refusal(file).startswith(f"{key}: unknown key (from {file}); {remedy}")
 
 
+def test_an_obstacle_without_a_kind_is_told_the_kinds() -> None:
+    for obstacle, wrong in (
+        ("{x: 1, y: 1}", "it has no kind"),
+        ("{kind: cone, x: 1, y: 1}", "there is no kind 'cone'"),
+    ):
+        told = refusal(overrides=[f"sim.obstacles=[{obstacle}]"])
+        assert told.startswith(f"sim.obstacles.0: {wrong}; give kind: box or kind: post (from --set")
+
+
 def test_a_key_below_a_value_is_refused() -> None:
     assert refusal(overrides=["seed.low=1"]) == (
         "seed.low: there is nothing below 'seed' (from --set seed.low=1); give that key one value"

@@ -317,6 +317,11 @@ def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
         message = "unknown key"
+    if first["type"] in ("union_tag_not_found", "union_tag_invalid"):
+        # of the only list whose items are of several kinds, sim.obstacles
+        tag = first["ctx"].get("tag")
+        wrong = "it has no kind" if tag is None else f"there is no kind {tag!r}"
+        message = f"{wrong}; give kind: box or kind: post"
     message = message[0].lower() + message[1:]
     # a list or a mapping is long, and the message names the part of it that is wrong
     given = "" if isinstance(first["input"], dict | list | tuple | BaseModel) else f": {first['input']!r}"
