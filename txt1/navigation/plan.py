@@ -10,7 +10,7 @@ from txt1.errors import Txt1Error
 from txt1.model.kinematics import move_along_arc
 from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
 from txt1.model.vehicle import Geometry
-from txt1.navigation.search import leaving, round_walls, stands_free
+from txt1.navigation.search import near_walls, round_walls, stands_free
 from txt1.sim.room import Room, clearance
 
 # planned radii over R_min: one that leaves room to correct, one for want of a path
@@ -82,14 +82,17 @@ def stretches(path: Path) -> list[Path]:
     return [tuple(part) for _, part in groupby(path, key=lambda segment: segment.distance > 0.0)]
 
 
-def stays_inside(start: Pose, path: Path, room: Room | None, body: Geometry, keep_clear: float = 0.0) -> bool:
-    """Whether the body keeps `keep_clear` m from the walls all along a path, looked at every 5 cm."""
+def stays_inside(
+    start: Pose, path: Path, room: Room | None, body: Geometry, keep_clear: float = 0.0, goal: Pose | None = None
+) -> bool:
+    """Whether the body keeps `keep_clear` m from the walls all along a path, looked at every 5 cm.
+
+    Before a `goal` that is closer to a map's wall it keeps no more than there.
+    """
     if room is None or not (isfinite(room.length) or isfinite(room.width) or room.walls is not None):
         return True
-    least = leaving(start, room, body)
-    return all(
-        stands_free(pose, gear, room, body, min(keep_clear, least(pose))) for pose, gear in _with_gear(start, path)
-    )
+    keeps = near_walls(start, goal, room, body, keep_clear)
+    return all(stands_free(pose, gear, room, body, keeps(pose)) for pose, gear in _with_gear(start, path))
 
 
 def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
@@ -139,7 +142,8 @@ def _correction(start: Pose, goal: Pose, room: Room | None, body: Geometry) -> P
 
 def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
     every = (path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min))
-    return next((path for path in sorted(every, key=cost) if stays_inside(start, path, room, body, keep_clear)), None)
+    inside = (path for path in sorted(every, key=cost) if stays_inside(start, path, room, body, keep_clear, goal))
+    return next(inside, None)
 
 
 def _out_of_narrow(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:

@@ -59,7 +59,7 @@ POSES_MAX: Final = 6000
 UNSEEN: Final = 0.03
 # m: a robot that stands as close to a wall, by a pose that errs, may drive away from it,
 LEAVES: Final = 0.06
-# m long, as long as it does not come closer
+# m long, as long as it does not come closer; and so long it may come up to a goal that is close to one
 LEAVING: Final = 0.4
 # m from the goal within which each pose is tried, and else every so many:
 NEAR: Final = 2.0
@@ -136,7 +136,7 @@ def round_walls(
     left = distances_to(goal[:2], room, body, start[:2])
     if place_of(*start[:2]) not in left:
         return None
-    least = leaving(start, room, body)
+    keeps = near_walls(start, goal, room, body, clear)
     steps = [(bend / radius, gear) for gear in (1.0, -1.0) for bend in (0.0, 1.0, -1.0)]
     number = count()
     # a pose's path is the chain of steps that led to it
@@ -164,7 +164,7 @@ def round_walls(
                 return (*_unrolled(way), *end)
         step = SHORT_STEP if short else STEP
         for curvature, gear in steps:
-            after = _after(pose, curvature, gear * step, room, body, min(clear, least(pose)))
+            after = _after(pose, curvature, gear * step, room, body, keeps(pose))
             if after is None or (far := left.get(place_of(*after[:2]))) is None:
                 continue
             if _cell(after, gear > 0.0, is_close(after)) in closed:
@@ -188,12 +188,23 @@ def _after(pose: Pose, curvature: float, step: float, room: Room, body: Geometry
     return after
 
 
-def leaving(start: Pose, room: Room, body: Geometry) -> Callable[[Pose], float]:
-    """What a body must keep from walls at a pose, m, as it stands closer to one at the start: not less than there."""
-    if room.walls is None or (there := room.walls.clearance(*start, body)) >= LEAVES:
-        return lambda pose: inf
-    least = max(there, -LEAVES) - 0.01
-    return lambda pose: least if hypot(pose[0] - start[0], pose[1] - start[1]) < LEAVING else inf
+def near_walls(start: Pose, goal: Pose | None, room: Room, body: Geometry, clear: float) -> Callable[[Pose], float]:
+    """What a body must keep from walls at a pose, m: `clear`, but near the start and near the goal no more than there.
+
+    So a goal close to a wall does not make the whole way a narrow one.
+    """
+    walls = room.walls
+    ends: list[tuple[Pose, float]] = []
+    if walls is not None and (there := walls.clearance(*start, body)) < LEAVES:
+        ends.append((start, max(there, -LEAVES) - 0.01))
+    if walls is not None and goal is not None and (there := walls.clearance(*goal, body)) < clear:
+        ends.append((goal, max(0.0, there - 0.01)))
+
+    def keeps(pose: Pose) -> float:
+        near = (least for end, least in ends if hypot(pose[0] - end[0], pose[1] - end[1]) < LEAVING)
+        return min((clear, *near))
+
+    return keeps if ends else lambda pose: clear
 
 
 def stands_free(pose: Pose, gear: float, room: Room, body: Geometry, clear: float) -> bool:

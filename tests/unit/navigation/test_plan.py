@@ -14,9 +14,9 @@ from txt1.maps.grid import FREE, OCCUPIED, Grid
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose, Segment
 from txt1.model.vehicle import Geometry
-from txt1.navigation.plan import NoPath, along, cost, plan, plan_with_run_up, stays_inside, stretches
-from txt1.navigation.search import heading_at
-from txt1.sim.room import Room
+from txt1.navigation.plan import BY_WALLS, NoPath, along, cost, plan, plan_with_run_up, stays_inside, stretches
+from txt1.navigation.search import LEAVING, heading_at
+from txt1.sim.room import Room, clearance
 from txt1.sim.walls import Walls, walls_of
 
 ROOM = Room(5.0, 5.0)
@@ -72,6 +72,33 @@ def test_a_way_round_the_walls_of_a_map_keeps_clear_of_them() -> None:
         assert stays_inside(start, path, room, BODY, 0.03)
     with pytest.raises(NoPath):
         plan(start, (20.0, 3.0, 0.0), room, BODY)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        ((-0.44, 3.04, -0.65), (-1.71, -0.52, 1.85)),
+        ((1.14, 1.54, -2.68), (1.26, 2.46, 0.58)),
+        ((5.04, -1.93, -2.41), (-1.19, 2.48, 1.95)),
+    ],
+)
+def test_a_goal_close_to_a_wall_makes_no_narrow_way_and_no_long_search(
+    start: Pose, goal: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room, looks, distance = Room(walls=walls_of("flat")), 0, Walls.distance
+
+    def counted(self: Walls, x: float, y: float) -> float:
+        nonlocal looks
+        looks += 1
+        return distance(self, x, y)
+
+    monkeypatch.setattr(Walls, "distance", counted)
+    assert clearance(*goal, room, BODY) < 0.05
+    path = plan(start, goal, room, BODY)
+    assert looks < 500_000, "ten million took a processor 20 s"
+    ways = [pose for pose in along(start, path, 0.05) if hypot(pose[0] - goal[0], pose[1] - goal[1]) > LEAVING]
+    assert min(clearance(*pose, room, BODY) for pose in ways) >= BY_WALLS[0] - 1e-3
+    assert min(clearance(*pose, room, BODY) for pose in along(start, path, 0.05)) > -1e-3
 
 
 @pytest.mark.parametrize("length", [0.9, 1.0])
