@@ -28,6 +28,8 @@ SHORT: Final = 0.15
 SHORT_STRETCH: Final = 0.3
 # m of path after which the body is looked at again
 LOOK_EVERY: Final = 0.05
+# m that a correction keeps from a map's walls: more than a pose on a map errs
+CORRECTS: Final = 0.06
 # m of straight path before the goal of a correction
 RUN_UP: Final = 0.4
 # places along each side of a grid that a path in two parts may lead over
@@ -60,13 +62,15 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
     body = Geometry() if body is None else body
     if room is not None and clearance(*goal, room, body) < 0.0:
         raise NoPath(goal)
-    walls = room is not None and room.walls is not None
-    searches = (_cheapest_inside, _round_walls, _out_of_narrow) if walls else (_cheapest_inside, _over_a_place)
-    for search in searches:
-        for keep_clear in BY_WALLS if walls else ROOMS:
-            path = search(start, goal, room, body, keep_clear)
-            if path is not None:
-                return path
+    if room is not None and room.walls is not None:
+        # a way round a box, with room, comes before one that brushes it; the narrow search takes long, so it is last
+        tries = [*product(BY_WALLS, (_cheapest_inside, _round_walls)), *product(BY_WALLS, (_out_of_narrow,))]
+    else:
+        tries = [(keep_clear, search) for search in (_cheapest_inside, _over_a_place) for keep_clear in ROOMS]
+    for keep_clear, search in tries:
+        path = search(start, goal, room, body, keep_clear)
+        if path is not None:
+            return path
     raise NoPath(goal, room)
 
 
@@ -116,28 +120,23 @@ def _with_gear(start: Pose, path: Path) -> Iterator[tuple[Pose, float]]:
 def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
     """As `plan`, but the path ends with a straight run-up to the goal, forward or backward: for corrections.
 
-    The shortest path to a goal a few degrees off is made of arcs so short that the steering cannot follow them.
+    The shortest path to a goal a few degrees off is made of arcs so short that the steering cannot follow them. On a
+    map it keeps `CORRECTS` m from walls, as a pose that is a little better is worth no contact, and searches no way
+    round them. Raises NoPath as `plan`.
     """
     body = Geometry() if body is None else body
+    on_map = room is not None and room.walls is not None
+    clear = CORRECTS if on_map else 0.0
     found: list[Path] = []
     for distance in (RUN_UP, -RUN_UP):
         via = move_along_arc(*goal, -distance, 0.0, 0.0)
         with suppress(NoPath):
-            path = (*_correction(start, via, room, body), Segment(0.0, distance))
-            if stays_inside(start, path, room, body):
+            first = _cheapest_inside(start, via, room, body, clear) if on_map else plan(start, via, room, body)
+            if first is not None and stays_inside(start, path := (*first, Segment(0.0, distance)), room, body, clear):
                 found.append(path)
+    if not found and on_map:
+        raise NoPath(goal, room)
     return min(found, key=cost) if found else plan(start, goal, room, body)
-
-
-def _correction(start: Pose, goal: Pose, room: Room | None, body: Geometry) -> Path:
-    """As `plan`; but on a map, nothing is searched that leads round walls: a correction is short."""
-    if room is None or room.walls is None:
-        return plan(start, goal, room, body)
-    for keep_clear in BY_WALLS:
-        path = _cheapest_inside(start, goal, room, body, keep_clear)
-        if path is not None:
-            return path
-    raise NoPath(goal, room)
 
 
 def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:

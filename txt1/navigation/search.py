@@ -73,12 +73,22 @@ _AROUND: Final = tuple((i, j, hypot(i, j)) for i in (-1, 0, 1) for j in (-1, 0, 
 
 
 def distances_to(
-    goal: tuple[float, float], room: Room, body: Geometry, start: tuple[float, float]
+    goal: tuple[float, float], room: Room, body: Geometry, start: tuple[float, float], clear: float = 0.0
 ) -> dict[Place, float]:
-    """Metres to the goal from the places of the lattice round it, `place_of` their keys; start not in it: no way."""
+    """Metres to the goal from the places of the lattice round it, `place_of` their keys; start not in it: no way.
+
+    A point keeps half the car's width from walls, and `clear` m more but near the start and the goal.
+    """
     walls = room.walls
     assert walls is not None
-    least = 0.5 * body.width
+
+    def is_free(place: Place) -> bool:
+        x, y = LATTICE * place[0], LATTICE * place[1]
+        room_there = walls.distance(x, y) - 0.5 * body.width
+        return room_there > clear or (
+            room_there > 0.0 and min(hypot(x - goal[0], y - goal[1]), hypot(x - start[0], y - start[1])) < LEAVING
+        )
+
     first, end = place_of(*goal), place_of(*start)
     found: dict[Place, float] = {}
     best = {first: 0.0}
@@ -97,9 +107,7 @@ def distances_to(
         for i, j, step in _AROUND:
             other = place[0] + i, place[1] + j
             there = far + LATTICE * step
-            if there < best.get(other, inf) and (
-                other == end or walls.distance(LATTICE * other[0], LATTICE * other[1]) > least
-            ):
+            if there < best.get(other, inf) and (other == end or is_free(other)):
                 best[other] = there
                 heappush(heap, (there, other))
     return found
@@ -133,7 +141,7 @@ def round_walls(
     `last` returns a path from a pose to the goal that stays clear, None where there is none; `narrow` says whether it
     begins with short steps.
     """
-    left = distances_to(goal[:2], room, body, start[:2])
+    left = distances_to(goal[:2], room, body, start[:2], clear)
     if place_of(*start[:2]) not in left:
         return None
     keeps = near_walls(start, goal, room, body, clear)

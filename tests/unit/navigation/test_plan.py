@@ -14,7 +14,16 @@ from txt1.maps.grid import FREE, OCCUPIED, Grid
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose, Segment
 from txt1.model.vehicle import Geometry
-from txt1.navigation.plan import BY_WALLS, NoPath, along, cost, plan, plan_with_run_up, stays_inside, stretches
+from txt1.navigation.plan import (
+    BY_WALLS,
+    NoPath,
+    along,
+    cost,
+    plan,
+    plan_with_run_up,
+    stays_inside,
+    stretches,
+)
 from txt1.navigation.search import LEAVING, heading_at
 from txt1.sim.room import Room, clearance
 from txt1.sim.walls import Walls, walls_of
@@ -99,6 +108,20 @@ def test_a_goal_close_to_a_wall_makes_no_narrow_way_and_no_long_search(
     ways = [pose for pose in along(start, path, 0.05) if hypot(pose[0] - goal[0], pose[1] - goal[1]) > LEAVING]
     assert min(clearance(*pose, room, BODY) for pose in ways) >= BY_WALLS[0] - 1e-3
     assert min(clearance(*pose, room, BODY) for pose in along(start, path, 0.05)) > -1e-3
+
+
+def beside_a_box() -> Room:
+    """A room of 5 m with a box of 40 cm at (0.05, 0.7)."""
+    cells = np.full((100, 100), FREE, np.int8)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = OCCUPIED, OCCUPIED, OCCUPIED, OCCUPIED
+    cells[60:68, 47:55] = OCCUPIED
+    return Room(walls=Walls(Map("box", Path(), Grid(cells, 0.05, (-2.5, -2.5, 0.0)), "")))
+
+
+def test_a_way_with_room_comes_before_a_shorter_one_that_brushes_a_box() -> None:
+    start, goal, room = (-1.4, 1.65, 1.0), (0.91, 1.6, -0.45), beside_a_box()
+    path = plan(start, goal, room, BODY)
+    assert min(clearance(*pose, room, BODY) for pose in along(start, path, 0.05)) >= BY_WALLS[0] - 1e-3
 
 
 @pytest.mark.parametrize("length", [0.9, 1.0])
