@@ -49,7 +49,7 @@ def main() -> None:
     parser.add_argument("old", type=Path, metavar="OLD")
     parser.add_argument("new", type=Path, metavar="NEW", nargs="?", default=Path(__file__).parents[1])
     parser.add_argument("--rounds", type=int, default=15, metavar="N")
-    parser.add_argument("--duration", type=float, default=300.0, metavar="S", help="simulated seconds in a run")
+    parser.add_argument("--duration", type=float, default=1000.0, metavar="S", help="simulated seconds in a run")
     parser.add_argument("--cases", default=",".join(CASES), metavar="NAMES", help="default %(default)s")
     parser.add_argument("--real", type=float, default=20.0, metavar="S", help="seconds of a round in real time, or 0")
     given = parser.parse_args()

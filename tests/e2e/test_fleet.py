@@ -399,6 +399,7 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
             stack.push_async_callback(asyncio.to_thread, console.close)
             listening = configuration()
             listening.insert_json5("listen/endpoints", json.dumps(["tcp/127.0.0.1:0"]))
+            # two, as one of them may carry nothing to the robot: they join as others do
             opened = [await asyncio.to_thread(zenoh.open, listening) for _ in range(2)]
             strangers = itertools.cycle([stack.enter_context(each) for each in opened])
 

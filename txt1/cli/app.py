@@ -102,12 +102,9 @@ class App:
         try:
             with signals_to(lambda number, _: os._exit(128 + number)) if is_main_thread else nullcontext():
                 run(main(), speed=self.speed)
-        except asyncio.CancelledError:
-            if self.code == OK and not unexpected:
-                raise
-        except NotArmed:
+        except (asyncio.CancelledError, NotArmed):
             # a command may find the gate closed by a signal just before it is cancelled
-            if self.code == OK:
+            if self.code == OK and not unexpected:
                 raise
         if unexpected:
             raise TaskFault("event loop", unexpected[0]) from unexpected[0]

@@ -317,8 +317,7 @@ def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
         message = "unknown key"
-    if first["type"] in ("union_tag_not_found", "union_tag_invalid"):
-        # of the only list whose items are of several kinds, sim.obstacles
+    if first["type"] in ("union_tag_not_found", "union_tag_invalid") and first["loc"][:2] == ("sim", "obstacles"):
         tag = first["ctx"].get("tag")
         wrong = "it has no kind" if tag is None else f"there is no kind {tag!r}"
         message = f"{wrong}; give kind: box or kind: post"

@@ -160,12 +160,12 @@ class Commander:
         return self._driver
 
     def _take(self, source: _Source, driver: _Source | None, time: float) -> bool:
-        if driver is not source or source.overruled:
-            if source.overruled or _rules(driver, source):
-                if driver is not None and driver is not source:
-                    source.overruled = driver.name
-                self._refuse(source.name)
-                return False
+        if source.overruled or (driver is not source and _rules(driver, source)):
+            if driver is not None and driver is not source:
+                source.overruled = driver.name
+            self._refuse(source.name)
+            return False
+        if driver is not source:
             if driver is not None:
                 driver.overruled = source.name
             self._driver, self._since, self._told = source, time, None

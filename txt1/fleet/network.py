@@ -313,7 +313,9 @@ class Peer:
                     now, others = self.now, self._others.items()
                     stop.expect(name for name, one in others if one.alive or 0.0 < now - one.heard < RECENT)
                     standing = stop.standing()
-                    if anew.ident is None and now > stop.began + UNANSWERED and not standing.closed:
+                    unanswered = now > stop.began + UNANSWERED and not standing.closed
+                    # `close` waits for those that are in the list, and none comes after it has begun
+                    if unanswered and anew.ident is None and not self._closing.is_set():
                         self._anew.append(anew)
                         anew.start()
                 alone = standing == Standing() and now > stop.began + ALONE

@@ -56,8 +56,8 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
     """The path to drive from one pose to another; room None: no walls.
 
     It is a Reeds-Shepp path that stays inside: the cheapest by length and gear changes. If all of them touch a wall, it
-    is the cheapest path over a place in between, or a way round the walls of a map. Raises NoPath: every path touches a
-    wall.
+    is the cheapest path over a place in between. On a map, each margin to the walls is tried with Reeds-Shepp paths and
+    with ways round walls before the next smaller one. Raises NoPath: every path touches a wall.
     """
     body = Geometry() if body is None else body
     if room is not None and clearance(*goal, room, body) < 0.0:

@@ -112,6 +112,14 @@ def reckoned(wheelbase: float, steering_max: float, p: VehicleParameters) -> tup
     return tan_max, hold, 1.0 / (GRAVITY * p.cornering), calm_v, along * p.speed_time_constant - resistance * calm_v
 
 
+def at_voltage(motor: float, dead_band: float, share: float) -> float:
+    """PWM counts that make the motor's free speed `share` of what it is, as a pack of so much less voltage does."""
+    if abs(motor) <= dead_band:
+        return motor
+    rest = dead_band if motor > 0.0 else -dead_band
+    return rest + (motor - rest) * share
+
+
 def move(
     state: Motion,
     motor: float,

@@ -11,7 +11,7 @@ import numpy as np
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sim.battery import Supply, load, voltage_share
-from txt1.sim.dynamics import Motion, VehicleState, dynamics, move
+from txt1.sim.dynamics import Motion, VehicleState, at_voltage, dynamics, move
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 
 if TYPE_CHECKING:
@@ -194,14 +194,7 @@ class Vehicle:
         # 5 % of an idle simulation is saved
         if stands and (motor, front, rear, before[4], before[5]) == self._rest:
             return before
-        driven, strength = motor, self._strength
-        # a pack of less voltage gives the motor so much less free speed; written here, as a call costs 0.3 % of a run
-        if strength != 1.0:
-            dead_band = self._dead_band
-            if motor > dead_band:
-                driven = dead_band + (motor - dead_band) * strength
-            elif motor < -dead_band:
-                driven = (motor + dead_band) * strength - dead_band
+        driven = motor if self._strength == 1.0 else at_voltage(motor, self._dead_band, self._strength)
         if self.physics is not None:
             after = self.physics(before, driven, front, rear, dt, self.drag)
         elif self.skids:
