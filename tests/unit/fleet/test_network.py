@@ -301,9 +301,12 @@ def test_a_velocity_is_as_old_as_its_key_by_the_robot_s_clock_and_none_goes_befo
 
         def driven() -> bool:
             robot.tell(STATE)
-            known = console.members() and console.members()[0].offset is not None
+            # a robot may answer a ping before its first state is heard
+            if not console.members():
+                return False
             console.drive("net01", 0.3, 0.1, age=2.0)
-            assert known or not sent, "it could not tell a fresh command from an old one"
+            if sent:
+                assert console.members()[0].offset is not None, "it could not tell a fresh command from an old one"
             return bool(team.given)
 
         assert team.until(lambda: driven() and sent), "the stranger hears the same"
