@@ -1,4 +1,4 @@
-"""A capture of the line in words: one text line, or one object for JSON, per message and fault (thesis 3.5)."""
+"""Describe a capture of the serial line: a line of text, or a JSON object, for each message and fault (thesis 3.5)."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -11,7 +11,10 @@ from txt1.protocol.decoder import Decoder, Event, FrameFault
 
 
 def decode(decoder: Decoder, reads: Iterable[bytes]) -> Iterator[tuple[int, Event]]:
-    """Every event of a capture with its offset in the stream, bytes; the end of the capture counts as silence."""
+    """Yield each event of a capture and its offset in the stream, in bytes.
+
+    The end of the capture counts as silence.
+    """
     for read in reads:
         events = decoder.feed(read)
         yield from zip(decoder.offsets, events, strict=True)
@@ -20,9 +23,9 @@ def decode(decoder: Decoder, reads: Iterable[bytes]) -> Iterator[tuple[int, Even
 
 
 def as_dict(offset: int, event: Event) -> dict[str, Any]:
-    """An object for JSON: offset, type (the message's name, or FrameFault), and the fields in SI units.
+    """Return an event as a JSON object: offset, type (the message's name, or FrameFault), and the fields in SI units.
 
-    A fault has a reason in words and its first bytes as hexadecimal text.
+    The fields of a FrameFault are the reason, and its first bytes as hexadecimal text.
     """
     if isinstance(event, FrameFault):
         values: dict[str, Any] = {"reason": event.reason.value, "head": event.head.hex(" ").upper()}
@@ -32,7 +35,7 @@ def as_dict(offset: int, event: Event) -> dict[str, Any]:
 
 
 def describe(offset: int, event: Event) -> str:
-    """One line of text: the offset, what it is, and its fields in SI units."""
+    """Return an event as a line of text: the offset, the type, and the fields in SI units."""
     values = as_dict(offset, event)
     if isinstance(event, FrameFault):
         return f"{offset:8d}  fault: {values['reason']}  [{values['head']}]"
@@ -40,7 +43,7 @@ def describe(offset: int, event: Event) -> str:
 
 
 def summary(decoder: Decoder) -> str:
-    """One line: bytes, messages by type, faults by reason, and bytes that are part of no intact frame."""
+    """Return a line of totals: bytes, messages by type, faults by reason, and bytes outside intact frames."""
     counts = {message.__name__: count for message, count in decoder.messages.items()}
     counts |= {reason.value: count for reason, count in decoder.faults.items()}
     parts = [f"{count} {name}" for name, count in counts.items() if count]
@@ -48,10 +51,10 @@ def summary(decoder: Decoder) -> str:
 
 
 def read_hex(lines: Iterable[str]) -> Iterator[bytes]:
-    """The bytes of each line of hexadecimal text.
+    """Yield the bytes of each line of hexadecimal text.
 
-    Bytes may stand together (FAFB04) or be parted by blanks or commas, with or without 0x; a # begins a comment.
-    A CaptureError names line and column, from 1, of half a byte or of what is no hexadecimal digit.
+    Bytes may stand together (FAFB04) or be separated by blanks or commas, with or without 0x. A # begins a comment.
+    Raises CaptureError for half a byte or a character that is no hexadecimal digit; it names line and column, from 1.
     """
     for number, line in enumerate(lines, 1):
         digits = ""
@@ -68,7 +71,7 @@ def read_hex(lines: Iterable[str]) -> Iterator[bytes]:
 
 
 def _plain(value: Any) -> Any:
-    """A field's value as JSON knows it: a switch by its name, gain sets as lists."""
+    """Return a field's value for JSON: a switch as its name, gain sets as lists."""
     if isinstance(value, Enum):
         return value.name
     return [_plain(each) for each in value] if isinstance(value, tuple) else value

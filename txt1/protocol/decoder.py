@@ -1,8 +1,8 @@
 """Bytes in, messages and faults out; no I/O, no clock (thesis 3.5).
 
-The rule: in any stream, every valid frame whose bytes are intact and that is not inside a longer valid frame is
-delivered. So a false header costs nothing that follows it: after it the search goes on at its next byte but one. Of two
-valid frames that overlap, both are delivered: the sender sent one of them, and nothing tells which.
+The decoder delivers every valid frame of a stream, unless the frame lies inside a longer valid frame. A false header
+hides no frame: the search goes on two bytes later. If two valid frames overlap, both are delivered, because the
+receiver cannot tell which of the two was sent.
 """
 
 from collections.abc import Callable
@@ -21,21 +21,21 @@ OVERHEAD: Final = 6
 # bytes of a faulty frame that are kept for the reader
 HEAD: Final = 8
 
-# (length, command) of two older messages still sent in the field (one gain set; the PID's terms): safe to ignore
+# (length, command) of two obsolete messages that boards and hosts still send (one gain set; the PID's terms)
 OLD_COMMANDS: Final = frozenset({(24, 0x6B), (16, 0x6D)})
 
 
 class Reason(Enum):
-    """Why something that began like a frame is no message."""
+    """The reason why a frame was rejected."""
 
     BAD_CHECKSUM = "bad checksum"
-    # the command exists, but not with this length; or no frame is that long
+    # the command has no message of this length, or the length exceeds every frame's
     BAD_LENGTH = "bad length"
     # this end of the line does not receive such a command
     UNKNOWN_COMMAND = "unknown command"
-    # one of OLD_COMMANDS: expected from boards and hosts in the field, ignored
+    # in OLD_COMMANDS: harmless, ignored
     OLD_COMMAND = "old command"
-    # the frame is intact, but a byte of it stands for nothing, such as switch 7
+    # the frame is intact, but a byte of it has no meaning, as switch 7
     BAD_VALUE = "bad value"
     # the line fell silent in the middle of it
     EXPIRED = "expired"
@@ -43,11 +43,11 @@ class Reason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FrameFault:
-    """Something that began like a frame at this byte of the stream and is no message."""
+    """Bytes that began like a frame, but are no message."""
 
     reason: Reason
     offset: int
-    # its first ones, at most 8: header, length, command and some data, as far as they were there
+    # the first bytes of the frame, at most 8: header, length, command and some data
     head: bytes
 
 
@@ -68,7 +68,7 @@ class Receivable(NamedTuple):
 
 
 def receivable(role: Role) -> dict[bytes, Receivable]:
-    """The legal frames of a receiver by their bytes of length and command; anything else is no frame."""
+    """Return the legal frames of a receiver, by their two bytes of length and command."""
     table = {}
     for layout in LAYOUTS.values():
         for data in map(layout.struct, layout.counts if layout.receiver is role else ()):
@@ -79,42 +79,42 @@ def receivable(role: Role) -> dict[bytes, Receivable]:
     return table
 
 
-# any other pair is no frame, and its four bytes tell
+# any other pair is no frame; four bytes are enough to see it
 ILLEGAL: Final = Receivable(4, Struct("").unpack_from, False, lambda *_: Message(), None)
 
 
 class Decoder:
     """The frames of a stream, as one end of the line receives them.
 
-    `Decoder(Role.HOST)` understands what boards send, `Decoder(Role.BOARD)` what hosts send. It keeps no more than one
-    unfinished frame, at most 241 bytes, whatever comes in, and takes time proportional to the bytes. `messages` and
-    `faults` count what was delivered, by type and reason.
+    `Decoder(Role.HOST)` understands what boards send, `Decoder(Role.BOARD)` what hosts send. It keeps at most one
+    unfinished frame (241 bytes), and its time is proportional to the bytes fed. `messages` counts messages by type,
+    `faults` counts faults by reason.
     """
 
     def __init__(self, role: Role) -> None:
         self.role = role
         self.position = 0  # bytes fed so far
-        # where in the stream each event of the last `feed` or `expire` began
+        # offset in the stream of each event that the last `feed` or `expire` returned
         self.offsets: list[int] = []
         self._table = receivable(role)
         self.messages = {legal.message: 0 for legal in self._table.values() if legal.message is not None}
         self.faults = dict.fromkeys(Reason, 0)
-        # bytes that are part of no intact frame: noise, damaged frames and foreign ones
+        # bytes outside intact frames: noise, damaged frames and unknown frames
         self.skipped = 0
         self._commands = {pair[1] for pair in self._table}
         self._tail = b""
-        # fewer bytes than this decide nothing
+        # no decision is possible before this many bytes are held
         self._wanted = 0
-        # the stream up to here is in an intact frame or counted as skipped
+        # each byte before this offset is in an intact frame or counted in `skipped`
         self._settled = 0
 
     @property
     def pending(self) -> int:
-        """Bytes held back because they may be the beginning of a frame."""
+        """The number of bytes kept because they may be the beginning of a frame."""
         return len(self._tail)
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[Event]:
-        """The messages and faults that these bytes complete, in the order of the stream."""
+        """Take bytes; return the messages and faults that they complete, in the order of the stream."""
         self.position += len(data)
         stream = self._tail + data
         if len(stream) < self._wanted:
@@ -124,17 +124,20 @@ class Decoder:
         return self._scan(stream, final=False)
 
     def expire(self) -> list[Event]:
-        """Give up on a half frame: its beginnings are faults EXPIRED, whole frames behind a false header count."""
+        """Give up on an unfinished frame after a silence.
+
+        Returns a fault EXPIRED for each unfinished frame, and the messages whose frames follow a false header.
+        """
         return self._scan(self._tail, final=True)
 
     def _scan(self, stream: bytes, *, final: bool) -> list[Event]:
-        """The events in the bytes held back and the new ones; the unfinished rest is kept unless this is final."""
+        """Return the events of the stream. An unfinished frame at its end is kept, unless `final`."""
         events: list[Event] = []
         offsets: list[int] = []
         table, messages, size = self._table, self.messages, len(stream)
         base = self.position - size
         settled = self._settled - base
-        # finds all headers at once; what follows is after that of each piece
+        # finds all headers at once: each piece after the first follows a header
         before, *pieces = stream.split(HEADER)
         at = following = len(before)
         pair = None
@@ -158,7 +161,7 @@ class Decoder:
                 check = words[-1]
                 last = words[-2] if odd else 0
                 if (sum(words) - check - last ^ last) & 0xFFFF == check:
-                    # else it is inside a longer one
+                    # else it is inside a longer frame
                     if end > settled:
                         if at > settled:
                             self.skipped += at - settled
@@ -171,7 +174,7 @@ class Decoder:
                             events.append(self._fault(Reason.BAD_VALUE, base + at, stream[at:end]))
                     continue
                 reason = Reason.BAD_CHECKSUM
-            # what only looks like a header inside an intact frame is none
+            # two bytes inside an intact frame that look like a header are data
             if at >= settled:
                 events.append(self._fault(reason, base + at, stream[at : min(end, at + HEAD)]))
                 offsets.append(base + at)
@@ -193,7 +196,7 @@ class Decoder:
         return events
 
     def _why_illegal(self, length: int, command: int) -> Reason:
-        """What is wrong with a length and command that are not in the table."""
+        """Return why a length and command are not in the table."""
         if (length, command) in OLD_COMMANDS:
             return Reason.OLD_COMMAND
         return Reason.BAD_LENGTH if length > DATA_MAX or command in self._commands else Reason.UNKNOWN_COMMAND

@@ -1,4 +1,4 @@
-"""The layout of each message on the wire (thesis 3.5): one table that encoding, decoding and recordings read.
+"""The layout of each message on the wire (thesis 3.5): a table for encoding, decoding and recordings.
 
 A frame is 0xFA 0xFB | length (data bytes, 0 .. 249) | command | data | checksum high | checksum low.
 All fields of a message are integers of one size, big-endian and two's complement. A new message is a dataclass in
@@ -25,24 +25,28 @@ REJECTED: Final = 0x55
 
 
 class Role(Enum):
-    """An end of the line, named as the one that receives."""
+    """The receiving end of the line: host or board."""
 
     HOST = "host"
     BOARD = "board"
 
 
 class BadValue(ValueError):
-    """An integer of an intact frame stands for nothing: such as switch 7."""
+    """An integer of an intact frame has no meaning, as switch 7."""
 
 
 class FieldKind(NamedTuple):
-    """The meaning of a field's integers: ValueError, TypeError and BadValue say that a value or integer has none."""
+    """Conversion between a field's values and its integers on the wire.
+
+    The functions raise ValueError or TypeError for a value without an integer, and BadValue for an integer without a
+    value.
+    """
 
     to_wire: Callable[[Any], int]
     from_wire: Callable[[int], Any]
-    # the value of a number that a recording has for it
+    # the value from its number in a recording
     from_number: Callable[[float], Any]
-    # the values there are, in words, with room for the smallest and the largest
+    # the allowed values, for error messages; a format string that takes the smallest and the largest
     takes: str
     per_unit: int = 1
 
@@ -73,25 +77,28 @@ class Layout:
     command: int
     # the letter in `struct` of every integer of the data: "h", "i", "H" or "B"
     code: str
-    # how many integers there may be
+    # the allowed numbers of integers
     counts: Sequence[int]
     kind: FieldKind
-    # in the order of the wire, with the names of their fields
+    # the values of a message and the names of their fields, in the order of the wire
     values: Callable[[Any], Iterable[tuple[str, Any]]]
-    # of such values
+    # makes a message from these values
     make: Callable[..., Message]
 
     @property
     def receiver(self) -> Role:
-        """The end of the line that receives it."""
+        """The end of the line that receives the message."""
         return Role.BOARD if issubclass(self.message, HostMessage) else Role.HOST
 
     def struct(self, count: int) -> Struct:
-        """The data with `count` integers."""
+        """Return the `struct` format of data with `count` integers."""
         return Struct(f">{count}{self.code}")
 
     def pack(self, message: Message) -> bytes:
-        """The data of a message's frame; an EncodeError names the field that is not finite or does not fit."""
+        """Return the data of a message's frame.
+
+        Raises EncodeError: it names the field that is not finite or does not fit.
+        """
         bits = 8 * Struct(f">{self.code}").size
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if self.code.islower() else (0, (1 << bits) - 1)
         integers = []
@@ -107,15 +114,15 @@ class Layout:
         return self.struct(len(integers)).pack(*integers)
 
     def reader(self, data: Struct) -> Callable[[bytes, int], Message]:
-        """Return a function of a buffer and the data's place in it that makes the message, or raises BadValue."""
+        """Return a function that reads a message from a buffer at an offset; the function raises BadValue."""
         unpack, make, from_wire = data.unpack_from, self.make, self.kind.from_wire
-        # most of what the line carries; a call for each value would take half as long again
+        # most messages on the line; a call for each value would take half as long again
         if self.kind is SI:
             return lambda buffer, at: make(*[integer / 1000.0 for integer in unpack(buffer, at)])
         return lambda buffer, at: make(*[from_wire(integer) for integer in unpack(buffer, at)])
 
 
-# every message's
+# every other message
 LAYOUTS: Final[dict[type[Message], Layout]] = {}
 
 
@@ -128,11 +135,11 @@ def declare(
     values: Callable[[Any], Iterable[tuple[str, Any]]] | None = None,
     make: Callable[..., Message] | None = None,
 ) -> None:
-    """Give a message its place in the protocol: from now on it is encoded, decoded, listed and recorded.
+    """Add a message to the protocol. From then on it is encoded, decoded, listed and recorded.
 
-    `message` is a frozen dataclass that is a HostMessage or a BoardMessage; see `Layout` for the others. Its values are
-    its fields, and it makes itself of them, unless `values` and `make` say otherwise. A ValueError when its receiver
-    understands another message with this command and length.
+    `message` is a frozen dataclass, derived from HostMessage or BoardMessage. `Layout` describes the other
+    arguments. Without `values` and `make`, the values are the dataclass's fields. Raises ValueError when the receiver
+    already has a message of this command and length.
     """
     counts = (counts,) if isinstance(counts, int) else counts
     layout = Layout(message, command, code, counts, kind, values or _fields_of(message), make or message)
@@ -150,19 +157,21 @@ def _fields_of(message: type[Message]) -> Callable[[Any], Iterable[tuple[str, An
 
 
 def checksum(data: bytes) -> int:
-    """The checksum, 0 .. 65535, of a frame's command and data.
+    """Return the checksum, 0 .. 65535, of a frame's command and data.
 
-    Pairs of bytes, the first one the high one, are added modulo 65536; an odd last byte is XORed into the low byte. Any
-    single flipped bit is noticed; two that cancel out, or two pairs that changed places, are not.
+    Pairs of bytes, high byte first, are added modulo 65536; an odd last byte is XORed into the low byte. The
+    checksum detects every single flipped bit. It misses two flipped bits that cancel out, and two pairs that changed
+    places.
     """
     total = sum(data[0:-1:2]) * 256 + sum(data[1::2])
     return (total ^ data[-1] if len(data) % 2 else total) & 0xFFFF
 
 
 def encode(message: Message) -> bytes:
-    """The frame of a message, values rounded to the nearest count of the wire, ties to the even one.
+    """Return the frame of a message. Values are rounded to the nearest count of the wire, ties to even.
 
-    An EncodeError names message, field, value and range of a value that is not finite or does not fit its field.
+    Raises EncodeError for a value that is not finite or does not fit its field. The error names message, field,
+    value and range.
     """
     layout = LAYOUTS.get(type(message))
     if layout is None:
@@ -173,12 +182,15 @@ def encode(message: Message) -> bytes:
 
 
 def numbers(message: Message) -> tuple[float, ...]:
-    """A message's values as plain numbers in the order of the wire, as recordings have them."""
+    """Return a message's values as plain numbers in the order of the wire, as recordings hold them."""
     return tuple([float(value) for _, value in LAYOUTS[type(message)].values(message)])
 
 
 def from_numbers(name: str, values: Sequence[float]) -> Message:
-    """The message of a name and its numbers, the inverse of `numbers`; ValueError when there is no such message."""
+    """Return the message of this name and these numbers: the inverse of `numbers`.
+
+    Raises ValueError for an unknown name.
+    """
     for layout in LAYOUTS.values():
         if layout.message.__name__ == name and len(values) in layout.counts:
             return layout.make(*map(layout.kind.from_number, values))

@@ -1,13 +1,13 @@
 """The messages between computer and board (thesis 3.5), in SI units.
 
-In simulation they are handed over as they are; the wire carries them as frames.
+In simulation the objects themselves are passed on. The wire carries them as frames.
 """
 
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-# s between two attempts at having the gains acknowledged
+# s between two attempts to have the gains acknowledged
 PID_SET_PERIOD: Final = 1.0
 
 
@@ -20,17 +20,17 @@ class Switch(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Goes over the wire: a frozen dataclass here, and its data's layout in `txt1.protocol.layout`."""
+    """A message on the wire: a frozen dataclass in this module, with its layout in `txt1.protocol.layout`."""
 
 
 @dataclass(frozen=True, slots=True)
 class HostMessage(Message):
-    """A host sends it to a board."""
+    """A message from host to board."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoardMessage(Message):
-    """A board sends it to its host."""
+    """A message from board to host."""
 
 
 @dataclass(frozen=True, slots=True)
