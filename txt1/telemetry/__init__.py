@@ -1,1 +1,1 @@
-"""Everything the robot tells: one table of topics, the messages they become, and the bus that carries them."""
+"""Telemetry: the table of topics, their ROS messages, and the bus that carries their values."""

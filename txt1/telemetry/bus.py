@@ -1,4 +1,4 @@
-"""The bus of one robot: it carries values from the parts that have something to tell to the parts that listen.
+"""The bus of one robot: it carries values from the parts that publish them to the parts that subscribe.
 
 How it works
 ============
@@ -19,7 +19,7 @@ so it must not wait: a recorder keeps a reference, and its thread does the rest.
 instant of the robot, after every task has done its step. It goes through the sampled topics in three groups:
 
 1. `Rule.CYCLE`: read and told in every cycle.
-2. `Rule.CHANGE`: read in every cycle, told when the value is not equal to the one told last. `is` is tried before `==`,
+2. `Rule.CHANGE`: read in every cycle, told when the value differs from the last value told. `is` is tried before `==`,
    because most values are the very same object as a cycle ago.
 3. `Rule.SECOND`: read once a second. Each such topic has a cycle of its own in the second, taken from a checksum of its
    name. So the load is spread, and the cycle is the same in every run of the program: a replay depends on that.
@@ -27,12 +27,13 @@ instant of the robot, after every task has done its step. It goes through the sa
 Within a group the topics keep the order in which they were offered. Causes are offered before their effects, because a
 replay that differs from its recording names the first difference.
 
-Who subscribes late has to learn what was told on change before. So a subscription forgets what was told last, and the
-next `sample` tells it to everybody once more. `flush` tells at the end of a run what has changed since the last cycle.
+A late subscriber has missed the values that are told on change only. So after each new subscription the next `sample`
+tells these values to every subscriber once more. At the end of a run `flush` tells the values that changed after the
+last cycle.
 
-The groups hold only the topics that somebody listens to. They are made anew whenever a topic is offered or a listener
-comes or goes, which is seldom. Before the first listener there is no sampling task either: `begin`, which starts it, is
-called when a sampled topic is first wanted.
+The groups hold only topics with a subscriber. They are made anew whenever a topic is offered or a subscriber comes or
+goes, which is seldom. Before the first listener there is no sampling task either: `begin`, which starts it, is called
+when a sampled topic is first wanted.
 
 """
 
@@ -55,7 +56,7 @@ class _Subscriber(NamedTuple):
 
 
 class _Offer:
-    """A sampled topic: the function that reads it, the value told last, and who takes it."""
+    """A sampled topic: the function that reads it, the last value told, and its subscribers."""
 
     def __init__(self, topic: Topic[Any], read: Callable[[], Any]) -> None:
         self.topic, self.read = topic, read
@@ -63,7 +64,7 @@ class _Offer:
         self.takes: list[Take] = []
 
     def tell_change(self, value: Any, now: float) -> None:
-        """Tell a value that is not equal to the last one."""
+        """Tell the value if it differs from the last value told."""
         if value != self.last:
             self.last = value
             if value is not None:
@@ -72,7 +73,7 @@ class _Offer:
 
 
 class Bus:
-    """Carries one robot's topics; its `name`, empty for a robot that is alone, stands before theirs.
+    """Carries one robot's topics. The robot's `name` precedes their names; it is empty for a single robot.
 
     `begin` is called when a sampled topic is first wanted; from then on `sample` has to be called `cycles_per_second`
     times a second.
@@ -86,52 +87,52 @@ class Bus:
         self._offers: dict[Topic[Any], _Offer] = {}
         self._subscribers: list[_Subscriber] = []
         self._takes: dict[Topic[Any], list[Take]] = {}
-        # the offers that somebody listens to, by rule; the seldom ones by their cycle in the second
+        # the offers with a subscriber, by rule; topics of `Rule.SECOND` also by their cycle in the second
         self._every_cycle: list[_Offer] = []
         self._on_change: list[_Offer] = []
         self._each_second: dict[int, list[_Offer]] = {}
 
     def full_name(self, topic: Topic[Any]) -> str:
-        """Return the name of a topic with the robot's name before it, where it has one."""
+        """Return the name of a topic, preceded by the robot's name if the robot has a name."""
         return f"/{self.name}{topic.name}" if self.name else topic.name
 
-    # -- who has something to tell -----------------------------------------------------------------------------
+    # -- publishing -----------------------------------------------------------------------------
 
     def offer(self, topic: Topic[T], read: Callable[[], T | None]) -> None:
-        """Offer a topic that is sampled; `read` returns its value now, None as long as there is none."""
+        """Offer a sampled topic. `read` returns its present value, None while there is no value."""
         self._offers[topic] = _Offer(topic, read)
         self._arrange()
 
     def publish(self, topic: Topic[T], value: T, time: float) -> None:
-        """Tell a value of a topic that comes as it comes; `time` in s of the run."""
+        """Tell a value of a topic that has no fixed rate; `time` in s of the run."""
         for take in self._takers(topic):
             take(topic, value, time)
 
     @property
     def heard(self) -> bool:
-        """Whether anybody listens to anything."""
+        """Whether the bus has a subscriber."""
         return bool(self._subscribers)
 
     def wanted(self, topic: Topic[Any]) -> bool:
-        """Whether anybody listens to a topic, where making its value costs something."""
+        """Return whether a topic has a subscriber. A part asks before it makes a value that is expensive."""
         return bool(self._takers(topic))
 
-    # -- who listens -------------------------------------------------------------------------------------------
+    # -- subscribing -------------------------------------------------------------------------------------------
 
     @property
     def offered(self) -> tuple[Topic[Any], ...]:
-        """The topics that are sampled."""
+        """The sampled topics."""
         return tuple(self._offers)
 
     def read(self, topic: Topic[T]) -> T | None:
-        """Return the value of a sampled topic now; None where nobody offers it."""
+        """Return the present value of a sampled topic; None if the topic is not offered."""
         offer = self._offers.get(topic)
         return None if offer is None else offer.read()
 
     def subscribe(self, take: Take, topics: Iterable[Topic[Any]] | None = None) -> Unsubscribe:
-        """Have `take` told of these topics, of all when there are none given, until the function returned is called.
+        """Call `take` for each value of these topics, by default of all topics. Returns a function that unsubscribes.
 
-        What is told on change is told to everybody once more, so whoever comes late knows it, too.
+        Values that are told on change are told once more to every subscriber, so a late subscriber has them, too.
         """
         entry = _Subscriber(take, None if topics is None else frozenset(topics))
         self._subscribers.append(entry)
@@ -148,7 +149,9 @@ class Bus:
         return leave
 
     def sample(self, now: float) -> None:
-        """Tell what is offered, by the rules of the topics: called once per controller cycle; `now` in s of the run."""
+        """Read the offered topics and tell their values, each by its rule. Called once per controller cycle; `now` in s
+        of the run.
+        """
         self._cycles += 1
         for offer in self._every_cycle:
             value = offer.read()
@@ -163,7 +166,7 @@ class Bus:
             offer.tell_change(offer.read(), now)
 
     def flush(self, now: float) -> None:
-        """Tell what has changed since it was told last: nothing comes any more."""
+        """Tell the values that have changed since they were told last. Called at the end of a run."""
         for offer in (*self._on_change, *chain.from_iterable(self._each_second.values())):
             offer.tell_change(offer.read(), now)
 
@@ -176,7 +179,7 @@ class Bus:
         return takes
 
     def _arrange(self) -> None:
-        """Note who listens to what of all that is offered."""
+        """Find the subscribers of each offered topic."""
         self._takes.clear()
         for offer in self._offers.values():
             offer.takes = self._takers(offer.topic)

@@ -1,8 +1,8 @@
-"""Values as bytes and back, exact to the last bit: for readings that are to be given again.
+"""Values as bytes and back, exact to the last bit: a replay gives recorded readings to the robot again.
 
 A value is a tree of numbers, texts, bytes, arrays of numpy's, tuples, mappings, named tuples and dataclasses. It is
-written with the names of its fields, and read by the rules of a snapshot (`txt1.telemetry.snapshot.read_as`): a field
-that is not known any more is ignored, one that is missing has its default. One byte before each part says what it is.
+written with the names of its fields, and read by the rules of a snapshot (`txt1.telemetry.snapshot.read_as`): unknown
+fields are ignored, missing fields have their defaults. A byte before each part gives its type.
 """
 
 import struct
@@ -22,14 +22,20 @@ _NUMBER: Final = struct.Struct("<d")
 
 
 def encode(value: object) -> bytes:
-    """The bytes of a value; TypeError for a part that has none, OverflowError for an integer beyond 64 bits."""
+    """Return a value as bytes.
+
+    Raises TypeError for an unsupported type, OverflowError for an integer beyond 64 bits.
+    """
     data = bytearray()
     _write(data, value)
     return bytes(data)
 
 
 def decode(kind: Any, data: bytes) -> Any:
-    """The value of this type that the bytes are of; ValueError where they are of none."""
+    """Return the value of type `kind` from its bytes.
+
+    Raises ValueError if the bytes do not hold a value of this type.
+    """
     try:
         value, end = _read(data, 0)
         if end != len(data):
@@ -91,7 +97,9 @@ def _write_bytes(data: bytearray, mark: bytes, piece: bytes) -> None:
 
 @cache
 def _fields(kind: Any) -> tuple[tuple[str, bool], ...]:
-    """The names of a type's fields, none where it has none, each with whether None is written: not where left out."""
+    """Return the fields of a type: name, and whether a value None is written. The result is empty for a type without
+    fields.
+    """
     if is_dataclass(kind):
         return tuple((field.name, field.default is not None) for field in fields(kind))
     defaults: Mapping[str, object] = getattr(kind, "_field_defaults", {})
@@ -102,7 +110,7 @@ def _fields(kind: Any) -> tuple[tuple[str, bool], ...]:
 
 
 def _read(data: bytes, at: int) -> tuple[Any, int]:
-    """The part that begins there, and where it ends."""
+    """Return the part that begins at offset `at`, and the offset of its end."""
     return _READERS[data[at : at + 1]](data, at + 1)
 
 

@@ -1,7 +1,7 @@
-"""Message definitions in the words of ROS 2: those of its common interfaces, without comments and constants.
+"""Message definitions of ROS 2: its common interfaces, without comments and constants.
 
 Messages that ROS does not have, ``txt1_msgs/...``, are defined beside the topics that use them. A recording and the
-live view carry the definitions with them, so a reader needs nothing of ours.
+live view contain the definitions, so a reader does not need txt1.
 """
 
 import re
@@ -43,11 +43,14 @@ DEFINITIONS: Final[dict[str, str]] = {
     name: "\n".join(field.strip() for field in fields.split(";"))
     for name, fields in (text.split(":") for text in re.split(r"\n(?! )", _COMMON.strip()))
 }
-"""The fields of a message, one ``type name`` a line, by package and name. ``byte`` is ROS's word for an octet."""
+"""Definitions by ``package/Name``: a line ``type name`` for each field. ``byte`` is ROS's word for an octet."""
 
 
 class Field(NamedTuple):
-    """One field: its name, the type of an element, and how many: 1, a fixed number in an array, None in a sequence."""
+    """A field: its name, the type of an element, and the number of elements.
+
+    The number is 1 for a plain field, the size of an array, and None for a sequence.
+    """
 
     name: str
     type: str
@@ -58,7 +61,7 @@ class Field(NamedTuple):
 def define(name: str, text: str) -> str:
     """Define a message, given as ``package/Name``, with one ``type name`` a line; returns its name.
 
-    ValueError where another message of this name is defined already.
+    Raises ValueError if another message of this name is defined already.
     """
     if DEFINITIONS.setdefault(name, text) != text:
         raise ValueError(f"message {name}: defined already with other fields; choose another name")
@@ -67,7 +70,7 @@ def define(name: str, text: str) -> str:
 
 @cache
 def fields(message: str) -> tuple[Field, ...]:
-    """The fields of a message, given as ``package/Name``."""
+    """Return the fields of a message, given as ``package/Name``."""
     found = []
     for line in DEFINITIONS[message].splitlines():
         kind, name = line.split()
@@ -77,17 +80,17 @@ def fields(message: str) -> tuple[Field, ...]:
 
 
 def schema_name(message: str) -> str:
-    """The name by which ROS 2 tools know a message: ``package/msg/Name``."""
+    """Return the name of a message in ROS 2 tools: ``package/msg/Name``."""
     return message.replace("/", "/msg/")
 
 
 def schema_text(message: str) -> str:
-    """The definition of a message and of all that it contains, as rosbag2 writes it (encoding ros2msg of MCAP).
+    """Return the definition of a message and of every type in it, as rosbag2 writes it (encoding ros2msg of MCAP).
 
-    Every type that is used stands in it, ROS's own `builtin_interfaces` included: some viewers know nothing by heart.
+    It includes ROS's own `builtin_interfaces`, because some viewers have no built-in types.
     """
     kinds = [message]
-    # which grows
+    # the list grows meanwhile
     for kind in kinds:
         found = (field.type for field in fields(kind) if field.type in DEFINITIONS)
         kinds += dict.fromkeys(kind for kind in found if kind not in kinds)

@@ -1,4 +1,4 @@
-"""Everything the robot tells at one instant, by topic; and as one line of JSON, keyed and with a version.
+"""The telemetry of one instant, by topic; also as a line of JSON with a version.
 
 A topic is decoded when it is first asked for. Unknown topics and fields are ignored; missing ones are None or their
 default. So an older line stays readable when fields are added.
@@ -26,7 +26,7 @@ Convert = Callable[[Any], Any]
 
 
 class Snapshot:
-    """The values of topics, by their names, at one instant: `time` in s of the run of the robot called `name`."""
+    """The values of topics at one instant, by name. `time` is in s of the run, `name` is the robot's."""
 
     def __init__(self, time: float, name: str, values: Mapping[str, Any]) -> None:
         self.time, self.name = time, name
@@ -42,7 +42,10 @@ class Snapshot:
         topics: Iterable[str] | None = None,
         without: Collection[Topic[Any]] = (),
     ) -> Snapshot:
-        """A snapshot of a bus now: of all its sampled topics, or of those of these names, `without` some."""
+        """Take a snapshot of a bus now: of the topics of these names, by default of all sampled topics.
+
+        Topics in `without` are left out.
+        """
         chosen = None if topics is None else frozenset(topics)
         values = {}
         for topic in bus.offered:
@@ -53,7 +56,7 @@ class Snapshot:
         return cls(time, name, values)
 
     def __getitem__(self, topic: Topic[T]) -> T:
-        """The value of a topic; KeyError where it has none."""
+        """Return the value of a topic; KeyError if the topic has no value."""
         value = self.get(topic)
         if value is None:
             raise KeyError(topic.name)
@@ -66,7 +69,7 @@ class Snapshot:
     def get(self, topic: Topic[T], default: T) -> T: ...
 
     def get(self, topic: Topic[T], default: T | None = None) -> T | None:
-        """The value of a topic; the default where it has none, or one that is none of the topic's type."""
+        """Return the value of a topic; the default if it has no value, or a value of a wrong type."""
         name, kind = topic.name, cast(Any, topic.type)
         if name not in self._values:
             try:
@@ -79,21 +82,24 @@ class Snapshot:
     def replaced(
         self, values: Mapping[Topic[Any], Any], time: float | None = None, name: str | None = None
     ) -> Snapshot:
-        """This one with other values of some topics, None for none, and perhaps another time and name."""
+        """Return a copy with new values of some topics (None removes a value), and with a new time or name if given."""
         other = Snapshot(self.time if time is None else time, self.name if name is None else name, self._values)
         other._plain = self._plain
         other._values.update((topic.name, value) for topic, value in values.items())
         return other
 
     def encode(self) -> bytes:
-        """This as one line of JSON, newline included; TypeError for a value that JSON has no word for."""
+        """Return the snapshot as a line of JSON, with its newline.
+
+        Raises TypeError for a value that JSON cannot hold.
+        """
         topics = {**self._plain, **{name: plain(value) for name, value in self._values.items()}}
         told = {"version": VERSION, "time": self.time, "name": self.name, "topics": topics}
         return f"{_JSON.encode(told)}\n".encode("ascii")
 
     @classmethod
     def decode(cls, line: bytes | str) -> Snapshot:
-        """The snapshot a line was made from; ValueError for what is none, or of a version not known here."""
+        """Return the snapshot of a line of JSON. Raises ValueError for a malformed line or an unknown version."""
         try:
             read = json.loads(line)
             if read["version"] != VERSION:
@@ -126,7 +132,7 @@ _WORDS: Final = frozenset((NoneType, bool, int, float, str))
 
 
 def plain(value: Any) -> Any:
-    """A value in JSON's words, fields by name, bytes in base64; TypeError where JSON has no word for it."""
+    """Return a value for JSON: fields by name, bytes in base64. Raises TypeError for a value that JSON cannot hold."""
     kind: Any = type(value)
     if kind in _WORDS:
         return value
@@ -143,7 +149,7 @@ def plain(value: Any) -> Any:
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, bytes):
         return b64encode(value).decode("ascii")
-    # of numpy's arrays, which the screens do without: it takes 0.1 s to load
+    # numpy's arrays; numpy is not imported here, because it takes 0.1 s to load and the screens do not need it
     words = getattr(value, "tolist", None)
     if words is not None:
         return words()
@@ -152,25 +158,25 @@ def plain(value: Any) -> Any:
 
 @cache
 def _names(kind: Any) -> tuple[str, ...]:
-    """The names of the fields, none where it has none."""
+    """Return the names of a type's fields; empty for a type without fields."""
     return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else getattr(kind, "_fields", ())
 
 
 def read_as(kind: Any, value: Any) -> Any:
-    """The value of type `kind` that JSON's words, or `txt1.telemetry.exact`'s, are of; None of None."""
+    """Return the value of type `kind` from JSON's form or `txt1.telemetry.exact`'s; None stays None."""
     return _reader(kind)(value)
 
 
 @cache
 def _reader(kind: Any) -> Convert:
-    """The function that makes a value of type `kind`, or None, of JSON's words for it."""
+    """Return the function that makes a value of type `kind`, or None, from its JSON form."""
     read = _make_reader(kind)
     return lambda value: None if value is None else read(value)
 
 
 def _make_reader(kind: Any) -> Convert:
     origin, args = get_origin(kind) or kind, get_args(kind)
-    # here always "something or None"
+    # here always a type or None
     if origin in (Union, UnionType):
         return _reader(next(arg for arg in args if arg is not NoneType))
     if origin is Schedule:

@@ -1,7 +1,8 @@
-"""The table of topics: every value the robot tells, declared beside its type by whoever owns it.
+"""The table of topics: every value in the robot's telemetry.
 
-Its module hands it to `declare` and offers or publishes it on the robot's `txt1.telemetry.bus.Bus`: recorder, live
-view, screens and exports find it there (see docs/recording.md).
+A topic is declared in the module that defines the type of its values. The module calls `declare`, and offers or
+publishes the topic on the robot's `txt1.telemetry.bus.Bus`. Recorder, live view, screens and exports find it in the
+table (see docs/recording.md).
 """
 
 import builtins
@@ -21,29 +22,30 @@ class Rule(StrEnum):
 
     CYCLE = "every controller cycle"
     CHANGE = "when it changes, looked at every controller cycle"
-    SECOND = "once a second, when it is another than before"
+    SECOND = "once a second, when it has changed"
     EVENT = "as it comes"
     SNAPSHOT = "in snapshots only"
 
 
 @dataclass(frozen=True, eq=False)
 class Topic(Generic[T]):
-    """One value that the robot tells.
+    """A topic: one value in the robot's telemetry.
 
     Attributes:
-        name: such as "/odom"; with several robots the robot's name stands before it.
-        type: of its values, which are immutable.
-        units: of its numbers, for people.
+        name: for example "/odom"; with several robots the robot's name precedes it.
+        type: type of the values, which are immutable.
+        units: units of the numbers, for people.
         message: the ROS message, ``package/Name`` (see `txt1.telemetry.messages`).
-        rule: when it is told.
-        about: its meaning, for people.
-        constants: the message's values that are always the same, nested like the message: frames, for example.
-        paths: of the numbers in the message, such as "twist.linear.x", in the order in which they stand there.
-        make: the numbers of a value, in the order of `paths`, those behind them left out; without paths, the message's
-            fields as a nested mapping, or all behind its header as a named tuple.
+        rule: when a value is told.
+        about: the meaning, for people.
+        constants: the message's constant values, nested like the message; for example frames.
+        paths: paths of the numbers in the message, such as "twist.linear.x", in the message's order.
+        make: function from a value to its numbers, in the order of `paths`; later fields of the message are left out.
+            Without paths it returns the message's fields as a nested mapping, or all fields after the header as a named
+            tuple.
         in_snapshots: False for topics that are slow to read or that repeat another one.
 
-    The message's first time stamp is filled in by whoever writes it.
+    The writer of the message fills in its first time stamp.
 
     """
 
@@ -60,7 +62,7 @@ class Topic(Generic[T]):
 
 
 Take = Callable[[Topic[Any], Any, float], None]
-"""Takes a topic, a value and its time in s of the run; in the loop, so it must not wait."""
+"""A subscriber: takes a topic, a value and its time in s of the run. It is called in the loop, so it must not wait."""
 Unsubscribe = Callable[[], None]
 
 TOPICS: Final[dict[str, Topic[Any]]] = {}
@@ -68,7 +70,7 @@ TOPICS: Final[dict[str, Topic[Any]]] = {}
 
 
 def declare(topic: Topic[T]) -> Topic[T]:
-    """Enter a topic into the table and return it; ValueError where its name is taken, or no name of a topic."""
+    """Enter a topic into the table and return it. Raises ValueError if its name is taken or malformed."""
     if not TOPIC_NAME.fullmatch(topic.name):
         raise ValueError(f"topic {topic.name!r}: give it a name of /, small letters, digits and _, such as /odom")
     if topic.name in TOPICS:
