@@ -1,4 +1,4 @@
-"""Whether the safety gate may be opened now."""
+"""Decides whether the safety gate may be opened now."""
 
 from typing import Final
 
@@ -7,17 +7,17 @@ from txt1.hal.base import Hal
 from txt1.tasks.standstill import Watch
 from txt1.tasks.state import State
 
-# s of the run: the mode task judges the link once a second, so none is alive before
+# s of the run: the mode task judges the link once a second, so it knows no link before
 FIRST: Final = 1.0
 
 
 def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, now: float) -> str | None:
-    """Return why the robot may not be armed at `now`, with the remedy; None when it may.
+    """Return why the robot may not be armed at `now`, with the remedy; None when arming is allowed.
 
-    `io` is the hardware layer as the tasks have it. `held` says that the loops run here behind a line, which is not
+    `io` is the hardware layer as the tasks use it. `held`: the velocity loops run here, behind a line, which is not
     allowed.
     """
-    # as it is after what was done just now
+    # the switch's state after the actions of this instant
     board = None if state.board is None else hal.read(now).link
     if board is not None and not board.ready:
         return f"no link to the board yet: {board.text}"
@@ -46,9 +46,10 @@ def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held
 
 
 def reason_after_runaway(rolls_until: float, blind: bool, stands: bool, now: float) -> str | None:
-    """Return why a robot that did not obey may not be armed at `now`; None when it may.
+    """Return why a robot that did not obey may not be armed at `now`; None when arming is allowed.
 
-    It has certainly rolled out at `rolls_until`. Before that its encoders are not asked: dead ones say 0.
+    At `rolls_until` (s of the run) it has certainly come to rest. Before that time its encoders do not count, because
+    dead encoders read 0.
     """
     if now < rolls_until:
         return f"it did not obey, and may still roll: try again in {rolls_until - now:.1f} s"

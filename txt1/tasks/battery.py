@@ -17,16 +17,16 @@ from txt1.telemetry.topics import Rule, Topic, declare
 OLD_WEIGHT: Final = 0.6
 GOOD_V: Final = 9.5
 WARNING_V: Final = 9.0
-# a pack that reads less is not fitted
+# V; a pack that reads less is not connected
 FITTED_V: Final = 1.0
-# seconds of bad batteries that stop the robot: readings may start low and settle
+# s for which the batteries have to be bad before the robot stops: first readings may be low, and settle
 BAD_TIME: Final = 5.0
-# in ROS's numbers
+# the numbers of ROS
 _HEALTH: Final = {BatteryState.GOOD: 1, BatteryState.WARNING: 1, BatteryState.BAD: 3}
 
 
 def _topic(number: int) -> Topic[Battery]:
-    # as ROS says it of anything that is not measured
+    # ROS's value for an unknown quantity
     unknown = float("nan")
 
     def numbers(battery: Battery) -> tuple[float, int, bool]:
@@ -77,7 +77,7 @@ RANGE: Final = declare(
 async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callable[[BoardMessage], None]) -> None:
     """Smooth the voltages, judge them, send them, and stop the robot when they have been bad for too long.
 
-    A voltage that is not finite is not known, and forgotten: the filter begins anew with the next.
+    A voltage that is not finite is forgotten: the filter starts again with the next voltage.
     """
     one: float | None = None
     two: float | None = None
@@ -88,7 +88,7 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
     async for now in ticks:
         inputs = hal.read(now)
         if inputs.batteries is None or inputs.battery_time == time is not None:
-            # nothing new
+            # no new reading
             continue
         time = inputs.battery_time
         one, two = smooth(one, inputs.batteries[0], weight), smooth(two, inputs.batteries[1], weight)
@@ -116,7 +116,10 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
 
 
 def smooth(old: float | None, new: float, weight: float) -> float | None:
-    """The smoothed voltage, V, `weight` being the old one's; None when the new one is not finite."""
+    """Return the smoothed voltage, V; None if the new voltage is not finite.
+
+    `weight` is the weight of the old voltage.
+    """
     if not isfinite(new):
         return None
     return new if old is None else weight * old + (1.0 - weight) * new
@@ -125,9 +128,10 @@ def smooth(old: float | None, new: float, weight: float) -> float | None:
 def judge(
     battery1: float | None, battery2: float | None, good: float = GOOD_V, bad: float = WARNING_V
 ) -> BatteryState | None:
-    """The batteries' state from both voltages in V, None for one that is not known; None when that leaves it open.
+    """Return the batteries' state from both voltages in V, None for an unknown voltage; None if the state stays
+    unknown.
 
-    Without any pack the external supply must be feeding us.
+    If no pack is connected, an external supply feeds the robot.
     """
     known = [volts for volts in (battery1, battery2) if volts is not None]
     best = max(known, default=0.0)

@@ -20,13 +20,13 @@ from txt1.units import new
 
 CONTROL_PERIOD: Final = 0.02
 
-# age in seconds at which combined odometry is not used any more
+# s of age from which combined odometry is not used
 COMBINED_TIMEOUT: Final = 0.1
-# age in seconds at which odometry is lost
+# s of age from which odometry counts as lost
 ODOMETRY_TIMEOUT: Final = 0.5
-# longest s from one reading of the odometry to the next that a step of the loops may bridge
+# s: the longest gap between two readings of the odometry that a step of the loops may bridge
 STEP_MAX: Final = 0.1
-# m/s of the faster wheel from which boards read the slower one, too: originals read 0 below 0.045
+# m/s of the faster wheel from which boards also read the slower wheel: originals read 0 below 0.045
 READ: Final = 0.1
 SETPOINT: Final = declare(
     Topic(
@@ -87,20 +87,20 @@ MEASURED_BY: Final = declare(
 )
 
 _OFF: Final = Gains()
-# an attribute of an Enum is not found quickly
+# Python finds an attribute of an Enum slowly
 ENCODER: Final = Source.ENCODER
 COMBINED: Final = Source.COMBINED
 RECKONED: Final = Source.RECKONED
 
 
 UNMOVED: Final = 0.5
-"""Seconds of commands that cannot move it, after which that is told."""
+"""s of commands without effect after which the robot tells why it cannot move."""
 
 Loops = VelocityLoops | InformedLoops | OpenLoop
 
 
 def reason_not_to_move(state: State, can: Capabilities) -> str | None:
-    """Why no command moves the robot although it is armed, with the remedy; None when one does."""
+    """Return why no command moves the armed robot, with the remedy; None if commands move it."""
     if state.power.esc is False:
         return "the ESC is off, so nothing moves: switch it on first (e, or Robot.switch_power)"
     if not state.gains.loaded and (can.gains or (can.pwm and not can.blind)):
@@ -111,7 +111,8 @@ def reason_not_to_move(state: State, can: Capabilities) -> str | None:
 async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry, loops: Loops) -> None:
     """Turn the command in force into outputs, once per tick, through the safety gate.
 
-    The loops step with every reading of the odometry: with every tick where there are encoders, else as it arrives.
+    The loops step with every reading of the odometry: in every tick if the HAL has encoders, else when odometry
+    arrives.
     """
     closes_loops = hal.capabilities.pwm
     has_ticks = hal.capabilities.ticks
@@ -176,7 +177,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
                 told = True
                 state.tell(now, reason)
         else:
-            # said again at the next attempt
+            # the next attempt tells it again
             asked_since, told = inf, False
         hal.write(outputs, now)
         control = state.control
@@ -185,7 +186,10 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
 
 
 def measured(state: State, now: float) -> tuple[Source, float, float]:
-    """The measured speed (m/s) and yaw rate (rad/s), and their source: combined odometry while selected and fresh."""
+    """Return the source of the measured velocities, the speed (m/s) and the yaw rate (rad/s).
+
+    The source is combined odometry while it is selected and fresh.
+    """
     combined = state.combined
     if combined is not None and state.link.combined and now - combined.time <= COMBINED_TIMEOUT + 1e-9:
         return COMBINED, combined.v, combined.omega

@@ -1,4 +1,4 @@
-"""How the tasks do and what went wrong, as ROS's diagnostics say it."""
+"""The tasks' statistics and the counts of faults, as ROS's diagnostics."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final, NamedTuple
@@ -9,7 +9,7 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 
 class TaskCount(NamedTuple):
-    """One task's cycles run and missed; lateness and run time on the real clock."""
+    """Cycles run and missed of one task; its lateness and run time on the real clock."""
 
     cycles: int
     misses: int
@@ -17,12 +17,12 @@ class TaskCount(NamedTuple):
     run_time: Histogram | None = None
 
 
-# by the tasks' names
+# by name of task
 TaskCounts = dict[str, TaskCount]
 
 
 def task_counts(tasks: Mapping[str, TaskStatistics], times: bool) -> TaskCounts:
-    """Return what stands in the statistics now, with the `times` or without."""
+    """Return the present statistics, with the `times` or without."""
     return {
         name: TaskCount(task.cycles, task.misses, *((task.lateness.copy(), task.run_time.copy()) if times else ()))
         for name, task in tasks.items()
@@ -30,12 +30,13 @@ def task_counts(tasks: Mapping[str, TaskStatistics], times: bool) -> TaskCounts:
 
 
 class Reports:
-    """The tasks' statistics as they are told: brought up to date no more often than needed, as summing them up costs.
+    """The published statistics of the tasks.
+
+    They are computed no more often than needed, because summing up takes time.
 
     Args:
         statistics: of every task so far, by name.
-        virtual: whether time is virtual; lateness and run time are the processor's then, and not counted.
-
+        virtual: whether time is virtual; lateness and run time are left out then, as they are the processor's.
     """
 
     def __init__(self, statistics: Callable[[], Mapping[str, TaskStatistics]], virtual: bool) -> None:
@@ -52,17 +53,20 @@ class Reports:
         return len(self._tasks)
 
     def add(self, name: str, priority: int, period: float | None) -> None:
-        """Report on another task; its period in s is None when it runs on arrival."""
+        """Report on another task; its period in s is None if it runs on arrival."""
         self._tasks[name] = priority, period
 
     def counts(self, now: float, running: bool) -> TaskCounts:
-        """The counts of all tasks; in virtual time those of a running robot are renewed only once in ten seconds."""
+        """Return the counts of all tasks.
+
+        In virtual time the counts of a running robot are renewed only once in ten seconds.
+        """
         if not (self._virtual and running and self._counts) or now >= self._counted_at + 10.0:
             self._counts, self._counted_at = task_counts(self._statistics(), not self._virtual), now
         return self._counts
 
     def newest(self) -> tuple[TaskReport, ...]:
-        """The reports of all tasks; one task's is renewed at a time."""
+        """Return the reports of all tasks. Each call renews the report of one task."""
         names = list(self._tasks)
         due = [name for name in names if name not in self._reports] or [names[self._next % len(names)]]
         self._next += 1
@@ -125,7 +129,7 @@ TASKS: Final = declare(
     )
 )
 LIMITED: Final = ("speed_clipped", "yaw_rate_clipped", "pwm_clipped", "motor_limited", "steering_limited")
-"""Counted among the faults, but no faults: the gate kept a value within its limits. Screens leave them out."""
+"""Counts of values that the gate kept within its limits. They are no faults, so screens leave them out."""
 FAULTS: Final = declare(
     Topic[dict[str, int]](
         "/faults",

@@ -1,4 +1,4 @@
-"""The encoder task, 50 Hz, and the odometry task, 20 Hz, which sends its pose on (thesis 2.3, 3.3.3, 3.7.1)."""
+"""The encoder task, 50 Hz, and the odometry task, 20 Hz, which sends the pose on (thesis 2.3, 3.3.3, 3.7.1)."""
 
 from collections.abc import Callable, Sequence
 from math import cos, sin
@@ -16,26 +16,27 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 from txt1.units import new
 
-# m/s^2 at most: a speed that falls faster is one that is not measured any more, or a wall's work
+# m/s^2: brakes cannot slow the robot faster; a speed that falls faster is no longer measured, or the robot has hit a
+# wall
 BRAKES: Final = 10.0
-# s between two messages of odometry: a line may hold some up, and then they come in a bunch
+# s between two odometry messages: a line may delay some of them, which then arrive in a bunch
 MESSAGES: Final = 0.05
 PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
-"""The numbers of a pose in the plane, in a ROS message."""
+"""The numbers of a plane pose in a ROS message."""
 _ROBOT: Final = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
 
 
 def _diagonal(x: float, y: float, theta: float) -> dict[str, list[float]]:
-    """A covariance of ROS's, 6 x 6, of a robot in the plane: what it cannot do is certain."""
+    """Return a 6 x 6 covariance for ROS, of a robot in the plane. The motions it cannot make have variance 0."""
     values = [0.0] * 36
     values[0], values[7], values[14], values[21], values[28], values[35] = x, y, 1e-6, 1e-6, 1e-6, theta
     return {"covariance": values}
 
 
 _UNSURE: Final = {
-    # it grows with the way, which a constant cannot say: 0.1 m and 0.1 rad
+    # 0.1 m and 0.1 rad; the true variance grows with the distance, which a constant cannot show
     "pose": _diagonal(0.01, 0.01, 0.01),
-    # a count more or less, the floor and the tyres: m/s, rad/s
+    # m/s and rad/s, from one encoder count, the floor and the tyres
     "twist": _diagonal(0.006**2, 1e-6, 0.04**2),
 }
 
@@ -126,7 +127,7 @@ ROOM: Final = declare(
 
 
 def origin(pose: Pose, odometry: Odometry) -> Pose:
-    """Return the pose in the room (m, rad) of the frame in which the odometry counts."""
+    """Return the pose in the room (m, rad) of the odometry's frame."""
     turn = pose[2] - odometry.theta
     x, y = odometry.x * cos(turn) - odometry.y * sin(turn), odometry.x * sin(turn) + odometry.y * cos(turn)
     return pose[0] - x, pose[1] - y, turn
@@ -136,7 +137,7 @@ STILL: Final = Encoders(0, 0)
 
 
 async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:
-    """Keep the odometry up to date, from encoder ticks or from a HAL that computes odometry itself."""
+    """Keep the odometry up to date, from encoder ticks or from a HAL that computes odometry."""
     wheels = WheelOdometry(geometry)
     if hal.capabilities.blind:
         state.tell(0.0, "no encoders: odometry is dead reckoning, and the rules on runaways are off")
@@ -162,21 +163,24 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
 
 
 def _put(state: State, odometry: Odometry, time: float, still: bool) -> None:
-    """Keep odometry of a time, s of the run; `still`: it was measured not to move, which takes the ATX supply's 5 V."""
+    """Store the odometry of a time, s of the run.
+
+    `still`: the robot was measured to stand, which needs the ATX supply's 5 V.
+    """
     state.odometry, state.odometry_time = odometry, time
     if not still or state.power.atx is False:
         state.moved_time = time
 
 
 def _note(state: State, link: BoardLink | None, now: float) -> None:
-    """Take how the line is, and tell what is new."""
+    """Take the state of the line, and tell a change of it."""
     if link is not None and (state.board is None or link.text != state.board.text):
         state.tell(now, link.text)
     state.board = link
 
 
 def take_odometry(state: State, inputs: Inputs, now: float) -> None:
-    """Take what hardware reports that computes odometry itself, and how the line to it is."""
+    """Take the odometry that the hardware reports, and the state of the line."""
     if inputs.link is not state.board:
         _note(state, inputs.link, now)
     if inputs.odometry is not None:
@@ -191,16 +195,16 @@ def take_odometry(state: State, inputs: Inputs, now: float) -> None:
 
 
 def fallen(before: float, after: float, since: float) -> bool:
-    """Whether a speed, m/s, has fallen within `since` s as no brakes can make it: perhaps encoders without power."""
+    """Return whether a speed, m/s, fell within `since` s faster than brakes allow, as when encoders lose power."""
     return abs(before) - abs(after) > BRAKES * max(since, MESSAGES) + 1e-9
 
 
 async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:
-    """Send pose and velocities, once per tick, while the host is heard."""
+    """Send pose and velocities, once per tick, while the link to the host is alive."""
     async for _ in ticks:
         if not state.link.alive:
             continue
         x, y, theta, v, omega = state.odometry
         send(EncoderOdometry(x, y, theta, v, omega))
-        # for the transmit LED; the few other messages do not show beside these
+        # for the transmit LED; all other messages are too few to show
         state.transmitted += 1

@@ -1,7 +1,7 @@
-"""The values in the shared state of the tasks, and topics of those that a snapshot tells.
+"""The values in the shared state of the tasks, and the topics for snapshots.
 
-Every value is immutable and replaced whole, so a reader never sees half of an update and nothing needs a lock; this
-is what the critical sections of the RTOS were for.
+Every value is immutable and replaced whole. So a reader never sees half of an update, and no lock is needed. The
+board's RTOS used critical sections for this.
 """
 
 from enum import StrEnum
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class Command(NamedTuple):
-    """A velocity command: v in m/s, omega in rad/s, when its author gave it (s of the run), the gate's epoch then."""
+    """A velocity command: v in m/s, omega in rad/s; time of its origin (s of the run) and the gate's epoch then."""
 
     v: float
     omega: float
@@ -30,7 +30,7 @@ class Command(NamedTuple):
 
 
 class ManualPwm(NamedTuple):
-    """A PWM test command: counts of motor and steering, when its author gave it (s of the run), the epoch then."""
+    """A PWM test command: counts of motor and steering; time of origin (s of the run) and the gate's epoch."""
 
     motor: int
     front: int
@@ -40,7 +40,7 @@ class ManualPwm(NamedTuple):
 
 
 class CombinedSample(NamedTuple):
-    """Combined odometry's velocities in m/s and rad/s, and when they arrived, s of the run."""
+    """Velocities from combined odometry in m/s and rad/s, and their time of arrival, s of the run."""
 
     v: float
     omega: float
@@ -48,7 +48,10 @@ class CombinedSample(NamedTuple):
 
 
 class Power(NamedTuple):
-    """The power switches: as they are, or as they were asked to be where nobody confirms it; None: nobody knows."""
+    """The power switches: True is on, False is off, None is unknown.
+
+    If the HAL does not report them, they are as last requested.
+    """
 
     atx: bool | None = None
     esc: bool | None = None
@@ -56,7 +59,7 @@ class Power(NamedTuple):
 
 
 class GainTable(NamedTuple):
-    """The gains that were loaded; all zero at power-up, so nothing moves."""
+    """The loaded gains; all zero at power-up, so the robot does not move."""
 
     linear: Gains = Gains()
     angular: Schedule = Schedule()
@@ -64,7 +67,7 @@ class GainTable(NamedTuple):
 
 
 class BatteryState(StrEnum):
-    """How the batteries are (the board's states)."""
+    """The state of the batteries, as on the board."""
 
     EXTERNAL = "external power"
     GOOD = "good"
@@ -75,7 +78,8 @@ class BatteryState(StrEnum):
 class Battery(NamedTuple):
     """Smoothed voltages (V), state, and remaining time under full load (s); None where the HAL has no battery.
 
-    The voltages were read or received at `time`, s of the run; `exhausted`: bad for so long that it is believed.
+    The voltages were read or received at `time`, s of the run; `exhausted`: they have been bad long enough to stop the
+    robot.
     """
 
     battery1: float | None = None
@@ -87,23 +91,23 @@ class Battery(NamedTuple):
 
 
 class LinkState(NamedTuple):
-    """Whether the host was heard in the last second, and combined odometry came often enough."""
+    """Whether the host was heard in the last second, and whether combined odometry came often enough."""
 
     alive: bool = False
     combined: bool = False
 
 
 class Source(StrEnum):
-    """Where the loops take the measured velocities from."""
+    """The source of the measured velocities for the loops."""
 
     ENCODER = "encoder"
     COMBINED = "combined"
-    # nothing measures them: they are what was asked for
+    # without a measurement the commanded velocities stand in
     RECKONED = "reckoned"
 
 
 class Control(NamedTuple):
-    """The controller's last cycle: outputs behind the gate; set-point (m/s, rad/s) and angular gains in force."""
+    """The controller's last cycle: outputs after the gate; set-point (m/s, rad/s) and angular gains in force."""
 
     outputs: Outputs = Outputs()
     v: float = 0.0
@@ -113,16 +117,16 @@ class Control(NamedTuple):
 
 
 class Encoders(NamedTuple):
-    """Ticks of the right and left encoder in the last period; None for a HAL without them."""
+    """Ticks of the right and left encoder in the last period; None without encoders."""
 
     right: int | None = None
     left: int | None = None
 
 
 class Panel(NamedTuple):
-    """What the joystick has set: the screen, counted round and round, how far the gains are scrolled, manual mode.
+    """The settings made with the joystick: number of the screen, number of gain sets scrolled past, manual mode.
 
-    Nobody knows of manual mode where the loops run on a board: None.
+    Manual mode is None if the loops run on a board, which does not report it.
     """
 
     screen: int = 0
@@ -131,14 +135,14 @@ class Panel(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Something worth telling: when (s of the run) and what."""
+    """A line of the event log: time (s of the run) and text."""
 
     time: float
     text: str
 
 
 class TaskReport(NamedTuple):
-    """One task's statistics: rate in Hz (None on arrival), cycles, misses, lateness and run time in s."""
+    """Statistics of one task: rate in Hz (None on arrival), cycles, misses, lateness and run time in s."""
 
     name: str
     priority: int
@@ -150,7 +154,7 @@ class TaskReport(NamedTuple):
 
 
 class Traffic(NamedTuple):
-    """Messages received from the host and transmitted to it, and the age of the odometry in s."""
+    """Numbers of messages received from the host and sent to it, and the age of the odometry in s."""
 
     received: int = 0
     transmitted: int = 0
@@ -158,11 +162,11 @@ class Traffic(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """The room, the light's position (x, y), the robot's body, and what stands there, in m.
+    """The room, the light's position (x, y), the robot's body, and the obstacles, in m.
 
-    Of the room length and width; of the body, too, and how far its centre is ahead of the pose.
+    `room` is length and width. `body` is length, width, and the distance of its centre ahead of the pose.
 
-    None is what nobody knows.
+    Unknown values are None.
     """
 
     room: tuple[float, float] | None = None
@@ -217,7 +221,7 @@ DRIVER: Final = declare(
 
 
 _WARN: Final = ("disarmed", "link lost", "batteries", "the robot does not", "the robot moves", "the estimate is off")
-"""Beginnings of events that are warnings."""
+"""Beginnings of events that ROS gets as warnings."""
 
 
 def _log_message(event: Event) -> dict[str, object]:

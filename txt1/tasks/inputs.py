@@ -1,4 +1,4 @@
-"""Everything given to the tasks from outside, exact and with its place among their steps: what a replay needs."""
+"""Every input of the tasks from outside, exact, with its place among their steps: a replay needs it."""
 
 from typing import Any, Final, NamedTuple
 
@@ -8,10 +8,10 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 
 class Input(NamedTuple):
-    """Something given to the tasks from outside: a message or an action of that `kind`, with its numbers and text.
+    """An input of the tasks from outside: a message or action of a `kind`, with its numbers and text.
 
-    `step` counts the scheduler's steps before it, that of the `source` included: the task of the user's or the driver's
-    that gave it, empty for none. Its author gave it at `given`, s of the run.
+    `step` counts the scheduler's steps before it. `source` is the task (a user's or the driver's) that gave it, "" for
+    none; the present step of this task is counted. `given` is the time of its origin, s of the run.
     """
 
     step: int
@@ -40,26 +40,27 @@ INPUT: Final = declare(
 
 
 class Report(NamedTuple):
-    """Something that was read: a sensor's reading, or the hardware's report.
+    """A value that was read: a sensor's reading, or the hardware's report.
 
-    `step` counts the scheduler's steps before it, that of the reading task included. The `source` is "hal" or the name
-    of the task that reads a sensor. A sensor's kinds are "reading", "fails" with the error's `text`, "idle" when its
-    readings are no longer needed, and "asked" when they are needed again. The hardware's kinds are "read", "write" and
-    its other calls, each with the error's text if it fails, and once "hardware", with its name and `Capabilities`.
+    `step` counts the scheduler's steps up to it; the present step of the reading task is counted. The `source` is "hal"
+    or the name of the task that reads a sensor. A sensor's kinds are "reading", "fails" with the error's `text`, "idle"
+    when its readings are no longer needed, and "asked" when they are needed again. The hardware's kinds are "read",
+    "write" and its other calls, each with the error's text if it fails, and once "hardware", with its name and
+    `Capabilities`.
     """
 
     step: int
     source: str
     kind: str
     text: str = ""
-    # when a reading was taken, s of the run
+    # time at which a reading was taken, s of the run
     time: float = 0.0
     value: Any = None
 
 
 def _report(report: Report) -> dict[str, Any]:
-    """The fields of a report's message; without data where the value has no exact bytes, which a replay says."""
-    # which nobody needs but a recorder
+    """Return the fields of a report's message. A value without exact bytes has no data; the replay then says so."""
+    # imported here: only a recorder needs it
     from txt1.telemetry import exact
 
     told: dict[str, Any] = report._asdict()

@@ -1,4 +1,4 @@
-"""The mode task: is the host alive, which odometry counts? Priority 2, 1 Hz (thesis 3.3.3)."""
+"""The mode task: judges the link to the host and selects the odometry. Priority 2, 1 Hz (thesis 3.3.3)."""
 
 from typing import Final, NamedTuple
 
@@ -10,16 +10,16 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
 VELOCITY_MIN: Final = 1
-"""The link is alive when more Velocity messages than this came in a second (the original firmware)."""
+"""The link is alive if more Velocity messages than this came in a second (the original firmware)."""
 COMBINED_MIN: Final = 2
-"""Combined odometry is selected when more such messages than this came in a second (the original firmware)."""
+"""Combined odometry is selected if more of its messages than this came in a second (the original firmware)."""
 
 
 _MODES: Final = {None: "", False: "controller", True: "manual"}
 
 
 class Mode(NamedTuple):
-    """The safety gate (armed, stopped, why it is closed), link, power switches and panel."""
+    """The safety gate (armed, stopped, reason for being closed), link, power switches and panel."""
 
     armed: bool = False
     stopped: bool = False
@@ -45,7 +45,7 @@ def _mode_message(value: Mode) -> dict[str, object]:
 
 
 def _switch(on: bool | None, power: Power) -> str:
-    """How a switch stands; "" when nobody knows."""
+    """Return the position of a switch in words; "" if it is unknown."""
     return "" if on is None else f"{'on' if on else 'off'}{'' if power.confirmed else ' (asked)'}"
 
 
@@ -67,9 +67,9 @@ MODE: Final = declare(
 
 
 async def mode(ticks: Ticks, state: State, gate: Gate) -> None:
-    """Judge the last second by the messages that came in it; a link that is lost disarms.
+    """Judge the last second by the messages that came in it. A lost link disarms.
 
-    Where there is a board behind a link, that one counts as well.
+    If the robot has a board behind a line, a lost link to the board counts as well.
     """
     velocities = combined = 0
     async for now in ticks:
@@ -80,7 +80,7 @@ async def mode(ticks: Ticks, state: State, gate: Gate) -> None:
         velocities, combined = state.velocity_count, state.combined_count
         if state.link.alive and not link.alive:
             state.tell(now, "link lost")
-            # in the instant in which it is lost this task comes before the controller
+            # at the instant of the loss this task runs before the controller
             board = state.board
             known = board is not None and not board.ready and board.reason
             gate.disarm(known or "link lost", Fault.LINK)

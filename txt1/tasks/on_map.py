@@ -1,6 +1,6 @@
-"""What screens draw of the map that a robot drives in, or makes: its walls, and where the robot is on it.
+"""The map for the screens: its walls, and the robot's pose on it.
 
-Nothing here reads a map, so screens load it in no time.
+This module reads no map, so screens load it quickly.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from txt1.sim.room import Room
 
 Line = tuple[tuple[float, float], ...]
-"""Corners (x, y), m, the last one joined to the first."""
+"""Corners (x, y), m; the last corner is joined to the first."""
 
 
 class MapPose(NamedTuple):
-    """Where the robot is on the map now: the pose of the last scan, and odometry since."""
+    """The robot's present pose on the map: the pose of the last scan, moved by the odometry since then."""
 
     x: float
     """m."""
@@ -34,7 +34,7 @@ class MapPose(NamedTuple):
     fit: float
     """Share of the last scan that fits the map, 0 to 1."""
     lost: bool
-    """Whether the pose is not to be used."""
+    """Whether the pose must not be used."""
 
 
 WALLS_ON_MAP: Final = declare(
@@ -59,23 +59,23 @@ SCAN_ON_MAP: Final = declare(
 
 
 class MapInUse:
-    """The map of a robot, whoever knows where the robot is on it: a part of its runtime, found by this class."""
+    """The map that the robot uses; a part of its runtime, which other parts find by this class."""
 
     making = False
-    """Whether the map is in the making."""
+    """Whether the map is being made."""
 
     def pose(self) -> MapPose | None:
-        """Return where the robot is now; None: nothing is known yet."""
+        """Return the robot's present pose; None while it is unknown."""
         raise NotImplementedError
 
     def floor(self) -> Room | None:
-        """Return the walls, and what is `seen`, to plan round, in the frame of the pose; None: they are not known."""
+        """Return the walls and `seen` for the planner, in the frame of the pose; None while they are unknown."""
         raise NotImplementedError
 
     def seen(self) -> Sequence[tuple[float, float]]:
-        """Return what is seen near the robot now that the map does not have: places, m, in the frame of the pose."""
+        """Return the places (m, in the frame of the pose) of things seen near the robot that are not on the map."""
         return ()
 
     def place(self, x: float, y: float, theta: float | None) -> None:
-        """Say where the robot is, m and rad (None: with any heading); raises CommandRefused."""
+        """Set the robot's pose, m and rad (theta None: any heading); raises CommandRefused."""
         raise NotImplementedError

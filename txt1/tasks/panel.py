@@ -30,17 +30,17 @@ async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, g
                 panel, presses.popleft(), rows=len(state.gains.angular.sets), has_pwm=hal.capabilities.by_hand
             )
         if panel.manual != state.panel.manual:
-            # a command for the one mode is none in the other
+            # a command for one mode is invalid in the other
             gate.renew(now)
             state.tell(now, "manual mode" if panel.manual else "controller mode")
         state.panel = panel
 
 
 def press(panel: Panel, pressed: Button, rows: int, has_pwm: bool) -> Panel:
-    """The panel after one press. `rows` is how many angular gain sets there are to scroll through.
+    """Return the panel after a press. `rows` is the number of angular gain sets to scroll through.
 
-    Left and right change the screen, up and down scroll the gains, the centre toggles controller and manual mode,
-    where there is PWM to set by hand.
+    Left and right change the screen, up and down scroll the gains, the centre toggles controller and manual mode, if
+    the HAL has PWM.
     """
     match pressed:
         case Button.LEFT:
@@ -57,12 +57,12 @@ def press(panel: Panel, pressed: Button, rows: int, has_pwm: bool) -> Panel:
 
 
 async def display(ticks: Ticks, state: State, hal: Hal) -> None:
-    """Set buzzer and LEDs, once per tick; an LED toggles with every message."""
+    """Set buzzer and LEDs, once per tick. An LED toggles with every message."""
     async for _ in ticks:
         sounds = buzzer(state.link.alive, state.battery.state)
         hal.indicate(Indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
 
 
 def buzzer(link_alive: bool, battery: BatteryState | None) -> bool:
-    """Whether the buzzer sounds: the link is lost or a battery is low (thesis 3.6.2)."""
+    """Return whether the buzzer sounds: the link is lost or a battery is low (thesis 3.6.2)."""
     return not link_alive or battery in (BatteryState.WARNING, BatteryState.BAD)

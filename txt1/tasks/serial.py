@@ -1,6 +1,6 @@
 """The serial task: takes the host's messages as they arrive. Priority 4 (thesis 3.3.3, 3.5).
 
-In simulation a message arrives as the object the host made; behind a wire a decoder makes the same objects from bytes.
+In simulation a message arrives as the host's own object. Behind a wire a decoder makes equal objects from bytes.
 """
 
 from collections import deque
@@ -27,21 +27,21 @@ from txt1.protocol.messages import (
 from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm
 from txt1.tasks.state import State
 
-# s; older odometry says nothing of the speed that combined odometry is made of
+# s; older odometry is too old to be combined
 SEEN: Final = 0.3
-# messages that may wait for the task; a host that floods it loses the oldest
+# messages that may wait for the task; when more come, the oldest are lost
 INBOX_MAX: Final = 1000
 Inbox = deque[tuple[Message, float, int]]
-"""Messages from the host, each with the time its author gave it (s of the run) and the gate's epoch at that time.
+"""Messages from the host, each with the time of its origin (s of the run) and the gate's epoch at that time.
 
 With a board behind a line, its answers to a PID set arrive here as well.
 """
 
 
 def stands(state: State) -> bool:
-    """Whether nothing is asked for, and the encoders have not seen it move.
+    """Return whether no motion is commanded and the encoders see none.
 
-    Then a board gets no combined odometry: its loops would drive against a speed that is not there.
+    A board then gets no combined odometry, because its loops would drive against its noise.
     """
     control, odometry = state.control, state.odometry
     return not (control.v or control.omega or odometry.v or odometry.omega)
@@ -60,9 +60,9 @@ async def serial(
 ) -> None:
     """Carry out every message that has arrived, in order.
 
-    `answered` is for a HAL that closes its own loops: told whether they accept the gains, it posts a PidResponse here.
-    Gains beyond `gain_limits` (a `txt1.control.gains.GainLimits`) are refused.
-    `reason_to_keep_atx` tells why the ATX supply may not be turned off at a time, s of the run; None: it may.
+    `answered` is for a HAL that closes its own loops: it is called with whether they accept the gains, and posts a
+    PidResponse here. Gains beyond `gain_limits` (a `txt1.control.gains.GainLimits`) are refused. `reason_to_keep_atx`
+    returns why the ATX supply may not be turned off at a time, s of the run; None if it may.
     """
     async for now in arrivals:
         while inbox:
@@ -76,7 +76,7 @@ async def serial(
                         state.command = Command(*limited, time, epoch)
                 case CombinedOdometry():
                     if gate.admit_finite(message.v, message.omega):
-                        # else it is made of a speed from before a loss
+                        # older odometry is from before a loss of the line
                         seen = now - state.odometry_time <= SEEN
                         if hal.capabilities.combined and seen and not stands(state):
                             hal.offer_odometry(message, now)
@@ -92,7 +92,7 @@ async def serial(
                             state.servos = pwm[3], pwm[4]
                 case PwmCommand(pwm4, pwm5):
                     servos = gate.admit_pwm(pwm4, pwm5)
-                    # nothing from before arming counts
+                    # commands from before arming do not count
                     if servos is not None and gate.armed and epoch == gate.epoch:
                         state.servos = servos[0], servos[1]
                 case PowerControl() if not hal.capabilities.power:
@@ -131,19 +131,19 @@ async def serial(
 
 
 def switch_power(state: State, hal: Hal, switch: Switch, on: bool, now: float) -> None:
-    """Have a power supply turned on or off."""
+    """Turn a power supply on or off."""
     hal.switch(switch, on, now)
     if switch is Switch.ATX and on:
         state.atx_time = now
     power = state.power._replace(**{switch.name.lower(): on})
-    # hosts say it again and again
+    # hosts repeat the request
     if power != state.power:
         state.power = power
         state.tell(now, f"{switch.name} {'on' if on else 'off'}{'' if power.confirmed else ' (asked, not confirmed)'}")
 
 
 def gain_table(message: PidSet) -> GainTable | None:
-    """The gains of a PID set; None when they are not acceptable: not finite, or v_max does not rise."""
+    """Return the gains of a PID set; None if a gain is not finite, or v_max does not rise."""
     values = (*message.linear, *(value for each in message.angular for value in each))
     if not all(-LARGEST <= value <= LARGEST for value in values):
         return None

@@ -1,6 +1,8 @@
-"""The standstill task: verifies every stop, 20 Hz, where loops at the far end of a line may not obey one.
+"""The standstill task: verifies every stop, 20 Hz.
 
-It also notices a vehicle that is commanded and does not move.
+It runs if the velocity loops are at the far end of a line and may not obey.
+
+It also notices a vehicle that is commanded to drive and does not move.
 """
 
 import asyncio
@@ -22,17 +24,17 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
 STANDSTILL_PERIOD: Final = 0.05
-# age in s at which a speed is not known any more
+# s of age from which a speed counts as unknown
 SEEN: Final = 0.3
-# s after which a PWM test of zeros is sent again, as lines lose frames
+# s after which a PWM test of zeros is repeated, because lines lose frames
 AGAIN: Final = 0.1
 # m/s that have to be commanded for a second ...
 SLOWEST: Final = 0.1
-# ... and not so many measured: original boards read 0 below 0.045 m/s
+# ... while less than this is measured: original boards read 0 below 0.045 m/s
 UNMOVED: Final = 0.03
 # s of that
 UNMOVED_TIME: Final = 1.0
-# s after which the loops of a board have certainly forgotten what they wound up meanwhile
+# s after which a board's loops have certainly lost their wound-up integral
 FULL: Final = 3.4
 # s that the end of a run waits at most
 END: Final = 3.0
@@ -57,8 +59,10 @@ _TOLD: Final = {
 
 
 class Watch:
-    """Watches a stop until the robot stands, and escalates by the means of the hardware layer; `switch` is called to
-    switch power."""
+    """Watches a stop until the robot stands, and escalates by the means of the hardware layer.
+
+    `switch` is called to switch power.
+    """
 
     def __init__(
         self, state: State, hal: Hal, gate: Gate, track_width: float, switch: Callable[[Switch, bool, float], None]
@@ -69,22 +73,22 @@ class Watch:
         self._switch = switch
         self._clear_loops: Callable[[float], None] = getattr(hal, "clear_loops", lambda now: None)
         self._halt_due = 0.0
-        # the board's loops may be wound up until then
+        # s of the run; until then the board's loops may be wound up
         self._full_until = 0.0
-        # the speed that has been commanded all the time ...
+        # the speed that was commanded without a break ...
         self._asked = 0.0
-        # ... without a motion, since then, s of the run
+        # ... and without a motion, since this time, s of the run
         self._unmoved_since = 0.0
-        # of these commands: it is another once the robot has been armed anew
+        # the epoch of these commands; it changes when the robot is armed again
         self._epoch = gate.epoch
 
     def step(self, now: float, outputs: Outputs) -> Stop:
-        """Look at the speed after these outputs, and do what the stop calls for."""
+        """Judge the speed after these outputs, and take the next measure of the stop."""
         state, watch = self.state, self.standstill
         before = watch.stop
         known = sees(state, now)
         v = state.odometry.v if known else None
-        # of the faster wheel: with an encoder that counts backwards the odometry of a fast car is of one that turns
+        # the faster wheel's: if an encoder counts backwards, the odometry of a fast car looks like a turn
         wheel = None if v is None else abs(v) + 0.5 * self._track_width * abs(state.odometry.omega)
         connected = state.board is None or state.board.connected
         commanded = bool(outputs.motor or outputs.v or outputs.omega)
@@ -98,7 +102,7 @@ class Watch:
         self._check_obedience(now, v, outputs)
         full = now < self._full_until and not armed and self.hal.capabilities.power
         if full and wheel is not None and wheel > STILL:
-            # somebody has switched the ESC on too soon, and loops that are full drive the car whatever they are told
+            # the ESC was switched on too soon: full loops would drive the car whatever the commands are
             self._full_until = 0.0
             state.tell(now, "the ESC came back before the board's loops were cleared: it is switched off")
             self._switch(Switch.ESC, False, now)
@@ -115,7 +119,7 @@ class Watch:
             self.state.tell(
                 now, "the speed fell faster than it can: a wall, or encoders without power; look at the robot"
             )
-            # which drive on against a speed that they do not see
+            # the loops drive on against a speed that they do not see
             self._clear_loops(now)
         if stop in UNOBEYED:
             self.gate.disarm("the robot did not stop when told to", Fault.STOP_UNOBEYED)
@@ -123,7 +127,7 @@ class Watch:
             self._switch(Switch.ESC, False, now)
 
     def _check_obedience(self, now: float, v: float | None, outputs: Outputs) -> None:
-        """Disarm when a speed was commanded for a second, all was ready, and nothing moved."""
+        """Disarm if a speed was commanded for a second, everything was ready, and the robot did not move."""
         state = self.state
         board = state.board
         ready = self.gate.armed and state.gains.loaded and board is not None and board.ready and board.gains
@@ -137,19 +141,19 @@ class Watch:
             low = state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
             causes = f"battery empty, {CAUSES}" if low else CAUSES
             self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)
-            # which are full: an ESC that comes back would move it
+            # the board's loops are full: an ESC that comes back would move the robot
             self._clear_loops(now)
             self._full_until = now + FULL
 
     @property
     def settled(self) -> bool:
-        """Whether nothing that this run has driven has to be watched any more."""
+        """Whether the robot stands after everything that this run has driven."""
         stop = self.standstill.stop
         return not self.standstill.drove or stop is Stop.STANDING or (stop is Stop.UNSEEN and not fell(self.state))
 
     @property
     def trouble(self) -> str:
-        """Why a stop of this run was none; "" when zeros were enough each time."""
+        """Why a stop of this run failed; "" if zeros were enough each time."""
         watch = self.standstill
         if watch.failed is Stop.NONE and self.settled:
             return ""
@@ -161,26 +165,28 @@ class Watch:
 
 
 def fell(state: State) -> bool:
-    """Whether its speed fell faster than it can, and neither motion nor power has come to the encoders since."""
+    """Return whether the speed fell faster than brakes allow, and neither motion nor power came to the encoders
+    since.
+    """
     return state.fell_time > state.atx_time
 
 
 def sees(state: State, now: float) -> bool:
-    """Whether the robot's speed is known: odometry came lately, from encoders that have power (the ATX supply's)."""
+    """Return whether the robot's speed is known: odometry is recent, from encoders with power (the ATX supply's)."""
     return state.power.atx is not False and state.odometry_time > 0.0 and now - state.odometry_time <= SEEN
 
 
 def stands(state: State, watch: Watch | None, now: float) -> bool:
-    """Whether the robot was seen to stand, and still is; without a watch the encoders say since when it stands."""
+    """Return whether the robot was seen to stand, and still stands; without a watch the encoders decide."""
     if watch is not None:
         return watch.standstill.stands(now)
     return sees(state, now) and state.odometry_time - state.moved_time >= STANDS - 1e-9
 
 
 def reason_to_keep_atx(state: State, can: Capabilities, gate: Gate, stands: bool) -> str | None:
-    """Why the ATX supply may not be turned off, with the remedy; None when it may.
+    """Return why the ATX supply may not be turned off, with the remedy; None if it may.
 
-    It feeds the encoders, so it stays on until the robot was seen to stand, which `stands` says.
+    It feeds the encoders, so it stays on until the robot was seen to stand (`stands`).
     """
     if state.power.atx is False:
         return None
@@ -200,12 +206,12 @@ async def standstill(ticks: Ticks, watch: Watch) -> None:
 
 
 async def settle(watch: Watch, io: Hal, clock: Callable[[], float]) -> None:
-    """Wait until the robot stands: `END` s at most, and by stronger means if need be.
+    """Wait until the robot stands, for at most `END` s, and escalate if needed.
 
-    `io` is the hardware layer as the tasks have it, `clock` returns s of the run.
+    `io` is the hardware layer as the tasks use it, `clock` returns s of the run.
     """
     ends = clock() + END
-    # then nobody sees it stand
+    # without odometry it cannot be seen to stand
     with suppress(HalError):
         while not watch.settled and clock() < ends:
             await asyncio.sleep(STANDSTILL_PERIOD)

@@ -26,7 +26,7 @@ _EVERYTHING: Final = Capabilities(pwm=True, power=True, power_known=True)
 
 
 class State:
-    """The shared state; each field is assigned by one task alone."""
+    """The shared state; each field is written by one task alone."""
 
     def __init__(self, bus: Bus | None = None, can: Capabilities = _EVERYTHING) -> None:
         self.bus = Bus() if bus is None else bus
@@ -36,7 +36,7 @@ class State:
         self.combined: CombinedSample | None = None
         self.gains = GainTable()
         self.power = Power(True, True, True) if can.power_known else Power()
-        # when the ATX supply was switched on last, s of the run
+        # time when the ATX supply was last switched on, s of the run
         self.atx_time = 0.0
         self.servos: tuple[int, int] = (0, 0)
         self.received = 0
@@ -46,9 +46,9 @@ class State:
         self.encoders = Encoders()
         self.odometry = Odometry()
         self.odometry_time = 0.0
-        # when it moved last, or nobody could see it, s of the run
+        # time of the last motion, or when it was last impossible to see one, s of the run
         self.moved_time = 0.0
-        # when its speed fell faster than it can and no motion was seen since, s of the run
+        # time when the speed fell faster than brakes allow, if no motion was seen since, s of the run
         self.fell_time = 0.0
         self.pose: tuple[float, float, float] | None = None
         self.board: BoardLink | None = None
@@ -61,16 +61,16 @@ class State:
         self.backlight: float | None = None
         # by the odometry task
         self.transmitted = 0
-        # the latest, oldest first: everybody may append to them
+        # the latest events, oldest first; every part may append
         self.events: deque[Event] = deque(maxlen=20)
-        # what went wrong on the line to the host; kept by whoever reads it
+        # counts of faults of the line to the host; written by the reader of the line
         self.line_faults: dict[str, int] = {}
 
         self.warnings: list[Callable[[], str]] = []
-        """Each says what is not at work beside the robot now, "" if it is; kept by those who watch it."""
+        """Functions that return a warning, such as a silent bridge, or ""."""
 
     def warned(self) -> tuple[str, ...]:
-        """Return what is not at work beside the robot."""
+        """Return all present warnings."""
         return tuple(text for each in self.warnings if (text := each()))
 
     def tell(self, time: float, text: str) -> None:
