@@ -1,4 +1,4 @@
-"""The configuration: its schema, and the sources of its values."""
+"""The configuration: its schema and its sources."""
 
 from txt1.config.schema import Config
 from txt1.config.sources import checked, completed, flatten, load, origin_of, recorded, with_sections

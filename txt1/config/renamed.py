@@ -1,4 +1,4 @@
-"""Settings that have another name now: in recordings they are translated, in files they are refused by the new name."""
+"""Renamed settings: translated in a recording, refused in a file by an error that gives the new name."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -7,16 +7,16 @@ from typing import Any, Final
 from txt1 import additions
 
 RENAMED: Final[Mapping[str, str]] = {}
-"""The present name of a setting or a section of the spine, by the name that it had; additions have theirs."""
+"""New name of a renamed setting or section of the spine, by its former name; additions have their own."""
 
 
 def names_now() -> dict[str, str]:
-    """Return the present names of all settings that were renamed, by the names that they had."""
+    """Return the new names of all renamed settings, by their former names."""
     return {**RENAMED, **{old: now for each in additions.known().values() for old, now in each.renamed.items()}}
 
 
 def name_now(key: str, renamed: Mapping[str, str] | None = None) -> str | None:
-    """The present name of a dotted key that was renamed, or that is in a section that was; None of any other."""
+    """Return the new name of a dotted key that was renamed, or whose section was; None for any other key."""
     renamed = names_now() if renamed is None else renamed
     parts = key.split(".")
     for end in range(len(parts), 0, -1):
@@ -27,7 +27,7 @@ def name_now(key: str, renamed: Mapping[str, str] | None = None) -> str | None:
 
 
 def translated(tree: Mapping[str, Any], renamed: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """A recording's configuration with the present names: a nested mapping, or one of values by dotted key."""
+    """Return a recording's configuration with the new names: a nested mapping, or values by dotted key."""
     renamed = names_now() if renamed is None else renamed
     found = deepcopy(dict(tree))
     for key in [key for key in found if "." in key]:

@@ -1,6 +1,6 @@
-"""YAML in a file, a variable or on the command line: no code, no key twice, and no more than there is time for.
+"""YAML from files, variables and the command line: no code, no duplicate keys, and a limit on its size.
 
-What needs none of it, such as a simulated robot without settings, does not load the library.
+A simulated robot without settings does not load the YAML library.
 """
 
 from typing import Any, Final
@@ -11,12 +11,12 @@ from txt1.errors import ConfigError
 
 # levels of lists and mappings in a value
 DEPTH_MAX: Final = 20
-# in a text; an alias counts as all that it stands for
+# values in a text; an alias counts as all values that it stands for
 VALUES_MAX: Final = 100_000
 
 
 def parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
-    """A value from text, by YAML's rules: numbers, true/false, null, [lists]."""
+    """Return a value from text, by YAML's rules: numbers, true/false, null, [lists]."""
     try:
         return read_yaml(text)
     except yaml.YAMLError as error:
@@ -26,9 +26,9 @@ def parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as far as it is safe, and no key twice: the first one's values would be lost without a word.
+    """YAML's safe loader without duplicate keys: the first value would be lost without a word.
 
-    Aliases of aliases make a few lines stand for more values than a computer has time for, so they are counted first.
+    Aliases of aliases make a few lines stand for more values than a computer has time for, so values are counted first.
     """
 
     def get_single_node(self) -> yaml.Node | None:
@@ -55,19 +55,22 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_yaml(text: str) -> Any:
-    """The value that a text is, by YAML's rules; raises yaml.YAMLError, also for a key that is there twice."""
+    """Return the value of a text, by YAML's rules; raises yaml.YAMLError, also for a duplicate key."""
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 - a SafeLoader
     except RecursionError:
-        # also YAML's own, and that of a value that contains itself
+        # includes YAML's own errors, and the error of a value that contains itself
         raise yaml.YAMLError(f"nested more than {DEPTH_MAX} deep") from None
     except (ValueError, LookupError, AttributeError) as error:
-        # of YAML's constructors, for "!!int x" and the like
+        # from YAML's constructors, for "!!int x" and the like
         raise yaml.YAMLError(str(error)) from None
 
 
 def _size(node: yaml.Node, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
-    """How many values a node stands for, and their depth; `known` has those of lists and mappings already seen."""
+    """Return the number of values that a node stands for, and their depth.
+
+    `known` has the results for lists and mappings already counted.
+    """
     if isinstance(node, yaml.ScalarNode):
         return 1, 0
     if id(node) not in known:

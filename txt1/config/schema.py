@@ -1,4 +1,4 @@
-"""Everything that may be set, with its constraints and defaults."""
+"""All settings, with their constraints and defaults."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import asdict
@@ -41,7 +41,7 @@ GainOnWire = Annotated[float, Field(ge=-2147483.648, le=2147483.647)]
 class Section(BaseModel):
     """A part of the configuration: immutable, and strict about its keys.
 
-    Sections that are dataclasses are defined where their parameters are used, and are checked by the same rules.
+    Some sections are dataclasses, defined beside the code that uses them; the same rules apply to them.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
@@ -58,7 +58,7 @@ class GainsConfig(Section):
     """Derivative gain, s."""
 
     def gains(self) -> Gains:
-        """The gains as a plain value."""
+        """Return the gains as a plain value."""
         return Gains(self.kp, self.ki, self.kd)
 
 
@@ -82,21 +82,21 @@ class LoopsConfig(Section):
     @field_validator("angular")
     @classmethod
     def _v_max_rises(cls, angular: tuple[GainSetConfig, ...]) -> tuple[GainSetConfig, ...]:
-        # raises when not
+        # raises an error if not
         Schedule(tuple(GainSet(s.v_max, s.gains()) for s in angular))
         return angular
 
     def pid_set(self) -> PidSet:
-        """The gains as the message that loads them."""
+        """Return the message that loads the gains."""
         return PidSet(self.linear.gains(), tuple((s.v_max, s.kp, s.ki, s.kd) for s in self.angular))
 
     def schedule(self) -> Schedule:
-        """The angular gains as a schedule."""
+        """Return the angular gains as a schedule."""
         return Schedule(tuple(GainSet(s.v_max, s.gains()) for s in self.angular))
 
 
 class ControlConfig(LoopsConfig):
-    """The velocity loops, and what stands for them without encoders."""
+    """The velocity loops, and the speed map that replaces them in a vehicle without encoders."""
 
     speed_map: SpeedMap = ()
     """Motor counts and the speed they make, m/s, rising: how a vehicle without encoders is driven (txt1 calibrate)."""
@@ -135,7 +135,7 @@ class RoomConfig(Section):
         return {**given, "length": inf, "width": inf}
 
     def built(self) -> Room:
-        """The room itself; raises ConfigError: its map cannot be read, or MissingExtra: it is a PNG."""
+        """Return the room. Raises ConfigError: its map cannot be read; MissingExtra: its map is a PNG."""
         if self.map is None:
             return Room(self.length, self.width)
         from txt1.sim.walls import walls_of
@@ -258,7 +258,7 @@ SensorName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
 
 class HostConfig(Section):
-    """The computer this runs on."""
+    """The computer that runs the program."""
 
     allow_shutdown: bool = False
     """Whether Robot.shutdown_host may power it down."""
@@ -267,11 +267,13 @@ class HostConfig(Section):
 S = TypeVar("S")
 
 RECORDED: Final = {"recorded": True}
-"""Context of pydantic's for the configuration in a recording: what no addition here can read is kept unread."""
+"""pydantic's context for the configuration of a recording: the sections of additions that are not installed are kept
+unread.
+"""
 
 
 class Config(Section):
-    """Everything that can be set; the sections of additions, which the others do without, as far as they are given."""
+    """All settings: the spine's sections, and the sections of additions that are given."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -307,14 +309,14 @@ class Config(Section):
         return (self.__pydantic_extra__ or {}).keys()
 
     def section(self, kind: type[S]) -> S:
-        """The section of an addition, its defaults where it is not given."""
+        """Return the section of an addition; its defaults if it is not given."""
         found = [each for each in (self.__pydantic_extra__ or {}).values() if type(each) is kind]
         return found[0] if found else kind()
 
     @model_validator(mode="before")
     @classmethod
     def _read_sections(cls, given: Any, info: ValidationInfo) -> Any:
-        """Have every section of an addition read by the addition's own class."""
+        """Let each addition's own class read the addition's section."""
         if not isinstance(given, Mapping):
             return given
         return {
@@ -324,7 +326,7 @@ class Config(Section):
 
     @property
     def own_seed(self) -> int:
-        """The seed of this robot's random values: robots of different names have others from the same `seed`."""
+        """The seed of this robot's random values: it differs between robots of different names with the same `seed`."""
         if not self.name:
             return self.seed
         return int.from_bytes(blake2b(f"{self.seed} {self.name}".encode(), digest_size=8).digest())
@@ -347,9 +349,9 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _gains_suit_the_vehicle(self, info: ValidationInfo) -> Self:
-        """Refuse gains beyond the vehicle's limits; those of a recording were driven with, and stay."""
+        """Refuse gains beyond the vehicle's limits. A recording keeps the gains that it was driven with."""
         if (info.context or {"gains": True}).get("gains"):
-            # the defaults suit any vehicle, and a plain robot does without the module
+            # the defaults suit any vehicle, so a plain robot does not load the module
             for key, loops, usual in (
                 ("control", self.control, ControlConfig()),
                 ("serial.host", self.serial.host, SerialConfig().host),
@@ -373,7 +375,9 @@ class Config(Section):
         return gain_limits(self.geometry, car.speed_gain, car.speed_time_constant, car.skid, period)
 
     def loops(self) -> LoopsConfig:
-        """The gains to load: of the loops at 50 Hz, wherever they run, or of those at the other end of a line."""
+        """The gains to load: the gains at 50 Hz wherever the loops run at 50 Hz, else the gains for loops behind a
+        line.
+        """
         return self.serial.host if self.hal == "serial" and self.serial.control == "host" else self.control
 
     def limits(self) -> Limits:
@@ -390,7 +394,7 @@ class Config(Section):
 
 
 def _section(name: str, value: Any, recorded: bool) -> Any:
-    """The section of an addition, as the addition's own class has it."""
+    """Return the section of an addition, read by the addition's own class."""
     kind = additions.settings_of(name)
     if kind is not None:
         return _reader(kind).validate_python({name: value})[name]
@@ -402,5 +406,5 @@ def _section(name: str, value: Any, recorded: bool) -> Any:
 
 @cache
 def _reader(kind: Any) -> TypeAdapter[Any]:
-    """Whoever reads sections of this class, each below its name, which is in the errors then."""
+    """Return the reader of sections of this class; sections are nested below their names, which errors then contain."""
     return TypeAdapter(dict[str, kind], config=ConfigDict(extra="forbid", allow_inf_nan=False))

@@ -28,12 +28,12 @@ T = TypeVar("T")
 
 ENVIRONMENT_PREFIX: Final = "TXT1_"
 VEHICLES: Final = "config/vehicles"
-# likeness from which an environment variable's name is a key mistyped
+# similarity from which the name of an environment variable counts as a mistyped key
 NEARLY: Final = 0.7
 
 
 class Setting(NamedTuple):
-    """One value that somebody set: its path, the value as given, and where it came from."""
+    """A value that was set: its path, the value as given, and its origin."""
 
     path: tuple[str, ...]
     value: Any
@@ -41,7 +41,7 @@ class Setting(NamedTuple):
 
 
 class LoadedConfig(NamedTuple):
-    """A configuration, and the origin of every value that is not a default, by dotted key."""
+    """A configuration, and the origin of each value that is not a default, by dotted key."""
 
     config: Config
     origins: dict[str, str]
@@ -53,11 +53,12 @@ def load(
     environment: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> LoadedConfig:
-    """The effective configuration: of a YAML file, the environment, and `overrides`, ``a.b=c`` each as for ``--set``.
+    """Return the effective configuration, from a YAML file, the environment, and `overrides` such as ``"a.b=c"``.
 
-    `options` are values of command-line options, by dotted key, whose last part is the option's name; they win.
+    `options` are values of command-line options, by dotted key; the last part of the key is the option's name. They win
+    over all other sources.
 
-    Raises ConfigError: with one line that says what is wrong and what to do.
+    Raises ConfigError: a line with the mistake and the remedy.
     """
     settings = [] if file is None else _from_file(Path(file))
     settings += _from_environment(environment or {})
@@ -72,7 +73,7 @@ def load(
         _check(setting)
         _insert(tree, setting)
         key = ".".join(setting.path)
-        # what was set below this key before is gone with it
+        # a value for a whole section replaces values that were set below it
         origins = {k: o for k, o in origins.items() if not k.startswith(key + ".")}
         origins[key] = setting.origin
     try:
@@ -82,9 +83,9 @@ def load(
 
 
 def recorded(tree: Mapping[str, Any], values: Mapping[str, Any] | None = None) -> Config:
-    """The configuration of a recording, and perhaps a robot's own `values` by dotted key; renamed ones are translated.
+    """Return the configuration of a recording; renamed settings are translated.
 
-    Raises ConfigError as `load` does.
+    `values` are the robot's own settings, by dotted key. Raises ConfigError as `load` does.
     """
     try:
         config = Config.model_validate(translated(tree), context=RECORDED)
@@ -94,13 +95,13 @@ def recorded(tree: Mapping[str, Any], values: Mapping[str, Any] | None = None) -
 
 
 def with_values(config: Config, values: Mapping[str, Any]) -> Config:
-    """The configuration with some values changed, by dotted key; raises ConfigError as `load` does."""
+    """Return the configuration with some values changed, by dotted key; raises ConfigError as `load` does."""
     tree = config.model_dump()
     for key, value in values.items():
         setting = Setting(tuple(key.split(".")), value, f"{key}={value}")
         _check(setting)
         _insert(tree, setting)
-    # it may be of a recording, which keeps its gains; those that are changed are checked
+    # the configuration may be a recording's, which keeps its gains; changed gains are checked
     try:
         return Config.model_validate(
             tree, context={**RECORDED, "gains": any(key.startswith(("control", "serial")) for key in values)}
@@ -124,19 +125,19 @@ def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
 
 
 def flatten(config: Config) -> Iterator[tuple[str, Any]]:
-    """Every value of a configuration as (dotted key, value), in order; lists and free-form options whole."""
+    """Yield every value of a configuration as (dotted key, value), in order; lists and free-form options whole."""
     for setting in _walk(config.model_dump(mode="json"), (), ""):
         yield ".".join(setting.path), setting.value
 
 
 def completed(config: Config) -> Config:
-    """The configuration with the sections of all additions, the defaults of those that are not given."""
+    """Return the configuration with the sections of all additions, by default with their defaults."""
     absent = [name for name in additions.sections() if name not in config.given]
     return config.model_copy(update={name: additions.settings_of(name)() for name in absent})
 
 
 def with_sections(config: Config, asked: Mapping[str, object]) -> Config:
-    """Return the configuration with those settings of additions that are sections, so that a recording has them."""
+    """Return the configuration with the given settings of additions as sections, so that a recording has them."""
     kinds = {name: each.settings for name in asked if (each := additions.named(name)) is not None and each.settings}
     return config.model_copy(
         update={name: asked[name] for name, kind in kinds.items() if type(asked[name]) is additions.load(kind)}
@@ -144,7 +145,7 @@ def with_sections(config: Config, asked: Mapping[str, object]) -> Config:
 
 
 def origin_of(key: str, origins: Mapping[str, str]) -> str:
-    """Return the origin of a dotted key's value; a section set as a whole is the origin of all that is in it."""
+    """Return the origin of a dotted key's value; a section set as a whole is the origin of its values."""
     while key and key not in origins:
         key = key.rpartition(".")[0]
     return origins.get(key, "default")
@@ -156,14 +157,14 @@ def vehicles() -> list[str]:
 
 
 def vehicle_file(name: str) -> Path | None:
-    """The file of a vehicle, there or not; None for the TXT-1, whose values are the defaults."""
+    """Return the path of a vehicle's file, which may not exist; None for the TXT-1, whose values are the defaults."""
     if name == Config().vehicle:
         return None
     return Path(name) if name.endswith((".yaml", ".yml")) else resource(VEHICLES) / f"{name}.yaml"
 
 
 def _of_vehicle(settings: Sequence[Setting]) -> list[Setting]:
-    """The settings in the file of the vehicle that was chosen last; none for the TXT-1: its values are the defaults."""
+    """Return the settings in the file of the vehicle that was chosen last; none for the TXT-1."""
     chosen = [setting for setting in settings if setting.path == ("vehicle",)]
     if not chosen or not isinstance(chosen[-1].value, str):
         return []
@@ -192,9 +193,9 @@ def _from_file(path: Path) -> list[Setting]:
 
 
 def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:
-    """A value as settings: a mapping sets what is in it and leaves the rest of its section alone."""
+    """Yield the settings in a value. A mapping sets its own keys and leaves the rest of its section unchanged."""
     kind = _kind_at(path)
-    # whose keys are not ours
+    # free-form options, with any keys
     if isinstance(value, dict) and value and kind != dict[str, Any]:
         for key, inner in value.items():
             yield from _walk(inner, (*path, str(key)), origin)
@@ -220,7 +221,7 @@ def _from_environment(environment: Mapping[str, str]) -> Iterator[Setting]:
 
 
 def _parts(text: str, kind: Any) -> tuple[str, ...] | None:
-    """The parts of a key below a section of that type that single underscores join; None where there is no such key."""
+    """Split a key below a section, whose parts are joined by single underscores; None if there is no such key."""
     if get_origin(kind) is dict and text:
         return (text,)
     for name in (*_keys(kind), *(additions.ours() if kind is Config else ())):
@@ -253,7 +254,7 @@ def _insert(tree: dict[str, Any], setting: Setting) -> None:
 
 
 def _check(setting: Setting) -> None:
-    """Refuse a key that does not exist, with the nearest one that does, and yes or no in place of a number."""
+    """Refuse an unknown key, with the most similar known key, and yes or no in place of a number."""
     kind: Any = Config
     key = ".".join(setting.path)
     if (now := name_now(key)) is not None:
@@ -276,7 +277,7 @@ def _check(setting: Setting) -> None:
             if section is Config and not near:
                 remedy += "; an addition's section needs the addition's package"
             raise ConfigError(f"{key}: unknown key (from {setting.origin}); {remedy}")
-    # pydantic would take them for 1 and 0
+    # pydantic would take true and false for 1 and 0
     if setting.value is True or setting.value is False:
         kinds = {kind, *get_args(kind)}
         if bool not in kinds and kinds & {int, float}:
@@ -288,14 +289,14 @@ def _check(setting: Setting) -> None:
 
 @cache
 def _keys(kind: Any) -> dict[str, Any]:
-    """The keys of a section with their types; none for anything else."""
+    """Return the keys of a section with their types; empty for any other type."""
     names: Iterable[str] = getattr(kind, "model_fields", ()) or getattr(kind, "__dataclass_fields__", ())
     hints = get_type_hints(kind) if names else {}
     return {name: hints[name] for name in names}
 
 
 def _below(kind: Any, name: str) -> Any:
-    """The type of the value of this name in a section; None where there is none."""
+    """Return the type of a section's value of this name; None if there is none."""
     if get_origin(kind) is dict:
         return get_args(kind)[1]
     found = _keys(kind).get(name)
@@ -303,7 +304,7 @@ def _below(kind: Any, name: str) -> Any:
 
 
 def _kind_at(path: Sequence[str]) -> Any:
-    """The type of the value at a path; None where there is none."""
+    """Return the type of the value at a path; None if there is none."""
     kind: Any = Config
     for name in path:
         kind = _below(kind, name)
@@ -311,7 +312,7 @@ def _kind_at(path: Sequence[str]) -> Any:
 
 
 def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "") -> str:
-    """One line for the first thing that is wrong: key, value, origin, remedy."""
+    """Return the first mistake as a line: key, value, origin, remedy."""
     first = error.errors(include_url=False)[0]
     key = prefix + ".".join(str(part) for part in first["loc"])
     message = first["msg"].removeprefix("Value error, ")
@@ -322,6 +323,6 @@ def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "
         wrong = "it has no kind" if tag is None else f"there is no kind {tag!r}"
         message = f"{wrong}; give kind: box or kind: post"
     message = message[0].lower() + message[1:]
-    # a list or a mapping is long, and the message names the part of it that is wrong
+    # a list or a mapping is long, and the message names the wrong part of it
     given = "" if isinstance(first["input"], dict | list | tuple | BaseModel) else f": {first['input']!r}"
     return f"{key}{given}: {message} (from {origin_of(key, origins)}); see 'txt1 config show' for the defaults"
