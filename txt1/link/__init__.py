@@ -1,1 +1,1 @@
-"""Byte links, all with the two faces of `txt1.link.base`: serial device, TCP, pseudo-terminal, or a pair in memory."""
+"""Byte links with the interface of `txt1.link.base`: serial device, TCP, pseudo-terminal, or a pair in memory."""

@@ -1,7 +1,8 @@
-"""The two faces of a byte link: `Link`, which is written to, and `End`, which is told what happens.
+"""The two sides of a byte link's interface: the user writes to a `Link`, and the link calls an `End`.
 
-`device.open_link` leads a host to a board, `pty.listen_pty` and `tcp.listen_tcp` lead hosts to the virtual board,
-`connect` joins two ends in memory. `impairments` puts a baud rate and a bad line between an end and any of these.
+A host opens a link to a board with `device.open_link`. The virtual board waits for hosts with `pty.listen_pty` and
+`tcp.listen_tcp`. `connect` joins two ends in memory. `impairments` puts a baud rate and a bad line between an end and
+any link.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ BACKLOG: Final = 4096
 
 
 class Link:
-    """One end of a byte link; each kind says how it sends, and how it lets go.
+    """One end of a byte link. Each kind of link defines how it sends and how it closes.
 
-    `address` is where it leads, for people: "/dev/ttyUSB0", "socket://127.0.0.1:5000", "memory", "./txt1-board".
+    `address` names the other side, for people: "/dev/ttyUSB0", "socket://127.0.0.1:5000", "memory", "./txt1-board".
     `overflows` counts writes dropped, or cut short, because the other side did not take the bytes.
     """
 
@@ -27,41 +28,43 @@ class Link:
 
     def __init__(self, address: str, end: End) -> None:
         self.address = address
-        # called when it is closed without asking the end
+        # called when the link is closed without notice to the end
         self.on_shut: Callable[[], object] = lambda: None
         self._end = end
-        # the reason, once it is
+        # why the link is down, once it is down
         self._down = ""
 
     @property
     def up(self) -> bool:
-        """Whether it is neither lost nor closed."""
+        """Whether the link is neither lost nor closed."""
         return not self._down
 
     def write(self, data: bytes) -> None:
         """Send these bytes; never waits. Raises LinkLost when the link is lost or closed.
 
-        When more than BACKLOG bytes wait because the other side does not take them, this write is dropped whole and
-        counted, as a UART would.
+        When more than BACKLOG bytes already wait for the other side, the write is dropped whole and counted, as on a
+        UART.
         """
         if self._down:
             raise LinkLost(f"nothing was sent: {self._down}")
         self._send(data)
 
     def close(self) -> None:
-        """Let go at once: bytes that are not sent are thrown away, and the end hears nothing any more; harmless when
-        down."""
+        """Close at once: unsent bytes are discarded, and the end is not called again.
+
+        Harmless when the link is down.
+        """
         if self.shut():
             self._let_go()
 
     def lose(self, reason: str) -> None:
-        """Tell the end, unless the link is down already."""
+        """Tell the end that the link is lost, unless the link is down already."""
         if self.up:
             self._down = reason
             self._end.lost(reason)
 
     def shut(self) -> bool:
-        """True the first time: from now on the end hears nothing."""
+        """Return True the first time; from then on the end is not called."""
         if self._down:
             return False
         self._down = f"the link {self.address} was closed"
@@ -82,39 +85,42 @@ class End(Protocol):
         """Take the link, which is up."""
 
     def received(self, data: bytes) -> None:
-        """Take bytes, in the order they were sent and cut up as they arrived."""
+        """Take bytes, in the order they were sent; the pieces are arbitrary."""
 
     def lost(self, reason: str) -> None:
-        """The link is down and its `close` was not called; once, with a sentence for people that names the link."""
+        """Take the loss of the link: called once, unless `close` was called.
+
+        `reason` is a sentence that names the link.
+        """
 
 
 class Listener(Protocol):
-    """A place where hosts connect to an end."""
+    """A place to which hosts connect."""
 
     @property
     def address(self) -> str:
-        """Where, as `open_link` takes it."""
+        """The address for `open_link`."""
 
     def close(self) -> None:
-        """Let go of it, and of the host that is connected, at once; the end hears nothing any more."""
+        """Release the place, and the connected host, at once; the end is not called again."""
 
 
 class Port(Protocol):
-    """Where the other side of a link is found, such as a board."""
+    """The other side of a link, such as a board."""
 
     @property
     def address(self) -> str:
-        """For people."""
+        """The address, for people."""
 
     async def open(self, end: End) -> Link:
-        """A link to it, up; raises HalError, which says what to do. Another error ends the run."""
+        """Open a link to it. Raises HalError, with the remedy; any other error ends the run."""
 
     async def close(self) -> None:
-        """Free all that the link needed."""
+        """Release everything that the link needed."""
 
 
 class StreamLink(Link, asyncio.Protocol):
-    """A link over one of asyncio's transports; `explain` puts the loss of an address into words."""
+    """A link over an asyncio transport. `explain` turns an address and an error into a sentence about the loss."""
 
     transport: asyncio.Transport
 
@@ -133,7 +139,7 @@ class StreamLink(Link, asyncio.Protocol):
         self.transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Connect the end, unless the wait for it was cancelled."""
+        """Connect the end, unless the wait for the connection was cancelled."""
         assert isinstance(transport, asyncio.Transport)
         self.transport = transport
         if self.up:
@@ -145,18 +151,18 @@ class StreamLink(Link, asyncio.Protocol):
             self._end.received(data)
 
     def eof_received(self) -> bool:
-        """True, so that asyncio leaves it to us: a peer that sends no more is gone."""
-        # asyncio's own answer would first wait until the other side has taken our bytes
+        """Return True, so that asyncio leaves the closing to this class: a peer that sends no more is gone."""
+        # asyncio itself would first wait until the other side has taken all bytes
         self.transport.abort()
         return True
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Tell the end why."""
+        """Tell the end the reason."""
         self.lose(self._explain(self.address, exc))
 
 
 class _MemoryLink(Link):
-    """One end of a pair; delivery is the loop's next business, so it takes no virtual time."""
+    """One end of a pair. Bytes are delivered in the next turn of the loop, in no virtual time."""
 
     peer: _MemoryLink
 
@@ -172,7 +178,7 @@ class _MemoryLink(Link):
 
 
 def connect(one: End, other: End) -> tuple[Link, Link]:
-    """The two ends of a link in memory, the first for `one`; both are connected when this returns."""
+    """Return the two ends of a link in memory, the first for `one`; both are connected on return."""
     first, second = _MemoryLink("memory", one), _MemoryLink("memory", other)
     first.peer, second.peer = second, first
     one.connected(first)

@@ -27,8 +27,8 @@ _Opened = tuple["_Device", Callable[[str, Exception | None], str]]
 class _Device(Serial):
     """A serial port whose `read` and `write` never wait.
 
-    They are called when the kernel says the device is ready. pyserial's own would look once more, through select(),
-    which knows no descriptor beyond 1023; and its `write` spins for as long as the device takes nothing.
+    They are called when the kernel says the device is ready. pyserial's own methods would wait again, in select(),
+    which fails for descriptors above 1023. And its `write` spins as long as the device takes no bytes.
     """
 
     def read(self, size: int = 1, /) -> bytes:
@@ -54,10 +54,11 @@ class _Device(Serial):
 
 
 class _DeviceTransport(SerialTransport):  # type: ignore[misc]
-    """pyserial-asyncio's transport, except that it lets go at once and in silence.
+    """pyserial-asyncio's transport, but it closes at once and without a report.
 
-    Its own `close` waits until everything is sent, and even `abort` ends in tcdrain, which blocks the whole program
-    for as long as the device takes no bytes. And a write to an unplugged device is reported as a bug of the program.
+    The original `close` waits until everything is sent. Even the original `abort` calls tcdrain, which blocks the whole
+    program as long as the device takes no bytes. And the original reports a write to an unplugged device as a bug of
+    the program.
     """
 
     _closing: bool
@@ -72,7 +73,7 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
         with suppress(termios.error, OSError):
             # closing a UART would wait for it up to 30 s
             self._serial.reset_output_buffer()
-        # now, so that the port can be opened again at once
+        # closed now, so that the port can be opened again at once
         self._serial.close()
         self._loop.call_soon(self._protocol.connection_lost, exc)
 
@@ -86,7 +87,10 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
 async def open_link(
     address: str, end: End, baud: int = 57600, secret: bytes | None = None, behind: str = BOARD
 ) -> Link:
-    """The link to a serial device (8N1, ours alone) or to `socket://host:port`; `end` is connected when this returns.
+    """Open a link to a serial device (8N1, exclusive) or to `socket://host:port`; `end` is connected on return.
+
+    A board on a network first gets proof of the secret, if there is one. `behind` is the command that serves such an
+    address. Raises HalError, which names the address, the cause and the remedy.
 
     A secret is proved to a board on a network before anything else is sent. When it cannot be opened a HalError names
     the address, the cause and what to do; `behind` is the command that serves such an address.
@@ -98,13 +102,13 @@ async def open_link(
     try:
         device, explain = await asyncio.shield(opening)
     except asyncio.CancelledError:
-        # the thread cannot be stopped; nobody wants what it will open
+        # the thread cannot be stopped; what it opens is closed unused
         opening.add_done_callback(_close_port)
         raise
     link = StreamLink(address, end, explain)
     transport = _DeviceTransport(loop, link, device)
     try:
-        # the transport has asked the loop to connect us next
+        # the transport has asked the loop to connect this end next
         await asyncio.sleep(0)
     except asyncio.CancelledError:
         link.shut()
@@ -114,7 +118,7 @@ async def open_link(
 
 
 class DevicePort:
-    """A serial device, or socket://host:port; None: the only device there is, wherever it turns up when plugged in.
+    """A serial device, or socket://host:port; None: the only plugged-in device, under whatever name it has now.
 
     The first line of `secret_file` is the secret of a board on a network;
     `behind` is the command that serves such a port.
@@ -129,10 +133,11 @@ class DevicePort:
         self.address = address or "the serial port"
 
     async def open(self, end: End) -> Link:
-        """A link to it."""
+        """Open a link to the port."""
         if self._wanted is None:
             self.address = await asyncio.to_thread(only_candidate)
-        # A board that was killed leaves its link to a pseudo-terminal behind, whose name may be a stranger's by now.
+        # a killed board leaves its link to a pseudo-terminal behind, which may lead to another program's terminal by
+        # now
         made = await asyncio.to_thread(_link_made, self.address)
         left = await asyncio.to_thread(is_left_behind, self.address)
         if left or (left is None and _passed_on(self._spent, made)):
@@ -143,7 +148,7 @@ class DevicePort:
         return link
 
     async def close(self) -> None:
-        """Nothing is left to let go of."""
+        """Do nothing; the port holds no resources."""
 
 
 def _secret_in(file: str) -> bytes:
@@ -159,9 +164,9 @@ def _secret_in(file: str) -> bytes:
 
 
 def _link_made(address: str) -> tuple[int, int, int] | None:
-    """Which link to a pseudo-terminal this is: its inode, when it was made, and when what it leads to was, in ns.
+    """Identify a link to a pseudo-terminal: its inode, the time it was made, and the time its target was made, in ns.
 
-    The last is 0 where that is gone; None for anything else than such a link.
+    The last is 0 if the target is gone. Returns None for anything but such a link.
     """
     try:
         if not os.readlink(address).startswith("/dev/pts/"):
@@ -171,18 +176,18 @@ def _link_made(address: str) -> tuple[int, int, int] | None:
         return None
     made = 0
     with suppress(OSError):
-        # which bytes that come and go do not change
+        # unchanged by bytes that are sent or received
         made = os.stat(address).st_ctime_ns
     return status.st_ino, status.st_mtime_ns, made
 
 
 def _passed_on(before: tuple[int, int, int] | None, now: tuple[int, int, int] | None) -> bool:
-    """Whether a link is the one before, and its pseudo-terminal another one, which may be a stranger's, or gone."""
+    """Return whether the link is the same, but its pseudo-terminal is gone or another, perhaps another program's."""
     return before is not None and now is not None and before[:2] == now[:2] and (not now[2] or now[2] != before[2])
 
 
 def baud_warning(baud: int) -> str | None:
-    """One line for people when many adapters do not know this baud rate; None for those of STANDARD_BAUDS."""
+    """Return a warning if many adapters do not support this baud rate; None for a rate of STANDARD_BAUDS."""
     if baud in STANDARD_BAUDS:
         return None
     near = min(STANDARD_BAUDS, key=lambda standard: abs(standard - baud))
@@ -190,10 +195,13 @@ def baud_warning(baud: int) -> str | None:
 
 
 def open_port(address: str, baud: int, behind: str = BOARD) -> _Opened:
-    """The open port, and how to explain its loss. Opening may block: a modem's wait for carrier, a slow USB stack."""
+    """Open a port; return it, and the function that explains its loss.
+
+    Opening may block: a modem waits for carrier, a USB stack may be slow.
+    """
     try:
         if baud <= 0:
-            # the kernel would take 0 for "hang up"
+            # the kernel would take 0 as "hang up"
             raise ValueError
         if not stat.S_ISCHR(os.stat(address).st_mode):
             raise HalError(f"{address} is no serial port but a file or directory: {_found()}")
@@ -202,10 +210,10 @@ def open_port(address: str, baud: int, behind: str = BOARD) -> _Opened:
         usual = "the board's rate is 57600" if behind == BOARD else "check the rate"
         raise HalError(f"{address} does not work at {baud} baud: {usual}") from error
     except OSError as error:
-        # SerialException is one
+        # SerialException is an OSError
         raise HalError(_why_not_open(address, error, behind)) from error
     except termios.error as error:
-        # and this is none: the device has gone in the middle of it
+        # termios.error is no OSError: the device went away meanwhile
         raise HalError(_why_not_open(address, OSError(*error.args), behind)) from error
     if os.path.realpath(address).startswith("/dev/pts/"):
         return device, lambda address, _: f"{address} is gone: the program behind it has ended or closed it"
@@ -218,7 +226,7 @@ def _close_port(opening: asyncio.Future[_Opened]) -> None:
 
 
 def _why_not_open(address: str, error: OSError, behind: str) -> str:
-    """The reason that a device cannot be opened, and the remedy, for people."""
+    """Return why a device cannot be opened, and the remedy, for people."""
     match error.errno:
         case errno.ENOENT | errno.ENOTDIR | errno.ELOOP:
             if address.startswith("/dev/") and not address.startswith("/dev/pts/"):
@@ -236,11 +244,11 @@ def _why_not_open(address: str, error: OSError, behind: str) -> str:
 
 
 def _found() -> str:
-    """The ports there are, as the end of a sentence."""
+    """Return the available ports, as the end of a sentence."""
     ports = candidates()
     return f"ports found: {', '.join(map(str, ports))}" if ports else "no serial port was found"
 
 
 def unplugged(address: str, _: Exception | None) -> str:
-    """Say that an adapter was pulled out."""
+    """Return the message for an adapter that was pulled out."""
     return f"{address} was unplugged"

@@ -1,4 +1,4 @@
-"""Put a baud rate or a bad line between an end and its link; they nest: `paced(faulty(board, faults, seed), 57600)`."""
+"""Put a baud rate or a bad line between an end and its link. They nest: `paced(faulty(board, faults, seed), 57600)`."""
 
 import asyncio
 from collections import deque
@@ -12,12 +12,12 @@ from txt1.link.base import BACKLOG, End, Link
 from txt1.sim.parameters import LineFaults
 from txt1.sim.serial_line import Arrival, LineFault, Pace, SerialLine
 
-# decides when which bytes arrive
+# decides which bytes arrive, and when
 Carrier = SerialLine | Pace
 
 
 class Way:
-    """One direction: what is under way, and a timer for the first of it."""
+    """One direction of a line: the bytes on their way, and a timer for the first of them."""
 
     def __init__(self, carrier: Carrier, deliver: Callable[[bytes], None]) -> None:
         self._carrier = carrier
@@ -30,7 +30,7 @@ class Way:
         self.overflows = 0
 
     def send(self, data: bytes) -> None:
-        """Bring these bytes on their way; those that take no time are delivered now."""
+        """Send bytes; bytes that take no time are delivered now."""
         if self._waiting and self._waiting + len(data) > BACKLOG:
             self.overflows += 1
             return
@@ -44,7 +44,7 @@ class Way:
         self._set_timer()
 
     def deliver_until(self, now: float) -> None:
-        """Deliver what has arrived by `now`."""
+        """Deliver the bytes that have arrived by `now`."""
         while self._pieces and self._pieces[0][0] <= now:
             when, piece = self._pieces.popleft()
             while self._carrier.merges and self._pieces and self._pieces[0][0] == when:
@@ -53,7 +53,7 @@ class Way:
             self._deliver(piece)
 
     def stop(self) -> None:
-        """Throw away what is under way; nothing is delivered any more."""
+        """Discard the bytes on their way; nothing is delivered any more."""
         self._open = False
         self._pieces.clear()
         if self._timer is not None:
@@ -65,13 +65,15 @@ class Way:
 
     def _due(self, when: float) -> None:
         self._timer = None
-        # a timer may fire early by what the clock resolves
+        # a timer may fire early by the clock's resolution
         self.deliver_until(max(when, self._loop.time()))
         self._set_timer()
 
 
 class Through:
-    """An end behind two carriers, outgoing and incoming: to a link it is the end; the end sees a link of its own."""
+    """An end behind two carriers, outgoing and incoming: the link sees this object as its end, the end sees a
+    separate link.
+    """
 
     def __init__(self, end: End, carriers: Callable[[float], tuple[Carrier, Carrier]]) -> None:
         self._end = end
@@ -79,16 +81,16 @@ class Through:
         self._link: _ThroughLink
 
     def connected(self, link: Link) -> None:
-        """Give the end a link of its own."""
+        """Give the end its separate link."""
         self._link = _ThroughLink(self._end, link, *self._carriers(asyncio.get_running_loop().time()))
         self._end.connected(self._link)
 
     def received(self, data: bytes) -> None:
-        """Bring bytes on their way in."""
+        """Send incoming bytes on their way to the end."""
         self._link.incoming.send(data)
 
     def lost(self, reason: str) -> None:
-        """Tell the end; what is under way is gone."""
+        """Tell the end; bytes on their way are lost."""
         self._link.lose(reason)
 
 
@@ -125,14 +127,14 @@ class _ThroughLink(Link):
 
     def _cut(self, now: float) -> None:
         for way in self._ways:
-            # it was there in time, even if its timer comes after this one
+            # the byte was in time, even if its timer comes after this one
             way.deliver_until(now)
         if self.up:
             self.lose(f"{self.address}: the line was cut, as its faults say")
             self._link.close()
 
     def _stop(self) -> None:
-        """Forget what is under way."""
+        """Discard the bytes on their way."""
         for way in self._ways:
             way.stop()
         if self._cutter is not None:
@@ -140,11 +142,12 @@ class _ThroughLink(Link):
 
 
 def paced(end: End, baud: int) -> End:
-    """The end with a baud rate between it and its links: ten bits a byte, both ways.
+    """Return an end with a baud rate between it and its links: ten bits a byte, in both directions.
 
-    What was written at once is delivered at once, when its last byte has passed: faults at either end hit whole frames.
+    Bytes that were written together are delivered together, when the last of them has passed. So faults at either end
+    hit whole frames.
     """
-    # a wrong rate is a mistake here, not when a host connects
+    # a wrong rate is refused here, and not when a host connects
     Pace(baud)
     return Through(end, lambda _: (Pace(baud), Pace(baud)))
 
@@ -152,10 +155,11 @@ def paced(end: End, baud: int) -> End:
 def faulty(
     end: End, faults: LineFaults, seed: int | SeedSequence, on_fault: Callable[[LineFault, bytes], None] | None = None
 ) -> End:
-    """The end with a bad line between it and its links, both ways; itself when nothing is wrong with the line.
+    """Return an end with a bad line between it and its links, in both directions; the same end if the line has
+    no faults.
 
-    Each connection is a new line: `cut` counts from its start. The seed repeats what happens over all of them.
-    `on_fault` (see `SerialLine`) is told of both directions.
+    Each connection is a new line: `cut` counts from its start. The seed makes the faults of all connections repeat.
+    `on_fault` (see `SerialLine`) is called for both directions.
     """
     if faults.harmless:
         return end

@@ -1,4 +1,7 @@
-"""The serial ports of this computer, and whether we may use them. All of it asks the file system: not for the loop."""
+"""The computer's serial ports, and whether this user may use them.
+
+The functions ask the file system: not for the loop.
+"""
 
 import grp
 import os
@@ -15,7 +18,7 @@ class SerialPort(NamedTuple):
 
     # its path, such as /dev/ttyUSB0
     device: str
-    # by its maker or driver
+    # description by maker or driver
     description: str
     usb: bool
 
@@ -25,15 +28,15 @@ class SerialPort(NamedTuple):
 
 
 def candidates() -> list[SerialPort]:
-    """The ports found, USB ones first: a robot's computer has few others."""
+    """Return the ports found, USB ports first: the computer of a robot has few others."""
     found = [SerialPort(port.device, port.description or "", port.vid is not None) for port in list_ports.comports()]
     return sorted(found, key=lambda port: (not port.usb, port.device))
 
 
 def only_candidate() -> str:
-    """The path of the only port there is.
+    """Return the path of the only port.
 
-    A HalError when there is none, or more than one: on a robot the others are its GPS and its laser scanner.
+    Raises HalError for no port or several: the others of a robot are its GPS and its laser scanner.
     """
     ports = candidates()
     if not ports:
@@ -44,7 +47,7 @@ def only_candidate() -> str:
 
 
 def access_problem(device: str) -> str | None:
-    """Why this user cannot read and write the port and what to do about it; None when nothing is in the way."""
+    """Return why this user cannot read and write the port, with the remedy; None if access is possible."""
     try:
         status = os.stat(device)
     except FileNotFoundError:
@@ -57,7 +60,8 @@ def access_problem(device: str) -> str | None:
         group = grp.getgrgid(status.st_gid).gr_name
     except KeyError:
         group = str(status.st_gid)
-    # Where the group may use the port, joining it is the distribution's way (dialout, or uucp); root is no such group.
+    # if the port's group may use it, joining the group (dialout, or uucp) is the remedy; the group root is no such
+    # group
     if status.st_gid and status.st_mode & (stat.S_IRGRP | stat.S_IWGRP) == stat.S_IRGRP | stat.S_IWGRP:
         remedy = f"it belongs to the group {group}: sudo usermod -aG {group} $USER, then log out and in again"
     else:

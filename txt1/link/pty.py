@@ -1,7 +1,7 @@
 """A pseudo-terminal: the virtual board's serial port, which hosts open like a device.
 
-Beside the symbolic link lies a lock file, PATH.lock, which the board holds as long as it lives. So no second board
-takes its path over, and a host sees whether the terminal at the end of the link is a board's, or a stranger's by now.
+Beside the symbolic link is a lock file, PATH.lock, which the board holds as long as it runs. So no second board takes
+its path, and a host sees whether the terminal still belongs to a board or to another program.
 """
 
 import asyncio
@@ -16,14 +16,14 @@ from typing import Final
 from txt1.errors import HalError
 from txt1.link.base import BACKLOG, End, Link, Listener
 
-# s between two looks whether a host has opened the pseudo-terminal
+# s between two checks for a host on the pseudo-terminal
 LOOK_EVERY: Final = 0.05
 
 
 class _PtyLink(Link):
-    """The board's side of a pseudo-terminal: a line that is up whether or not a host listens at its other end.
+    """The board's side of a pseudo-terminal: a link that is up with or without a host at the other end.
 
-    The host's side is opened here for moments only: as long as nobody else has it open, the kernel says so.
+    This class opens the host's side for moments only, so the kernel reports whether a host has it open.
     """
 
     def __init__(self, path: str, end: End, master: int, slave: str, lock: int) -> None:
@@ -33,17 +33,17 @@ class _PtyLink(Link):
         self._master = master
         self._slave = slave
         self._poll = select.poll()
-        # a hang-up is reported unasked
+        # the kernel reports a hang-up unasked
         self._poll.register(master, 0)
         self._timer: asyncio.TimerHandle | None = None
-        # by a host, since it was cleaned
+        # whether a host has used the terminal since it was cleaned
         self._used = False
         end.connected(self)
         if self.up:
             self._look()
 
     def _send(self, data: bytes) -> None:
-        # nobody is there: it would lie there until the next host takes it for news
+        # without a host the bytes would wait there, and the next host would take them for news
         if self._poll.poll(0):
             return
         try:
@@ -51,7 +51,7 @@ class _PtyLink(Link):
         except BlockingIOError:
             sent = 0
         except OSError:
-            # the host has left this very moment
+            # the host has left at this moment
             return
         self._used = True
         self.overflows += sent < len(data)
@@ -62,16 +62,16 @@ class _PtyLink(Link):
         else:
             self._timer.cancel()
         with suppress(OSError):
-            # else it is another's by now
+            # otherwise the path belongs to another board by now
             if os.readlink(self.address) == self._slave:
                 os.unlink(self.address)
                 os.unlink(lock_file(self.address))
         os.close(self._lock)
-        # last, for until then no other pseudo-terminal can have its name
+        # closed last: until then no other pseudo-terminal can have its name
         os.close(self._master)
 
     def _look(self) -> None:
-        """Read what a host has sent, if one is or was there; else look again later."""
+        """Read bytes from a host, if a host is or was there; else check again later."""
         self._timer = None
         self._loop.add_reader(self._master, self._readable)
         self._readable()
@@ -88,9 +88,9 @@ class _PtyLink(Link):
             self._end.received(data)
 
     def _hung_up(self) -> None:
-        """No host is there, and all that the last one sent is read. A reader would wake the loop without end now."""
+        """Handle the host's leaving, after all its bytes are read: a reader would now wake the loop without end."""
         self._loop.remove_reader(self._master)
-        # what the host did not read, and how it set the line, are not for the next one
+        # unread bytes and line settings of this host are not for the next
         if self._used:
             self._used = False
             _clean(self._slave)
@@ -98,7 +98,7 @@ class _PtyLink(Link):
 
 
 def listen_pty(path: str, end: End) -> Listener:
-    """A pseudo-terminal that hosts open at `path`, which becomes a symbolic link to it.
+    """Make a pseudo-terminal and a symbolic link to it at `path`, which hosts open like a device.
 
     Hosts may come and go; `end` sees a single link, which is up until it is closed. Bytes that are written while no
     host has it open are lost, as on an unplugged line. Making and removing the symbolic link touches the file system
@@ -109,7 +109,7 @@ def listen_pty(path: str, end: End) -> Listener:
     except OSError as error:
         raise HalError(f"the system has no pseudo-terminal left for {path}: {error.strerror}") from error
     slave = os.ttyname(slave_fd)
-    # before anybody opens it: an echo would send the board its own odometry
+    # before a host opens it: an echo would send the board its own odometry
     tty.setraw(slave_fd)
     os.close(slave_fd)
     os.set_blocking(master, False)
@@ -132,7 +132,7 @@ def lock_file(path: str) -> str:
 
 
 def _take(path: str, slave: str) -> int:
-    """Take the path for this board, as long as the descriptor that is returned is open."""
+    """Lock the path for this board; it is locked until the returned descriptor is closed."""
     try:
         lock = os.open(lock_file(path), os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
     except FileNotFoundError as error:
@@ -150,9 +150,9 @@ def _take(path: str, slave: str) -> int:
 
 
 def is_left_behind(path: str) -> bool | None:
-    """Whether a symbolic link to a pseudo-terminal belongs to no board that is running; None: nothing tells.
+    """Return whether a link to a pseudo-terminal is left over from a board that is gone; None if it is unknown.
 
-    Files are looked at, so call it in a thread.
+    It looks at files, so call it in a thread.
     """
     try:
         slave = os.readlink(path)
@@ -164,7 +164,7 @@ def is_left_behind(path: str) -> bool | None:
     try:
         fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        # held by a board
+        # a board holds the lock
         return os.read(lock, 100).decode(errors="replace") != slave
     else:
         return True
@@ -173,7 +173,7 @@ def is_left_behind(path: str) -> bool | None:
 
 
 def _make_link(path: str, slave: str) -> None:
-    """Put a symbolic link to the pseudo-terminal at `path`, in place of one that a killed board has left."""
+    """Make a symbolic link to the pseudo-terminal at `path`, in place of a link that a killed board has left."""
     try:
         if os.path.islink(path) and os.readlink(path).startswith("/dev/pts/"):
             os.unlink(path)
@@ -185,8 +185,8 @@ def _make_link(path: str, slave: str) -> None:
 
 
 def _clean(slave: str) -> None:
-    """Throw away what waits to be read at the host's side, and set it to raw."""
-    # a host may have reserved it for itself
+    """Discard unread bytes at the host's side, and set the side to raw."""
+    # a host may have opened it exclusively
     with suppress(OSError, termios.error):
         slave_fd = os.open(slave, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:

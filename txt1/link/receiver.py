@@ -1,4 +1,4 @@
-"""Turn the bytes of a link into events of the protocol, with the one rule that needs a clock."""
+"""Turns the bytes of a link into events of the protocol; holds the protocol's only rule that needs a clock."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,22 +7,25 @@ from typing import Final
 from txt1.protocol.decoder import Decoder, Event
 from txt1.protocol.layout import Role
 
-# s without a byte after which a half frame is given up
+# s without a byte after which an unfinished frame is given up
 SILENCE: Final = 0.05
-# s after which it is given up whatever comes: at 57600 baud the longest frame takes 42 ms
+# s after which it is given up even if bytes come: at 57600 baud the longest frame takes 42 ms
 LONGEST: Final = 0.3
 
 
 class Receiver:
-    """A decoder that gives up on a half frame when the line falls silent; `take` is given every message and fault."""
+    """A decoder that gives up an unfinished frame when the line falls silent.
+
+    It calls `take` with each message and fault.
+    """
 
     def __init__(self, role: Role, take: Callable[[Event], None]) -> None:
         self.decoder = Decoder(role)
         self.take = take
         self._expiry: asyncio.TimerHandle | None = None
-        # where in the stream the half frame begins that is waited for
+        # offset in the stream of the unfinished frame
         self._half = -1
-        # loop time since when
+        # loop time at which the wait for it began
         self._since = 0.0
 
     def feed(self, data: bytes) -> None:
@@ -34,18 +37,18 @@ class Receiver:
             if half != self._half:
                 self._half, self._since = half, loop.time()
             elif loop.time() - self._since > LONGEST:
-                # what was lost of it will not come
+                # the frame's lost bytes will not come any more
                 self.give_up()
                 return
             self._expiry = loop.call_later(SILENCE, self.give_up)
 
     def give_up(self) -> None:
-        """No more bytes come for what is held back."""
+        """Give up the unfinished frame."""
         self._stop_waiting()
         self._hand_on(self.decoder.expire())
 
     def close(self) -> None:
-        """Wait for nothing any more; nothing is handed on."""
+        """Stop waiting; `take` is not called again."""
         self._stop_waiting()
         self.decoder.expire()
 

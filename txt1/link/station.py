@@ -1,10 +1,10 @@
-"""What all devices on the desk have in common: a link that comes and goes, and what is sent over it."""
+"""The common part of all virtual devices: a link that comes and goes, and sending over it."""
 
 from txt1.link.base import Link
 
 
 class Station:
-    """A device on the desk, the end of its host's link; sends into the void while there is none."""
+    """A virtual device, the end of its host's link. Without a host its bytes are discarded."""
 
     link: Link | None = None
 
@@ -13,19 +13,19 @@ class Station:
         self.link = link
 
     def received(self, data: bytes) -> None:
-        """Pass over bytes of the host; a device that has commands obeys them."""
+        """Ignore bytes from the host; a device with commands overrides this."""
 
     def lost(self, reason: str) -> None:
         """Go on without a host."""
         self.link = None
 
     def hang_up(self) -> None:
-        """Let go of the line."""
+        """Close the link."""
         if self.link is not None:
             self.link.close()
             self.link = None
 
     def send(self, data: bytes) -> None:
-        """Send, if somebody is there."""
+        """Send bytes, if a host is connected."""
         if data and self.link is not None and self.link.up:
             self.link.write(data)

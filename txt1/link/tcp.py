@@ -1,4 +1,4 @@
-"""A byte link over TCP: to a board elsewhere, or as the board that one host at a time connects to."""
+"""A byte link over TCP: to a board elsewhere, or from a virtual board to one host at a time."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from urllib.parse import urlsplit
 from txt1.errors import HalError
 from txt1.link.base import BACKLOG, End, Link, Listener, StreamLink
 
-# s: a host that has sent nothing for so long makes room for another one
+# s: a host that has sent nothing for this time makes room for another
 SILENT: Final = 1.0
-# a peer that has not acknowledged a byte for so many milliseconds is gone
+# ms: a peer that has acknowledged no byte for this time is gone
 VANISHED_MS: Final = 3000
 CHALLENGE_MAX: Final = 80  # bytes
-# s that a peer has to accept a connection
+# s within which a peer has to accept a connection
 ANSWER: Final = 3.0
 # the command that serves a board's address
 BOARD: Final = "txt1 board"
@@ -31,9 +31,9 @@ _NO_PORT: Final = {
 
 
 async def open_socket(address: str, end: End, secret: bytes | None = None, behind: str = BOARD) -> Link:
-    """The link to `socket://host:port`, to which a secret is proved first, if there is one.
+    """Open a link to `socket://host:port`, and prove the secret to it, if there is one.
 
-    A HalError when the address is none, nobody takes the connection, or no proof is asked for.
+    Raises HalError: the address is malformed, nothing accepts the connection, or no proof is asked for.
     """
     host, port = _host_and_port(address)
     link = StreamLink(address, end, broken_off)
@@ -54,7 +54,7 @@ async def open_socket(address: str, end: End, secret: bytes | None = None, behin
     except TimeoutError as error:
         raise HalError(f"{address} does not answer: is the computer on, and no firewall in between?") from error
     except ConnectionRefusedError as error:
-        # of two that may serve it, the last is a command of ours
+        # if two commands may serve it, the last is txt1's own
         remedy = f"is {'' if '`' in behind else '`'}{behind} --tcp {address.removeprefix('socket://')}` running there?"
         raise HalError(f"{address} refuses the connection: {remedy}") from error
     except OSError as error:
@@ -63,7 +63,7 @@ async def open_socket(address: str, end: End, secret: bytes | None = None, behin
 
 
 async def _connected_socket(host: str, port: int) -> socket.socket:
-    """A socket connected to the first of the host's addresses that takes it."""
+    """Return a socket connected to the first of the host's addresses that accepts."""
     loop = asyncio.get_running_loop()
     refusal = OSError(errno.EHOSTUNREACH, "it has no address")
     for family, kind, protocol, _, where in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
@@ -74,7 +74,7 @@ async def _connected_socket(host: str, port: int) -> socket.socket:
                 tune(sock)
                 await loop.sock_connect(sock, where)
             except OSError as error:
-                # such as IPv6 on a computer without it
+                # for example IPv6 on a computer without it
                 refusal = error
             else:
                 opened.pop_all()
@@ -109,7 +109,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
 
 def broken_off(address: str, exc: Exception | None) -> str:
-    """The end of a connection in words, for people."""
+    """Return the reason for the end of a connection, for people."""
     if exc is None:
         return f"{address} was closed by the other side"
     if isinstance(exc, TimeoutError):
@@ -120,7 +120,7 @@ def broken_off(address: str, exc: Exception | None) -> str:
 
 
 def tune(sock: socket.socket) -> None:
-    """Make a TCP socket behave like a wire: no waiting for more bytes, little storage, a dead peer is noticed."""
+    """Make a TCP socket behave like a wire: no delay, small buffers, and a dead peer is noticed."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     # the kernel would keep minutes of frames in megabytes
     for direction in (socket.SO_SNDBUF, socket.SO_RCVBUF):
@@ -130,7 +130,7 @@ def tune(sock: socket.socket) -> None:
 
 
 class _HostLink(StreamLink):
-    """The link to one host of a TCP port; it takes itself in, or is turned away."""
+    """The link to a host of a TCP port. It registers itself, or is turned away."""
 
     def __init__(self, listener: _TcpListener) -> None:
         super().__init__("", listener.end, broken_off)
@@ -165,7 +165,7 @@ class _TcpListener:
 
     def __init__(self, end: End) -> None:
         self.end = end
-        # that is or was connected last
+        # the host that is or was connected last
         self.host: _HostLink | None = None
 
     def close(self) -> None:
@@ -175,10 +175,10 @@ class _TcpListener:
 
 
 async def listen_tcp(host: str, port: int, end: End) -> Listener:
-    """A TCP port that takes one host at a time; port 0 is any free one, and `address` tells which.
+    """Listen on a TCP port for one host at a time. Port 0 is any free port; `address` then names it.
 
-    A second host is turned away while the first is there, unless that one has sent nothing for SILENT seconds: then
-    it gives way. A HalError when the port cannot be had says what to do.
+    While a host is connected, a second host is turned away, unless the first has sent nothing for SILENT seconds: then
+    the second replaces it. Raises HalError, with the remedy, if the port is not available.
     """
     loop = asyncio.get_running_loop()
     listener = _TcpListener(end)
@@ -186,7 +186,7 @@ async def listen_tcp(host: str, port: int, end: End) -> Listener:
     if not 0 <= port <= 65535:
         raise HalError(f"cannot listen on {where}: a port is a number from 0 to 65535")
     try:
-        # on one address only: a name that has two would get two different ports
+        # on one address only: a name with two addresses would get two different ports
         if port == 0:
             found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
             host = str(found[0][4][0])
@@ -194,7 +194,7 @@ async def listen_tcp(host: str, port: int, end: End) -> Listener:
     except socket.gaierror as error:
         raise HalError(f"cannot listen on {where}: {host!r} is no name or address of this computer") from error
     except OSError as error:
-        # from Python 3.13 on, that one comes without its number
+        # from Python 3.13 on, this error comes without its number
         number = error.errno or errno.EADDRNOTAVAIL
         raise HalError(f"cannot listen on {where}: {_NO_PORT.get(number, error)}") from error
     listener.address = socket_address(listener.server.sockets[0].getsockname())
@@ -202,8 +202,8 @@ async def listen_tcp(host: str, port: int, end: End) -> Listener:
 
 
 def socket_address(name: Any) -> str:
-    """The address of a socket the way `open_link` takes it."""
-    # the peer was gone before anyone could ask
+    """Return the address of a socket in the form of `open_link`."""
+    # the peer was gone before its address could be read
     if not name:
         return "socket://?"
     host, port = name[:2]
