@@ -1,1 +1,1 @@
-"""Processes that connect the robot with other programs: each is one module and one registration."""
+"""Processes that connect the robot with other programs. A bridge is a module and a registration."""

@@ -1,4 +1,4 @@
-"""Bridges by name as an addition: those of other packages."""
+"""Bridges by name, from other packages, as an addition."""
 
 from txt1.additions import Addition
 

@@ -1,4 +1,4 @@
-"""Bridges by name beside a robot."""
+"""Runs bridges by name beside a robot."""
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -11,7 +11,7 @@ from txt1.robot import Robot
 
 @asynccontextmanager
 async def beside(robot: Robot, asked: BridgesAsked) -> AsyncIterator[None]:
-    """Run the bridges as long as the block is at work."""
+    """Run the bridges until the block is left."""
     async with AsyncExitStack() as stack:
         requests = await stack.enter_async_context(services(robot, asked.speed, FOLDER))
         for name, given in asked.bridges:

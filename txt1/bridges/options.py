@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 
 class BridgesAsked(NamedTuple):
-    """Bridges beside a robot."""
+    """The requested bridges."""
 
     bridges: Sequence[tuple[str, Mapping[str, object]]]
-    """Their names and options."""
+    """Names and options of the bridges."""
     speed: Speed
-    """Of the robot's time, for the recordings that a bridge begins."""
+    """Speed of the robot's time, for recordings that a bridge begins."""
 
 
 def asked(arguments: Namespace, config: Config) -> BridgesAsked | None:
-    """Return the bridges that were asked for, None for none; raises ConfigError: there is no such bridge."""
+    """Return the requested bridges, None for none. Raises ConfigError: there is no bridge of this name."""
     if not arguments.bridge:
         return None
     from txt1.bridges.registry import BRIDGES

@@ -1,4 +1,4 @@
-"""Bridges by name: ours from a table, other packages' through the entry-point group ``txt1.bridges``.
+"""Bridges by name: the package's own from a table, other packages' through the entry-point group ``txt1.bridges``.
 
 A bridge is a function that runs in a process of its own. A package announces it in its pyproject.toml::
 
@@ -42,15 +42,15 @@ BRIDGES: Final = Registry(
 )
 
 RESTART: Final = Restart(limit=inf)
-# letters of a value in a message
+# length of a value in a message
 SHOWN_MAX: Final = 80
-# letters of a line that a bridge adds to the event log
+# length of a line that a bridge adds to the event log
 TOLD_MAX: Final = 400
-# s without a heartbeat after which a bridge is ended as hung, and started again
+# s without a heartbeat after which a bridge counts as hung, is ended and started again
 SILENCE: Final = 5.0
-# s between two pieces of telemetry with what a bridge wants seldom
+# s between two pieces of telemetry for topics that a bridge wants seldom
 SELDOM: Final = 1.0
-# events kept for a bridge between two pieces of telemetry; the oldest go first
+# events kept for a bridge between two pieces of telemetry; the oldest are dropped first
 EVENTS_MAX: Final = 100
 
 
@@ -64,11 +64,11 @@ async def bridge(
     restart: Restart = RESTART,
     silence: float | None = SILENCE,
 ) -> AsyncIterator[Sidecar]:
-    """A bridge at work beside a robot, until the block is left; `options` are keyword arguments for its function.
+    """Run a bridge beside a robot until the block is left. `options` are keyword arguments for its function.
 
-    Beyond driving and the joystick it may ask for `requests`, functions of the request's fields. After `silence` s
-    without a heartbeat it is ended (None: never), and treated as `restart` says. Raises ConfigError: there is no bridge
-    of that name, or it is at work already.
+    `requests` are further requests, beyond driving and the joystick: functions of the request's fields. After `silence`
+    s without a heartbeat the bridge is ended (None: never), and started again by `restart`. Raises ConfigError: there
+    is no bridge of this name, or it already runs.
     """
     desk = RobotEnd(robot, name, requests or {})
     async with _at_work(name, options, desk, [desk], restart, silence) as beside:
@@ -85,9 +85,10 @@ async def fleet_bridge(
     restart: Restart = RESTART,
     silence: float | None = SILENCE,
 ) -> AsyncIterator[Sidecar]:
-    """One bridge at work beside several robots of this process; `requests` are each robot's, by its name.
+    """Run one bridge for several robots of this process; `requests` are each robot's, by name.
 
-    Its telemetry is a list of that of robots, and its requests have a field more, ``robot``; one without it is for all.
+    Its telemetry is a list of the robots' telemetry. Its requests have a further field, ``robot``; a request without it
+    is for all robots.
     """
     desks = {each: RobotEnd(robot, name, (requests or {}).get(each, {})) for each, robot in robots.items()}
     async with _at_work(name, options, Desks(desks), list(desks.values()), restart, silence) as beside:
@@ -108,7 +109,7 @@ async def _at_work(
             desk.let_go()
 
     first = desks[0]
-    # reads files
+    # imported here: the module reads files
     where = await asyncio.to_thread(BRIDGES.place, "bridge", name)
     beside = Sidecar(
         str(where),
@@ -135,7 +136,7 @@ async def _at_work(
 
 @contextmanager
 def warning(runtime: Runtime, name: str, beside: Sidecar) -> Iterator[None]:
-    """Have every screen of the robot show that a process beside it is not at work, as long as the block lasts."""
+    """Show a warning on every screen of the robot while a process beside it does not work, until the block is left."""
 
     def trouble() -> str:
         return beside.trouble and f"{name} {beside.trouble}"
@@ -148,15 +149,15 @@ def warning(runtime: Runtime, name: str, beside: Sidecar) -> Iterator[None]:
 
 
 class RobotEnd:
-    """The robot's end for one bridge: it answers requests and hands out telemetry."""
+    """The robot's end of a bridge: it answers requests and sends telemetry."""
 
     def __init__(self, robot: Robot, name: str, requests: Mapping[str, Callable[..., object]]) -> None:
         self.leave: Callable[[], None] = lambda: None
-        """Listen no more."""
+        """Unsubscribes from the bus."""
         self.robot, self._name = robot, name
         self.source = robot.source(name)
         """The bridge's source of commands."""
-        # of the request that is answered, s
+        # age of the present request, s
         self._age = 0.0
         self._told = ""
         self._topics: frozenset[str] | None = None
@@ -178,11 +179,11 @@ class RobotEnd:
         self._signatures = {name: inspect.signature(do) for name, do in self._requests.items()}
 
     def telemetry(self) -> bytes | None:
-        """The topics that the bridge wants, at its rate; None until they are due."""
+        """Return the topics that the bridge wants, at its rate; None until they are due."""
         robot, now, topics = self.robot, self.robot.now, self._topics
         if now < self._due:
             return None
-        # in step with the task's ticks, though these come late
+        # in step with the task's ticks, even if telemetry comes late
         self._due = max(self._due + self._interval, now)
         if now >= self._due_seldom and topics is not None:
             self._due_seldom = now + SELDOM
@@ -194,7 +195,7 @@ class RobotEnd:
         return line
 
     def request(self, request: Request) -> None:
-        """Do what is asked for, or tell why not, once; whatever goes wrong with it, the bridge lives on."""
+        """Carry out a request, or tell once why not. An error in a request does not end the bridge."""
         if not request.name:
             return
         self._age = request.age
@@ -216,7 +217,7 @@ class RobotEnd:
         except TypeError as error:
             if request.name != "stop":
                 raise ValueError(f"request '{request.name}': {error}") from None
-            # a stop is a stop, whatever else its message says
+            # a stop is obeyed whatever else the message contains
             fields = {}
         do(**fields)
 
@@ -230,14 +231,14 @@ class RobotEnd:
         self.robot.tell(f"bridge '{self._name}'{text}"[:TOLD_MAX])
 
     def let_go(self) -> None:
-        """Let go of the wheel."""
+        """Release the wheel."""
         with suppress(CommandRefused):
             self.source.release()
 
     # -- inside ------------------------------------------------------------------------------------------------
 
     def drive(self, v: object, omega: object, age: object = 0.0) -> None:
-        """Command a velocity; `age` is how many s old it was at its origin when the bridge passed it on."""
+        """Command a velocity. `age` is the command's age in s when the bridge passed it on."""
         since = _number("age", age)
         if not isfinite(since):
             raise ValueError(f"age: {since} is not finite")
@@ -247,7 +248,7 @@ class RobotEnd:
     def _subscribe(
         self, topics: Sequence[str] | None = None, rate: object = 10.0, seldom: Sequence[str] | None = ()
     ) -> None:
-        """Send `topics` so many times a second and `seldom` once; None for all that there are."""
+        """Send `topics` at a rate in Hz, and `seldom` once a second; None for all topics."""
         hertz = _number("rate", rate)
         if not 0.0 < hertz <= 1.0 / TELEMETRY_PERIOD:
             raise ValueError(f"rate: {hertz:g} Hz; give one above 0, and at most {1.0 / TELEMETRY_PERIOD:g}")
@@ -263,7 +264,7 @@ class RobotEnd:
 
 
 class Desks:
-    """The ends of several robots for one bridge."""
+    """The robots' ends of a bridge for several robots."""
 
     def __init__(self, desks: Mapping[str, RobotEnd]) -> None:
         self._desks = desks
@@ -274,7 +275,7 @@ class Desks:
         return b"[%b]\n" % b",".join(lines) if lines else None
 
     def request(self, request: Request) -> None:
-        """Let the robot that is meant do what is asked for, or all of them where none is named."""
+        """Pass a request to its robot; a request without a robot goes to all."""
         fields = dict(request.fields)
         name = fields.pop("robot", None)
         meant = [self._desks.get(str(name))] if name is not None else self._desks.values()
@@ -296,7 +297,7 @@ def _number(name: str, value: object) -> float:
 
 
 def shown(value: object) -> str:
-    """Return a value that somebody sent as text for a message to people, in 80 characters at most."""
+    """Return a received value as text for a message to people, in 80 characters at most."""
     text = repr(value)
     return text if len(text) <= SHOWN_MAX else f"{text[: SHOWN_MAX - 3]}..."
 

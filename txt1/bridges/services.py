@@ -1,4 +1,4 @@
-"""What a bridge may ask of a robot beyond driving it: routes, gains, recordings; and who carries it out."""
+"""Requests of bridges beyond driving: routes, gains, recordings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from txt1.tasks.on_map import MapInUse
 from txt1.telemetry.topics import Rule, Topic, declare
 
 FOLDER: Final = Path("out/recordings")
-# s between two looks at whether a route is still held
+# s between two checks whether the route is still held
 SERVICES_PERIOD: Final = 0.02
 
 RECORDING: Final = declare(
@@ -42,9 +42,9 @@ ROUTE: Final = declare(
 
 @asynccontextmanager
 async def services(robot: Robot, speed: Speed, folder: Path) -> AsyncIterator[Mapping[str, Callable[..., object]]]:
-    """The requests of one robot's bridges, which share them, as long as the block is at work.
+    """Provide the requests of one robot's bridges until the block is left; all bridges of the robot share them.
 
-    `speed` is that of the robot's time, and `folder` is for recordings; the first to ask says both.
+    `speed` is that of the robot's time, and `folder` is for recordings. The first bridge of a robot decides both.
     """
     if (there := robot.runtime.part(Services)) is not None:
         yield there.requests
@@ -59,12 +59,12 @@ async def services(robot: Robot, speed: Speed, folder: Path) -> AsyncIterator[Ma
 
 
 class Services:
-    """The services of one robot's bridges; `requests` are theirs to ask for."""
+    """The services of one robot's bridges; `requests` holds the functions."""
 
     def __init__(self, robot: Robot, config: Config, speed: Speed, folder: Path) -> None:
         self._robot, self._config, self._speed, self._folder = robot, config, speed, folder
         self._source = robot.source("route")
-        # when somebody last said that the route is to go on, s of the run
+        # time of the last request to hold the route, s of the run
         self._held = 0.0
         self._route: asyncio.Task[None] | None = None
         self._points: tuple[tuple[float, float], ...] = ()
@@ -84,7 +84,7 @@ class Services:
         }
 
     async def close(self) -> None:
-        """Stop on the way, and complete the recording."""
+        """Stop the route, and complete the recording."""
         self._halt()
         for task in tuple(self._tasks):
             task.cancel()
@@ -95,7 +95,7 @@ class Services:
     # -- routes ------------------------------------------------------------------------------------------------
 
     def _go(self, points: Sequence[Sequence[float]], speed: float = 0.5) -> None:
-        """Drive along points, m on the map, in the room or of odometry, as long as `hold` is said often enough."""
+        """Drive along points (m; on the map, in the room or in the odometry's frame) as long as `hold` is repeated."""
         self._halt()
         robot = self._robot
         if not robot.armed:
@@ -123,7 +123,9 @@ class Services:
         self._route.add_done_callback(self._arrived)
 
     def _here(self, points: Sequence[Sequence[float]]) -> None:
-        """Say where the robot is on its map, m, and perhaps a place that it looks to; else its heading is found."""
+        """Set the robot's place on its map, m, and a place that it faces; without the second its heading is
+        searched for.
+        """
         there = self._robot.runtime.part(MapInUse)
         if there is None:
             raise CommandRefused("there is no map: give --in MAP")
@@ -135,7 +137,7 @@ class Services:
         there.place(x, y, atan2(ahead[0][1] - y, ahead[0][0] - x) if ahead else None)
 
     def _hold(self, age: float = 0.0) -> None:
-        """Let the route go on: somebody watched it `age` s ago."""
+        """Let the route go on: an operator watched it `age` s ago."""
         (since,) = finite("hold", age=age)
         self._held = max(self._held, self._robot.now - max(0.0, since))
 
@@ -148,7 +150,7 @@ class Services:
             self._source.release()
 
     async def _watch(self, ticks: Ticks) -> None:
-        """End the route when nobody has held it for as long as a command is fresh."""
+        """End the route when no operator has held it for as long as a command is fresh."""
         async for now in ticks:
             if self._route is not None and now - self._held > self._robot.config.safety.command_timeout:
                 self._halt()
@@ -169,7 +171,7 @@ class Services:
     # -- gains -------------------------------------------------------------------------------------------------
 
     def _gains(self, linear: Sequence[float], angular: Sequence[Sequence[float]]) -> None:
-        """Load other gains: K_P, K_I, K_D of the speed, and sets of v_max, K_P, K_I, K_D of the yaw rate."""
+        """Load new gains: K_P, K_I, K_D of the speed, and sets of v_max, K_P, K_I, K_D of the yaw rate."""
         try:
             kp, ki, kd = linear
             gains = Gains(*finite("speed", kp=kp, ki=ki, kd=kd))
@@ -192,7 +194,7 @@ class Services:
     # -- recordings --------------------------------------------------------------------------------------------
 
     def _record(self, on: bool) -> None:
-        """Begin a recording, or complete the one there is."""
+        """Begin a recording, or complete the present recording."""
         need("recording", "record", "mcap", "zstandard", "lz4")
         self._start(self._begin() if on else self._complete())
 
