@@ -1,4 +1,4 @@
-"""Gamepads beside a robot."""
+"""Runs the gamepads' process beside a robot."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,6 +11,6 @@ from txt1.robot import Robot
 
 @asynccontextmanager
 async def beside(robot: Robot, pad: PadParameters) -> AsyncIterator[None]:
-    """Let gamepads drive as long as the block is at work."""
+    """Let gamepads drive until the block is left."""
     async with bridge(robot, "gamepad", asdict(pad) | {"hand": robot.config.hand()._asdict()}):
         yield

@@ -1,4 +1,7 @@
-"""Gamepads through SDL: a process of its own that looks at them fifty times a second and commands while one is held."""
+"""Gamepads through SDL, in a process of their own.
+
+It reads them fifty times a second, and commands while one is held.
+"""
 
 import os
 import select
@@ -11,7 +14,7 @@ from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
 from txt1.kernel.clock import RealClock, seconds
 from txt1.sidecar import Connection
 
-# s between two looks
+# s between two readings
 PAD_PERIOD: Final = 0.02
 # SDL's number for a full deflection
 FULL: Final = 32767.0
@@ -25,11 +28,11 @@ def now() -> float:
 
 
 class Devices:
-    """The game controllers that are plugged in, by SDL's instance numbers."""
+    """The plugged-in game controllers, by SDL's instance numbers."""
 
     def __init__(self, mapping: str | None = None) -> None:
         os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
-        # there is no window
+        # the process has no window
         os.environ["SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS"] = "1"
         os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
         os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
@@ -40,18 +43,18 @@ class Devices:
 
         self._pygame: Any = pygame
         self._controller: Any = controller
-        # events come with it, though nothing is shown
+        # SDL needs its video part for events, though nothing is shown
         pygame.display.init()
         controller.init()
         self._open: dict[int, Any] = {}
         self._heard: dict[int, float] = {}
         self.names: dict[int, str] = {}
-        """Of the pads, by their numbers."""
+        """Names of the pads, by number."""
         self.unknown: dict[int, Any] = {}
-        """Joysticks that SDL has no mapping for, by their numbers."""
+        """Joysticks without a mapping in SDL, by number."""
 
     def look(self) -> dict[int, tuple[PadState, float]]:
-        """Every pad's reading, and when it was heard last, by its number."""
+        """Return the reading of each pad, and the time of its last report, by number."""
         pygame, present = self._pygame, now()
         for event in pygame.event.get():
             if event.type == pygame.JOYDEVICEADDED:
@@ -70,7 +73,7 @@ class Devices:
         return [pad.as_joystick() for pad in self._open.values()]
 
     def close(self) -> None:
-        """Let go of them."""
+        """Close all pads."""
         self._open.clear()
         self._pygame.quit()
 
@@ -80,7 +83,7 @@ class Devices:
                 stick = self._pygame.joystick.Joystick(index)
                 self.unknown[stick.get_instance_id()] = stick
             return
-        # it has gone again
+        # the pad has gone again
         with suppress(self._pygame.error):
             pad = self._controller.Controller(index)
             instance = pad.as_joystick().get_instance_id()
@@ -97,7 +100,7 @@ class Devices:
 
 
 def main(robot: Connection, hand: Mapping[str, Any] | None = None, **parameters: Any) -> None:
-    """Command what the pads' hands want until the robot's process ends; `parameters` are those of `PadParameters`."""
+    """Command the velocities of the pads until the robot's process ends; `parameters` are those of `PadParameters`."""
     given = PadParameters(**parameters)
     devices, pads = Devices(given.mapping), Pads(given, Hand(**(hand or {})))
     known: dict[int, str] = {}
@@ -116,7 +119,7 @@ def main(robot: Connection, hand: Mapping[str, Any] | None = None, **parameters:
                 robot.request("stop")
             if wish.velocity is not None:
                 v, omega = wish.velocity
-                # held at rest: the wheel is this pad's all the same
+                # a pad held at rest keeps the wheel, too
                 if v == 0.0:
                     robot.request("request")
                 robot.request("drive", v=v, omega=omega)

@@ -1,4 +1,4 @@
-"""`txt1 gamepad`: what the pads say, live; and a mapping for one that SDL does not know."""
+"""`txt1 gamepad`: shows the readings of the pads, live; makes a mapping for a pad that SDL does not know."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ STEPS: Final = {
     "righttrigger": "pull the right trigger",
     "lefttrigger": "pull the left trigger",
 }
-"""What is asked for by the wizard, by SDL's names; Enter leaves one out."""
+"""The wizard's requests, by SDL's names; Enter skips one."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the configuration, and where a mapping goes."""
+    """Add the configuration, and the file for a mapping."""
     commands.add(
         parser,
         options.CONFIGURATION
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Show the pads until Ctrl-C, or ask for the parts of one."""
+    """Show the pads until Ctrl-C, or ask for the parts of a pad."""
     need("txt1 gamepad", "gamepad", "pygame")
     from txt1.gamepad.bridge import Devices
 
@@ -68,7 +68,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _show(devices: Devices, config: Config, duration: float | None) -> None:
-    """Print a line a pad, again and again."""
+    """Print a line for each pad, again and again."""
     from txt1.gamepad.bridge import now
 
     pads, ends = Pads(config.section(PadParameters), config.hand()), now() + (duration or 1e9)
@@ -94,7 +94,7 @@ def _show(devices: Devices, config: Config, duration: float | None) -> None:
 
 
 def described(reading: PadState) -> str:
-    """Return a reading in words: axes in hundredths, buttons that are down."""
+    """Return a reading in words: axes in hundredths, pressed buttons."""
     axes = "  ".join(f"{name} {value:+.2f}" for name, value in reading.axes.items())
     return f"{axes}  {' '.join(sorted(reading.buttons)) or 'no button'}"
 
@@ -124,7 +124,7 @@ def _map(devices: Devices, file: Path) -> int:
 
 
 def _part(stick: Any, devices: Devices, asked: str) -> str | None:
-    """Return SDL's word for the part that moves now, after it and all others were at rest; None for Enter."""
+    """Return SDL's word for the part that moves after all parts were at rest; None for Enter."""
     print(asked, flush=True)
     devices.look()
     rest = _state(stick)
@@ -151,7 +151,9 @@ def _state(stick: Any) -> dict[str, float]:
 
 
 def moved(rest: Mapping[str, float], state: Mapping[str, float]) -> str | None:
-    """Return the part that is farthest from its rest, if any is far: with ~ after it when it went the negative way."""
+    """Return the part that is farthest from its rest, if it is far; a ~ follows it if it moved in the negative
+    direction.
+    """
     part = max(state, key=lambda name: abs(state[name] - rest.get(name, 0.0)), default=None)
     if part is None or abs(state[part] - rest.get(part, 0.0)) < 0.5:
         return None
@@ -159,6 +161,6 @@ def moved(rest: Mapping[str, float], state: Mapping[str, float]) -> str | None:
 
 
 def mapping_line(guid: str, name: str, found: Mapping[str, str]) -> str:
-    """Return SDL's mapping of a pad: its GUID, its name, and the part behind each name."""
+    """Return SDL's mapping of a pad: GUID, name, and the part for each name."""
     parts = ",".join(f"{key}:{part}" for key, part in found.items())
     return f"{guid},{name.replace(',', ' ')},{parts},platform:{'Mac OS X' if sys.platform == 'darwin' else 'Linux'},"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def asked(arguments: Namespace, config: Config) -> PadParameters | None:
-    """Return what the pads' buttons mean, None where no gamepad is to drive; raises MissingExtra."""
+    """Return the parameters of the pads, None if no gamepad is to drive; raises MissingExtra."""
     if not arguments.gamepad:
         return None
     need("--gamepad", "gamepad", "pygame")

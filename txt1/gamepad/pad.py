@@ -1,7 +1,7 @@
-"""What a gamepad's buttons and axes mean: a dead-man, two axes for the hand rule (`txt1.control.hand`), a few buttons.
+"""Meaning of a gamepad's buttons and axes: a dead-man, two axes for the hand rule (`txt1.control.hand`), a few buttons.
 
-Buttons and axes go by SDL's names of a game controller (a, b, leftx, righttrigger ...), the same on every pad. No clock
-and no device in here: `now` is s on any clock.
+Buttons and axes have SDL's names of a game controller (a, b, leftx, righttrigger ...), which are the same on every pad.
+The module uses no clock and no device: `now` is s on any clock.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ BUTTONS: Final = (
     "dpup", "dpdown", "dpleft", "dpright",
 )  # fmt: skip
 AXES: Final = ("leftx", "lefty", "rightx", "righty", "lefttrigger", "righttrigger")
-# s that the arm button is held
+# s for which the arm button has to be held
 HOLD: Final = 0.5
 
 
@@ -28,7 +28,7 @@ class PadParameters:
     speed: Positive | None = None
     """Speed at full deflection, m/s; null: the car's fastest, safety.v_max."""
     dead_man: str = "a"
-    """Nothing moves unless it is held; its release stops the robot."""
+    """The robot moves only while it is held; its release stops the robot."""
     stop: str = "b"
     """Emergency stop, of any pad."""
     arm: str = "start"
@@ -42,24 +42,26 @@ class PadParameters:
     steer: str = "leftx"
     """Axis of the yaw rate: left is anticlockwise."""
     forward: str = "righttrigger"
-    """Pulled, it sets the speed in place of the axis, where a pad has it."""
+    """Pulled, it sets the speed forwards in place of the axis, on pads with triggers."""
     reverse: str = "lefttrigger"
-    """... and this one backwards."""
+    """Pulled, it sets the speed backwards."""
     silence: Positive | None = None
-    """s without a report after which a pad counts as gone; for pads that report all the time, null for others."""
+    """s without a report after which a pad counts as gone; for pads that report all the time, null for all others."""
     mapping: str | None = None
-    """File with SDL's mappings of pads that it does not know; `txt1 gamepad --map FILE` writes one."""
+    """File with SDL's mappings of further pads; `txt1 gamepad --map FILE` writes it."""
 
 
 class PadState(NamedTuple):
-    """A pad now: the buttons that are down; axes from -1 (left, away from you) to 1, triggers from 0."""
+    """A pad's reading: the pressed buttons; axes from -1 (left, away from you) to 1, triggers from 0."""
 
     buttons: frozenset[str] = frozenset()
     axes: Mapping[str, float] = {}
 
 
 class Wish(NamedTuple):
-    """What a pad's hand wants: v in m/s, omega in rad/s while the dead-man is held, else None; and what was pressed."""
+    """The command of a pad: v in m/s and omega in rad/s while the dead-man is held, else None; and the pressed
+    buttons.
+    """
 
     velocity: tuple[float, float] | None = None
     stop: bool = False
@@ -69,7 +71,7 @@ class Wish(NamedTuple):
 
 
 def velocity(reading: PadState, parameters: PadParameters, hand: Hand) -> tuple[float, float]:
-    """Return the velocity that a pad's axes ask of this car, m/s and rad/s."""
+    """Return the velocity for a pad's axes on this car, m/s and rad/s."""
     axes = reading.axes
     ahead = shaped(axes.get(parameters.forward, 0.0)) - shaped(axes.get(parameters.reverse, 0.0))
     if ahead == 0.0:
@@ -81,19 +83,19 @@ def velocity(reading: PadState, parameters: PadParameters, hand: Hand) -> tuple[
 class Pad:
     """One pad and its dead-man.
 
-    A dead-man that is down when the pad comes, or when it was silent, counts only after it was up once.
+    If the dead-man is already down when the pad appears, or after a silence, it counts only after it was released once.
     """
 
     parameters: PadParameters
     hand: Hand
-    # the dead-man has been up
+    # whether the dead-man has been released
     ready: bool = False
     _down: frozenset[str] = field(default_factory=frozenset)
-    # since when the arm button is held
+    # time since which the arm button is held
     _arming: float = inf
 
     def take(self, reading: PadState, now: float, heard: float) -> Wish:
-        """What the hand wants; the pad has been heard last at `heard`."""
+        """Return the command of a pad; its last report came at `heard`."""
         p, pressed = self.parameters, reading.buttons - self._down
         self._down = reading.buttons
         held = p.dead_man in reading.buttons
@@ -118,16 +120,19 @@ class Pad:
 
 
 class Pads:
-    """Several pads, of which one drives: the one whose dead-man was held first, until it is let go of."""
+    """Several pads. The pad whose dead-man was held first drives, until its dead-man is released."""
 
     def __init__(self, parameters: PadParameters, hand: Hand) -> None:
         self._parameters, self._hand = parameters, hand
         self._pads: dict[int, Pad] = {}
         self.driver: int | None = None
-        """The number of the pad that drives."""
+        """The number of the driving pad."""
 
     def take(self, readings: Mapping[int, tuple[PadState, float]], now: float) -> Wish:
-        """What they want together; `readings`, and when each was heard last, by the numbers of all that there are."""
+        """Return the common command of all pads.
+
+        `readings` has each pad's reading and time of last report, by number.
+        """
         for gone in self._pads.keys() - readings.keys():
             del self._pads[gone]
         wishes = {}
@@ -141,7 +146,7 @@ class Pads:
                 self.driver = number
         for number, pad in self._pads.items():
             if number != self.driver and wishes[number].velocity is not None:
-                # it takes over when it is pressed anew, not when the other lets go
+                # another pad takes over when its dead-man is pressed anew, not when the first is released
                 pad.ready = False
         return Wish(
             None if self.driver is None else wishes[self.driver].velocity,
