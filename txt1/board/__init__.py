@@ -1,1 +1,1 @@
-"""The virtual board: the simulated vehicle behind a line, as ours or as those of 2011, and the command that is one."""
+"""The virtual board: a simulated vehicle behind a line, with txt1's firmware or as a board of 2011, and its command."""

@@ -1,11 +1,11 @@
 """The virtual board: the board's tasks over the simulated vehicle, behind a line (thesis 3.3.3, 3.5).
 
 To a host it is the real board. It starts as the spec of the firmware says: link lost, all gains 0, and nothing moves
-before a PID set and Velocity have come. It knows no arming from outside, as no message of the protocol arms: the link
-opens the safety gate, and a stop for any other reason ends when the host has asked for nothing for a second. Headings
-go out between -3.142 and 3.142; the originals count 0 to 6.283, and hosts have to take both.
+before a PID set and Velocity have come. The protocol has no message that arms. So the link opens the safety gate, and a
+stop for any other reason ends when the host has commanded no motion for a second. Headings go out between -3.142 and
+3.142; the originals count 0 to 6.283, and hosts have to take both.
 
-With `board.habits=original` it is a board of 2011, as those were seen to work (`txt1.board.original`).
+With `board.habits=original` it behaves like a board of 2011 (`txt1.board.original`).
 """
 
 import asyncio
@@ -33,14 +33,14 @@ from txt1.protocol.messages import BoardMessage, HostMessage, PidResponse, Power
 from txt1.runtime import Runtime
 from txt1.telemetry.snapshot import Snapshot
 
-# s in which the host has asked for nothing, after which the board obeys again
+# s without a commanded motion after which the board obeys again
 LET_GO: Final = 1.0
 
-# s after which a serial device that has gone is tried again
+# s after which a lost serial device is tried again
 REOPEN: Final = 0.5
 
 SPACER: Final = b"\x00"
-"""Between frames back to back: original hosts lose the byte that follows a frame when it is there already."""
+"""Sent between frames back to back: original hosts lose the byte that follows a frame if it has already arrived."""
 
 # s of silence on the line after which a frame needs no spacer
 SPACING: Final = 0.02
@@ -50,10 +50,10 @@ EVENTS: Final = ("centre", "restart", "esc", "battery")
 
 
 class BoardEvent(NamedTuple):
-    """Something that happens to a board, one of EVENTS.
+    """An event at a board, one of EVENTS.
 
-    centre: somebody presses the button; restart: it is without power for `value` s; esc: an earlier host's command puts
-    the switch to on (1) or off (0); battery: each pack reads `value` V, None: as charged.
+    centre: the button is pressed. restart: the board is without power for `value` s. esc: an earlier host's command
+    turns the switch on (1) or off (0). battery: each pack reads `value` V; None: its charge.
     """
 
     name: str
@@ -61,24 +61,24 @@ class BoardEvent(NamedTuple):
 
 
 class Framing(Protocol):
-    """Makes events of a host's bytes."""
+    """Makes events from a host's bytes."""
 
     def feed(self, data: bytes) -> None:
         """Take bytes."""
 
     def close(self) -> None:
-        """Forget what is half there."""
+        """Discard an unfinished frame."""
 
 
 @dataclass(frozen=True)
 class Habits:
-    """How a board behaves where the protocol is silent."""
+    """The behaviour of a board where the protocol is silent."""
 
-    # finds the frames, and hands on what is in them
+    # finds the frames, and passes on their messages
     framing: Callable[[Callable[[Event], None]], Framing]
-    # between frames back to back
+    # sent between frames back to back
     spacer: bytes
-    # it has our tasks and safety gate, else those of the originals
+    # whether it has txt1's tasks and safety gate, or those of the originals
     gated: bool
 
 
@@ -89,7 +89,7 @@ HABITS: Final = {
 
 
 class Board:
-    """A virtual board, the `End` of its host's link; `manual`: it obeys PWM test instead of Velocity at first."""
+    """A virtual board, the `End` of its host's link; `manual`: it starts in manual mode and obeys PWM test."""
 
     def __init__(self, config: Config, *, manual: bool = False) -> None:
         settings = config.section(BoardConfig)
@@ -104,23 +104,23 @@ class Board:
         tasks = None if self.habits.gated else lambda runtime: self._original(runtime).tasks()
         hal = create_sim(own)
         self.vehicle: Final = hal.vehicle
-        """The simulated vehicle that it is on."""
+        """The board's simulated vehicle."""
         self.runtime = Runtime(own, self.send, hal, limits=limits, name="board", tasks=tasks)
         self.original: OriginalFirmware | None = None
-        """The firmware of an original board, once it has power."""
+        """The firmware of an original board, while it has power."""
         if manual:
             self.runtime.press(Button.CENTRE)
         self.receiver: Final = self.habits.framing(self._take)
         self.faulty: Final = far_end(self, config)
         """The board behind the configured faults of its line."""
         self.paced: Final = paced(self.faulty, config.serial.baud)
-        """The same at the line's baud rate: for a line that does not pace the bytes itself."""
+        """The same board with the line's baud rate, for a line that does not pace the bytes itself."""
         self._loop = asyncio.get_running_loop()
         self.link: Link | None = None
         # loop time at which the line falls silent
         self._busy_until = -inf
         self._byte_time = 10.0 / config.serial.baud
-        # run time when the host last asked for motion
+        # run time of the host's last command to move
         self._wanted = -inf
         self._may_arm = True
 
@@ -130,7 +130,7 @@ class Board:
         if self.habits.gated:
             self.runtime.add_task("arming", 2, 0.1, self._arming)
         else:
-            # it has none: nothing keeps its outputs from the motors
+            # it has no safety gate: nothing keeps its outputs from the motors
             self.runtime.gate.arm(self.now)
 
     def _original(self, runtime: Runtime) -> OriginalFirmware:
@@ -138,32 +138,32 @@ class Board:
         return self.original
 
     async def power_down(self) -> None:
-        """Stop the vehicle and the tasks; harmless when that is done already."""
+        """Stop the vehicle and the tasks; harmless when it has no power."""
         self.hang_up()
         await self.runtime.stop()
 
     def hang_up(self) -> None:
-        """Let go of the line."""
+        """Close the line."""
         self.receiver.close()
         if self.link is not None:
             self.link.close()
             self.link = None
 
     def connected(self, link: Link) -> None:
-        """A host may be at the other side."""
+        """Take the line; a host may be at its other end."""
         self.link = link
-        # nothing of what an earlier host sent counts
+        # bytes of an earlier host do not count
         self.receiver.close()
         self.tell(f"line {link.address} open")
 
     def lost(self, reason: str) -> None:
-        """The line is gone; the link rule does the rest."""
+        """Take the loss of the line; the link rule then stops the vehicle."""
         self.link = None
         self.receiver.close()
         self.tell(f"line lost: {reason}")
 
     def received(self, data: bytes) -> None:
-        """Hand the serial task what the host sent."""
+        """Pass the host's bytes to the serial task."""
         self.runtime.bus.publish(LINK, ("in", data), self.runtime.now)
         self.receiver.feed(data)
 
@@ -176,7 +176,7 @@ class Board:
         match event:
             case FrameFault():
                 self.runtime.state.count_on_line(event.reason.name.lower())
-                # a malformed PID set is answered; the answer itself, echoed, is not
+                # a malformed PID set is answered; an echo of the board's own answer is not
                 if event.reason is Reason.BAD_LENGTH and event.head[3] == PID_SET and event.head[2] != 1:
                     self.send(PidResponse(False))
                 return
@@ -189,25 +189,25 @@ class Board:
         self.runtime.post(event, now)
 
     def send(self, message: BoardMessage) -> None:
-        """Put a message on the line; it is lost when there is none."""
+        """Put a message on the line; without a line it is lost."""
         if self.link is None:
             return
         try:
             frame = encode(message)
         except EncodeError:
-            # farther away than 2000 km
+            # farther away than 2000 km, beyond the message's range
             return
         time = self._loop.time()
         if time < self._busy_until + SPACING:
             frame = self.habits.spacer + frame
         self._busy_until = max(time, self._busy_until) + len(frame) * self._byte_time
         self.runtime.bus.publish(LINK, ("out", frame), self.runtime.now)
-        # `lost` is on its way
+        # the link calls `lost` next
         with suppress(LinkLost):
             self.link.write(frame)
 
     async def _arming(self, ticks: Ticks) -> None:
-        """Open the gate with the link, and after any other stop when the host has let go."""
+        """Open the gate when the link comes up, and after any other stop when the host commands no motion."""
         runtime = self.runtime
         async for now in ticks:
             if not runtime.state.link.alive or now - self._wanted >= LET_GO:
@@ -220,7 +220,7 @@ class Board:
 
     @property
     def snapshot(self) -> Snapshot:
-        """Everything that the board tells, by topic, as it is now."""
+        """Return the present telemetry of the board."""
         return self.runtime.snapshot()
 
     @property
@@ -229,24 +229,27 @@ class Board:
         return self.runtime.now
 
     def arm(self) -> None:
-        """Release the emergency stop, or obey again at once; raises NotArmed, which says why it may not."""
+        """Release the emergency stop, or obey again at once; raises NotArmed with the reason."""
         if self.habits.gated:
             self.runtime.arm()
 
     def disarm(self, reason: str) -> None:
-        """Stop, until the host has let go for a second from now."""
+        """Stop, until the host has commanded no motion for a second from now."""
         self._wanted, self._may_arm = self.runtime.now, False
         self.runtime.disarm(reason)
 
     def stop(self) -> None:
-        """Emergency stop: neutral outputs at once, latched until armed again; an original board has none."""
+        """Emergency stop: neutral outputs at once, latched until armed again.
+
+        An original board has none and raises an error.
+        """
         if self.habits.gated:
             self.runtime.emergency_stop()
         else:
             self.tell("an original board has no emergency stop: its host has to stop it")
 
     def happen(self, event: BoardEvent) -> None:
-        """Let something happen to the board; raises CommandRefused when it cannot happen to this one."""
+        """Let an event happen to the board; raises CommandRefused if it cannot happen to this kind of board."""
         name, value = event
         match name:
             case "centre":
@@ -270,7 +273,7 @@ class Board:
 
 
 class DevicePlace:
-    """A board's place on a serial device, which may be unplugged and come back."""
+    """A board's serial device, which may be unplugged and come back."""
 
     def __init__(self, board: Board, device: str) -> None:
         self.address = device
@@ -279,7 +282,7 @@ class DevicePlace:
         self._keeper: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Open the device, and again whenever it was lost; raises HalError if it cannot be opened the first time."""
+        """Open the device, and open it again whenever it is lost. Raises HalError if the first attempt fails."""
         await self._open()
         self._keeper = asyncio.ensure_future(self._keep())
 
@@ -290,12 +293,12 @@ class DevicePlace:
         while True:
             await asyncio.sleep(REOPEN)
             if self._board.link is None:
-                # not back yet
+                # the device is not back yet
                 with suppress(HalError):
                     await self._open()
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the device."""
         if self._keeper is not None:
             self._keeper.cancel()
         if self._link is not None:
@@ -303,7 +306,7 @@ class DevicePlace:
 
 
 class VirtualPort:
-    """A port with a virtual board behind it, in the same process and in the same time."""
+    """A port with a virtual board behind it, in the same process and on the same clock."""
 
     address = "virtual"
 
@@ -312,11 +315,13 @@ class VirtualPort:
         self.board: Board | None = None
 
     async def open(self, end: End) -> Link:
-        """A link to the board, powered up first if need be; raises TaskFault when a task of the board has failed."""
+        """Return a link to the board, and power the board up first if needed; raises TaskFault if a task of the
+        board failed.
+        """
         if self.board is None:
             self.board = board = Board(self._config, manual=self._config.serial.control == "host")
             await board.power_up()
-            # a board that fails hangs up, and the host finds the reason when it tries again
+            # a failed board hangs up, and the host finds the reason at its next attempt
             board.runtime.scheduler.ended.add_done_callback(lambda _: board.hang_up())
         ended = self.board.runtime.scheduler.ended
         if ended.done():

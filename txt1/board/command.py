@@ -23,7 +23,7 @@ from txt1.ros.options import ROS2
 from txt1.tasks.fields import LOG as EVENT_LOG
 from txt1.ui.terminal import Terminal
 
-# V that the packs read when b was pressed: bad
+# V of each pack after the key b: bad
 LOW: Final = 8.7
 SHOWN: Final = {
     "q": "quit",
@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def board_event(text: str) -> tuple[float, BoardEvent]:
-    """Return the time in s and the event that a word is; raises ArgumentTypeError."""
+    """Return the time in s and the event of a word; raises ArgumentTypeError."""
     time, _, event = text.partition(":")
     name, equals, value = event.partition("=")
     if name not in EVENTS or bool(equals) is (name == "centre"):
@@ -96,7 +96,7 @@ def board_event(text: str) -> tuple[float, BoardEvent]:
 
 
 def keys(board: Board) -> dict[str, Callable[[], None]]:
-    """Return the keys by which somebody at the board's screens lets something happen to it."""
+    """Return the keys that let events happen to the board."""
     vehicle = board.vehicle
     return {
         "e": lambda: board.happen(BoardEvent("esc", float(not vehicle.esc_on))),
@@ -106,7 +106,7 @@ def keys(board: Board) -> dict[str, Callable[[], None]]:
 
 
 async def _let_happen(board: Board, events: Sequence[tuple[float, BoardEvent]]) -> None:
-    """Let the events happen at their times; raises CommandRefused for one that cannot happen to this board."""
+    """Let the events happen at their times; raises CommandRefused for an event that cannot happen to this board."""
     for time, event in sorted(events):
         await asyncio.sleep(max(0.0, time - board.now))
         board.happen(event)
@@ -147,7 +147,7 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: 
                 await beside.enter_async_context(node(board))
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
-            # which has them anyway
+            # the screens show them anyway
             if view_of(arguments) == "lines" and not in_journal():
                 board.runtime.bus.subscribe(lambda topic, event, time: say(event.text), [EVENT_LOG])
             events = asyncio.ensure_future(_let_happen(board, arguments.event))

@@ -9,7 +9,7 @@ from txt1.config import Config
 from txt1.link.base import End
 from txt1.link.impairments import faulty
 
-# marks the random values of the line at the board's end
+# distinguishes the random values of the line at the board's end
 BOARD_LINE: Final = 2
 
 

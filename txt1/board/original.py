@@ -1,10 +1,10 @@
-"""The original laboratory's board as it was observed to work: its framer and its tasks (thesis 3.3.3, 3.5).
+"""The board of the original laboratory, as observed: its framer and its tasks (thesis 3.3.3, 3.5).
 
-Hosts have to live with its habits; ours has none of them. They are:
+Hosts have to cope with these habits, which txt1's own firmware does not have:
 
 - The controller runs at 20 Hz. After an outage its first period is the whole outage.
 - Speeds read 6.3 % low, and slow speeds read 0.
-- There is no safety gate. The only watch is the link rule, which takes 1 to 2 s.
+- There is no safety gate. Only the link rule stops it, after 1 to 2 s.
 - In manual mode the last PWM stays for ever. A PWM test is obeyed in every mode. In controller mode the next step of
   the loops overwrites it; without a link, neutral does, which is written every 20 ms.
 - A PID set of 14 bytes counts as one of 12. A header with an impossible length takes 255 bytes along, with itself.
@@ -45,45 +45,45 @@ from txt1.tasks.panel import press
 from txt1.tasks.serial import Inbox
 from txt1.tasks.state import State
 
-# s, of the controller
+# s, period of the controller
 CONTROL_PERIOD: Final = 0.05
 # s between two writings of neutral while there is no link
 NEUTRAL_PERIOD: Final = 0.02
-# s, of the encoder task
+# s, period of the encoder task
 ENCODER_PERIOD: Final = 0.02
-# m/s that it counts for a tick in a period; truly 16.0 mm/s, so it reads 6.3 % low
+# m/s for a tick in a period; the true value is 16.0 mm/s, so speeds read 6.3 % low
 TICK_SPEED: Final = 0.015
-# ticks in a period that count as none: below 0.045 m/s it reads 0
+# ticks in a period that count as 0: speeds below 0.045 m/s read 0
 TICKS_IGNORED: Final = 2
 # m/s, to which set-points are clipped
 V_MAX: Final = 1.5
-# the command of a PID set, and of the answer to it
+# command of a PID set, and of its answer
 PID_SET: Final = 0x70
-# bytes, with itself, that a false header with an impossible length takes along
+# bytes that a false header with an impossible length takes along, itself included
 SWALLOWED: Final = 255
-# bytes of a PID set without angular gains, and of one that is taken for it
+# bytes of a PID set without angular gains, and of a frame that is mistaken for it
 SHORT, TOO_LONG = 12, 14
-# s without power after which an original board is there again, and a host may not notice
+# s without power after which an original board runs again; a host may not notice
 OUTAGE: Final = 0.2
 # m between the encoder wheels
 TRACK_WIDTH: Final = 0.25
 
 
 class Framer:
-    """Its search for frames: it looks at no byte twice and has no time-out, so a stray 0xFA costs a frame."""
+    """The original search for frames. It looks at no byte twice and has no time-out, so a stray 0xFA costs a frame."""
 
     def __init__(self, take: Callable[[Event], None]) -> None:
         self.take = take
         self._frame = bytearray()
 
     def feed(self, data: bytes) -> None:
-        """Take bytes that have arrived; every message that it finds in them is handed on."""
+        """Take bytes, and pass on every message in them."""
         for byte in data:
             frame = self._frame
             frame.append(byte)
             size = len(frame)
             if size <= len(HEADER):
-                # and what may begin a header here is not looked at again
+                # a header that begins in here is missed
                 if byte != HEADER[size - 1]:
                     frame.clear()
             elif size == (frame[2] + OVERHEAD if frame[2] <= DATA_MAX else SWALLOWED):
@@ -92,11 +92,11 @@ class Framer:
                 frame.clear()
 
     def close(self) -> None:
-        """Nothing: what was begun stays."""
+        """Do nothing: an unfinished frame stays."""
 
 
 def _understood(frame: bytes) -> bytes:
-    """A frame as it is understood: of a PID set of 14 bytes the last two are not looked at."""
+    """Return a frame as the original reads it: of a PID set of 14 bytes it ignores the last two."""
     body = frame[3:-2]
     if frame[2] != TOO_LONG or body[0] != PID_SET or checksum(body) != int.from_bytes(frame[-2:], "big"):
         return frame
@@ -105,7 +105,7 @@ def _understood(frame: bytes) -> bytes:
 
 
 class OriginalFirmware:
-    """The tasks and what they remember while the board has power."""
+    """The tasks and their memory while the board has power."""
 
     def __init__(
         self, state: State, hal: Hal, inbox: Inbox, presses: deque[Button], send: Callable[[BoardMessage], None]
@@ -114,12 +114,12 @@ class OriginalFirmware:
         self._inbox, self._presses, self._send = inbox, presses, send
         self._off_until = 0.0  # s of the run
         self._blocked_by: Callable[[], str | None] = getattr(hal, "blocked_by", lambda: None)
-        # by this, as was told
+        # the wall that was reported
         self._blocked: str | None = None
         self._forget()
 
     def _forget(self) -> None:
-        """Begin as at power-up; the switches are no part of the board, and stay as they are."""
+        """Reset the memory as at power-up. The switches belong to the power board and stay as they are."""
         state = self.state
         state.gains = GainTable()
         state.panel = state.panel._replace(manual=False)
@@ -133,13 +133,13 @@ class OriginalFirmware:
         self._outputs = Outputs()
         self._linear: Past = CLEAR
         self._angular: Past = CLEAR
-        # when the loops were stepped last, s of the run
+        # time of the loops' last step, s of the run
         self._stepped = self._off_until
         self._counts: tuple[int, int] | None = None
         self._volts = (0.0, 0.0)
 
     def tasks(self) -> Iterable[TaskRow]:
-        """The tasks by name, with priority and period."""
+        """Return the tasks: name, priority, period and coroutine."""
         return (
             ("controller", 4, CONTROL_PERIOD, self.controller),
             ("neutral", 4, NEUTRAL_PERIOD, self.neutral),
@@ -152,7 +152,7 @@ class OriginalFirmware:
         )
 
     def restart(self, now: float, off: float) -> None:
-        """Take its power away for `off` s: no pulses meanwhile, and then it knows nothing."""
+        """Take its power away for `off` s: no pulses meanwhile, and its memory is lost."""
         self._off_until = now + off
         self._forget()
         self._put(now, 0, 0, 0, 0, 0)
@@ -189,7 +189,10 @@ class OriginalFirmware:
                         self._send(PidResponse(True))
 
     async def controller(self, ticks: Ticks) -> None:
-        """Step both loops, unless the link is lost or the mode is manual; their period is the time since they ran."""
+        """Step both loops, unless the link is lost or the mode is manual.
+
+        The loops' period is the time since their last step.
+        """
         state = self.state
         async for now in ticks:
             if now < self._off_until or state.panel.manual or not state.link.alive:
@@ -199,7 +202,7 @@ class OriginalFirmware:
             error, yaw_error = errors(self._command.v, self._command.omega, chosen.v, chosen.omega)
             self._linear = step(self._linear, error, state.gains.linear, dt, PWM_MAX)
             gains = Gains()
-            # else the steering stays as it is
+            # otherwise the steering stays as it is
             if self._sets:
                 gains = next((each.gains for each in self._sets if each.v_max >= chosen.v), self._sets[-1].gains)
                 self._angular = step(self._angular, yaw_error, gains, dt, STEERING_MAX)
@@ -208,7 +211,7 @@ class OriginalFirmware:
             self._put(now, motor, -steering, steering, *self._outputs[3:5], source=source, gains=gains)
 
     async def neutral(self, ticks: Ticks) -> None:
-        """Write neutral as long as nobody drives: no link, and controller mode."""
+        """Write neutral while there is no link in controller mode."""
         state = self.state
         async for now in ticks:
             if not (now < self._off_until or state.panel.manual or state.link.alive):
@@ -221,7 +224,7 @@ class OriginalFirmware:
         source: Source = Source.ENCODER,
         gains: Gains = Gains(),  # noqa: B008
     ) -> None:
-        """Put PWM counts on the five channels; a pulse has an end, nothing else limits it."""
+        """Put PWM counts on the five channels; only the pulse's range limits them."""
         motor, front, rear, pwm4, pwm5 = (int(clip(each, PWM_MAX)) for each in counts)
         self._outputs = Outputs(motor, front, rear, pwm4, pwm5)
         self.hal.write(self._outputs, now)
@@ -229,7 +232,7 @@ class OriginalFirmware:
         self.state.control = Control(self._outputs, self._command.v, self._command.omega, source, gains)
 
     async def encoder(self, ticks: Ticks) -> None:
-        """Make wheel speeds of ticks, and the odometry of these."""
+        """Compute wheel speeds from ticks, and odometry from the speeds."""
         state = self.state
         async for now in ticks:
             inputs = self.hal.read(now)
@@ -247,7 +250,7 @@ class OriginalFirmware:
             state.odometry, state.odometry_time = advance(state.odometry, v, omega, ENCODER_PERIOD), now
 
     async def odometry(self, ticks: Ticks) -> None:
-        """Send the odometry, headings from 0 to 6283 mrad, everything truncated towards zero."""
+        """Send the odometry: headings from 0 to 6283 mrad, all values truncated towards zero."""
         async for now in ticks:
             if now >= self._off_until:
                 x, y, theta, v, omega = self.state.odometry
@@ -255,9 +258,9 @@ class OriginalFirmware:
                 self.state.transmitted += 1
 
     async def mode(self, ticks: Ticks) -> None:
-        """Judge the last second by the messages that came in it; in manual mode the link is not looked at.
+        """Judge the link by the messages of the last second; in manual mode the link does not count.
 
-        The board knows no walls, but whoever stands beside it sees them: that is told.
+        The board does not know of walls, but a spectator sees them, so a collision is reported.
         """
         state = self.state
         async for now in ticks:
@@ -300,12 +303,12 @@ class OriginalFirmware:
 
 
 def smooth(old: float, new: float) -> float:
-    """The smoothed voltage, V."""
+    """Return the smoothed voltage, V."""
     return OLD_WEIGHT * old + (1.0 - OLD_WEIGHT) * new
 
 
 def truncated(value: float) -> float:
-    """A value as it goes into whole thousandths there: towards zero, its 15 mm/s a tick being whole ones."""
+    """Return a value as the board stores it, in whole thousandths truncated towards zero (a tick counts 15 mm/s)."""
     return int(round(1000.0 * value, 6)) / 1000.0
 
 
