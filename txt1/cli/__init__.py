@@ -1,4 +1,4 @@
-"""The command line: one module a command, imported when it is used. Nothing else in the package ends the process."""
+"""The command line. Each command is a module, imported when it is used. Only this package ends the process."""
 
 import argparse
 import errno
@@ -46,11 +46,11 @@ COMMANDS: Final = {
     "decode": "print a capture of the line, a line per message and fault",
     "completion": "print a script that completes words in your shell",
 }
-"""Each is a module of this package, with `add_arguments(parser)` and `main`: from the arguments to the exit code."""
+"""Commands by name: a module of this package with `add_arguments(parser)` and `main` (arguments -> exit code)."""
 
 
 def commands() -> dict[str, tuple[str, str]]:
-    """Return the module and the line of help of every command: ours, then those that additions bring."""
+    """Return the module and the line of help of every command: the package's own, then those of additions."""
     found = {name: (f"txt1.cli.{name}", about) for name, about in COMMANDS.items()}
     for addition in additions.known().values():
         for name, told in addition.commands.items():
@@ -68,7 +68,7 @@ def execute(argv: Sequence[str]) -> int:
 
 
 def told(perform: Callable[[], int]) -> int:
-    """Perform a command and return its exit code; what is wrong is told in one line."""
+    """Perform a command and return its exit code. An error is printed in one line."""
     code = OK
     try:
         try:
@@ -76,7 +76,7 @@ def told(perform: Callable[[], int]) -> int:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # the reader of the output has had enough
+        # the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), STDOUT)
     return code
 
@@ -93,7 +93,7 @@ def _guarded(perform: Callable[[], int]) -> int:
     try:
         return perform()
     except SystemExit as ended:
-        # argparse's own: a mistake, or the help
+        # from argparse: a mistake, or the help
         return ended.code if isinstance(ended.code, int) else OK
     except BrokenPipeError:
         raise
@@ -107,12 +107,12 @@ def _guarded(perform: Callable[[], int]) -> int:
         codes = {StopNotVerified: UNSTOPPED, NotArmed: DISARMED, ConfigError: USAGE, MissingExtra: USAGE}
         return next((code for kind, code in codes.items() if isinstance(error, kind)), FAULT)
     except KeyboardInterrupt:
-        # a second Ctrl-C while the first one's stop was under way
+        # a second Ctrl-C during the stop after the first
         return 128 + signal.SIGINT
 
 
 def _told(error: Txt1Error | OSError) -> str:
-    """Return an error in words: one of the operating system's by its file, without its number."""
+    """Return an error in words; an error of the operating system names its file, without the error's number."""
     if isinstance(error, Txt1Error) or not error.strerror:
         return str(error)
     remedy = "; make room on the disk" if error.errno == errno.ENOSPC else ""
@@ -120,10 +120,10 @@ def _told(error: Txt1Error | OSError) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse's parser, with mistakes told in one line."""
+    """argparse's parser; it reports mistakes in one line."""
 
     def error(self, message: str) -> NoReturn:
-        """Say so and exit."""
+        """Print the mistake and exit."""
         wrong = re.match(r"argument (?:COMMAND|ACTION): invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if wrong:
             near = get_close_matches(wrong[1], re.findall(r"[\w-]+", wrong[2]), 1)
@@ -132,9 +132,9 @@ class Parser(argparse.ArgumentParser):
 
 
 def parser(named: Collection[str] | None = None) -> argparse.ArgumentParser:
-    """Return the parser; only the commands that are named have their modules imported, and know their options.
+    """Return the parser. Only the named commands have their modules imported, so only their options are known.
 
-    None: every command, also those of strangers' additions.
+    None means every command, including those of other packages' additions.
     """
     if named is None:
         additions.strangers()
@@ -154,7 +154,7 @@ def parser(named: Collection[str] | None = None) -> argparse.ArgumentParser:
 
 
 def parsed(argv: Sequence[str]) -> argparse.Namespace:
-    """Return the arguments that words are; a mistake in them is told, and ends the process (SystemExit)."""
+    """Return the arguments of a command line; a mistake is printed and ends the process (SystemExit)."""
     words = _joined(argv)
     named = next((word for word in words if not word.startswith("-")), "")
     if named not in commands() or not {"-h", "--help"}.isdisjoint(words):
@@ -174,7 +174,7 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def find_strangers() -> bool:
-    """Find the additions of other packages, whose commands and options count from now on; tell which cannot be used.
+    """Find the additions of other packages, so that their commands and options are known; warn of unusable ones.
 
     Returns whether there are any.
     """
@@ -184,7 +184,7 @@ def find_strangers() -> bool:
 
 
 def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """The words of every command and of every action of it, with the parser."""
+    """Yield the words of every command and of each of its actions, with the parser."""
     for name, command in parser().get_default("parsers").items():
         yield name, command
         for action, each in (command.get_default("parsers") or {}).items():
@@ -192,7 +192,7 @@ def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
 
 
 def _joined(argv: Sequence[str]) -> list[str]:
-    """Return the words with a negative value joined to its option: argparse takes ``-0.5,0.4`` for another option."""
+    """Join a negative value to its option, as argparse takes ``-0.5,0.4`` for another option."""
     words: list[str] = []
     for word in argv:
         if words and re.match(r"--[a-z-]+$", words[-1]) and re.match(r"-[\d.]", word):

@@ -46,21 +46,21 @@ if TYPE_CHECKING:
     from txt1.fleet.plan import FleetPlan
     from txt1.record.live import LiveView
 
-# shortest time between two heartbeats of the drawing process, s
+# s, shortest time between two heartbeats of the drawing process
 BEAT_MIN: Final = 0.005
-# s that a command nobody watches waits for the link
+# s for which a command without an operator waits for the link
 LINK_PATIENCE: Final = 10.0
 
 
 class App:
-    """One command at work on a robot or on a board, its time at this speed (see `txt1.kernel.loop.run`)."""
+    """A command that runs a robot or a board, at a speed of time (see `txt1.kernel.loop.run`)."""
 
     def __init__(self, speed: Speed = None) -> None:
         self.speed = speed
         self.code = OK
-        # why the safety gate was closed at the end
+        # reason for which the safety gate was closed at the end
         self.reason = ""
-        # of the run, as far as it came
+        # s of the run, up to its end
         self.report: dict[str, Any] | None = None
         self._subject: Robot | Board | Fleet | None = None
 
@@ -79,7 +79,7 @@ class App:
                 self.code = 128 + number
                 if self._subject is not None:
                     self._subject.disarm("ended by a signal")
-                # a second one is not caught any more
+                # a second error is not caught any more
                 for each in SIGNALS:
                     loop.remove_signal_handler(each)
                 task.cancel()
@@ -103,7 +103,7 @@ class App:
             with signals_to(lambda number, _: os._exit(128 + number)) if is_main_thread else nullcontext():
                 run(main(), speed=self.speed)
         except (asyncio.CancelledError, NotArmed):
-            # a command may find the gate closed by a signal just before it is cancelled
+            # a signal may close the gate just before the command is cancelled
             if self.code == OK and not unexpected:
                 raise
         if unexpected:
@@ -157,7 +157,7 @@ class App:
     async def board(
         self, board: Board, *, log: Path | None, about: Mapping[str, object], view: LiveView | None
     ) -> AsyncIterator[Board]:
-        """Return the board, recorded like a robot; whoever switches its power on switches it off in the block."""
+        """Return the board, recorded like a robot. The caller switches its power on and off in the block."""
         async with recording(log, board.runtime.config, self.speed, about, say, view) as attach:
             attach(board.runtime)
             self._subject = board
@@ -168,11 +168,11 @@ class App:
     async def watch(
         self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, *alongside: asyncio.Future[Any]
     ) -> None:
-        """Let the operator see and drive until the run, or what goes on alongside, ends; an error of it is raised."""
+        """Let the operator watch and drive until the run or a future in `alongside` ends; its error is raised."""
         try:
             await self._watch(runtime, terminal, view, runtime.scheduler.ended, *alongside)
         finally:
-            # an interrupted run has its report, too
+            # an interrupted run has a report, too
             self.reason = runtime.gate.reason
             self.report = report(runtime)
 
@@ -187,7 +187,7 @@ class App:
                 quit_by_operator = operator.done() and operator.result() == "quit"
                 operator.cancel()
                 assert self._subject is not None
-                # before the screens are put away, which takes its time
+                # before the screens close, which takes time
                 self._subject.disarm("the run has ended")
             if quit_by_operator or any(each.done() for each in ends):
                 return
@@ -202,15 +202,15 @@ class App:
 
     @property
     def beat(self) -> float:
-        """Time between heartbeats of the drawing process, s: 20 a second of the robot's time."""
+        """Seconds between two heartbeats of the drawing process: 20 a second of the robot's time."""
         speed = self.speed if isinstance(self.speed, float) else 1.0
         return max(REFRESH / max(speed, 1.0), BEAT_MIN)
 
 
 async def get_ready(robot: Robot, arm: bool | None) -> None:
-    """Wait for the link, arm, load the gains, when nobody watches; None leaves `arm` to the configuration.
+    """Wait for the link, arm, and load the gains, without an operator; `arm` None leaves arming to the configuration.
 
-    Raises ConfigError: nobody is there to arm the robot; HalError: the board does not answer as it should; NotArmed.
+    Raises ConfigError: no operator can arm the robot; HalError: the board does not answer as it should; NotArmed.
     """
     await robot.linked(LINK_PATIENCE)
     if not (robot.arms_by_itself if arm is None else arm):
@@ -229,7 +229,7 @@ def refusal_of_gains(robot: Robot) -> str:
 
 @contextmanager
 def real_time(robot: Robot) -> Iterator[None]:
-    """Ask for real-time scheduling as long as the block is at work, and say what was granted."""
+    """Ask for real-time scheduling until the block is left, and print the system's answer."""
 
     async def keep_off(ticks: Ticks) -> None:
         async for _ in ticks:
@@ -238,14 +238,14 @@ def real_time(robot: Robot) -> Iterator[None]:
     with realtime() as rights:
         more = "; 'txt1 doctor' says how to be granted more" if rights.granted.missing else ""
         say(f"real time: {rights.granted}{more}")
-        # on screens and in recordings
+        # for screens and recordings
         robot.tell(f"real time: {rights.granted}")
         robot.runtime.add_task("real time", SCREENS_PRIORITY, SWEEP, keep_off)
         yield
 
 
 def report(runtime: Runtime) -> dict[str, Any]:
-    """The report that `--json` prints; `wall_time_s` and `run_time_s` in it are measured on the wall clock."""
+    """Return the report that `--json` prints. Its `wall_time_s` and `run_time_s` are measured on the wall clock."""
     battery = runtime.state.battery
     return {
         "sim_time_s": round(runtime.now, 9),
@@ -275,7 +275,7 @@ def report(runtime: Runtime) -> dict[str, Any]:
 
 
 def conclude(app: App, as_json: bool) -> int:
-    """Print what remains to be said about a run, and return its exit code."""
+    """Print the end of a run in words, and return its exit code."""
     if as_json and app.report is not None:
         print(json.dumps(app.report))
     if app.code == DISARMED:
@@ -292,7 +292,7 @@ async def _first_of(*futures: asyncio.Future[Any]) -> None:
 
 
 async def _status_lines(runtime: Runtime) -> None:
-    """Print one status line a second; a reader that has stopped reading misses some, it never holds up the robot."""
+    """Print a status line a second. A slow reader misses lines, and never delays the robot."""
     sys.stdout.flush()
     while True:
         _put(status_line(runtime.snapshot(SHOWN)))
@@ -300,7 +300,7 @@ async def _status_lines(runtime: Runtime) -> None:
 
 
 async def _log_lines(runtime: Runtime) -> None:
-    """Print the event log as it goes on: a journal keeps its own times, and a line a second would fill it."""
+    """Print new lines of the event log. A journal adds the time itself, and status lines would fill it."""
     runtime.bus.subscribe(lambda topic, event, time: _put(event.text), [LOG])
     for event in runtime.state.events:
         _put(event.text)
@@ -308,7 +308,7 @@ async def _log_lines(runtime: Runtime) -> None:
 
 
 def _put(text: str) -> None:
-    """Print a line, without what a terminal could obey, unless its reader has stopped reading."""
+    """Print a line without control characters, unless its reader has stopped reading."""
     text = "".join(letter if letter.isprintable() else " " for letter in text)
     # a pipe is writable while a line fits
     _, writable, _ = select.select([], [STDOUT], [], 0.0)
@@ -317,6 +317,6 @@ def _put(text: str) -> None:
 
 
 def in_journal() -> bool:
-    """Whether standard output goes to systemd's journal."""
+    """Return whether standard output goes to systemd's journal."""
     output = os.fstat(STDOUT)
     return os.environ.get("JOURNAL_STREAM") == f"{output.st_dev}:{output.st_ino}"

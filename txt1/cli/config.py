@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def show(arguments: argparse.Namespace) -> int:
-    """Print every value in force and where it came from."""
+    """Print every value in force and its origin."""
     given = {"vehicle": arguments.vehicle} if arguments.vehicle else {}
     loaded = load(arguments.config, arguments.set, os.environ, given)
     values = flatten(completed(loaded.config))
@@ -28,7 +28,7 @@ def show(arguments: argparse.Namespace) -> int:
 
 
 def check(arguments: argparse.Namespace) -> int:
-    """Say whether a file is a valid configuration."""
+    """Check whether a file is a valid configuration."""
     load(arguments.file)
     print(f"{arguments.file}: valid")
     return OK

@@ -1,4 +1,4 @@
-"""`txt1 decode`: a capture of the line as one line per message and fault."""
+"""`txt1 decode`: prints a capture of the line, a line of text for each message and fault."""
 
 import argparse
 import json
@@ -11,12 +11,12 @@ from txt1.protocol import capture
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 
-# bytes of a capture that are read at a time
+# bytes of a capture that are read at once
 CHUNK = 1 << 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the capture and how it is to be read."""
+    """Add the capture and its format."""
     add(
         parser,
         {

@@ -1,4 +1,4 @@
-"""`txt1 demo`: commands that everybody may type, one after the other, each shown before it runs."""
+"""`txt1 demo`: runs commands that every user may type, and shows each command first."""
 
 import argparse
 import shlex
@@ -16,13 +16,13 @@ from txt1.ui import tty
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add where the results go, and the seed."""
+    """Add the folder for results, and the seed."""
     about = "where recordings and pictures go; out/demo when left out, or out/demo-2 and so on"
     add(parser, {"--out": takes("DIR", about, path)} | SEED)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Drive, learn, and show what was learned; the exit code of the first command that failed."""
+    """Drive, learn, and show the result; return the exit code of the first command that failed."""
     out = arguments.out or unused(Path("out/demo"))
     for about, words in steps(out, str(arguments.seed or 1), screens=tty.drawable()):
         print(f"\n{about}\n\n    txt1 {shlex.join(words)}\n", flush=True)
@@ -36,7 +36,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def steps(out: Path, seed: str, screens: bool) -> Iterator[tuple[str, list[str]]]:
-    """Yield each command's words, and a sentence on what to see; without screens all of it runs in virtual time."""
+    """Yield each command's words, and a sentence about it; without screens all commands run in virtual time."""
     recorded = all(find_spec(module) for module in MODULES)
     watched = ["--seed", seed, "--screen", "5"] if screens else ["--seed", seed, "--headless", "--speed", "max"]
 

@@ -24,20 +24,20 @@ class Device(Protocol):
     """A device with a simulated vehicle behind it."""
 
     line: End
-    """Its end of the line, as bad as is configured."""
+    """The device's end of the line, with the configured faults."""
 
     async def power_up(self) -> None:
-        """Begin; raises a Txt1Error when it cannot."""
+        """Start the device; raises a Txt1Error if it cannot."""
 
     async def power_down(self) -> None:
-        """End; harmless when that is done already."""
+        """Stop the device; harmless when it is stopped already."""
 
     async def ended(self, duration: float | None = None) -> None:
-        """Wait for its end, at most `duration` s; raises what went wrong."""
+        """Wait for its end, at most `duration` s; raises its error."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the devices, and where they are to be found."""
+    """Add the devices, and the place of the line."""
     parser.add_argument(
         "name",
         choices=DEVICES.names(),

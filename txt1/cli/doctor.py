@@ -1,4 +1,4 @@
-"""`txt1 doctor`: look for what is wrong with the line to the board, and say it in words one can act on."""
+"""`txt1 doctor`: finds faults of the line to the board, and prints each with its remedy."""
 
 import argparse
 import asyncio
@@ -26,56 +26,56 @@ from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import PID_SET_PERIOD, BatteryLevels, EncoderOdometry, PidResponse, PidSet, Velocity
 
-# s in which a board that hears the host has begun to answer: it judges the link once a second
+# s within which a board that hears the host answers: it judges the link once a second
 LINK_RULE: Final = 2.5
-# odometry messages a second that a board sends
+# odometry messages a second from a board
 ODOMETRY_RATE: Final = 20.0
-# of them that should come
+# number below which messages are missing
 RATE_SHARE: Final = 0.95
-# s up to which odometry is fresh enough to drive by
+# s of age up to which odometry is fresh enough for driving
 AGE_MAX: Final = 0.15
-# by HAL: (Config) -> remarks on the computer that it is on
+# by HAL: (Config) -> remarks on the computer
 DOCTORS: Final = Registry("doctor", "txt1.doctors", {})
-# quick for the round trip of a PID set, s: 42 ms of it the bytes take at 57600 baud
+# s, a quick round trip of a PID set: 42 ms of it for the bytes at 57600 baud
 ANSWER_MAX: Final = 0.3
 
 
 class Findings:
-    """The host's end of a line, and what it has seen there."""
+    """The host's end of a line, and its observations."""
 
     def __init__(self) -> None:
         self._time = asyncio.get_running_loop().time
         self.begun = self.ended = self.sent = self._time()
         self.link: Link | None = None
         self.receiver = Receiver(Role.HOST, self._take)
-        # why the link was lost meanwhile, if it was
+        # reason for which the link was lost, if it was
         self.gone = ""
-        # bytes that came, PID sets sent, and answers that said no
+        # numbers of received bytes, PID sets sent, and answers that rejected them
         self.octets = self.asked = self.rejected = 0
-        # of odometry, s
+        # arrival of each odometry message, s
         self.arrivals: list[float] = []
-        # voltages of both packs, V, every time that they came
+        # voltages of both packs, V, in each message
         self.levels: list[tuple[float, float]] = []
         self.faults: Counter[Reason] = Counter()
-        # round trips of the PID sets that were answered, s
+        # round trips of the answered PID sets, s
         self.answers: list[float] = []
 
     @property
     def duration(self) -> float:
-        """Seconds of looking, from the first odometry on, or altogether when there was none."""
+        """Duration of the observation in s, from the first odometry message on; without odometry the whole time."""
         return self.ended - (self.arrivals[0] if self.arrivals else self.begun)
 
     @property
     def age_max(self) -> float:
-        """Oldest that the odometry became before the next came, s."""
+        """Longest time between two odometry messages, s."""
         return max((later - earlier for earlier, later in pairwise([*self.arrivals, self.ended])), default=0.0)
 
     def connected(self, link: Link) -> None:
-        """Note the link."""
+        """Take the link."""
         self.link = link
 
     def lost(self, reason: str) -> None:
-        """Note why it has gone."""
+        """Take the reason for its loss."""
         self.link, self.gone = None, reason
 
     def received(self, data: bytes) -> None:
@@ -97,7 +97,7 @@ class Findings:
 
 
 async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
-    """Ask for standstill and send the gains for `duration` s, from the first odometry on, and return what came.
+    """Command standstill and send the gains for `duration` s after the first odometry; return the observations.
 
     Raises HalError: the port cannot be opened.
     """
@@ -127,7 +127,7 @@ async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
 
 
 def remarks(f: Findings, baud: int) -> Iterator[Remark]:
-    """Remarks on the findings: each as it should be, or a fault with its likely cause."""
+    """Yield remarks on the findings: each is in order, or a fault with its likely cause."""
     if f.gone:
         yield Remark("link", f"lost: {f.gone}", False)
     if not f.octets:
@@ -181,7 +181,7 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
 
 
 def ports() -> Iterator[Remark]:
-    """The serial ports of this computer, and whether one may open them."""
+    """Yield a remark on each serial port of this computer: whether this user may open it."""
     found = candidates()
     if not found:
         yield Remark("ports", "none: plug in the USB-RS232 adapter; 'dmesg' tells whether the computer sees it", False)
@@ -192,13 +192,13 @@ def ports() -> Iterator[Remark]:
 
 
 def real_time() -> Remark:
-    """What `txt1 run --realtime` would be granted, and how to be granted all of it; no fault either way."""
+    """Return the rights that `txt1 run --realtime` would get, and how to get all of them; no fault either way."""
     granted = grantable()
     return Remark("real time", f"{granted}{f'; {REMEDY}' if granted.missing else ''}")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the line and the time of listening to it."""
+    """Add the line and the duration."""
     add(
         parser,
         CONFIGURATION
@@ -213,7 +213,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Say in words what is wrong with the ports and the line to the board, or with another hardware layer."""
+    """Print the faults of the ports and of the line to the board, or of another hardware layer."""
     config = loaded(arguments).config
     found: list[bool] = []
     if config.hal == "serial":
@@ -245,7 +245,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 async def _at_line(port: Port, config: Config, duration: float) -> list[Remark]:
-    """Return what was seen of a board; where there is none, whose answers came when each device was asked."""
+    """Return the findings on a board; without a board, the device that answered when each kind was asked."""
     findings = await examine(port, config.loops().pid_set(), duration)
     found = list(remarks(findings, config.serial.baud))
     if not findings.arrivals:

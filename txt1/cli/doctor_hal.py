@@ -1,4 +1,4 @@
-"""What `txt1 doctor --hal NAME` finds out about a hardware layer, and about the Raspberry Pi that it may be on."""
+"""Findings of `txt1 doctor --hal NAME` on a hardware layer, and on the Raspberry Pi that may run it."""
 
 import asyncio
 import shutil
@@ -19,11 +19,11 @@ THROTTLED: Final = (
     (16, "under-voltage since it was switched on", "a stronger supply: motors that start pull it down"),
     (18, "slowed down since it was switched on", "cool it, and look at its supply"),
 )
-"""Bits of `vcgencmd get_throttled`, their meaning, and what to do."""
+"""Bits of `vcgencmd get_throttled`, their meaning, and the remedy."""
 
 
 def supply(text: str) -> Remark:
-    """What `vcgencmd get_throttled` says, such as throttled=0x50005."""
+    """Return the remark on an output of `vcgencmd get_throttled`, such as throttled=0x50005."""
     try:
         bits = int(text.strip().partition("=")[2], 16)
     except ValueError:
@@ -35,7 +35,7 @@ def supply(text: str) -> Remark:
 
 
 def computer() -> Iterator[Remark]:
-    """The Raspberry Pi, if this is one, and its supply."""
+    """Yield remarks on the Raspberry Pi and its supply, if this computer is a Raspberry Pi."""
     model = Path("/proc/device-tree/model")
     if model.exists():
         yield Remark("computer", model.read_text(errors="replace").strip("\0\n "))
@@ -47,7 +47,10 @@ def computer() -> Iterator[Remark]:
 
 
 async def examined(hal: Hal, duration: float) -> list[Remark]:
-    """Hold a HAL's outputs neutral for `duration` s, and return what it reported; HalError when it cannot be opened."""
+    """Hold a HAL's outputs neutral for `duration` s; return remarks on its reports.
+
+    Raises HalError if it cannot be opened.
+    """
     time = asyncio.get_running_loop().time
     await hal.open()
     began, ready, taken, readings, slowest = time(), None, -1.0, 0, 0.0

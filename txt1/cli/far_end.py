@@ -1,4 +1,4 @@
-"""Where the far end of a line is to be found that somebody else opens: a pseudo-terminal, or a TCP port."""
+"""Options for the far end of a line that another program opens: a pseudo-terminal, or a TCP port."""
 
 import argparse
 from typing import Final
@@ -15,7 +15,7 @@ FAR_END: Final = {
 
 
 async def listen(arguments: argparse.Namespace, end: End) -> Listener:
-    """Open the far end that `FAR_END` asked for; raises LinkError when it cannot be."""
+    """Open the far end from `FAR_END`; raises LinkError if that fails."""
     if arguments.pty is not None:
         return listen_pty(arguments.pty, end)
     host, port = arguments.tcp

@@ -1,4 +1,4 @@
-"""`txt1 hal`: list or check hardware layers, or begin one of your own."""
+"""`txt1 hal`: lists or checks hardware layers, or makes a new one."""
 
 import argparse
 import asyncio
@@ -23,9 +23,9 @@ from txt1.kernel.loop import run
 from txt1.resources import PACKAGE
 from txt1.sim.parameters import LineFaults
 
-# s in which a board on a line answers
+# s within which a board on a line answers
 ANSWERS_WITHIN: Final = 10.0
-# s between two looks for it
+# s between two checks for the board
 LOOK_PERIOD: Final = 0.02
 SKELETON: Final = PACKAGE / "hal" / "skeleton"
 MODULE_NAME: Final = "the name of a Python module, such as mycar"
@@ -43,16 +43,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def list_hals(_: argparse.Namespace) -> int:
-    """Print the names of those that are installed."""
+    """Print the names of the installed hardware layers."""
     print("\n".join(HALS.names()))
     return OK
 
 
 def check_hal(arguments: argparse.Namespace) -> int:
-    """Run one through the conformance suite; it puts out a little at first, and full power in the end."""
+    """Run a hardware layer through the conformance suite. It drives slowly at first, with full power at the end."""
     arguments.hal = arguments.name
     config = loaded(arguments).config
-    # a HAL that lacks them is what the check is for
+    # a HAL that lacks some is exactly what the check has to find
     capabilities = getattr(create(config), "capabilities", None)
     simulated = getattr(capabilities, "simulated", False)
     if not simulated:
@@ -69,22 +69,22 @@ def check_hal(arguments: argparse.Namespace) -> int:
             run(_answers(hal))
 
     def over(faults: LineFaults) -> Hal:
-        """The HAL as configured, but for the faults of its line."""
+        """Return the configured HAL, with these faults of its line."""
         serial = config.serial.model_copy(update={"fault": faults})
         return create(config.model_copy(update={"serial": serial}))
 
-    # a check closes its hardware on the way
+    # a check closes its hardware halfway
     with signals_to(lambda number, _: sys.exit(128 + number)):
-        # real hardware has no bad lines
+        # real hardware has no simulated line faults
         settings = {"over": staticmethod(over)} if simulated else {"speed": None}
         skids = config.geometry.steering == "skid"
         return print_verdicts(verdicts(HalConformance, lambda: create(config), skids=skids, **settings))
 
 
 async def _answers(hal: Hal) -> None:
-    """Wait for the board of a HAL; raises HalError, which names what is there, where none answers.
+    """Wait for the board of a HAL. Raises HalError if none answers; the error names the devices found.
 
-    Each check would wait for a minute, and say no more than the first one.
+    Without this each check would wait for a minute, and find no more than the first.
     """
     loop = asyncio.get_running_loop()
     begin = loop.time()
@@ -100,14 +100,14 @@ async def _answers(hal: Hal) -> None:
 
 
 def new_hal(arguments: argparse.Namespace) -> int:
-    """Write a package with a hardware layer to begin with, and its test (docs/your-own-hal.md)."""
+    """Write a package with a new hardware layer and its test (docs/your-own-hal.md)."""
     name: str = arguments.name
     if not (name.isidentifier() and name.islower() and name.isascii()) or iskeyword(name):
         raise ConfigError(f"'{name}' cannot be the name of a HAL: it is {MODULE_NAME}")
     if name in HALS.ours:
         raise ConfigError(f"'{name}' is one of txt1's own HALs: choose another name")
     known = find_spec(name)
-    # a mere folder of that name has none
+    # a plain folder of this name has no origin
     if known is not None and known.origin is not None:
         raise ConfigError(f"'{name}' is a Python module that is there already: choose another name")
     folder = (arguments.to or Path()) / name

@@ -1,8 +1,8 @@
-"""Tell the service manager how the robot is: the protocol of systemd's sd_notify(3), and its watchdog's food.
+"""Reports the robot's state to the service manager (systemd's sd_notify(3)), and feeds its watchdog.
 
-systemd gives a service of Type=notify the address of a datagram socket in NOTIFY_SOCKET, and with WatchdogSec the time
-in WATCHDOG_USEC after which it takes a silent service for hung, kills it and starts it again. Without them nothing here
-does anything.
+For a service of Type=notify, systemd puts the address of a datagram socket into NOTIFY_SOCKET. With WatchdogSec it puts
+a time into WATCHDOG_USEC. A service that is silent for this time counts as hung; systemd kills it and starts it again.
+Without these variables the functions do nothing.
 """
 
 import os
@@ -16,12 +16,12 @@ from txt1.runtime import Runtime
 from txt1.sidecar import SERVE_PRIORITY
 from txt1.tasks import controller
 
-# within the watchdog's time: some may come late
+# messages within the watchdog's time: some may come late
 FEEDINGS: Final = 4
 
 
 def tell(*lines: str) -> None:
-    """Send lines such as ``READY=1``; a manager that has gone or does not listen is no fault."""
+    """Send lines such as ``READY=1``; a missing or deaf manager is no fault."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if address[:1] in ("/", "@"):
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
@@ -30,7 +30,7 @@ def tell(*lines: str) -> None:
 
 
 def watchdog() -> float | None:
-    """Return after how many s without food the watchdog bites this process; None where there is none."""
+    """Return the time in s after which the watchdog ends this silent process; None without a watchdog."""
     duration, process = os.environ.get("WATCHDOG_USEC", ""), os.environ.get("WATCHDOG_PID", "")
     if not duration.isdecimal() or (process and process != str(os.getpid())):
         return None
@@ -41,13 +41,13 @@ def watchdog() -> float | None:
 def served(runtime: Runtime) -> Iterator[None]:
     """Report a running robot as ready, its state with every change, and its end; feed the watchdog meanwhile.
 
-    The watchdog is fed for cycles of the controller: while there are none it goes hungry.
+    Cycles of the controller feed the watchdog. Without cycles it gets nothing.
     """
     if "NOTIFY_SOCKET" not in os.environ:
         yield
         return
     limit = watchdog()
-    # at whole multiples of the controller's period, behind it, so that it does not come in its way
+    # at whole multiples of the controller's period, after the controller, so that it does not delay it
     period = controller.CONTROL_PERIOD * max(
         1, int((1.0 if limit is None else limit / FEEDINGS) / controller.CONTROL_PERIOD)
     )

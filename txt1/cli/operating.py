@@ -1,4 +1,4 @@
-"""A robot under an operator's eyes: what `txt1 run` does."""
+"""Runs a robot under an operator's eyes, for `txt1 run`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
             settings = told.asked(arguments, config)
         if settings is not None:
             asked[name] = settings
-    # an addition takes a source that is its own, as teaching takes a policy's file
+    # an addition takes a source of its own, as teaching takes a policy's file
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, steer, asked))
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _tell_limits(drive: tuple[float, float], config: Config) -> None:
-    """Say which set-point the safety gate will make of this one, m/s and rad/s, where the car cannot do it."""
+    """Print the set-point (m/s, rad/s) that the safety gate makes of this one, if the car cannot drive it."""
     nearest = SetpointBounds(config.limits()).nearest(*drive)
     if nearest != drive:
         radius, limits = config.geometry.radius_min, config.safety
@@ -70,7 +70,7 @@ def _tell_limits(drive: tuple[float, float], config: Config) -> None:
 async def _operate(
     app: App, arguments: argparse.Namespace, config: Config, steer: Steer | None, asked: Mapping[str, object]
 ) -> None:
-    """Bring the robot up with all that was asked for, and watch it to the end."""
+    """Bring the robot up with everything requested, and watch it to the end."""
     async with app.robot(config, additions=asked) as robot:
         teleop = Teleop(config.teleop.speed, config.hand())
         if arguments.duration is not None:
@@ -84,7 +84,7 @@ async def _operate(
 
         async def prepare() -> None:
             await start.get_ready()
-            # only an error of this ends the run
+            # only an error of this future ends the run
             await asyncio.Future()
 
         getting_ready = asyncio.ensure_future(prepare())
@@ -102,10 +102,10 @@ async def _operate(
 
 @dataclass
 class RunStart:
-    """The start of a run on a robot whose link may not be up yet."""
+    """The start of a run, with a robot whose link may not be up yet."""
 
     robot: Robot
-    # None leaves it to safety.auto_arm
+    # None leaves arming to safety.auto_arm
     arm: bool | None
     # m/s and rad/s to command throughout
     drive: tuple[float, float] | None = None
@@ -114,7 +114,7 @@ class RunStart:
     armed: bool = False
 
     async def get_ready(self) -> None:
-        """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
+        """Wait for the link, arm if requested, load the gains, start the script or the learning."""
         robot = self.robot
         await robot.linked()
         self.linked = True
@@ -138,7 +138,7 @@ class RunStart:
                 raise TaskFault("source of commands", error) from error
 
     def _to_be_armed(self) -> bool:
-        """Return whether it was asked for, and nobody has stopped the robot since."""
+        """Return whether arming was requested, and the robot was not stopped since."""
         return (self.robot.arms_by_itself if self.arm is None else self.arm) and not self.robot.touched
 
     def verdict(self, duration: float | None) -> tuple[int, str]:

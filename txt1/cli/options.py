@@ -1,4 +1,4 @@
-"""Options that several commands share: their words, and the configuration they make."""
+"""Options that several commands share, and the configuration that they make."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from txt1 import additions
 from txt1.commands import existing, flag, speed, takes
 from txt1.errors import ConfigError
 
-# so that the help is there at once
+# imported when used, so that the help appears at once
 if TYPE_CHECKING:
     from txt1.config import Config
     from txt1.config.sources import LoadedConfig
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def recording(text: str) -> Path:
-    """Return the path of a recording that is there; raises ArgumentTypeError, and MissingExtra without its reader."""
+    """Return the path of an existing recording; raises ArgumentTypeError, and MissingExtra without its reader."""
     from txt1.commands import need
     from txt1.record.session import MODULES
 
@@ -30,13 +30,13 @@ def recording(text: str) -> Path:
 
 
 def _brought(group: str) -> list[str]:
-    """Return the names in a table of parts that additions bring."""
+    """Return the names in a table of parts, of the parts from additions."""
     return [name for addition in additions.known().values() for name in addition.parts.get(group, {})]
 
 
 _CARS: Final = _brought("txt1.hal")
 HALS: Final = ", ".join(("sim", "serial", *_CARS))
-"""The names of our hardware layers."""
+"""The names of the package's own hardware layers."""
 _OF_BOARDS: Final = ", ".join(name for name in _brought("txt1.ports") if name not in _CARS)
 _OF_CARS: Final = "".join(f"; with --hal {name}: {name}" for name in _brought("txt1.ports") if name in _CARS)
 LINE: Final = {
@@ -76,7 +76,7 @@ ONE_ROBOT: Final = {"--robot": takes("NAME", "show this robot, of a recording of
 
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:
-    """Return the configuration that the arguments ask for, with origins; `first` overrides the defaults alone."""
+    """Return the configuration for the arguments, with origins; `first` overrides only the defaults."""
     from txt1.config import load
     from txt1.hal.registry import HALS, is_on_a_line
 
@@ -104,7 +104,7 @@ def robot_speed(arguments: argparse.Namespace, config: Config) -> Speed:
 
 
 def warn_of_baud(config: Config) -> None:
-    """Say so when the baud rate is none that the boards have."""
+    """Print a warning if no board has this baud rate."""
     from txt1.link.device import baud_warning
 
     warning = baud_warning(config.serial.baud)

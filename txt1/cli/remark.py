@@ -1,10 +1,10 @@
-"""What `txt1 doctor` says."""
+"""The remarks of `txt1 doctor`."""
 
 from typing import NamedTuple
 
 
 class Remark(NamedTuple):
-    """A line of the doctor's: the subject, the finding, and whether that is well; if not, the finding says why."""
+    """A line of the doctor's: subject, finding, and whether all is well; if not, the finding contains the cause."""
 
     subject: str
     text: str
@@ -17,5 +17,5 @@ class Remark(NamedTuple):
 
 
 def judged(subject: str, text: str, well: bool, cause: str) -> Remark:
-    """A remark, with the cause where it is not well."""
+    """Return a remark, with the cause unless all is well."""
     return Remark(subject, text if well else f"{text}: {cause}", well)

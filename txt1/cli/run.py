@@ -9,7 +9,7 @@ from txt1.errors import ConfigError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `run` takes."""
+    """Add the arguments of `run`."""
     add(
         parser,
         options.ROBOT
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
-    # which takes its time to import; the help does without
+    # imported here: it takes time, and the help does not need it
     from txt1.cli.operating import run
 
     return run(arguments)

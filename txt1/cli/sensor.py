@@ -1,4 +1,4 @@
-"""`txt1 sensor`: list or check sensors, or be one."""
+"""`txt1 sensor`: lists or checks sensors, or is a virtual sensor."""
 
 import argparse
 import os
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def list_sensors(arguments: argparse.Namespace) -> int:
-    """Print the drivers that are installed, and the sensors that are configured."""
+    """Print the installed drivers, and the configured sensors."""
     for name in DRIVERS.names():
         print(f"driver {name}")
     for name, given in load(arguments.config, arguments.set, os.environ).config.sensors.items():
@@ -57,7 +57,7 @@ def list_sensors(arguments: argparse.Namespace) -> int:
 
 
 def check_sensor(arguments: argparse.Namespace) -> int:
-    """Run one through the conformance suite."""
+    """Run a sensor through the conformance suite."""
     config = load(arguments.config, arguments.set, os.environ).config
     name = arguments.name
     given = config.sensors.get(name) or SensorConfig(driver=name)
@@ -71,7 +71,7 @@ def check_sensor(arguments: argparse.Namespace) -> int:
 
 
 class Fake(NamedTuple):
-    """A device on the desk: the driver of its simulated readings with its options, and what makes its far end."""
+    """A virtual device: the driver of its simulated readings, with options, and the function that makes its far end."""
 
     driver: str
     options: Mapping[str, Any]
@@ -93,12 +93,12 @@ FAKES: Final = {
         "txt1.sensors.laser_double:ld19",
     ),
 }
-# m/s and rad/s at which the robot of a device on the desk drives, a circle of 1 m
+# m/s and rad/s of the robot that carries a virtual device, a circle of 1 m
 WALK: Final = (0.3, 0.3)
 
 
 def fake_sensor(arguments: argparse.Namespace) -> int:
-    """Be a device: the far end of its protocol, fed by a simulated robot that drives in its world."""
+    """Be a virtual device: the far end of its protocol, fed by a simulated robot that drives in its world."""
     if (arguments.pty is None) == (arguments.tcp is None):
         raise ConfigError("sensor fake: say where, with one of --pty PATH and --tcp PORT")
     chosen = FAKES[arguments.kind]

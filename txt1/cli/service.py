@@ -1,4 +1,4 @@
-"""`txt1 service`: have systemd start a robot at boot, watch over it, and start it again, disarmed, when it fails."""
+"""`txt1 service`: lets systemd start a robot at boot, watch it, and start it again, disarmed, when it fails."""
 
 import argparse
 import grp
