@@ -1,4 +1,4 @@
-"""Sensors beside those of the hardware layer: each a name, a period and readings with time stamps of their own."""
+"""Sensors that are not part of the hardware layer: each has a name, a period, and readings with time stamps."""
 
 from txt1.sensors.base import Reading, Sensor, Setup, reading_topic
 

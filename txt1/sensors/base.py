@@ -13,7 +13,7 @@ from txt1.errors import ConfigError
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import TOPICS, Rule, Topic, declare
 
-# the screens' process does without the schema, which takes 0.4 s to load
+# imported for types only: the schema takes 0.4 s to load, and the screens' process does not need it
 if TYPE_CHECKING:
     from txt1.config import Config
 
@@ -26,9 +26,9 @@ class Reading(NamedTuple, Generic[T]):
     """One reading of a sensor."""
 
     time: float
-    """When it was taken, s of the run."""
+    """When the reading was taken, s of the run."""
     value: T
-    """Immutable, of the type that the sensor's topic names."""
+    """Immutable, of the type of the sensor's topic."""
 
 
 class Sensor(Protocol[T]):
@@ -40,7 +40,7 @@ class Sensor(Protocol[T]):
 
     @property
     def topic(self) -> Topic[T]:
-        """The name, type, units and message of its values; constant."""
+        """Name, type, units and message of its values; constant."""
 
     @property
     def period(self) -> float:
@@ -48,7 +48,7 @@ class Sensor(Protocol[T]):
 
     @property
     def simulated(self) -> bool:
-        """Whether it reads nothing real, so that it works in virtual time; constant."""
+        """Whether the sensor needs no hardware, so that it works in virtual time; constant."""
 
     async def open(self) -> None:
         """Make the hardware ready; may wait. Raises HalError with the cause and the remedy in one line."""
@@ -57,10 +57,10 @@ class Sensor(Protocol[T]):
         """Release the hardware; harmless when it is already closed. The sensor can be opened again."""
 
     def read(self, now: float) -> Reading[T] | None:
-        """The newest reading at `now`, or None when there is no new one.
+        """Return the newest reading at `now`; None if there is no new reading.
 
         It never waits, and takes less than 0.2 ms of the processor: the event loop has only 20 ms for everything.
-        Longer work belongs in a thread, whose newest result it hands out.
+        Longer work belongs in a thread; `read` then returns the thread's newest result.
         """
 
 
@@ -72,7 +72,7 @@ class Setup(NamedTuple):
     """Its own settings, from ``sensors.NAME.options``."""
     config: Config
     pose: Callable[[], Pose | None] | None = None
-    """Returns the true pose (x, y, theta) in the room now, m and rad; None where the robot is not simulated."""
+    """Returns the robot's true pose (x, y, theta) in the room, m and rad; None unless the robot is simulated."""
     hal: Any = None
     """The hardware layer, for a sensor that shares a simulated world or a link with it."""
 
@@ -82,13 +82,13 @@ class SensorState(NamedTuple):
 
     name: str
     units: str
-    # the last reading's numbers by their paths in the topic's message
+    # numbers of the last reading, by their paths in the topic's message
     values: dict[str, float]
-    # when it was taken, s of the run; None before the first one
+    # time of the last reading, s of the run; None before the first
     time: float | None
-    # the last reading came in time, and the hardware has not failed since
+    # whether the last reading came in time and the hardware has not failed since
     healthy: bool
-    # why it is not healthy; empty when it is
+    # why the sensor is unhealthy; empty if it is healthy
     reason: str
     readings: int
     failures: int
@@ -120,9 +120,9 @@ def _status(state: SensorState) -> dict[str, Any]:
 
 
 def numbers(topic: Topic[T], value: T) -> dict[str, float]:
-    """The numbers of a value for a line on a screen: its own `summary`, or those of its topic's message by their paths.
+    """Return the numbers of a value for a line on a screen.
 
-    None where it has neither.
+    They are the value's own `summary`, or the numbers of its topic's message by their paths; None if it has neither.
     """
     summary: Callable[[], dict[str, float]] | None = getattr(value, "summary", None)
     if summary is not None:
@@ -141,9 +141,9 @@ def reading_topic(
     make: Callable[[T], tuple[float, ...] | Mapping[str, Any]] = lambda value: (value,),  # type: ignore[assignment,return-value]
     constants: Mapping[str, Any] | None = None,
 ) -> Topic[T]:
-    """The topic ``/sensors/NAME`` of a sensor's values, by default plain numbers.
+    """Return the topic ``/sensors/NAME`` of a sensor's values, by default plain numbers.
 
-    A ConfigError when a sensor of another kind has that name, or it is no name for a topic.
+    Raises ConfigError if a sensor of another kind has this name, or the name is malformed.
     """
     topic = Topic(f"/sensors/{name}", kind, units, message, Rule.EVENT, about, constants or {}, paths, make)
     known = TOPICS.get(topic.name)

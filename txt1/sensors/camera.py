@@ -1,4 +1,4 @@
-"""A camera: a V4L2 device or a video file, through PyAV, as JPEG."""
+"""A camera: pictures of a V4L2 device or a video file, as JPEG, through PyAV."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,28 +20,28 @@ from txt1.units import NotNegative, Positive, PositiveInt
 
 @dataclass(frozen=True, slots=True)
 class VideoOptions:
-    """Where the pictures come from, and how many."""
+    """The source of the pictures, and their rate."""
 
     source: Annotated[str, MinLen(1)] = "/dev/video0"
     """A V4L2 device, or a video file."""
     width: PositiveInt = 640
-    """Pixels that are asked of a device."""
+    """Width requested from a device, pixels."""
     height: PositiveInt = 480
-    """Pixels that are asked of a device."""
+    """Height requested from a device, pixels."""
     rate: Positive = 10.0
-    """Pictures a second at most."""
+    """Largest number of pictures a second."""
     quality: Annotated[int, Ge(1), Le(95)] = 75
-    """Of the JPEG."""
+    """Quality of the JPEG."""
     repeat: bool = False
-    """Whether a file begins anew at its end."""
+    """Whether a file starts again at its end."""
     latency: NotNegative = 0.0
-    """From exposure to arrival, s."""
+    """Time from exposure to arrival, s."""
     mount: Mount = CAMERA_MOUNT
-    """x, y, z (m) and yaw (rad) on the vehicle."""
+    """x, y, z (m) and yaw (rad) of the camera on the vehicle."""
 
 
 def jpeg(picture: NDArray[np.uint8], quality: int = 75) -> bytes:
-    """A picture (height, width, 3) as JPEG; MissingExtra without the extra camera."""
+    """Return a picture (height, width, 3) as JPEG; raises MissingExtra without the extra camera."""
     try:
         from PIL import Image as Pillow
     except ImportError:
@@ -52,7 +52,10 @@ def jpeg(picture: NDArray[np.uint8], quality: int = 75) -> bytes:
 
 
 def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[Image]:
-    """The pictures of the source as they come, a file's at its own pace by `wait`; a HalError tells what to do."""
+    """Yield the pictures of the source as they come, those of a file at its own pace by `wait`.
+
+    Raises HalError, with the remedy.
+    """
     try:
         import av
     except ImportError:
@@ -63,7 +66,7 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
         try:
             container = av.open(given.source, format="v4l2" if device else None, options=size if device else {})
         except (OSError, ValueError) as error:
-            # PyAV's errors are both
+            # PyAV's errors are also these
             remedy = "is the camera plugged in, and are you in the group video?" if device else "is it a video file?"
             why = getattr(error, "strerror", None) or error
             raise HalError(f"{given.source}: {why}: {remedy}") from None
@@ -89,6 +92,6 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
 
 
 def create(setup: Setup) -> Frames[Image]:
-    """The driver ``camera``; options: those of `VideoOptions`."""
+    """Make the driver ``camera``; options: those of `VideoOptions`."""
     given = checked(VideoOptions, setup.options, f"sensors.{setup.name}.options")
     return Frames(image_topic(setup.name), 1.0 / given.rate, lambda wait: pictures(given, wait), given.latency)

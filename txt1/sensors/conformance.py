@@ -1,10 +1,10 @@
-"""Promises every sensor keeps: the suite that any sensor, ours or a stranger's, can be run through.
+"""The promises of every sensor, as a suite of tests for any sensor.
 
-In a test class of yours (see `txt1.conformance`), or from the command line, for one that is configured::
+Use it in your own test class (see `txt1.conformance`), or from the command line for a configured sensor::
 
     txt1 sensor check inside --set sensors.inside.driver=thermometer
 
-The promises themselves stand in `txt1.sensors.base`.
+`txt1.sensors.base` states the promises.
 """
 
 import asyncio
@@ -19,12 +19,15 @@ from txt1.telemetry.topics import Rule, Topic
 
 
 class SensorConformance(Conformance[Sensor[Any]]):
-    """The promises, one test each. Override `make`, and `absent` and the settings where the defaults do not fit."""
+    """The promises, a test for each. Override `make`; override `absent` and the settings if the defaults do not fit."""
 
     interface = Sensor
 
     def absent(self) -> Sensor[Any] | None:
-        """A new sensor whose hardware is not there; override this where there can be one. None skips what needs it."""
+        """Return a new sensor whose hardware is missing; override this if that is possible.
+
+        None skips the tests that need it.
+        """
         return None
 
     @opened
@@ -122,7 +125,7 @@ class SensorConformance(Conformance[Sensor[Any]]):
     # -- for the tests -----------------------------------------------------------------------------------------
 
     def read(self) -> Reading[Any] | None:
-        """The reading that is there now; None when there is none."""
+        """Return the sensor's present reading; None if there is none."""
         with kept("Sensor.read", "reads sound hardware"):
             reading = self.called("read", self.now)
         if reading is not None and not isinstance(reading, Reading):
@@ -130,7 +133,7 @@ class SensorConformance(Conformance[Sensor[Any]]):
         return reading
 
     async def reading(self) -> Reading[Any]:
-        """The next reading."""
+        """Return the next reading."""
         ends = self.now + self.settle
         while self.now < ends:
             await asyncio.sleep(self.part.period)

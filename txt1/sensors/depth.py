@@ -16,35 +16,35 @@ from txt1.sensors.frames import Frames
 from txt1.sensors.readings import CAMERA_MOUNT, DepthImage, Mount, depth_topic
 from txt1.units import NotNegative, Positive, PositiveInt
 
-# that a frame may take to come
+# s to wait for a frame
 PATIENCE_MS = 5000
 
 
 @dataclass(frozen=True, slots=True)
 class RealSenseOptions:
-    """Which camera, and how many frames of which size."""
+    """The camera, and the rate and size of its frames."""
 
     serial_number: str = ""
-    """Of the camera; empty: the only one."""
+    """Serial number of the camera; empty: the only connected camera."""
     width: PositiveInt = 640
     """Pixels."""
     height: PositiveInt = 480
     """Pixels."""
     rate: PositiveInt = 30
-    """Frames a second, one of those that the camera has."""
+    """Frames a second, one of the camera's rates."""
     latency: NotNegative = 0.0
-    """From exposure to arrival, s."""
+    """Time from exposure to arrival, s."""
     mount: Mount = CAMERA_MOUNT
-    """x, y, z (m) and yaw (rad) on the vehicle."""
+    """x, y, z (m) and yaw (rad) of the camera on the vehicle."""
 
 
 def realsense_frames(given: RealSenseOptions) -> Iterator[DepthImage]:
-    """The frames of a RealSense as they come; a HalError tells what to do."""
+    """Yield the frames of a RealSense as they come. Raises HalError, with the remedy."""
     try:
         import pyrealsense2 as rs
     except ImportError:
         raise MissingExtra("a depth camera", "depth") from None
-    # starting without one would wait 15 s
+    # starting without a camera would wait 15 s
     if not len(rs.context().query_devices()):
         raise HalError("no RealSense camera is found: is it plugged in, and are librealsense's udev rules installed?")
     pipeline, wanted = rs.pipeline(), rs.config()
@@ -76,7 +76,7 @@ def realsense_frames(given: RealSenseOptions) -> Iterator[DepthImage]:
 
 @dataclass(frozen=True, slots=True)
 class PlayerOptions:
-    """Recorded frames, and how they are shown."""
+    """Recorded frames and their camera."""
 
     path: Annotated[str, MinLen(1)]
     """A numpy file (.npy) of distances, (frames, height, width): mm as uint16, or m as floats."""
@@ -85,13 +85,13 @@ class PlayerOptions:
     field: Annotated[float, Gt(0.0), Lt(180.0)] = 60.0
     """Horizontal angle of view, degrees."""
     repeat: bool = True
-    """Whether it begins anew at its end."""
+    """Whether the file starts again at its end."""
     mount: Mount = CAMERA_MOUNT
-    """x, y, z (m) and yaw (rad) on the vehicle."""
+    """x, y, z (m) and yaw (rad) of the camera on the vehicle."""
 
 
 def played_frames(given: PlayerOptions, wait: Callable[[float], object]) -> Iterator[DepthImage]:
-    """The frames of a file at their rate, kept by `wait`; a HalError tells what is wrong with it."""
+    """Yield the frames of a file at their rate, kept by `wait`. Raises HalError if the file is wrong."""
     try:
         frames = np.load(Path(given.path), mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError) as error:
@@ -113,12 +113,12 @@ def played_frames(given: PlayerOptions, wait: Callable[[float], object]) -> Iter
 
 
 def realsense(setup: Setup) -> Frames[DepthImage]:
-    """The driver ``depth_realsense``; options: those of `RealSenseOptions`."""
+    """Make the driver ``depth_realsense``; options: those of `RealSenseOptions`."""
     given = checked(RealSenseOptions, setup.options, f"sensors.{setup.name}.options")
     return Frames(depth_topic(setup.name), 1.0 / given.rate, lambda _: realsense_frames(given), given.latency)
 
 
 def player(setup: Setup) -> Frames[DepthImage]:
-    """The driver ``depth_player``; options: those of `PlayerOptions`."""
+    """Make the driver ``depth_player``; options: those of `PlayerOptions`."""
     given = checked(PlayerOptions, setup.options, f"sensors.{setup.name}.options")
     return Frames(depth_topic(setup.name), 1.0 / given.rate, lambda wait: played_frames(given, wait))

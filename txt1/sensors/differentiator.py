@@ -5,20 +5,20 @@ from typing import Final
 
 from txt1.model.kinematics import wrap_angle
 
-# for which the noises are meant, steps a second
+# steps a second for which the noises are given
 STEP_RATE: Final = 75.0
-# process variance of x, y and theta, a step
+# process variance of x, y and theta, per step
 PLACE_NOISE: Final = 0.1
-# of their rates
+# process variance of their rates, per step
 RATE_NOISE: Final = 5.0
 # variance of a measurement
 MEASURED_NOISE: Final = 0.01
-# s without a pose after which it begins anew
+# s without a pose after which the filter starts again
 GAP: Final = 0.5
 
 
 class _Axis:
-    """A constant-velocity Kalman filter of one coordinate: prediction F = [[1, dt], [0, 1]], then the update."""
+    """A constant-velocity Kalman filter of a coordinate: prediction F = [[1, dt], [0, 1]], then the update."""
 
     def __init__(self, value: float) -> None:
         self.value, self.rate = value, 0.0
@@ -26,7 +26,7 @@ class _Axis:
         self._p = (1.0, 0.0, 1.0)
 
     def step(self, innovation: float, dt: float) -> None:
-        """Take a measurement that lies so far from the prediction, dt s after the last one."""
+        """Take a measurement: its difference from the prediction, and the time since the last measurement, s."""
         a, b, c = self._p
         share = dt * STEP_RATE
         a, b, c = a + dt * (2.0 * b + dt * c) + PLACE_NOISE * share, b + dt * c, c + RATE_NOISE * share
@@ -37,14 +37,16 @@ class _Axis:
 
 
 class Differentiator:
-    """Makes speed and yaw rate of poses."""
+    """Computes speed and yaw rate from poses."""
 
     def __init__(self) -> None:
         self._time: float | None = None
         self._axes = (_Axis(0.0), _Axis(0.0), _Axis(0.0))
 
     def step(self, time: float, x: float, y: float, theta: float) -> tuple[float | None, float | None]:
-        """Speed (m/s), negative backwards, and yaw rate (rad/s) by a pose at `time` (s); None for the first."""
+        """Take the pose at `time` (s); return speed (m/s, negative backwards) and yaw rate (rad/s), None at the
+        first pose.
+        """
         if self._time is None or not 0.0 < time - self._time <= GAP:
             self._time, self._axes = time, (_Axis(x), _Axis(y), _Axis(theta))
             return None, None

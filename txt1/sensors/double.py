@@ -9,23 +9,23 @@ from txt1.sensors.base import Reading
 
 
 class Double(Station):
-    """A device on the desk: an end of a link that is shown the readings of a simulated sensor."""
+    """A virtual device: an end of a link. `show` gives it the readings of a simulated sensor."""
 
-    # what came of a command that is not complete
+    # bytes of an incomplete command
     _rest = b""
 
     def connected(self, link: Link) -> None:
-        """Take the link; what an earlier host has started goes on."""
+        """Take the link; a measurement that an earlier host has started goes on."""
         self._rest = b""
         super().connected(link)
 
     def show(self, reading: Reading[Any]) -> None:
-        """Tell the host of a reading, as the device would."""
+        """Send a reading to the host, as the device would."""
         raise NotImplementedError
 
 
 class Talker(Double):
-    """A device that sends its readings unasked, as `encode` makes bytes of them, and has no commands."""
+    """A device that sends its readings unasked and has no commands; `encode` turns a reading into bytes."""
 
     def __init__(self, encode: Callable[[Reading[Any]], bytes]) -> None:
         self._encode = encode

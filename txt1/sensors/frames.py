@@ -1,4 +1,4 @@
-"""A source of pictures that makes one wait, read by a thread of its own, which keeps the newest."""
+"""A sensor whose frames come from a blocking source. A thread reads the source and keeps the newest frame."""
 
 import asyncio
 import threading
@@ -12,7 +12,7 @@ from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
-# waits for so many s, or until the sensor is closed
+# waits for this number of s, or until the sensor is closed
 Wait = Callable[[float], object]
 
 # s that the thread has to end
@@ -20,15 +20,14 @@ ENDING: Final = 3.0
 
 
 class Frames(Generic[T]):
-    """A sensor whose frames come from an iterator that waits.
+    """A sensor whose frames come from a blocking iterator.
 
     Args:
-        topic: of its values.
-        period: between two calls of `read`, s.
-        begin: opens the source, in the thread that then reads it, and returns its frames; it is given a function to
-            wait with. Its HalError says what to do, a generator's ``finally`` lets go of the source.
-        latency: from exposure to arrival, s.
-
+        topic: topic of the frames.
+        period: time between two calls of `read`, s.
+        begin: opens the source and returns its frames, in the thread that reads them. Its argument is a function to
+            wait with. It raises HalError with the remedy; a generator's ``finally`` closes the source.
+        latency: time from exposure to arrival, s.
     """
 
     simulated = False
@@ -47,7 +46,7 @@ class Frames(Generic[T]):
         self._last = -inf
 
     async def open(self) -> None:
-        """Open the source in its thread; it is open when the first frame is there."""
+        """Open the source in its thread, and wait for the first frame."""
         self._loop = asyncio.get_running_loop()
         self._origin, self._last, self._failure, self._newest = inf, -inf, "", None
         self._over = threading.Event()
@@ -57,14 +56,14 @@ class Frames(Generic[T]):
         await ready
 
     async def close(self) -> None:
-        """Have the thread let go of the source."""
+        """Let the thread close the source."""
         self._over.set()
         thread, self._thread = self._thread, None
         if thread is not None:
             await asyncio.to_thread(thread.join, ENDING)
 
     def read(self, now: float) -> Reading[T] | None:
-        """The newest frame; a HalError when the source has failed or is at its end."""
+        """Return the newest frame; raises HalError if the source has failed or is at its end."""
         self._origin = min(self._origin, asyncio.get_running_loop().time() - now)
         newest, self._newest = self._newest, None
         if newest is None:
@@ -78,7 +77,7 @@ class Frames(Generic[T]):
         return Reading(time, newest[1])
 
     def _run(self, ready: asyncio.Future[None], over: threading.Event) -> None:
-        """In the thread: hand every frame to the loop, which notes when it came."""
+        """In the thread: pass every frame to the loop, which notes its arrival."""
         loop = self._loop
         assert loop is not None
 

@@ -1,4 +1,4 @@
-"""A virtual GPS: NMEA sentences as a receiver sends them, and gpsd's JSON as gpsd does."""
+"""A virtual GPS: NMEA sentences like a receiver's, and JSON like gpsd's."""
 
 import json
 from math import hypot, pi
@@ -12,20 +12,20 @@ from txt1.sensors.gps_gpsd import CONFIDENCE
 from txt1.sensors.readings import FixReading
 
 KNOT = 1852.0 / 3600.0  # m/s
-# when every run begins, at midnight
+# date at which every run begins, at midnight
 DATE = "2026-05-04"
 VERSION = {"class": "VERSION", "release": "3.22", "rev": "3.22", "proto_major": 3, "proto_minor": 14}
 
 
 def clock(time: float) -> str:
-    """A time of the run as hours, minutes, seconds and hundredths of the day, hh:mm:ss.ss."""
+    """Return a time of the run as a time of day, hh:mm:ss.ss."""
     hundredths = round(time * 100.0) % 8_640_000
     minutes, rest = divmod(hundredths, 6000)
     return f"{minutes // 60:02d}:{minutes % 60:02d}:{rest / 100.0:05.2f}"
 
 
 def sentence(text: str) -> bytes:
-    """A sentence with its check sum, the exclusive or of its characters."""
+    """Return a sentence with its checksum, the exclusive or of its characters."""
     check = 0
     for character in text.encode():
         check ^= character
@@ -33,14 +33,14 @@ def sentence(text: str) -> bytes:
 
 
 def degrees(value: float, digits: int, letters: str) -> str:
-    """Degrees as NMEA has them: whole degrees and minutes in one, and the hemisphere."""
+    """Return degrees in NMEA's form: degrees and minutes in one number, and the hemisphere."""
     minutes = round(abs(value) * 60.0, 6)
     whole, rest = divmod(minutes, 60.0)
     return f"{int(whole):0{digits}d}{rest:09.6f},{letters[value < 0.0]}"
 
 
 def nmea(reading: Reading[FixReading]) -> bytes:
-    """The sentences GGA, RMC and GST of a fix."""
+    """Return the sentences GGA, RMC and GST of a fix."""
     fix, time = reading.value, clock(reading.time).replace(":", "")
     place = f"{degrees(fix.latitude, 2, 'NS')},{degrees(fix.longitude, 3, 'EW')}"
     satellites = 8 if fix.satellites is None else fix.satellites
@@ -62,14 +62,14 @@ def nmea(reading: Reading[FixReading]) -> bytes:
 
 
 def true_track(fix: FixReading) -> float | None:
-    """Direction of motion, degrees clockwise from true north in [0, 360)."""
+    """Return the direction of motion, degrees clockwise from true north in [0, 360)."""
     if fix.theta is None:
         return None
     return UtmGrid(fix.latitude, fix.longitude).track(fix.theta, fix.latitude, fix.longitude)
 
 
 def report(reading: Reading[FixReading]) -> dict[str, Any]:
-    """The TPV report that gpsd makes of a fix; errors are for 95 %."""
+    """Return gpsd's TPV report of a fix; errors are for 95 %."""
     fix = reading.value
     sigma_theta = None if fix.sigma_theta is None else fix.sigma_theta * 180.0 / pi
     told = {
@@ -91,17 +91,17 @@ def report(reading: Reading[FixReading]) -> dict[str, Any]:
 
 
 def error95(sigma: float | None) -> float | None:
-    """Gpsd's error of a standard deviation."""
+    """Return gpsd's error (95 %) for a standard deviation."""
     return None if sigma is None else sigma * CONFIDENCE
 
 
 def receiver() -> Talker:
-    """A receiver on a serial line, which sends the sentences of each fix: gpsd reads it."""
+    """Return a receiver on a serial line, which sends the sentences of each fix; gpsd can read it."""
     return Talker(nmea)
 
 
 class FakeGpsd(Double):
-    """gpsd's end of a connection: reports go to a client that watches."""
+    """Gpsd's end of a connection. It sends reports to a client that watches."""
 
     def __init__(self) -> None:
         self._watched = False
@@ -113,7 +113,7 @@ class FakeGpsd(Double):
         self._tell(VERSION)
 
     def received(self, data: bytes) -> None:
-        """Obey ?WATCH; anything else is passed over."""
+        """Obey ?WATCH; ignore everything else."""
         *commands, self._rest = (self._rest + data)[-4096:].split(b";")
         for command in commands:
             name, _, text = command.strip().partition(b"=")

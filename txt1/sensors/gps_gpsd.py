@@ -1,4 +1,4 @@
-"""GPS through gpsd: its JSON lines over TCP to fixes, in metres on the UTM grid."""
+"""GPS through gpsd: decodes its JSON lines from TCP into fixes, in metres on the UTM grid."""
 
 import json
 from collections.abc import Mapping
@@ -18,19 +18,19 @@ from txt1.units import NotNegative
 
 WATCH: Final = b'?WATCH={"enable":true,"json":true};\n'
 UNWATCH: Final = b'?WATCH={"enable":false};\n'
-# gpsd's errors are for 95 %: so many standard deviations
+# standard deviations in gpsd's errors, which are for 95 %
 CONFIDENCE: Final = 1.96
-# bytes; gpsd's longest, of all satellites, have about 10 000
+# bytes; gpsd's longest lines, with all satellites, have about 10 000
 LINE_MAX: Final = 65536
 DAY: Final = 86400.0  # s
-# s between a fix and the errors that are still its own
+# s between a fix and the latest errors that belong to it
 FRESH: Final = 2.0
-# m/s: below this a track says nothing
+# m/s: below this speed a track has no meaning
 STILL: Final = 0.1
 
 
 def seconds_of_day(stamp: str) -> float | None:
-    """The seconds since midnight of a time such as 2026-05-04T10:20:30.250Z; None where it is none."""
+    """Return the seconds since midnight of a time such as 2026-05-04T10:20:30.250Z; None if it is malformed."""
     try:
         hours, minutes, seconds = stamp.partition("T")[2].rstrip("Z").split(":")
         return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
@@ -39,19 +39,19 @@ def seconds_of_day(stamp: str) -> float | None:
 
 
 class GpsdDecoder(Codec[FixReading]):
-    """The lines of gpsd as fixes; `datum` is latitude and longitude in degrees, None takes the first fix."""
+    """Decodes gpsd's lines into fixes. `datum` is latitude and longitude in degrees; None: the first fix."""
 
     def __init__(self, datum: tuple[float, float] | None = None, mount: Mount = GPS_MOUNT) -> None:
         super().__init__(WATCH, UNWATCH)
         self.satellites: int | None = None
-        """Used for the fix, as far as it was told."""
+        """Number of satellites used for the fix; None until gpsd reports it."""
         self.grid = None if datum is None else UtmGrid(*datum)
         self._mount = mount
         self._day = Unwrapped(DAY)
         self._errors: tuple[float | None, float | None, float | None] = (None, None, None)
 
     def feed(self, data: bytes) -> list[Measured[FixReading]]:
-        """The fixes that these bytes complete."""
+        """Take bytes; return the fixes that they complete."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > LINE_MAX:
             self._rest = b""
@@ -70,7 +70,7 @@ class GpsdDecoder(Codec[FixReading]):
         return found
 
     def _take(self, report: Mapping[str, Any]) -> Measured[FixReading] | None:
-        """The fix of a report, if it has one."""
+        """Return the fix of a report; None if the report has none."""
         if report.get("class") == "SKY":
             used = report.get("uSat")
             if not isinstance(used, int) and isinstance(report.get("satellites"), list):
@@ -117,7 +117,9 @@ class GpsdDecoder(Codec[FixReading]):
         return Measured(fix, None if seconds is None else self._day(seconds))
 
     def _estimated(self, seconds: float | None) -> tuple[float | None, float | None]:
-        """The receiver's own standard deviations east and north, m, of its sentence GST; None: it sends none."""
+        """Return the receiver's own standard deviations east and north, m, from its sentence GST; None: it
+        sends none.
+        """
         time, *errors = self._errors
         if time is not None and seconds is not None and abs(seconds - time) > FRESH:
             return None, None
@@ -144,26 +146,26 @@ def _sigma(report: Mapping[str, Any], key: str) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class GpsOptions:
-    """Where gpsd is, and from where metres are counted."""
+    """The address of gpsd, and the origin of the grid."""
 
     address: Annotated[str, MinLen(1)] = "socket://127.0.0.1:2947"
-    """Of gpsd."""
+    """Address of gpsd."""
     datum: tuple[float, float] | None = None
     """Latitude and longitude of the origin, degrees; null: the first fix."""
     latency: NotNegative = 0.0
-    """From measuring to sending, s: with a receiver at 5 Hz and 4800 baud about 0.2."""
+    """Time from measuring to sending, s: about 0.2 for a receiver at 5 Hz and 4800 baud."""
     mount: Mount = GPS_MOUNT
     """x, y, z (m) and yaw (rad) of the antenna on the vehicle."""
 
 
 def create(setup: Setup) -> Streamed[FixReading]:
-    """The driver ``gps_gpsd``; options: those of `GpsOptions`. Raises MissingExtra without the extra gps."""
+    """Make the driver ``gps_gpsd``; options: those of `GpsOptions`. Raises MissingExtra without the extra gps."""
     given = checked(GpsOptions, setup.options, f"sensors.{setup.name}.options")
-    # tells now that the extra is missing or the datum is none
+    # reports a missing extra or a wrong datum now
     UtmGrid(*(given.datum or (0.0, 0.0)))
     last = GpsdDecoder(given.datum)
 
-    # a datum outlives the connection that brought it
+    # the datum is kept when the connection is lost
     def codec() -> GpsdDecoder:
         nonlocal last
         grid, last = last.grid, GpsdDecoder(given.datum, given.mount)

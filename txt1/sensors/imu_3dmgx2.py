@@ -1,4 +1,4 @@
-"""MicroStrain 3DM-GX2 and 3DM-GX3: bytes to readings, and the driver.
+"""MicroStrain 3DM-GX2 and 3DM-GX3: the decoder, and the driver.
 
 The device has x forward, y right and z down.
 """
@@ -20,18 +20,18 @@ from txt1.units import NotNegative, PositiveInt
 PLAIN: Final = 0xC8
 # accelerations, rates, magnetic field, orientation matrix
 MAGNETIC: Final = 0xCC
-# and the command that is repeated from now on
+# followed by the command that is repeated from then on
 CONTINUOUS: Final = b"\xc4\xc1\x29"
-# the reply to that: 8 bytes
+# reply to the command before: 8 bytes
 CONFIRMED: Final = 0xC4
-# the reply to a question for a name: 20 bytes
+# reply to a request for a name: 20 bytes
 IDENTIFIER: Final = 0xEA
 STOP: Final = {"gx2": b"\xfa", "gx3": b"\xfa\x75\xb4"}
-# of the timer, a second
+# ticks of the timer a second
 TICKS: Final = {"gx2": 19_660_800.0, "gx3": 62_500.0}
 LENGTHS: Final = {PLAIN: 67, MAGNETIC: 79, CONFIRMED: 8, IDENTIFIER: 20}
 GAUSS: Final = 1e-4  # T
-# accelerations in g and rates in rad/s beyond this are no measurements
+# larger accelerations in g and rates in rad/s are no measurements
 MOST: Final = 100.0
 
 # 3 x 3, row by row
@@ -40,21 +40,22 @@ Model = Literal["gx2", "gx3"]
 
 
 def checksum(data: bytes) -> int:
-    """The sum of the bytes, modulo 65536."""
+    """Return the sum of the bytes, modulo 65536."""
     return sum(data) & 0xFFFF
 
 
 def pack(command: int, numbers: tuple[float, ...], ticks: int) -> bytes:
-    """A reply as the device sends it: big-endian float32, the timer, the checksum."""
+    """Return a reply of the device: big-endian float32, the timer, the checksum."""
     data = struct.pack(f">B{len(numbers)}fI", command, *numbers, ticks & 0xFFFFFFFF)
     return data + struct.pack(">H", checksum(data))
 
 
 def orientation_of(m: Matrix) -> Quaternion:
-    """The orientation of a body with x forward and z up, north-west-up, of the matrix from north-east-down.
+    """Return the orientation of a body with x forward and z up, north-west-up, from the device's matrix
+    (north-east-down).
 
-    The device's matrix M takes a vector of the earth into its own frame; with D = diag(1, -1, -1) for the flipped axes,
-    D M^T D takes one of the vehicle's frame to the earth's.
+    The device's matrix M turns a vector of the earth's frame into the device's frame. With D = diag(1, -1, -1) for the
+    flipped axes, D M^T D turns a vector of the vehicle's frame into the earth's.
     """
     r00, r10, r20 = m[0], -m[1], -m[2]
     r01, r11, r21 = -m[3], m[4], m[5]
@@ -73,7 +74,7 @@ def orientation_of(m: Matrix) -> Quaternion:
 
 
 def matrix_of(orientation: Quaternion) -> Matrix:
-    """The device's matrix for an orientation: the inverse of `orientation_of`."""
+    """Return the device's matrix for an orientation: the inverse of `orientation_of`."""
     x, y, z, w = orientation
     r = (
         1.0 - 2.0 * (y * y + z * z),
@@ -90,19 +91,19 @@ def matrix_of(orientation: Quaternion) -> Matrix:
 
 
 class ImuDecoder(Framed[ImuReading]):
-    """The bytes of the device as readings: resynchronises at the next byte that begins a sound reply."""
+    """Decodes the device's bytes into readings. After a damaged reply it goes on at the next intact reply."""
 
     def __init__(
         self, model: Model = "gx2", magnetic: bool = False, mount: Mount = IMU_MOUNT, sigma: ImuSigma | None = None
     ) -> None:
         super().__init__(STOP[model] + CONTINUOUS + bytes((MAGNETIC if magnetic else PLAIN,)), STOP[model])
         self.identifier = ""
-        """The device's name, once it was asked for and has told it."""
+        """The device's name; empty until it is known."""
         self._mount, self._sigma = mount, sigma
         self._timer, self._ticks = Unwrapped(2.0**32), TICKS[model]
 
     def frame(self, data: bytes, at: int, found: list[Measured[ImuReading]]) -> int | None:
-        """Take the reply at a place."""
+        """Take the reply at an offset."""
         length = LENGTHS.get(data[at], 0)
         if len(data) - at < length:
             return None
@@ -111,7 +112,7 @@ class ImuDecoder(Framed[ImuReading]):
         return length if sound else 0
 
     def _take(self, frame: bytes, found: list[Measured[ImuReading]]) -> bool:
-        """Whether a frame with the right checksum is sound; appends its reading, if it has one."""
+        """Return whether a frame with the right checksum is plausible; append its reading, if it has one."""
         if frame[0] == CONFIRMED:
             return True
         if frame[0] == IDENTIFIER:
@@ -125,7 +126,7 @@ class ImuDecoder(Framed[ImuReading]):
         if frame[0] == MAGNETIC:
             bx, by, bz, *rest = rest
             magnetic = (bx * GAUSS, -by * GAUSS, -bz * GAUSS)
-        # + 0.0 lets no -0.0 be
+        # + 0.0 turns -0.0 into 0.0
         reading = ImuReading(
             (ax * GRAVITY, -ay * GRAVITY + 0.0, -az * GRAVITY + 0.0),
             (p, -q + 0.0, -r + 0.0),
@@ -139,12 +140,12 @@ class ImuDecoder(Framed[ImuReading]):
 
 
 SIGMA: Final = ImuSigma(rates=0.006, acceleration=1.0, attitude=0.005, heading=0.035)
-"""Assumed, as the simulated IMU's errors are, on a car at 1 m/s."""
+"""Assumed equal to the errors of the simulated IMU, on a car at 1 m/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImuOptions:
-    """Where the device is and how it is mounted."""
+    """The place of the device, and its mounting."""
 
     port: Annotated[str, MinLen(1)] = "/dev/ttyUSB0"
     """Serial device, or socket://host:port."""
@@ -153,17 +154,17 @@ class ImuOptions:
     model: Model = "gx2"
     """gx2, or gx3: its timer is slower, its stop command longer."""
     magnetic: bool = False
-    """Whether it is asked for the magnetic field, too."""
+    """Whether the magnetic field is requested, too."""
     latency: NotNegative = 0.006
-    """From measuring to the last byte, s: at 115200 baud 67 bytes take 5.8 ms."""
+    """Time from measuring to the last byte, s: 67 bytes take 5.8 ms at 115200 baud."""
     mount: Mount = IMU_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
     sigma: ImuSigma = SIGMA
-    """Standard deviations for its messages of rates, rad/s, accelerations, m/s^2, roll and pitch, and heading, rad."""
+    """Standard deviations for its messages: rates (rad/s), accelerations (m/s^2), roll and pitch, heading (rad)."""
 
 
 def create(setup: Setup) -> Streamed[ImuReading]:
-    """The driver ``imu_3dmgx2``; options: those of `ImuOptions`."""
+    """Make the driver ``imu_3dmgx2``; options: those of `ImuOptions`."""
     given = checked(ImuOptions, setup.options, f"sensors.{setup.name}.options")
     return Streamed(
         imu_topic(setup.name),

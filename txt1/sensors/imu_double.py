@@ -1,4 +1,4 @@
-"""A virtual 3DM-GX2: answers its commands, and sends replies without end when it is told to."""
+"""A virtual 3DM-GX2: answers commands, and sends replies continuously after the command for it."""
 
 from typing import Final
 
@@ -19,9 +19,9 @@ from txt1.sensors.imu_3dmgx2 import (
 from txt1.sensors.readings import GRAVITY, ImuReading
 
 STOP: Final = 0xFA
-# by the type that is asked for
+# by the requested type
 IDENTIFIERS: Final = {0: "6223-4220", 1: "6223-00001", 2: "3DM-GX2", 3: "5g 300d/s"}
-# bytes of a command that has more than one
+# length of commands longer than a byte
 LONGEST: Final = {CONFIRMED: 4, IDENTIFIER: 2}
 
 
@@ -29,12 +29,12 @@ class FakeImu(Double):
     """The device's end of the line."""
 
     def __init__(self) -> None:
-        # the command that is carried out again and again
+        # the command that is repeated
         self._repeated: int | None = None
         self._now: Reading[ImuReading] | None = None
 
     def received(self, data: bytes) -> None:
-        """Carry out commands; bytes that are none are passed over."""
+        """Carry out commands; ignore other bytes."""
         data, at = self._rest + data, 0
         while at < len(data):
             command = data[at]

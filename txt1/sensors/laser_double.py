@@ -1,4 +1,4 @@
-"""Laser scanners on the desk: a Hokuyo URG-04LX that speaks SCIP 2.0, and an LDROBOT LD19."""
+"""Virtual laser scanners: a Hokuyo URG-04LX that speaks SCIP 2.0, and an LDROBOT LD19."""
 
 from math import isfinite, tau
 from typing import Final
@@ -21,17 +21,17 @@ VERSION: Final = {
     "SERI": "H0000000",
 }
 FIRST, LAST, FRONT = (int(PARAMETERS[name]) for name in ("AMIN", "AMAX", "AFRT"))
-# range where nothing is in reach, mm: below DMIN is an error code
+# range for "nothing in reach", mm: values below DMIN are error codes
 NOTHING: Final = 0
 
 
 def line(text: bytes) -> bytes:
-    """A line with its check sum."""
+    """Return a line with its checksum."""
     return text + bytes((check_character(text),)) + b"\n"
 
 
 def listing(values: dict[str, str]) -> bytes:
-    """The lines of PP and VV."""
+    """Return the lines of PP and VV."""
     texts = (f"{name}:{value}".encode() for name, value in values.items())
     return b"".join(text + b";" + bytes((check_character(text),)) + b"\n" for text in texts)
 
@@ -40,9 +40,9 @@ class FakeScip(Double):
     """The scanner's end of the line."""
 
     def __init__(self) -> None:
-        # of the request for scans that is carried out, without the number left
+        # present request for scans, without the number of scans left
         self._echo: bytes | None = None
-        # scans still to be sent; 0 is without end
+        # scans still to be sent; 0: continuously
         self._left = 0
         # requests for the next scan
         self._once: list[bytes] = []
@@ -55,7 +55,7 @@ class FakeScip(Double):
                 self._obey(command)
 
     def show(self, reading: Reading[Scan]) -> None:
-        """Measure: send the scan to whoever asked for it."""
+        """Measure: send the scan to the host that requested it."""
         for echo in self._once:
             self._answer(echo, b"00", self._data(echo, reading))
         self._once.clear()
@@ -95,7 +95,7 @@ class FakeScip(Double):
         self.send(echo + b"\n" + line(status) + data + b"\n")
 
     def _data(self, request: bytes, reading: Reading[Scan]) -> bytes:
-        """Time stamp and ranges of the steps that are asked for, in lines of 64 characters."""
+        """Return time stamp and ranges of the requested steps, in lines of 64 characters."""
         scan = reading.value
         width = 3 if request[1:2] == b"D" else 2
         first, last, cluster = int(request[2:6]), int(request[6:10]), max(int(request[10:12]), 1)
@@ -108,7 +108,9 @@ class FakeScip(Double):
 
 
 def range_at(scan: Scan, angle: float) -> int:
-    """The range of the beam nearest to an angle (rad, anticlockwise in the device's frame), mm; 0 where it has none."""
+    """Return the range of the beam nearest to an angle (rad, anticlockwise in the device's frame), mm; 0 for no
+    range.
+    """
     index = round((angle - scan.angle_min) / scan.angle_step)
     if not 0 <= index < len(scan.ranges):
         return NOTHING
@@ -117,12 +119,12 @@ def range_at(scan: Scan, angle: float) -> int:
 
 
 def ld19() -> Talker:
-    """The scanner's end of the line: it sends a turn, clockwise from straight ahead, in packets of 12 points."""
+    """Return an LD19. It sends each turn, clockwise from straight ahead, in packets of 12 points."""
     return Talker(turn)
 
 
 def turn(reading: Reading[Scan]) -> bytes:
-    """The packets of a turn; beams of the scan, which turns anticlockwise, that lie nearest."""
+    """Return the packets of a turn, from the nearest beams of the scan, which turns anticlockwise."""
     scan, packets = reading.value, b""
     step, per_second = 360.0 / laser_ld19.BEAMS, abs(scan.angle_step) / tau * 360.0 / abs(scan.time_step)
     count = laser_ld19.POINTS

@@ -1,4 +1,4 @@
-"""LDROBOT LD06 and LD19, low-cost laser scanners that send by themselves: bytes to scans, and the driver."""
+"""LDROBOT LD06 and LD19, low-cost laser scanners that send unasked: the decoder, and the driver."""
 
 import struct
 from dataclasses import dataclass
@@ -14,20 +14,20 @@ from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
 from txt1.sensors.stream import Framed, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
-# of a packet
+# points of a packet
 POINTS: Final = 12
 # head, kind, speed, angle, points, angle, time, check
 PACKET: Final = struct.Struct("<BBHH" + "HB" * POINTS + "HHB")
 HEAD: Final = b"\x54\x2c"
-# milliseconds at which the time stamp begins anew
+# milliseconds at which the time stamp starts again at 0
 CLOCK: Final = 30000.0
-# of a turn: 4500 points a second at 10 turns a second
+# points of a turn: 4500 points a second at 10 turns a second
 BEAMS: Final = 450
-# of the check sum, a CRC of eight bits
+# table of the checksum, a CRC of eight bits
 POLYNOMIAL: Final = 0x4D
 RANGE_MIN: Final = 0.02  # m
 RANGE_MAX: Final = 12.0  # m
-# degrees a second: faster it does not turn
+# degrees a second, the fastest turn
 SPEED_MAX: Final = 7200
 
 
@@ -44,7 +44,7 @@ _CRC: Final = _table()
 
 
 def crc(data: bytes) -> int:
-    """The check sum of a packet without its last byte."""
+    """Return the checksum of a packet without its last byte."""
     value = 0
     for byte in data:
         value = _CRC[value ^ byte]
@@ -52,7 +52,9 @@ def crc(data: bytes) -> int:
 
 
 def pack(speed: float, start: float, end: float, points: list[tuple[int, int]], ms: int) -> bytes:
-    """A packet: degrees a second, degrees clockwise of the first and last point, (mm, intensity) of each, time."""
+    """Return a packet: degrees a second; degrees clockwise of the first and last point; (mm, intensity) of
+    each; time.
+    """
     numbers = [number for point in points for number in point]
     head = round(speed), round(start * 100.0) % 36000
     data = PACKET.pack(*HEAD, *head, *numbers, round(end * 100.0) % 36000, ms % 30000, 0)[:-1]
@@ -60,7 +62,7 @@ def pack(speed: float, start: float, end: float, points: list[tuple[int, int]], 
 
 
 class Ld19Decoder(Framed[Scan]):
-    """The packets of the scanner as scans, one a turn from straight ahead clockwise, in beams of 0.8 degrees."""
+    """Decodes packets into scans: a turn each, clockwise from straight ahead, in beams of 0.8 degrees."""
 
     def __init__(self, mount: Mount = LASER_MOUNT) -> None:
         super().__init__()
@@ -71,11 +73,11 @@ class Ld19Decoder(Framed[Scan]):
         self._intensities = np.zeros(BEAMS, np.float32)
         # angle of the last point, degrees
         self._before = 0.0
-        # when the turn did, s by the device's clock
+        # start of the turn, s by the device's clock
         self._began = 0.0
 
     def frame(self, data: bytes, at: int, found: list[Measured[Scan]]) -> int | None:
-        """Take the packet at a place."""
+        """Take the packet at an offset."""
         packet = data[at : at + PACKET.size]
         if not HEAD.startswith(packet[:2]):
             return 0
@@ -87,13 +89,16 @@ class Ld19Decoder(Framed[Scan]):
         return PACKET.size
 
     def _take(self, packet: bytes, found: list[Measured[Scan]]) -> None:
-        """Add the points of a packet to the turn; a point that is not ahead of the last one begins the next."""
+        """Add the points of a packet to the turn.
+
+        A point that does not lie beyond the last point begins the next turn.
+        """
         _, _, speed, start, *numbers, end, ms, _ = PACKET.unpack(packet)
         if not 0 < speed <= SPEED_MAX or start >= 36000 or end >= 36000:
             self.faults += 1
             return
         width = ((end - start) % 36000) / 100.0
-        # of the last point
+        # angle of the last point
         time = self._clock(ms) / 1000.0
         for k in range(POINTS):
             angle = (start / 100.0 + width * k / (POINTS - 1)) % 360.0
@@ -110,7 +115,7 @@ class Ld19Decoder(Framed[Scan]):
                     self._intensities[beam] = intensity
 
     def _turn(self, time: float, speed: float, found: list[Measured[Scan]]) -> None:
-        """A turn ends at this time, and the next begins."""
+        """End the turn at this time, and begin the next."""
         ranges, intensities = self._ranges, self._intensities
         self._ranges, self._intensities = np.full(BEAMS, inf, np.float32), np.zeros(BEAMS, np.float32)
         if ranges is None or not 0.0 < time - self._began < 2.0 * 360.0 / speed:
@@ -124,20 +129,20 @@ class Ld19Decoder(Framed[Scan]):
 
 @dataclass(frozen=True, slots=True)
 class Ld19Options:
-    """Where the scanner is and how it is mounted."""
+    """The place of the scanner, and its mounting."""
 
     port: Annotated[str, MinLen(1)] = "/dev/ttyUSB0"
     """Serial device, or socket://host:port."""
     baud: PositiveInt = 230400
     """Bits a second, 8N1."""
     latency: NotNegative = 0.0
-    """From measuring to sending, s; a turn's own time is known from its stamps."""
+    """Time from measuring to sending, s; the duration of a turn is known from its stamps."""
     mount: Mount = LASER_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
 
 
 def create(setup: Setup) -> Streamed[Scan]:
-    """The driver ``laser_ld19``; options: those of `Ld19Options`."""
+    """Make the driver ``laser_ld19``; options: those of `Ld19Options`."""
     given = checked(Ld19Options, setup.options, f"sensors.{setup.name}.options")
     return Streamed(
         scan_topic(setup.name), 0.1, given.port, lambda: Ld19Decoder(given.mount), given.baud, given.latency

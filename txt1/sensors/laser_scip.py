@@ -1,4 +1,4 @@
-"""Hokuyo laser scanners by SCIP 2.0 (URG-04LX and its successors): bytes to scans, and the driver."""
+"""Hokuyo laser scanners with SCIP 2.0 (URG-04LX and its successors): the decoder, and the driver."""
 
 from dataclasses import dataclass
 from math import inf, nan, tau
@@ -16,24 +16,24 @@ from txt1.units import NotNegative, PositiveInt
 
 # characters of a line of data
 BLOCK: Final = 64
-# milliseconds at which the time stamp begins anew
+# milliseconds at which the time stamp starts again at 0
 CLOCK: Final = 2.0**24
 # bytes of the longest answer: 1081 ranges take 3500
 ANSWER_MAX: Final = 20000
 
 
 def check_character(text: bytes) -> int:
-    """The check sum of a line: the lower six bits of the sum of its characters, plus 0x30."""
+    """Return the checksum of a line: the lower six bits of the sum of its characters, plus 0x30."""
     return (sum(text) & 0x3F) + 0x30
 
 
 def encode(value: int, length: int) -> bytes:
-    """A number in so many characters of six bits, the highest first, each plus 0x30."""
+    """Return a number in `length` characters of six bits, the highest first, each plus 0x30."""
     return bytes(((value >> 6 * (length - 1 - k)) & 0x3F) + 0x30 for k in range(length))
 
 
 def decode(text: bytes) -> int:
-    """The number in these characters."""
+    """Return the number in these characters."""
     value = 0
     for character in text:
         value = value << 6 | (character - 0x30) & 0x3F
@@ -41,12 +41,12 @@ def decode(text: bytes) -> int:
 
 
 class Parameters(dict[str, int]):
-    """The numbers of a PP answer by their names: DMIN, DMAX (mm), ARES, AMIN, AMAX, AFRT (steps), SCAN (rpm)."""
+    """The numbers of a PP answer: DMIN, DMAX (mm), ARES, AMIN, AMAX, AFRT (steps), SCAN (rpm)."""
 
     NEEDED: Final = ("DMIN", "DMAX", "ARES", "AMIN", "AMAX", "AFRT", "SCAN")
 
     def sound(self) -> bool:
-        """Whether a scan can be asked for and understood by them."""
+        """Return whether these numbers suffice to request and decode a scan."""
         if any(name not in self for name in self.NEEDED):
             return False
         fits = 0 <= self["AMIN"] <= self["AFRT"] <= self["AMAX"] <= 9999
@@ -54,22 +54,22 @@ class Parameters(dict[str, int]):
 
 
 class ScipDecoder(Codec[Scan]):
-    """The answers of a scanner as scans: asks for its parameters, then for scans without end.
+    """Decodes the answers of a scanner into scans. It requests the parameters, then scans continuously.
 
-    `cluster` steps are one beam. An answer ends with an empty line; one that is damaged is thrown away whole.
+    `cluster` steps make a beam. An answer ends with an empty line. A damaged answer is discarded whole.
     """
 
     def __init__(self, cluster: int = 1, mount: Mount = LASER_MOUNT) -> None:
         # stops scans and the laser
         super().__init__(b"QT\nPP\n", b"QT\n")
         self.parameters = Parameters()
-        """As the device told them."""
+        """The scanner's parameters, as reported."""
         self._cluster, self._mount = cluster, mount
         self._clock = Unwrapped(CLOCK)
         self._request = b""
 
     def feed(self, data: bytes) -> list[Measured[Scan]]:
-        """The scans that these bytes complete; a HalError when the scanner reports that its hardware is in trouble."""
+        """Take bytes; return the scans that they complete. Raises HalError if the scanner reports a hardware fault."""
         *answers, self._rest = (self._rest + data).replace(b"\r", b"").split(b"\n\n")
         if len(self._rest) > ANSWER_MAX:
             self._rest = b""
@@ -88,9 +88,9 @@ class ScipDecoder(Codec[Scan]):
         return found
 
     def _take_parameters(self, lines: list[bytes]) -> None:
-        """Note them, and ask for scans."""
+        """Store the parameters, and request scans."""
         for line in lines[1:]:
-            # a ; and the check sum stand at the end
+            # the line ends with ; and the checksum
             name, _, value = line[:-2].partition(b":")
             if line[-2:-1] != b";" or check_character(line[:-2]) != line[-1]:
                 self.faults += 1
@@ -104,13 +104,13 @@ class ScipDecoder(Codec[Scan]):
         self._out = self._request + b"00\n"
 
     def _take_scan(self, lines: list[bytes]) -> Measured[Scan] | None:
-        """The scan of an answer to MD, if it has one."""
+        """Return the scan of an answer to MD; None if the answer has none."""
         status, *rest = lines
         code = status[:2]
         if len(status) != 3 or check_character(code) != status[2]:
             self.faults += 1
             return None
-        # it will send
+        # the scanner will send scans
         if code == b"00":
             return None
         if code != b"99":
@@ -123,7 +123,7 @@ class ScipDecoder(Codec[Scan]):
             return None
         p, stamp, text = self.parameters, rest[0][:-1], b"".join(line[:-1] for line in rest[1:])
         beams, rest_of_text = divmod(len(text), 3)
-        # steps left over may make one more
+        # the steps left over may make another beam
         whole = (p["AMAX"] - p["AMIN"] + 1) // self._cluster
         if len(stamp) != 4 or rest_of_text or not whole <= beams <= whole + 1:
             self.faults += 1
@@ -133,11 +133,11 @@ class ScipDecoder(Codec[Scan]):
         ranges = (mm / 1000.0).astype(np.float32)
         # an error code,
         ranges[mm < p["DMIN"]] = nan
-        # of which this one says that nothing is near
+        # of which this code means that nothing is near
         ranges[mm == 0] = inf
         ranges[mm > p["DMAX"]] = inf
         step, turn = tau / p["ARES"], 60.0 / p["SCAN"]
-        # a cluster's range is its smallest, in its middle as far as one knows
+        # the range of a cluster is its smallest, at its middle for want of better knowledge
         centre = 0.5 * (self._cluster - 1)
         scan = Scan(
             (p["AMIN"] + centre - p["AFRT"]) * step,
@@ -155,22 +155,22 @@ class ScipDecoder(Codec[Scan]):
 
 @dataclass(frozen=True, slots=True)
 class ScipOptions:
-    """Where the scanner is and how it is mounted."""
+    """The place of the scanner, and its mounting."""
 
     port: Annotated[str, MinLen(1)] = "/dev/ttyACM0"
     """Serial device, or socket://host:port (10940 on Ethernet models)."""
     baud: PositiveInt = 115200
-    """Bits a second; USB does not mind."""
+    """Bits a second; irrelevant over USB."""
     cluster: Annotated[int, Ge(1), Le(99)] = 1
-    """So many steps are one beam."""
+    """Number of steps that make a beam."""
     latency: NotNegative = 0.0
-    """From the time stamp to sending, s."""
+    """Time from the time stamp to sending, s."""
     mount: Mount = LASER_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
 
 
 def create(setup: Setup) -> Streamed[Scan]:
-    """The driver ``laser_scip``; options: those of `ScipOptions`."""
+    """Make the driver ``laser_scip``; options: those of `ScipOptions`."""
     given = checked(ScipOptions, setup.options, f"sensors.{setup.name}.options")
     return Streamed(
         scan_topic(setup.name),

@@ -1,4 +1,6 @@
-"""The four light sensors: simulated ones that see from where the vehicle is, and Phidgets' (thesis 5.3, 5.5.1)."""
+"""The four light sensors: simulated sensors, which see from the vehicle's true pose, and Phidgets' (thesis 5.3,
+5.5.1).
+"""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +34,7 @@ LIGHT: Final = declare(
     )
 )
 
-# marks the random values of simulated light sensors
+# distinguishes the random values of simulated light sensors
 STREAM: Final = 3
 # mean reading of the compass that stands in for the four sensors, lux
 BASE: Final = 100.0
@@ -41,7 +43,7 @@ See = Callable[[Pose], Readings]
 
 
 def topic_of(name: str) -> Topic[Readings]:
-    """The topic of the light sensors of this name: ``/light``, or ``/sensors/NAME`` for further ones."""
+    """Return the topic of the light sensors of this name: ``/light``, or ``/sensors/NAME`` for further sensors."""
     if name == "light":
         return LIGHT
     return reading_topic(name, Readings, "lux", LIGHT.about, LIGHT.message, LIGHT.paths, LIGHT.make, LIGHT.constants)
@@ -56,10 +58,10 @@ def eyes(
     faults: Sequence[str] | None = None,
     movers: Callable[[], Sequence[Box]] = tuple,
 ) -> See:
-    """The function by which simulated sensors see the configured light, where nothing hides it.
+    """Return a function that reads the four sensors from a pose: the configured light, unless something hides it.
 
-    `faults`: a `SensorFault` each for FL FR RL RR; `movers`: returns what moves about the room. A ValueError when there
-    is no such fault, or not one for each sensor.
+    `faults`: a `SensorFault` for each of FL FR RL RR. `movers` returns the boxes that move in the room. Raises
+    ValueError for an unknown fault or a wrong number of faults.
     """
     light, (x, y) = config.sim.light, config.sim.room.light
     if light.true_bearing:
@@ -79,7 +81,9 @@ def eyes(
 
 
 def compass(light: tuple[float, float]) -> See:
-    """Readings whose direction (`txt1.learning.light_direction`) is the bearing of the light, as in O's simulation."""
+    """Return readings whose direction (`txt1.learning.light_direction`) is the light's bearing, as in the
+    original simulation.
+    """
 
     def see(pose: Pose) -> Readings:
         x, y, theta = pose
@@ -91,19 +95,19 @@ def compass(light: tuple[float, float]) -> See:
 
 
 class SimulatedLight(Twin[Readings]):
-    """The four sensors of a simulated robot, which see from its true pose, as `pose` returns it."""
+    """The four sensors of a simulated robot, which see from its true pose (`pose`)."""
 
     def __init__(self, see: See, pose: Callable[[], Pose | None], name: str = "light") -> None:
         super().__init__(topic_of(name), SAMPLE_PERIOD, pose)
         self._see = see
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[Readings]:
-        """The readings at `now`, lux."""
+        """Return the readings at `now`, lux."""
         return Reading(now, self._see(pose))
 
 
 def simulated(setup: Setup) -> SimulatedLight:
-    """The driver ``sim_light``; options: ``seed`` (numbers that repeat its noise) and ``faults`` (see `eyes`)."""
+    """Make the driver ``sim_light``; options: ``seed`` (numbers that repeat its noise) and ``faults`` (see `eyes`)."""
     options = _known(setup, "seed", "faults")
     pose = true_pose(setup)
     seed = options.get("seed", [setup.config.own_seed, 1, STREAM])
@@ -116,7 +120,7 @@ def simulated(setup: Setup) -> SimulatedLight:
 
 
 def _known(setup: Setup, *names: str) -> Mapping[str, Any]:
-    """The options, which must be among these."""
+    """Return the options; raises ConfigError for an option that is not among these names."""
     for name in setup.options:
         if name not in names:
             raise ConfigError(f"sensors.{setup.name}.options.{name}: unknown; known here: {', '.join(names)}")
@@ -131,8 +135,8 @@ class PhidgetLight:
 
     The driver's thread writes the latest voltage ratio of each channel; `read` turns it into lux and never waits. The
     thesis's 1127 precision sensor gives a voltage ratio of 0 to 1 for 0 to 1000 lux. A channel that is not attached, or
-    has not reported yet, reads NaN, which stops a learner (see `txt1.learning.light_direction`). The channels are those
-    of FL, FR, RL and RR; the serial number is the kit's, None for the only one there is.
+    has not reported yet, reads NaN, which stops a learner (see `txt1.learning.light_direction`). The channels are in
+    the order FL, FR, RL, RR. The serial number is the kit's; None: the only kit.
     """
 
     period = SAMPLE_PERIOD
@@ -185,7 +189,7 @@ class PhidgetLight:
             raise HalError(f"Phidgets' library cannot be loaded: {error}; Debian has libusb in libusb-1.0-0") from error
 
     async def close(self) -> None:
-        """Let go of the kit."""
+        """Release the kit."""
         self._detach()
 
     def _detach(self) -> None:
@@ -194,7 +198,7 @@ class PhidgetLight:
         self._ratios[:] = [nan] * len(SENSORS)
 
     def read(self, now: float) -> Reading[Readings] | None:
-        """The present readings, lux."""
+        """Return the present readings, lux."""
         if now <= self._last:
             return None
         self._last = now
@@ -203,7 +207,9 @@ class PhidgetLight:
 
 
 def phidgets(setup: Setup) -> PhidgetLight:
-    """The driver ``phidgets_light``; options: ``channels`` (of FL, FR, RL, RR) and ``serial_number`` (of the kit)."""
+    """Make the driver ``phidgets_light``; options: ``channels`` (of FL, FR, RL, RR) and ``serial_number`` (of
+    the kit).
+    """
     options = _known(setup, "channels", "serial_number")
     channels = options.get("channels", (0, 1, 2, 3))
     if not (isinstance(channels, Sequence) and len(channels) == len(SENSORS)):

@@ -1,4 +1,4 @@
-"""A virtual motion capture system: a VRPN server that tracks one subject, in millimetres as Vicon's."""
+"""A virtual motion capture system: a VRPN server that tracks a subject, in millimetres like Vicon's."""
 
 from txt1.errors import HalError
 from txt1.link.base import Link
@@ -8,7 +8,7 @@ from txt1.sensors.double import Double
 from txt1.sensors.mocap_vrpn import MILLIMETRE
 from txt1.sensors.readings import TrackerReading
 
-# our numbers of the subject, the types, and the server itself
+# the server's numbers for the subject, for the types, and for itself
 SENDER, POSE, PONG, CONTROL = 1, 1, 2, 0
 
 
@@ -22,7 +22,7 @@ class FakeVicon(Double):
         self._names = vrpn.Names()
 
     def connected(self, link: Link) -> None:
-        """Greet a client, and tell it our names."""
+        """Greet a client, and send it the names of the numbers."""
         self._splitter, self._names = vrpn.Splitter(), vrpn.Names()
         super().connected(link)
         names = (
@@ -34,7 +34,7 @@ class FakeVicon(Double):
         self.send(vrpn.COOKIE + b"".join(vrpn.pack(vrpn.name_message(*each)) for each in names))
 
     def received(self, data: bytes) -> None:
-        """Answer pings; a client that does not speak VRPN is not heard."""
+        """Answer pings; a client that does not speak VRPN is ignored."""
         if self._splitter is None:
             return
         try:
@@ -49,7 +49,7 @@ class FakeVicon(Double):
                 self.send(vrpn.pack(vrpn.VrpnMessage(message.time, SENDER, PONG, b"")))
 
     def show(self, reading: Reading[TrackerReading]) -> None:
-        """Tell a pose."""
+        """Send a pose."""
         value = reading.value
         place = (each / MILLIMETRE for each in (value.x, value.y, value.z))
         body = vrpn.POSE.pack(0, 0, *place, *value.orientation)

@@ -1,4 +1,4 @@
-"""Motion capture through VRPN, as Vicon serves it: poses of a named subject, and their velocities."""
+"""Motion capture through VRPN, as Vicon serves it: poses of a named subject, and its velocities."""
 
 from dataclasses import dataclass
 from math import hypot, isfinite
@@ -19,19 +19,19 @@ MILLIMETRE: Final = 0.001
 
 
 class VrpnDecoder(Codec[TrackerReading]):
-    """The messages of a VRPN server as poses of one subject; `scale` is its unit of length, m."""
+    """Decodes the messages of a VRPN server into poses of a subject; `scale` is the server's unit of length, m."""
 
     def __init__(self, subject: str, scale: float = MILLIMETRE, mount: Mount = TRACKER_MOUNT) -> None:
-        # and no farewell: a VRPN client just goes
+        # and no farewell: a VRPN client leaves without a message
         super().__init__(vrpn.COOKIE)
         self.names = vrpn.Names()
-        """Of all senders (subjects) and types that the server has told."""
+        """Names of the server's senders (subjects) and types."""
         self._subject, self._scale, self._mount = subject, scale, mount
         self._splitter = vrpn.Splitter()
         self._differentiator = Differentiator()
 
     def feed(self, data: bytes) -> list[Measured[TrackerReading]]:
-        """The poses that these bytes complete; a HalError when this is no VRPN server of version 7."""
+        """Take bytes; return the poses that they complete. Raises HalError if it is no VRPN server of version 7."""
         found = []
         for message in self._splitter.feed(data):
             if self.names.note(message) or self.names.types.get(message.type) != vrpn.POSE_TYPE:
@@ -59,22 +59,22 @@ class VrpnDecoder(Codec[TrackerReading]):
 
 @dataclass(frozen=True, slots=True)
 class TrackerOptions:
-    """Where the server is, and whom it tracks."""
+    """The server, and the tracked body."""
 
     address: Annotated[str, MinLen(1)] = f"socket://127.0.0.1:{vrpn.PORT}"
-    """Of the VRPN server."""
+    """Address of the VRPN server."""
     subject: str | None = None
     """Name of the tracked body; null: the robot's name, or txt01."""
     scale: Positive = MILLIMETRE
-    """Unit of its lengths, m; 1 for servers that send metres."""
+    """The server's unit of length, m; 1 for servers that send metres."""
     latency: NotNegative = 0.0
-    """From exposure to sending, s."""
+    """Time from exposure to sending, s."""
     mount: Mount = TRACKER_MOUNT
     """x, y, z (m) and yaw (rad) of the subject's origin on the vehicle."""
 
 
 def create(setup: Setup) -> Streamed[TrackerReading]:
-    """The driver ``mocap_vrpn``; options: those of `TrackerOptions`."""
+    """Make the driver ``mocap_vrpn``; options: those of `TrackerOptions`."""
     given = checked(TrackerOptions, setup.options, f"sensors.{setup.name}.options")
     subject = given.subject or setup.config.name or "txt01"
     return Streamed(

@@ -15,41 +15,43 @@ from txt1.telemetry.bus import Bus
 
 T = TypeVar("T")
 
-# below the robot's own tasks
+# priority below the robot's own tasks
 SENSORS_PRIORITY: Final = 0
-# a sensor without a reading for so many periods,
+# a sensor without a reading for this number of periods,
 STALE_PERIODS: Final = 10
-# and at least so many seconds, is unhealthy
+# and for at least this number of seconds, is unhealthy
 STALE_MIN: Final = 1.0
-# s in which a sensor must have closed
+# s within which a sensor must have closed
 CLOSING_MAX: Final = 5.0
 
 AddTask = Callable[[str, int, float, PeriodicTask], None]
 Tell = Callable[[float, str], None]
 Note = Callable[[str, str, str, Reading[Any] | None], None]
-"""Notes what came of an attempt to read, for a replay: the task, the kind of `txt1.tasks.inputs.Report`, an error."""
+"""Called after each attempt to read, for a replay: the task, the kind of `txt1.tasks.inputs.Report`, an error,
+a reading.
+"""
 
 
 @dataclass
 class Polled(Generic[T]):
-    """A sensor at work, under the name that it is configured by."""
+    """A sensor at work, with its configured name."""
 
     name: str
     sensor: Sensor[T]
-    # between two readings, s
+    # s between two readings
     period: float
     last: Reading[T] | None = None
-    # asked before each reading: a sensor that nobody needs is left alone
+    # asked before each reading: a sensor that is not needed is not read
     needed: Callable[[], bool] = lambda: True
-    # why it is not healthy; empty when it is
+    # why the sensor is unhealthy; empty if it is healthy
     reason: str = ""
     readings: int = 0
     failures: int = 0
-    # told of every reading
+    # called with each reading
     listeners: list[Callable[[Reading[T]], None]] = field(default_factory=list)
 
     def state(self) -> SensorState:
-        """How it is."""
+        """Return the sensor's state."""
         topic, last = self.sensor.topic, self.last
         values, time = ({}, None) if last is None else (numbers(topic, last.value), last.time)
         reason = self.reason or ("" if last else "no reading yet")
@@ -57,13 +59,13 @@ class Polled(Generic[T]):
 
     @property
     def task(self) -> str:
-        """The name of the task that reads it."""
+        """The name of the task that reads the sensor."""
         return f"sensor {self.name}"
 
     async def poll(self, ticks: Ticks, bus: Bus, tell: Tell, note: Note) -> None:
         """Read the sensor at every tick and tell its readings."""
         stale = max(STALE_PERIODS * self.period, STALE_MIN)
-        # when it was last asked for the first time in vain
+        # time of the first of the present failures to read
         since = 0.0
         asked = True
         async for now in ticks:
@@ -97,14 +99,14 @@ class Polled(Generic[T]):
                 listener(reading)
 
     def _ails(self, reason: str, now: float, tell: Tell) -> None:
-        """Note why it is not healthy, and tell it once."""
+        """Store why the sensor is unhealthy, and tell it once."""
         if not self.reason:
             tell(now, f"sensor '{self.name}' fails: {reason}")
         self.reason = reason
 
 
 class Sensors(dict[str, Polled[Any]]):
-    """The sensors of one robot, by name; `bus` takes their readings, `tell` lines for the event log."""
+    """The sensors of a robot, by name; `bus` takes their readings, `tell` lines for the event log."""
 
     def __init__(self, bus: Bus, add_task: AddTask, tell: Tell) -> None:
         super().__init__()
@@ -119,15 +121,15 @@ class Sensors(dict[str, Polled[Any]]):
         add_task: AddTask | None = None,
         note: Note = lambda task, kind, text, reading: None,
     ) -> Polled[T]:
-        """Open a sensor and read it from now on; ValueError when the name is taken.
+        """Open a sensor and read it from now on; raises ValueError if the name is taken.
 
-        Its task is added by `add_task`; None: as one of the user's. `note` is told what came of each attempt to read.
+        `add_task` adds its task; None: as a task of the user's. `note` is called after each attempt to read.
         """
         if name in self:
             raise ValueError(f"there is a sensor '{name}' already; choose another name")
         polled = Polled(name, sensor, sensor.period if period is None else period)
         who = f"sensor '{name}'"
-        # from here on `close` closes it, also when opening fails half-way
+        # from here on `close` closes it, even if opening fails halfway
         self._opened.push_async_callback(settled, who, "closed", sensor.close, CLOSING_MAX)
         await settled(who, "opened", sensor.open)
         poll = partial(polled.poll, bus=self._bus, tell=self._tell, note=note)
@@ -136,9 +138,9 @@ class Sensors(dict[str, Polled[Any]]):
         return polled
 
     def states(self) -> tuple[SensorState, ...]:
-        """How each of them is."""
+        """Return the state of each sensor."""
         return tuple(polled.state() for polled in self.values())
 
     async def close(self) -> None:
-        """Close all of them, whichever fail; a HalError when one could not be closed."""
+        """Close all sensors, even if some fail; raises HalError if a sensor could not be closed."""
         await self._opened.aclose()

@@ -1,7 +1,7 @@
-"""The types of the sensors' readings, their units, and the topics that tell them.
+"""The types of the sensors' readings, their units, and their topics.
 
-Every reading is taken at the time of its `txt1.sensors.Reading`; axes are the vehicle's: x forward, y left, z up. What
-a device does not say is None. `mount` is where the device sits on the vehicle.
+A value was measured at the time of its `txt1.sensors.Reading`. Axes are the vehicle's: x forward, y left, z up. A value
+that the device does not report is None. `mount` is the device's place on the vehicle.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ GRAVITY: Final = 9.80665  # m/s^2
 
 
 class Mount(NamedTuple):
-    """Where a device sits: its origin on the vehicle, whose own is on the floor below its centre; m and rad."""
+    """A device's place: its origin on the vehicle, in m and rad; the vehicle's own origin is on the floor below
+    its centre.
+    """
 
     # forward, m
     x: float = 0.0
@@ -35,7 +37,7 @@ class Mount(NamedTuple):
     y: float = 0.0
     # up, m
     z: float = 0.0
-    # of its x axis against the vehicle's, rad
+    # angle of its x axis to the vehicle's, rad
     yaw: float = 0.0
 
 
@@ -47,11 +49,11 @@ LASER_MOUNT: Final = Mount(0.1905, 0.0, BASE + 0.1435)
 CAMERA_MOUNT: Final = Mount(0.1448, 0.0, BASE + 0.2832)
 TRACKER_MOUNT: Final = Mount()
 OPTICAL: Final = "base_camera_optical_link"
-"""The camera's frame as those who read its pictures have it (REP 103): z ahead, x to the right."""
+"""The camera's optical frame, for users of its pictures (REP 103): z ahead, x to the right."""
 
 
 def heading(orientation: Quaternion) -> float:
-    """The heading theta of an orientation, rad in (-pi, pi]."""
+    """Return the heading theta of an orientation, rad in (-pi, pi]."""
     x, y, z, w = orientation
     return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -60,16 +62,16 @@ def heading(orientation: Quaternion) -> float:
 
 
 class ImuSigma(NamedTuple):
-    """Standard deviations of what an IMU says."""
+    """Standard deviations of an IMU's values."""
 
     rates: float
-    """Of each rate, rad/s."""
+    """Standard deviation of each rate, rad/s."""
     acceleration: float
-    """Of each acceleration, m/s^2."""
+    """Standard deviation of each acceleration, m/s^2."""
     attitude: float
-    """Of roll and pitch in its orientation, rad."""
+    """Standard deviation of roll and pitch in its orientation, rad."""
     heading: float
-    """Of its heading, rad."""
+    """Standard deviation of its heading, rad."""
 
 
 _UNKNOWN: Final = ImuSigma(0.0, 0.0, 0.0, 0.0)
@@ -81,17 +83,17 @@ class ImuReading(NamedTuple):
     acceleration: Vector
     """Specific force at the device, m/s^2: at rest on level ground (0, 0, 9.81)."""
     rates: Vector
-    """Of roll, pitch and yaw, rad/s, left turns positive."""
+    """Rates of roll, pitch and yaw, rad/s, left turns positive."""
     orientation: Quaternion | None = None
-    """Of the vehicle: roll and pitch against gravity; the heading has an origin of the device's own."""
+    """Orientation of the vehicle: roll and pitch against gravity; the device chooses the origin of the heading."""
     magnetic: Vector | None = None
     """Magnetic field, T."""
     mount: Mount = IMU_MOUNT
     sigma: ImuSigma | None = None
-    """How sure it is; None: nobody knows."""
+    """Standard deviations; None: unknown."""
 
     def summary(self) -> dict[str, float]:
-        """Its numbers for a line on a screen."""
+        """Return its numbers for a line on a screen."""
         (ax, ay, az), (_, _, omega) = self.acceleration, self.rates
         return {"ax": ax, "ay": ay, "az": az, "omega": omega}
 
@@ -127,8 +129,8 @@ def _diagonal(name: str) -> tuple[str, ...]:
 def imu_topic(name: str) -> Topic[ImuReading]:
     """Return the topic ``/sensors/NAME`` of an IMU.
 
-    Covariances are as sensor_msgs/Imu has them: all 0 where a reading has no `sigma`, as nobody knows them,
-    and -1 in the first place of the orientation's where a reading has no orientation.
+    Covariances follow sensor_msgs/Imu: all 0 if a reading has no `sigma`, as they are unknown; and -1 in the first
+    place of the orientation's if a reading has no orientation.
     """
     return reading_topic(
         name,
@@ -162,7 +164,7 @@ class FixReading(NamedTuple):
     x: float
     """East of the datum on the grid, m."""
     y: float
-    """North of it, m."""
+    """North of the datum on the grid, m."""
     altitude: float | None = None
     """m."""
     theta: float | None = None
@@ -170,21 +172,21 @@ class FixReading(NamedTuple):
     v: float | None = None
     """Speed over ground, m/s, never negative."""
     mode: int = 3
-    """2: without, 3: with a height."""
+    """2: without height, 3: with height."""
     sigma_x: float | None = None
     """Standard deviation of x, m."""
     sigma_y: float | None = None
-    """Of y, m."""
+    """Standard deviation of y, m."""
     sigma_theta: float | None = None
-    """Of theta, rad."""
+    """Standard deviation of theta, rad."""
     sigma_v: float | None = None
-    """Of v, m/s."""
+    """Standard deviation of v, m/s."""
     satellites: int | None = None
-    """Used."""
+    """Number of satellites used."""
     mount: Mount = GPS_MOUNT
 
     def summary(self) -> dict[str, float]:
-        """Its numbers for a line on a screen."""
+        """Return its numbers for a line on a screen."""
         told = {"x": self.x, "y": self.y, "theta": self.theta, "v": self.v, "sigma": self.sigma_x}
         return {name: value for name, value in told.items() if value is not None}
 
@@ -215,7 +217,7 @@ def _fix(value: FixReading) -> tuple[float, ...]:
 
 
 def fix_topic(name: str) -> Topic[FixReading]:
-    """The topic ``/sensors/NAME`` of a GPS; numbers that are not known are NaN there, satellites -1."""
+    """Return the topic ``/sensors/NAME`` of a GPS. Unknown numbers are NaN there, unknown satellites -1."""
     return reading_topic(
         name,
         FixReading,
@@ -232,7 +234,7 @@ def fix_topic(name: str) -> Topic[FixReading]:
 
 
 class TrackerReading(NamedTuple):
-    """A pose in the room that cameras see, and the velocities that a differentiator makes of it."""
+    """A pose in the room, seen by cameras, and the velocities that a differentiator computes from poses."""
 
     x: float
     """m."""
@@ -248,7 +250,7 @@ class TrackerReading(NamedTuple):
     subject: str = ""
     """Name of the tracked body."""
     mount: Mount = TRACKER_MOUNT
-    # standard deviations, m and rad, where they are told
+    # standard deviations, m and rad, if they are known
     sigma_x: float | None = None
     sigma_y: float | None = None
     sigma_theta: float | None = None
@@ -259,7 +261,7 @@ class TrackerReading(NamedTuple):
         return heading(self.orientation)
 
     def summary(self) -> dict[str, float]:
-        """Its numbers for a line on a screen."""
+        """Return its numbers for a line on a screen."""
         told = {"x": self.x, "y": self.y, "theta": self.theta, "v": self.v, "omega": self.omega}
         return {name: value for name, value in told.items() if value is not None}
 
@@ -270,7 +272,7 @@ def _tracked(value: TrackerReading) -> tuple[float, ...]:
 
 
 def tracker_topic(name: str) -> Topic[TrackerReading]:
-    """The topic ``/sensors/NAME`` of a motion capture system; velocities that are not known are NaN there."""
+    """Return the topic ``/sensors/NAME`` of a motion capture system; unknown velocities are NaN there."""
     return reading_topic(
         name,
         TrackerReading,
@@ -293,19 +295,18 @@ def tracker_topic(name: str) -> Topic[TrackerReading]:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """One sweep of a laser scanner; its reading's time is that of the first beam.
+    """A sweep of a laser scanner; the time of its reading is that of the first beam.
 
     Attributes:
-        angle_min: of the first beam in the device's frame, rad, anticlockwise from straight ahead.
-        angle_step: from one beam to the next, rad; negative where it sweeps clockwise.
-        time_step: from one beam to the next, s.
-        ranges: m, read-only; inf where nothing is in range, NaN where the device says that it failed.
-        range_min: shorter ones cannot be measured, m.
-        range_max: nor longer ones, m.
-        intensities: in the device's own unit, read-only; None where it has none.
-        mount: where the device sits.
-        scan_time: from one sweep to the next, s; None where the device does not say.
-
+        angle_min: angle of the first beam in the device's frame, rad, anticlockwise from straight ahead.
+        angle_step: angle between two beams, rad; negative for a clockwise sweep.
+        time_step: time between two beams, s.
+        ranges: m, read-only; inf if nothing is in range, NaN if the device reports a failure.
+        range_min: shortest measurable range, m.
+        range_max: longest measurable range, m.
+        intensities: in the device's own unit, read-only; None if it reports none.
+        mount: the device's place on the vehicle.
+        scan_time: time between two sweeps, s; None if it is unknown.
     """
 
     angle_min: float
@@ -323,18 +324,18 @@ class Scan:
 
     @cached_property
     def angles(self) -> NDArray[np.float64]:
-        """Of the beams in the vehicle's frame, rad."""
+        """Angles of the beams in the vehicle's frame, rad."""
         return self.mount.yaw + self.angle_min + self.angle_step * np.arange(len(self.ranges), dtype=np.float64)
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
-        """Where the beams ended, (n, 2) in m in the vehicle's frame, for those that hit something."""
+        """Return the points that the beams hit, (n, 2) in m in the vehicle's frame."""
         hit = np.isfinite(self.ranges)
         ranges, angles = self.ranges[hit].astype(float), self.angles[hit]
         return np.column_stack((self.mount.x + ranges * np.cos(angles), self.mount.y + ranges * np.sin(angles)))
 
     def summary(self) -> dict[str, float]:
-        """Nearest range (m), its direction (degrees) and how many beams hit something, for a line on a screen."""
+        """Return nearest range (m), its direction (degrees) and the number of hits, for a line on a screen."""
         hit = np.isfinite(self.ranges)
         count = float(hit.sum())
         if not count:
@@ -366,7 +367,7 @@ def _scan(value: Scan) -> Mapping[str, Any]:
 
 
 def scan_topic(name: str) -> Topic[Scan]:
-    """The topic ``/sensors/NAME`` of a laser scanner."""
+    """Return the topic ``/sensors/NAME`` of a laser scanner."""
     return reading_topic(
         name,
         Scan,
@@ -394,7 +395,7 @@ class Image(NamedTuple):
     mount: Mount = CAMERA_MOUNT
 
     def summary(self) -> dict[str, float]:
-        """Its size for a line on a screen."""
+        """Return its size for a line on a screen."""
         return {"width": self.width, "height": self.height, "kB": len(self.data) / 1000.0}
 
 
@@ -402,7 +403,7 @@ _COMPRESSED: Final = define("sensor_msgs/CompressedImage", "std_msgs/Header head
 
 
 def image_topic(name: str) -> Topic[Image]:
-    """The topic ``/sensors/NAME`` of a camera."""
+    """Return the topic ``/sensors/NAME`` of a camera."""
     return reading_topic(
         name,
         Image,
@@ -416,27 +417,27 @@ def image_topic(name: str) -> Topic[Image]:
 
 
 class DepthImage(NamedTuple):
-    """Distances along a camera's axis, and the pinhole model that makes points of them."""
+    """Distances along a camera's axis, and the pinhole model that turns them into points."""
 
     width: int
     """Pixels."""
     height: int
     """Pixels."""
     data: bytes
-    """Row by row from the top left, uint16 little-endian, mm; 0 where nothing was measured."""
+    """Distances row by row from the top left, uint16 little-endian, mm; 0 if nothing was measured."""
     focal: float
     """Focal length, pixels."""
     mount: Mount = CAMERA_MOUNT
 
     @property
     def depths(self) -> NDArray[np.float32]:
-        """Distances, (height, width) in m; NaN where nothing was measured."""
+        """Return the distances, (height, width) in m; NaN if nothing was measured."""
         values = np.frombuffer(self.data, "<u2").reshape(self.height, self.width).astype(np.float32) / 1000.0
         values[values == 0.0] = nan
         return values
 
     def summary(self) -> dict[str, float]:
-        """The nearest distance (m) and the share of the pixels that have one, for a line on a screen."""
+        """Return the nearest distance (m) and the share of pixels with a distance, for a line on a screen."""
         values = np.frombuffer(self.data, "<u2")
         seen = values[values > 0]
         return {"nearest": float(seen.min()) / 1000.0, "seen": len(seen) / len(values)} if len(seen) else {"seen": 0.0}
@@ -450,7 +451,7 @@ _DEPTH: Final = define(
 
 
 def depth_topic(name: str) -> Topic[DepthImage]:
-    """The topic ``/sensors/NAME`` of a depth camera."""
+    """Return the topic ``/sensors/NAME`` of a depth camera."""
     return reading_topic(
         name,
         DepthImage,

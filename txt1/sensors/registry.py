@@ -1,11 +1,11 @@
-"""Sensor drivers by name: ours from a table, other packages' through the entry-point group ``txt1.sensors``.
+"""Sensor drivers by name: the package's own from a table, others through the entry-point group ``txt1.sensors``.
 
 A package announces its driver in its pyproject.toml::
 
     [project.entry-points."txt1.sensors"]
     thermometer = "mypackage.thermometer:create"
 
-where ``create(setup: txt1.sensors.Setup) -> txt1.sensors.Sensor``; its own settings come in ``setup.options``.
+where ``create(setup: txt1.sensors.Setup) -> txt1.sensors.Sensor``; ``setup.options`` are its own settings.
 """
 
 from collections import deque
@@ -20,7 +20,7 @@ from txt1.sensors.base import Reading, Sensor, Setup
 
 T = TypeVar("T")
 
-# marks the random values of a sensor's drop-outs
+# distinguishes the random values of a sensor's drop-outs
 DROP_OUTS: Final = 5
 
 DRIVERS: Final = Registry(
@@ -49,7 +49,7 @@ DRIVERS: Final = Registry(
 
 
 def create(given: SensorConfig, setup: Setup) -> Sensor[Any]:
-    """A sensor as configured, not opened yet; errors as of `Registry.make`."""
+    """Return a sensor as configured, not opened yet; raises as `Registry.make`."""
     sensor: Sensor[Any] = DRIVERS.make(f"sensors.{setup.name}.driver", given.driver, setup)
     if given.delay or given.drop_out:
         seed = SeedSequence([setup.config.own_seed, DROP_OUTS, *setup.name.encode()])
@@ -58,7 +58,7 @@ def create(given: SensorConfig, setup: Setup) -> Sensor[Any]:
 
 
 class Impaired(Generic[T]):
-    """Another sensor, its readings delayed (s) and a share of them lost; they keep the times when they were taken."""
+    """A sensor whose readings are delayed (s) or lost (a share); they keep the times at which they were taken."""
 
     def __init__(self, sensor: Sensor[T], delay: float, drop_out: float, rng: Generator) -> None:
         self.topic, self.period, self.simulated = sensor.topic, sensor.period, sensor.simulated
@@ -72,7 +72,7 @@ class Impaired(Generic[T]):
         await self._sensor.open()
 
     def read(self, now: float) -> Reading[T] | None:
-        """The newest reading that has arrived by `now`."""
+        """Return the newest reading that has arrived by `now`."""
         reading = self._sensor.read(now)
         if reading is not None and self._rng.random() >= self._drop_out:
             self._under_way.append(reading)

@@ -1,4 +1,4 @@
-"""A simulated camera and depth camera: pictures drawn from the world, the lamp in it."""
+"""A simulated camera and depth camera: pictures drawn from the world, with its lamp."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class CameraOptions:
-    """A pinhole camera at the original's place."""
+    """A pinhole camera, at the place of the original's."""
 
     width: PositiveInt = 160
     """Pixels."""
@@ -39,9 +39,9 @@ class CameraOptions:
     rate: Positive = 10.0
     """Pictures a second."""
     quality: Annotated[int, Ge(1), Le(95)] = 75
-    """Of the JPEG."""
+    """Quality of the JPEG."""
     range_min: Positive = 0.5
-    """Shortest distance that a depth camera measures, m; a Kinect's."""
+    """Shortest distance that a depth camera measures, m; as of a Kinect."""
     range_max: Annotated[float, Gt(0.0), Le(65.0)] = 4.0
     """Longest distance, m."""
 
@@ -49,14 +49,13 @@ class CameraOptions:
 class SimulatedCamera(Generic[T]):
     """A camera on a vehicle whose true pose is `pose`, among other vehicles at the poses `others`.
 
-    Drawing takes longer than the event loop may wait for. So `read` exposes: it notes the poses, and leaves the
-    drawing to a thread. The next `read` hands out the picture of the exposure before it, with the time of that
-    exposure, and exposes again. Virtual time stands still while a thread draws, so each picture is exactly a period
-    old when it arrives, and a run repeats to the last bit. In real time a picture that takes longer arrives later, and
-    the next exposure waits for it.
+    Drawing takes longer than the event loop may wait for. So `read` only exposes: it stores the poses, and a thread
+    draws. The next `read` returns this picture, with the time of its exposure, and exposes again. Virtual time stands
+    still while a thread draws, so each picture is exactly a period old when it arrives, and a run repeats to the last
+    bit. In real time a picture that takes longer arrives later, and the next exposure waits for it.
 
-    `expose` draws in the thread: it makes a value of the camera's pose and those of the other vehicles, and must know
-    nothing else that changes.
+    `expose` draws in the thread. It computes a value from the camera's pose and the other vehicles' poses, and must not
+    use anything else that changes.
     """
 
     simulated = True
@@ -76,26 +75,26 @@ class SimulatedCamera(Generic[T]):
         self._picture: asyncio.Future[T] | None = None
 
     async def open(self) -> None:
-        """A new run may begin."""
+        """Prepare for a new run."""
         self._exposed, self._picture = -inf, None
         self._thread = ThreadPoolExecutor(1, "txt1 camera")
-        # it starts now: no `read` waits for that
+        # the thread starts now, so that no `read` waits for it
         await asyncio.get_running_loop().run_in_executor(self._thread, int)
 
     async def close(self) -> None:
-        """End the thread; a picture under way is thrown away."""
+        """End the thread; an unfinished picture is discarded."""
         thread, self._thread = self._thread, None
         picture, self._picture = self._picture, None
         if thread is not None:
-            # which draws the picture under way to its end
+            # the thread finishes its picture
             await asyncio.to_thread(thread.shutdown)
         if picture is not None:
             await asyncio.wait([picture])
-            # or Python warns that an error was never looked at
+            # otherwise Python warns of an error that was not retrieved
             picture.exception()
 
     def read(self, now: float) -> Reading[T] | None:
-        """The picture of the last exposure; None while there is none. HalError: it could not be drawn."""
+        """Return the picture of the last exposure; None if there is none. Raises HalError if it could not be drawn."""
         drawing = self._picture is not None and not self._picture.done()
         if self._thread is None or drawing or now <= self._exposed:
             return None
@@ -118,19 +117,19 @@ class SimulatedCamera(Generic[T]):
 
 
 def millimetres(distances: Any, range_min: float, range_max: float) -> bytes:
-    """Distances (height, width) in m as `DepthImage.data`."""
+    """Convert distances (height, width) in m to `DepthImage.data`."""
     seen = (distances >= range_min) & (distances <= range_max)
     return bytes(np.where(seen, np.round(1000.0 * np.where(seen, distances, 0.0)), 0.0).astype("<u2").tobytes())
 
 
 def photograph(given: CameraOptions, camera: Camera, scene: Scene, eye: Pose) -> Image:
-    """The picture from a pose."""
+    """Return the picture from a pose."""
     x, y, theta = eye
     return Image(given.width, given.height, jpeg(draw(camera, scene, x, y, CAMERA_MOUNT.z, theta), given.quality))
 
 
 def measure(given: CameraOptions, camera: Camera, scene: Scene, eye: Pose) -> DepthImage:
-    """The distances from a pose."""
+    """Return the distances from a pose."""
     x, y, theta = eye
     seen = distances(camera, scene, x, y, CAMERA_MOUNT.z, theta)
     return DepthImage(given.width, given.height, millimetres(seen, given.range_min, given.range_max), camera.focal)
@@ -139,7 +138,7 @@ def measure(given: CameraOptions, camera: Camera, scene: Scene, eye: Pose) -> De
 def _camera(
     setup: Setup, topic: Topic[T], expose: Callable[[CameraOptions, Camera, Scene, Pose], T]
 ) -> SimulatedCamera[T]:
-    """A camera as configured, in the configured room; only the other vehicles and movers in it ever move."""
+    """Return a camera as configured, in the configured room, where only other vehicles and movers move."""
     given = checked(CameraOptions, setup.options, f"sensors.{setup.name}.options")
     sim, body = setup.config.sim, setup.config.geometry
     camera = Camera(given.width, given.height, radians(given.field))
@@ -152,12 +151,12 @@ def _camera(
 
 
 def simulated(setup: Setup) -> SimulatedCamera[Image]:
-    """The driver ``sim_camera``; options: those of `CameraOptions`."""
-    # tells now that the extra is missing
+    """Make the driver ``sim_camera``; options: those of `CameraOptions`."""
+    # reports a missing extra now
     jpeg(np.zeros((1, 1, 3), np.uint8))
     return _camera(setup, image_topic(setup.name), photograph)
 
 
 def simulated_depth(setup: Setup) -> SimulatedCamera[DepthImage]:
-    """The driver ``sim_depth``; options: those of `CameraOptions`."""
+    """Make the driver ``sim_depth``; options: those of `CameraOptions`."""
     return _camera(setup, depth_topic(setup.name), measure)

@@ -1,4 +1,4 @@
-"""A simulated GPS: white noise, a slow error as of satellites and atmosphere, and outages; all assumed."""
+"""A simulated GPS: white noise, a slow error as from satellites and atmosphere, and outages; all assumed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,30 +14,30 @@ from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
 from txt1.sensors.twin import Absences, Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
-# slower than this it has no direction, m/s
+# m/s: below this speed it has no direction
 STILL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class GpsErrors:
-    """What is wrong with a GPS, and where its room is on the earth."""
+    """The errors of a GPS, and the place of its room on the earth."""
 
     noise: NotNegative = 1.0
-    """Standard deviation of x and of y, each reading, m."""
+    """Standard deviation of x and of y in each reading, m."""
     slow: NotNegative = 1.0
     """Standard deviation of the slow error of x and of y, m."""
     slow_time: Positive = 60.0
-    """Time in which that error changes, s."""
+    """Time in which the slow error changes, s."""
     speed_noise: NotNegative = 0.05
     """Standard deviation of each component of the velocity, m/s."""
     outages: tuple[tuple[float, float], ...] = ()
-    """From and to, s of the run, without a fix."""
+    """Beginnings and ends of outages, s of the run."""
     outage_every: NotNegative = 0.0
-    """Mean time between two further outages, s; 0 is never."""
+    """Mean time between two random outages, s; 0 is never."""
     outage_length: Positive = 5.0
-    """Their mean length, s."""
+    """Mean length of a random outage, s."""
     datum: tuple[float, float] = (35.0844, -106.6504)
-    """Latitude and longitude of the room's origin, degrees; x is east and y north on the grid."""
+    """Latitude and longitude of the room's origin, degrees; x is east and y is north on the grid."""
 
 
 class SimulatedGps(Twin[FixReading]):
@@ -56,13 +56,13 @@ class SimulatedGps(Twin[FixReading]):
         self._grid = UtmGrid(*errors.datum)
         self._slow = [errors.slow * each for each in rng.standard_normal(2).tolist()]
         self._outages = Absences(errors.outages, errors.outage_every, errors.outage_length, rng)
-        # where it was, m
+        # the last place, m
         self._place = 0.0, 0.0
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[FixReading] | None:
-        """The fix at `now`; None in an outage."""
+        """Return the fix at `now`; None in an outage."""
         errors, (x0, y0), dt = self._errors, self._place, now - before
-        # the antenna's place, its velocity since the last reading
+        # place of the antenna, and its velocity since the last reading
         x, y = pose[0] + self._mount.x * cos(pose[2]), pose[1] + self._mount.x * sin(pose[2])
         self._place = x, y
         one, two, three, four, five, six = self._rng.standard_normal(6).tolist()
@@ -97,6 +97,6 @@ class SimulatedGps(Twin[FixReading]):
 
 
 def simulated(setup: Setup) -> SimulatedGps:
-    """The driver ``sim_gps``; options: those of `GpsErrors`."""
+    """Make the driver ``sim_gps``; options: those of `GpsErrors`."""
     errors = checked(GpsErrors, setup.options, f"sensors.{setup.name}.options")
     return SimulatedGps(setup.name, true_pose(setup), errors, random_of(setup))

@@ -13,43 +13,43 @@ from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, ImuSigma, Moun
 from txt1.sensors.twin import Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
-# faster than this it was carried, m/s
+# m/s: a faster vehicle was carried
 JUMP = 5.0
 Attitude = Callable[[], tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True)
 class ImuErrors:
-    """Standard deviations of what is wrong with an IMU; all assumed."""
+    """Standard deviations of an IMU's errors; all assumed."""
 
     rate_noise: NotNegative = 0.005
-    """Of a rate, each reading, rad/s."""
+    """Noise of a rate in each reading, rad/s."""
     rate_bias: NotNegative = 0.003
-    """Of the rates' bias when it is switched on, rad/s: 0.2 degrees/s."""
+    """Bias of the rates at power-up, rad/s: 0.2 degrees/s."""
     rate_walk: NotNegative = 0.0001
-    """By which the bias has moved after 1 s, rad/s."""
+    """Drift of this bias in the first second, rad/s."""
     noise: NotNegative = 0.03
-    """Of an acceleration, each reading, m/s^2."""
+    """Noise of an acceleration in each reading, m/s^2."""
     bias: NotNegative = 0.05
-    """Of the accelerations' bias when it is switched on, m/s^2: 5 mg."""
+    """Bias of the accelerations at power-up, m/s^2: 5 mg."""
     vibration: NotNegative = 1.0
-    """Of the accelerations' further noise, m/s^2 at 1 m/s."""
+    """Further noise of the accelerations by vibration, m/s^2 at 1 m/s."""
     heading: NotNegative = 0.035
-    """Of the heading in its orientation, rad: 2 degrees, by the iron around its compass."""
+    """Error of the heading in its orientation, rad: 2 degrees, by iron around its compass."""
     heading_time: Positive = 30.0
-    """Time in which that error changes, s."""
+    """Time in which the heading's error changes, s."""
     attitude: NotNegative = 0.005
-    """Of roll and pitch in its orientation, rad."""
+    """Error of roll and pitch in its orientation, rad."""
 
     @property
     def sigma(self) -> ImuSigma:
-        """Standard deviations of its messages, at 1 m/s."""
+        """Return the standard deviations for its messages, at 1 m/s."""
         acceleration = hypot(self.noise, self.bias, self.vibration)
         return ImuSigma(hypot(self.rate_noise, self.rate_bias), acceleration, self.attitude, self.heading)
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """The orientation (x, y, z, w) of these angles, rad: turned by roll, then pitch, then yaw about fixed axes."""
+    """Return the orientation (x, y, z, w) for angles in rad: turned by roll, then pitch, then yaw about fixed axes."""
     cr, sr, cp, sp = cos(0.5 * roll), sin(0.5 * roll), cos(0.5 * pitch), sin(0.5 * pitch)
     cy, sy = cos(0.5 * yaw), sin(0.5 * yaw)
     return (
@@ -61,15 +61,15 @@ def quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def level() -> tuple[float, float]:
-    """Roll and pitch on level ground."""
+    """Return roll and pitch on level ground."""
     return 0.0, 0.0
 
 
 class SimulatedImu(Twin[ImuReading]):
     """An IMU on a vehicle whose true pose is `pose` and whose roll and pitch (rad) are `attitude`.
 
-    Its reading is of the middle of three poses, a period before it arrives: rates and accelerations are their first
-    and second differences there, exact to the second order.
+    A reading belongs to the middle of three poses, a period before its arrival. Rates and accelerations are first and
+    second differences of the poses, exact to the second order.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class SimulatedImu(Twin[ImuReading]):
         self._draws: list[float] = []
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[ImuReading] | None:
-        """The reading of a period ago; None for the first two, and where it was carried elsewhere."""
+        """Return the reading of a period ago; None for the first two calls, and after the vehicle was carried."""
         poses = self._poses
         if before == -inf:
             poses.clear()
@@ -117,14 +117,14 @@ class SimulatedImu(Twin[ImuReading]):
         speed = hypot(0.5 * (vx0 + vx1), 0.5 * (vy0 + vy1))
         rates = (roll2 - roll0) / whole, (pitch2 - pitch0) / whole, omega
         c, s, (mx, my, _, _) = cos(theta1), sin(theta1), self._mount
-        # a device beside the vehicle's centre goes round it: alpha x r + omega x (omega x r)
+        # a device beside the vehicle's centre circles it: alpha x r + omega x (omega x r)
         forward = c * ax + s * ay - alpha * my - omega * omega * mx
         left = c * ay - s * ax + alpha * mx - omega * omega * my
         force = _tilted(forward, left, GRAVITY, roll1, pitch1)
         return Reading(t1, self._measured(force, rates, (roll1, pitch1, theta1), speed, second))
 
     def _measured(self, force: Vector, rates: Sequence[float], angles: Vector, speed: float, dt: float) -> ImuReading:
-        """The device's reading of the true forces, rates and angles."""
+        """Return the device's reading for the true forces, rates and angles."""
         errors, draws = self._errors, self._draws
         if len(draws) < 12:
             draws = self._draws = self._rng.standard_normal(1200).tolist()
@@ -142,7 +142,7 @@ class SimulatedImu(Twin[ImuReading]):
 
 
 def _tilted(forward: float, left: float, up: float, roll: float, pitch: float) -> Vector:
-    """A vector of the level frame in that of a body with this roll and pitch."""
+    """Turn a vector of the level frame into the frame of a body with this roll and pitch."""
     if roll == 0.0 == pitch:
         return forward, left, up
     cr, sr, cp, sp = cos(roll), sin(roll), cos(pitch), sin(pitch)
@@ -151,7 +151,7 @@ def _tilted(forward: float, left: float, up: float, roll: float, pitch: float) -
 
 
 def simulated(setup: Setup) -> SimulatedImu:
-    """The driver ``sim_imu``; options: those of `ImuErrors`."""
+    """Make the driver ``sim_imu``; options: those of `ImuErrors`."""
     errors = checked(ImuErrors, setup.options, f"sensors.{setup.name}.options")
     attitude: Attitude = getattr(setup.hal, "attitude", level)
     return SimulatedImu(setup.name, true_pose(setup), errors, random_of(setup), attitude=attitude)

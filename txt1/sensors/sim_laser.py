@@ -1,4 +1,4 @@
-"""A simulated laser scanner: rays cast against walls, obstacles and other robots while the vehicle drives on."""
+"""A simulated laser scanner: rays cast at walls, obstacles and other robots while the vehicle drives on."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 @dataclass(frozen=True, slots=True)
 class LaserParameters:
-    """A scanner that turns anticlockwise; by default a Hokuyo URG-04LX as the thesis used it."""
+    """A scanner that turns anticlockwise; by default a Hokuyo URG-04LX as in the thesis."""
 
     steps: PositiveInt = 1024
     """Beams of a whole turn."""
     beams: PositiveInt = 682
-    """Of these that are measured, half of them on either side: 240 degrees."""
+    """Beams that are measured, half of them on either side: 240 degrees."""
     turn_time: Positive = 0.1
     """Time of a turn, s."""
     range_min: NotNegative = 0.02
@@ -38,24 +38,25 @@ class LaserParameters:
     noise: NotNegative = 0.01
     """Standard deviation of ranges up to 1 m, m; assumed."""
     noise_share: Share = 0.01
-    """Standard deviation of longer ones, as a share of them; assumed."""
+    """Standard deviation of longer ranges, as a share of the range; assumed."""
 
 
 def standing(config: Config) -> Shapes:
-    """All that stands in the configured room."""
+    """Return the shapes of all standing things in the configured room."""
     return walls_of(config.sim.room.built()) + shapes_of(config.sim.obstacles)
 
 
 def bodies(others: Sequence[Pose | Box], body: Geometry) -> Shapes:
-    """The outlines of vehicles at poses, and of other boxes that move."""
+    """Return the outlines of vehicles at poses, and of moving boxes."""
     boxes = (each if isinstance(each, Box) else Box(*each[:2], body.length, body.width, each[2]) for each in others)
     return edges_of(map(outline, boxes))
 
 
 class SimulatedLaser(Twin[Scan]):
-    """A scanner on a vehicle whose true pose is `pose`, among fixed shapes and other vehicles at the poses `others`.
+    """A scanner on a vehicle with the true pose `pose`, among fixed shapes and other vehicles at the poses `others`.
 
-    The vehicle is seen where it was when the last sweep was read and where it is now; each beam leaves from in between.
+    A sweep starts at the pose of the last sweep's end and ends at the present pose. Each beam starts from a pose
+    between the two.
     """
 
     def __init__(
@@ -76,11 +77,11 @@ class SimulatedLaser(Twin[Scan]):
         self._step = tau / parameters.steps
         self._angles = self._step * (np.arange(beams) - beams // 2)
         self._time_step = parameters.turn_time / parameters.steps
-        # the pose when the last sweep was read
+        # the pose at the end of the last sweep
         self._old = 0.0, 0.0, 0.0
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[Scan] | None:
-        """The sweep that ends at `now`."""
+        """Return the sweep that ends at `now`."""
         old, self._old = self._old, pose
         # the first sweep begins
         if before == -inf:
@@ -102,7 +103,7 @@ class SimulatedLaser(Twin[Scan]):
         return Reading(first, scan)
 
     def _measured(self, old: Pose, new: Pose, then: float, now: float, first: float) -> Any:
-        """Ranges, m, with noise; inf where nothing is in range."""
+        """Return ranges, m, with noise; inf if nothing is in range."""
         p, mount, angles = self._parameters, self._mount, self._angles
         shapes = self._shapes
         if others := self._others():
@@ -121,7 +122,7 @@ class SimulatedLaser(Twin[Scan]):
 
 
 def simulated(setup: Setup) -> SimulatedLaser:
-    """The driver ``sim_laser``; options: those of `LaserParameters`."""
+    """Make the driver ``sim_laser``; options: those of `LaserParameters`."""
     parameters = checked(LaserParameters, setup.options, f"sensors.{setup.name}.options")
     shapes, body = standing(setup.config), setup.config.geometry
     return SimulatedLaser(setup.name, true_pose(setup), shapes, parameters, random_of(setup), others_of(setup), body)

@@ -16,18 +16,18 @@ from txt1.units import NotNegative, Positive
 
 @dataclass(frozen=True, slots=True)
 class TrackerErrors:
-    """What is wrong with a tracker; assumed."""
+    """The errors of a tracker; assumed."""
 
     noise: NotNegative = 0.001
     """Standard deviation of a coordinate, m."""
     angle_noise: NotNegative = 0.002
     """Standard deviation of the heading, rad."""
     occlusions: tuple[tuple[float, float], ...] = ()
-    """From and to, s of the run, in which it sees nothing."""
+    """Beginnings and ends of occlusions, s of the run."""
     occlusion_every: NotNegative = 0.0
-    """Mean time between two further ones, s; 0 is never."""
+    """Mean time between two random occlusions, s; 0 is never."""
     occlusion_length: Positive = 0.5
-    """Their mean length, s."""
+    """Mean length of a random occlusion, s."""
 
 
 class SimulatedTracker(Twin[TrackerReading]):
@@ -49,7 +49,7 @@ class SimulatedTracker(Twin[TrackerReading]):
         self._draws: list[float] = []
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[TrackerReading] | None:
-        """The pose at `now`; None while it is occluded."""
+        """Return the pose at `now`; None during an occlusion."""
         errors, draws = self._errors, self._draws
         if before == -inf:
             self._differentiator = Differentiator()
@@ -66,6 +66,6 @@ class SimulatedTracker(Twin[TrackerReading]):
 
 
 def simulated(setup: Setup) -> SimulatedTracker:
-    """The driver ``sim_vicon``; options: those of `TrackerErrors`."""
+    """Make the driver ``sim_vicon``; options: those of `TrackerErrors`."""
     errors = checked(TrackerErrors, setup.options, f"sensors.{setup.name}.options")
     return SimulatedTracker(setup.name, true_pose(setup), errors, random_of(setup), setup.config.name)

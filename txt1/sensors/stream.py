@@ -1,4 +1,6 @@
-"""A sensor at the end of a byte link: its codec turns bytes into readings, and each gets the time it was taken."""
+"""A sensor at the end of a byte link: its codec turns bytes into readings, and each gets the time of its
+measurement.
+"""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -13,62 +15,69 @@ from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
-# s from losing a device to trying it again
+# s from the loss of a device to the next attempt
 RETRY: Final = 1.0
 # largest share by which a device's clock may be fast
 DRIFT: Final = 1e-4
-# s: a device's clock that is further off began anew
+# s: a device's clock with a larger error has started again
 LOST: Final = 1.0
 
 
 class Measured(NamedTuple, Generic[T]):
-    """A value out of the bytes."""
+    """A value decoded from bytes."""
 
     value: T
     time: float | None = None
-    """By the device's own clock, s; None where it sends none."""
+    """Time by the device's clock, s; None if it sends no time."""
     age: float = 0.0
-    """Of the value when its bytes could be sent at the earliest, s: a scan's, whose time is that of its first beam."""
+    """s: age of the value when the device could send it at the earliest.
+
+    A scan has the time of its first beam, so it is as old as its sweep is long.
+    """
 
 
 class Codec(Generic[T]):
     """The host's end of a device's protocol, without I/O. A new one is made for every connection.
 
     Args:
-        greeting: what is sent first.
-        farewell: what is sent before the link is closed.
-
+        greeting: bytes sent first.
+        farewell: bytes sent before the link is closed.
     """
 
     def __init__(self, greeting: bytes = b"", farewell: bytes = b"") -> None:
         self.faults = 0
-        """Pieces of the stream that were thrown away."""
+        """Number of discarded pieces of the stream."""
         self.farewell = farewell
         self._out = greeting
-        # what came of a piece that is not complete
+        # bytes of an incomplete piece
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Measured[T]]:
-        """Take bytes as they arrived; a HalError when the device says that it cannot go on, or is another one."""
+        """Take bytes; return the values that they complete.
+
+        Raises HalError if the device reports that it cannot go on, or is another device.
+        """
         raise NotImplementedError
 
     def to_send(self) -> bytes:
-        """Bytes to send now, also before the first byte has come."""
+        """Return the bytes to send now, even before the first byte has come."""
         out, self._out = self._out, b""
         return out
 
 
 class Framed(Codec[T]):
-    """The codec of a device that sends frames: behind bytes that are none it goes on at the next one that is sound."""
+    """The codec of a device that sends frames. After damaged bytes it goes on at the next intact frame."""
 
     _skipping = False
 
     def frame(self, data: bytes, at: int, found: list[Measured[T]]) -> int | None:
-        """Append what the frame at a place holds, and return its length; 0: there is none, None: it is not complete."""
+        """Append the values of the frame at an offset, and return its length; 0: no frame, None: an incomplete
+        frame.
+        """
         raise NotImplementedError
 
     def feed(self, data: bytes) -> list[Measured[T]]:
-        """The readings that these bytes complete."""
+        """Take bytes; return the readings that they complete."""
         data, at = self._rest + data, 0
         found: list[Measured[T]] = []
         while at < len(data) and (length := self.frame(data, at, found)) is not None:
@@ -80,14 +89,17 @@ class Framed(Codec[T]):
 
 
 class DeviceClock:
-    """Brings a device's times to ours: a message takes some time to arrive, and the quickest one took least."""
+    """Converts a device's times to the run's. Messages are delayed by varying times; the quickest message counts."""
 
     def __init__(self) -> None:
         self._offset = inf
         self._last = -inf
 
     def time(self, device: float | None, arrived: float) -> float:
-        """When a message that arrived then was made, s by our clock; the device's clock only goes forward."""
+        """Return when a message was made, s by the run's clock.
+
+        `device` is the device's time, which only increases; `arrived` is the message's arrival.
+        """
         if device is None:
             return arrived
         late = arrived - device - self._offset
@@ -101,7 +113,7 @@ class DeviceClock:
 
 
 class Unwrapped:
-    """Counts on where a counter of a device starts again at 0."""
+    """Continues a device's counter across its overflows."""
 
     def __init__(self, modulus: float) -> None:
         self._modulus = modulus
@@ -109,7 +121,7 @@ class Unwrapped:
         self._turns = 0.0
 
     def __call__(self, count: float) -> float:
-        """The count since the first turn's 0; one that is less than half a turn back did not wrap."""
+        """Return the count since the first 0. A count that falls by less than half the range has not overflowed."""
         if self._last is not None and self._last - count > 0.5 * self._modulus:
             self._turns += self._modulus
         self._last = count
@@ -117,17 +129,16 @@ class Unwrapped:
 
 
 class Streamed(Generic[T]):
-    """A sensor of a codec and an address; a lost device is tried again once a second.
+    """A sensor with a codec and an address. A lost device is tried again once a second.
 
     Args:
-        topic: of its values.
-        period: between two calls of `read`, s.
-        address: a serial device or socket://host:port.
+        topic: topic of its values.
+        period: time between two calls of `read`, s.
+        address: serial device or socket://host:port.
         codec: makes a codec for a new connection.
-        baud: of a serial device.
-        latency: of the device, from measuring to sending, s.
+        baud: baud rate of a serial device.
+        latency: time from measuring to sending, s.
         fake: the command that serves a virtual device of this kind.
-
     """
 
     simulated = False
@@ -149,23 +160,23 @@ class Streamed(Generic[T]):
         self._failure = ""
         self._opening: asyncio.Task[None] | None = None
         self._clock = DeviceClock()
-        # of the run, by the loop's clock
+        # s of the loop's clock at the start of the run
         self._origin = inf
         self._newest: tuple[float, T] | None = None
         self._last = -inf
 
     @property
     def faults(self) -> int:
-        """Pieces of the stream that the codec threw away since the device was opened."""
+        """Number of pieces of the stream that the codec has discarded since the device was opened."""
         return self._codec.faults
 
     async def open(self) -> None:
-        """Open the link, and have the device begin."""
+        """Open the link, and let the device begin."""
         self._origin, self._last, self._failure, self._newest = inf, -inf, "", None
         await self._connect()
 
     async def close(self) -> None:
-        """Have the device stop, and let go of the link."""
+        """Let the device stop, and close the link."""
         if self._opening is not None:
             self._opening.cancel()
             self._opening = None
@@ -173,12 +184,12 @@ class Streamed(Generic[T]):
         if link is not None and link.up:
             if self._codec.farewell:
                 link.write(self._codec.farewell)
-                # closing throws away what is not sent
+                # closing discards unsent bytes
                 await asyncio.sleep(0.05)
             link.close()
 
     def read(self, now: float) -> Reading[T] | None:
-        """The newest reading that has arrived; a HalError while the device is lost."""
+        """Return the newest reading that has arrived; raises HalError while the device is lost."""
         self._origin = min(self._origin, asyncio.get_running_loop().time() - now)
         if self._failure:
             raise HalError(self._failure)
@@ -186,7 +197,7 @@ class Streamed(Generic[T]):
         if newest is None:
             return None
         time = max(self._last, min(newest[0] - self._origin - self._latency, now))
-        # from before the run
+        # the reading is from before the run
         if time < 0.0:
             return None
         self._last = time
@@ -214,7 +225,7 @@ class Streamed(Generic[T]):
         self._send()
 
     def lost(self, reason: str) -> None:
-        """Try it again, until it is closed."""
+        """Try the device again, until the sensor is closed."""
         self._failure = reason
         self._link = None
         self._opening = _started(self._reconnect())

@@ -1,4 +1,4 @@
-"""Parts of the simulated sensors: one that sees from the true pose, random values, and times without readings."""
+"""Parts of the simulated sensors: readings from the true pose, random values, and times without readings."""
 
 from collections.abc import Callable, Sequence
 from math import inf
@@ -13,12 +13,12 @@ from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 Others = Callable[[], Sequence[Pose | Box]]
-# marks the random values of simulated sensors
+# distinguishes the random values of simulated sensors
 STREAM = 7
 
 
 class Twin(Generic[T]):
-    """A simulated sensor on a vehicle whose true pose is `pose`; `see` makes a reading, once at an instant."""
+    """A simulated sensor on a vehicle with the true pose `pose`; `see` makes at most a reading for each instant."""
 
     simulated = True
 
@@ -27,14 +27,14 @@ class Twin(Generic[T]):
         self._last = -inf
 
     async def open(self) -> None:
-        """A new run may begin."""
+        """Prepare for a new run."""
         self._last = -inf
 
     async def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing; the sensor holds no resources."""
 
     def read(self, now: float) -> Reading[T] | None:
-        """The reading at `now`; None when there is none."""
+        """Return the reading at `now`; None if there is none."""
         pose = self._pose()
         if pose is None or now <= self._last:
             return None
@@ -42,19 +42,21 @@ class Twin(Generic[T]):
         return self.see(pose, now, before)
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[T] | None:
-        """The reading at `now` and at this pose; `before` is when it looked last, -inf at the beginning of a run."""
+        """Return the reading at `now` and at this pose; `before` is the time of the last call, -inf at the
+        start of a run.
+        """
         raise NotImplementedError
 
 
 def others_of(setup: Setup) -> Others:
-    """The function that returns the poses of the other vehicles in its world, and the boxes that move there."""
+    """Return a function that returns the poses of the other vehicles in the world, and the boxes that move there."""
     others: Others = getattr(setup.hal, "others", tuple)
     movers: Callable[[], Sequence[Box]] = getattr(setup.hal, "movers", tuple)
     return (lambda: (*others(), *movers())) if setup.config.sim.movers else others
 
 
 def true_pose(setup: Setup) -> Callable[[], Pose | None]:
-    """The function that returns the true pose (m, rad); HalError where the robot is not simulated."""
+    """Return a function that returns the true pose (m, rad); raises HalError unless the robot is simulated."""
     if setup.pose is None:
         raise HalError(
             f"sensors.{setup.name}: a simulated sensor sees from the true pose, which the HAL '{setup.config.hal}' "
@@ -64,19 +66,18 @@ def true_pose(setup: Setup) -> Callable[[], Pose | None]:
 
 
 def random_of(setup: Setup) -> Generator:
-    """Random values that the run's seed and the sensor's name repeat."""
+    """Return random values that the run's seed and the sensor's name repeat."""
     return default_rng(SeedSequence([setup.config.own_seed, STREAM, *setup.name.encode()]))
 
 
 class Absences:
-    """When a sensor sees nothing: at given times, and now and then.
+    """The times at which a sensor sees nothing, given or random.
 
     Args:
-        given: from and to, s of the run.
-        every: mean time between two others, s; 0 is never.
-        length: their mean length, s.
-        rng: draws them.
-
+        given: beginnings and ends, s of the run.
+        every: mean time between two random absences, s; 0 is never.
+        length: mean length of a random absence, s.
+        rng: draws the random absences.
     """
 
     def __init__(self, given: tuple[tuple[float, float], ...], every: float, length: float, rng: Generator) -> None:
@@ -85,7 +86,7 @@ class Absences:
         self._ends = self._begins + (float(rng.exponential(length)) if every else 0.0)
 
     def at(self, now: float) -> bool:
-        """Whether there is one now; times only go forward."""
+        """Return whether the sensor sees nothing now; `now` must not decrease."""
         while now >= self._ends and self._every:
             self._begins = self._ends + float(self._rng.exponential(self._every))
             self._ends = self._begins + float(self._rng.exponential(self._length))

@@ -1,8 +1,9 @@
-"""The VRPN protocol (version 7) as far as trackers need it: its messages as bytes, and back. No I/O.
+"""The VRPN protocol (version 7), as far as trackers need it: encodes and decodes messages. No I/O.
 
 Each side first sends a cookie of 24 bytes, then messages: a head of five big-endian int32 (length of head and body,
-time in s and us, sender, type) and a sequence number, then the body, padded to eights, which the length leaves out.
-Senders and types are numbered by each side for itself; messages of type -1 and -2 tell the names of these numbers.
+time in s and us, sender, type) and a sequence number, then the body, padded to a multiple of 8 bytes; the length does
+not count the padding. Each side numbers senders and types in its own way. Messages of type -1 and -2 give the names for
+these numbers.
 """
 
 import struct
@@ -21,12 +22,12 @@ TYPE_NAME: Final = -2
 POSE_TYPE: Final = "vrpn_Tracker Pos_Quat"
 PING_TYPE: Final = "vrpn_Base ping_message"
 PONG_TYPE: Final = "vrpn_Base pong_message"
-# bytes; the longest of a tracker's has 72
+# bytes; a tracker's longest message has 72
 BODY_MAX: Final = 65536
 
 
 class VrpnMessage(NamedTuple):
-    """One message; numbers are the sending side's."""
+    """A message; its numbers are those of the sending side."""
 
     # s by the sending side's clock
     time: float
@@ -36,27 +37,27 @@ class VrpnMessage(NamedTuple):
 
 
 def pack(message: VrpnMessage) -> bytes:
-    """A message as bytes; the sequence number is left 0, which nobody reads."""
+    """Return a message as bytes. The sequence number stays 0, as no receiver uses it."""
     us = round(message.time * 1e6)
     head = HEAD.pack(HEAD.size + len(message.body), us // 1_000_000, us % 1_000_000, message.sender, message.type, 0)
     return head + message.body + bytes(-len(message.body) % 8)
 
 
 def name_message(kind: int, number: int, name: str) -> VrpnMessage:
-    """The message that tells a sender's (`SENDER_NAME`) or a type's (`TYPE_NAME`) name."""
+    """Return the message with the name of a sender (`SENDER_NAME`) or type (`TYPE_NAME`)."""
     text = name.encode() + b"\0"
     return VrpnMessage(0.0, number, kind, struct.pack(">i", len(text)) + text)
 
 
 class Splitter:
-    """Cuts a stream into the cookie and messages; a HalError when it is none of version 7."""
+    """Splits a stream into the cookie and messages; raises HalError if the version is not 7."""
 
     def __init__(self) -> None:
         self._rest = b""
         self._greeted = False
 
     def feed(self, data: bytes) -> list[VrpnMessage]:
-        """The messages that these bytes complete."""
+        """Take bytes; return the messages that they complete."""
         data, at, found = self._rest + data, 0, []
         if not self._greeted:
             start = data[: len(MAJOR)]
@@ -80,14 +81,14 @@ class Splitter:
 
 
 class Names:
-    """The names of the other side's numbers, as its messages tell them."""
+    """The names for the other side's numbers, from its messages."""
 
     def __init__(self) -> None:
         self.senders: dict[int, str] = {}
         self.types: dict[int, str] = {}
 
     def note(self, message: VrpnMessage) -> bool:
-        """Whether it was a message that tells a name."""
+        """Store the name in a message; return whether the message has one."""
         names = {SENDER_NAME: self.senders, TYPE_NAME: self.types}.get(message.type)
         if names is None:
             return False
