@@ -63,7 +63,7 @@ _WHERE = {
 
 
 def __getattr__(name: str) -> object:
-    """A public name, imported when it is first used: the drawing process needs none of it and starts sooner."""
+    """Import a public name when it is first used: the drawing process needs none of them, and starts sooner."""
     if name in _WHERE:
         return getattr(import_module(_WHERE[name]), name)
     raise AttributeError(f"module 'txt1' has no attribute '{name}'")

@@ -1,4 +1,4 @@
-"""``python -m txt1`` and the program `txt1`: from here on a signal ends it without a traceback."""
+"""``python -m txt1`` and the program `txt1`. It lets a signal end the process without a traceback."""
 
 import os
 import signal
@@ -9,7 +9,7 @@ from typing import NoReturn
 
 
 def leave(number: int, _: FrameType | None) -> NoReturn:
-    """End the process at once; where something has to be stopped first, `txt1.cli.app` takes the signals."""
+    """End the process at once. `txt1.cli.app` takes the signals instead while a robot has to be stopped first."""
     os._exit(128 + number)
 
 
@@ -17,7 +17,10 @@ SIGNALS = signal.SIGHUP, signal.SIGINT, signal.SIGTERM
 
 
 def open_streams() -> None:
-    """Open the null device for each standard stream that is closed: a board's line would get its number, and text."""
+    """Open the null device for each closed standard stream.
+
+    Otherwise a board's line could get the number of a standard stream, and receive its text.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - for as long as the process lives
@@ -29,18 +32,18 @@ def main() -> NoReturn:
         from txt1.cli.init import serve
 
         sys.exit(serve())
-    # before the imports, which take their time
+    # before the imports, which take time
     for each in SIGNALS:
         signal.signal(each, leave)
     open_streams()
     for stream in (sys.stdout, sys.stderr):
-        # a terminal without a letter, such as LC_ALL=C's, shows ? for it
+        # a terminal that lacks a character, as under LC_ALL=C, shows ? instead
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
     from txt1.cli import execute
 
     code = execute(sys.argv[1:])
-    # all is done; Python, on its way out, would let the signal kill it
+    # all work is done; Python, while it ends, would let the signal kill it
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
     sys.exit(code)

@@ -1,4 +1,4 @@
-"""The driver: the host's half of driving. It sends the driving source's set-point to the board, 20 times a second."""
+"""The driver, the host's half of driving: it sends the driving source's set-point to the board, 20 times a second."""
 
 from math import isfinite, nan
 from typing import Final

@@ -1,7 +1,7 @@
 """The command that installs an optional dependency into the environment in which this program runs.
 
 txt1 is on no package index, so the command names the place that it was installed from: a checkout, a wheel, an address.
-Where that is gone or not known, it names the packages that the extra consists of.
+If the place is gone or unknown, the command names the packages of the extra.
 """
 
 import json
@@ -17,19 +17,19 @@ from urllib.parse import unquote, urlsplit
 
 
 def installs(extras: str) -> str:
-    """Return the command that installs extras, such as "record,plots"; it works from the current directory.
+    """Return the command that installs extras, such as "record,plots", from the current directory.
 
-    By the interpreter's own pip; where it has none, by who made the environment: pipx or uv, also for one run alone.
+    It uses the interpreter's own pip. Without pip it uses the program that made the environment: pipx or uv.
     """
     prefix = Path(sys.prefix)
     if sys.prefix != sys.base_prefix:
-        # pipx leaves this file in every environment that it makes, wherever PIPX_HOME is
+        # pipx leaves this file in each environment, wherever PIPX_HOME is
         if (prefix / "pipx_metadata.json").exists():
             if prefix.parent.name == "venvs":
                 # pipx runs its installer in the environment's folder
                 return f"pipx runpip {quote(prefix.name)} install {_source(extras, near=False)}"
             return f"pipx run --spec {_source(extras)} txt1"
-        # where uv keeps environments of one run
+        # folder of uv's environments for a single run
         if "archive-v0" in prefix.parts:
             return f"uvx --from {_source(extras)} txt1"
         if find_spec("pip") is None:
@@ -38,7 +38,7 @@ def installs(extras: str) -> str:
 
 
 def interpreter() -> str:
-    """Return this Python's name in a shell in the current directory: as short as leads to it, ready to be typed."""
+    """Return the shell word for this Python in the current directory, as short as possible."""
     for name in ("python", "python3"):
         if shutil.which(name) == sys.executable:
             return name
@@ -46,15 +46,16 @@ def interpreter() -> str:
 
 
 def _near(path: str) -> str:
-    """Return a path as it is seen from the current directory, where it lies inside."""
+    """Return a path relative to the current directory if it lies inside."""
     inside = os.path.relpath(path)
     return path if inside.startswith("..") else inside
 
 
 def _source(extras: str, near: bool = True) -> str:
-    """Return what pip is to install for extras, quoted: a folder or wheel that is there, an address, or packages.
+    """Return the requirement for pip that installs extras, quoted: an existing folder or wheel, an address, or
+    packages.
 
-    A path leads from the current directory if it is `near`, and from anywhere if not.
+    The path is relative to the current directory if `near`, else absolute.
     """
     requires: list[str] = []
     told: dict[str, dict[str, bool]] = {}
@@ -77,6 +78,6 @@ def _source(extras: str, near: bool = True) -> str:
 
 
 def _packages(extra: str, requires: list[str]) -> list[str]:
-    """Return an extra's requirements without the words that make them optional, as pip takes them in a command."""
+    """Return the requirements of an extra for pip's command line, without the markers that make them optional."""
     own = re.compile(rf"""\s*;?\s*(?:\band\s+)?extra == ["']{re.escape(extra)}["']$""")
     return [re.sub(r"; \((.*)\)$", r"; \1", own.sub("", each)) for each in requires if own.search(each)]

@@ -1,8 +1,8 @@
-"""What is given to the tasks from outside, told with its place among their steps: all that a replay needs.
+"""Tells every input of the tasks, and its place among their steps: a replay needs all of them.
 
 A robot on the real clock tells three things: every input before it takes effect (`Journal.begin`), every reading of a
 sensor and report of the hardware (`Journal.report`), and every step of a task (`Journal.watched`). In virtual time the
-steps and the hardware's reports follow from the rest, so they are not told. Nothing is told where nobody listens.
+steps and the hardware's reports follow from the rest, so they are not told. Without a listener nothing is told.
 """
 
 from collections.abc import Coroutine
@@ -16,15 +16,15 @@ from txt1.telemetry.bus import Bus
 
 
 class Journal:
-    """Tells a robot's bus what is given to its tasks; `stepwise` says whether the steps are told, too."""
+    """Tells a robot's bus the inputs of its tasks; `stepwise`: the steps are told, too."""
 
     def __init__(self, bus: Bus, scheduler: Scheduler, stepwise: bool) -> None:
         self._bus, self._scheduler, self._stepwise = bus, scheduler, stepwise
         self.source = ""
-        """The task of the user's, of the driver's or of a sensor that is at work."""
+        """The present step's task, if it is a user's, the driver's or a sensor's; else ""."""
 
     def begin(self, kind: str, text: str = "", values: tuple[float, ...] = (), given: float | None = None) -> float:
-        """Return the time, s of the run, at which something is done from outside; it is told before it takes effect."""
+        """Return the time (s of the run) of an action from outside, and tell the action before it takes effect."""
         now = self._scheduler.now
         if self._bus.wanted(inputs.INPUT):
             given = now if given is None else given
@@ -33,7 +33,7 @@ class Journal:
         return now
 
     def report(self, source: str, kind: str, text: str = "", value: Any = None, time: float = 0.0) -> None:
-        """Tell what was read."""
+        """Tell a report."""
         if self._bus.wanted(inputs.REPORT):
             report = inputs.Report(self._scheduler.steps, source, kind, text, time, value)
             self._bus.publish(inputs.REPORT, report, self._scheduler.now)
@@ -44,7 +44,10 @@ class Journal:
         self.report(task, kind, text, value, time)
 
     def watched(self, name: str, task: PeriodicTask, number: int, named: bool) -> PeriodicTask:
-        """Return the task, with its steps told by its `number`; `named`: what comes in meanwhile comes from it."""
+        """Return the task with its steps told, by its `number`.
+
+        `named`: inputs during a step name the task as their source.
+        """
         told = self._stepwise and self._bus.wanted(inputs.STEP)
         if not told and not named:
             return task

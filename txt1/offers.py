@@ -1,4 +1,4 @@
-"""What a robot tells on its bus, offered once; recorder, screens and bridges ask when they want it."""
+"""The topics that a robot offers on its bus. Recorder, screens and bridges read them when they want a value."""
 
 from collections.abc import Callable, Mapping
 from math import isfinite
@@ -20,7 +20,7 @@ from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 
 
 class Offers(NamedTuple):
-    """Whatever is told is read from these."""
+    """Offers a robot's topics, and reads their values."""
 
     bus: Bus
     state: State
@@ -40,7 +40,7 @@ class Offers(NamedTuple):
         self._offer_to_snapshots()
 
     def _offer_cycle(self) -> None:
-        """Offer what changes in every cycle, and what the safety gate and the gains are."""
+        """Offer the topics that change in every cycle, and the states of the safety gate and the gains."""
         state, gate, bus, can = self.state, self.gate, self.bus, self.hal.capabilities
 
         def odometry() -> Odometry | None:
@@ -82,12 +82,12 @@ class Offers(NamedTuple):
             tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now()))
 
     def _range_left(self) -> float | None:
-        """How far the batteries last, m; None where that is not known."""
+        """Return the distance (m) that the batteries last; None if it is unknown."""
         remaining, config = self.state.battery.remaining, self.config
         return None if remaining is None else round(range_left(config.sim.battery, remaining, config.safety.v_max))
 
     def _offer_to_snapshots(self) -> None:
-        """Offer what snapshots tell beside that, and its surroundings to views in three dimensions."""
+        """Offer the other topics of snapshots, and the surroundings for views in three dimensions."""
         state, bus, sim, can = self.state, self.bus, self.config.sim, self.hal.capabilities
         size, shape = (sim.room.length, sim.room.width), self.config.geometry
         body = shape.length, shape.width, shape.centre
@@ -121,6 +121,6 @@ class Offers(NamedTuple):
         bus.offer(fields.WARNINGS, lambda: state.warned() or None)
 
     def _gains(self) -> GainTable:
-        """The gains, loaded or not: a board that was away has to acknowledge them anew."""
+        """Return the gains, loaded or not: a board that was away has to acknowledge them again."""
         gains, board = self.state.gains, self.state.board
         return gains if board is None or board.gains else gains._replace(loaded=False)

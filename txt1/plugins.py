@@ -1,4 +1,4 @@
-"""Parts by name, imported when used: the package's own from a table or an addition, others through entry points."""
+"""Parts by name, imported when used: the package's own from a table or an addition, others' from entry points."""
 
 import asyncio
 import difflib
@@ -15,9 +15,9 @@ Factory = Callable[..., Any]
 class Registry(NamedTuple):
     """One kind of part."""
 
-    # its word in error messages, such as "HAL"
+    # the word for it in error messages, such as "HAL"
     kind: str
-    # of the entry points, such as "txt1.hal"
+    # group of the entry points, such as "txt1.hal"
     group: str
     # the spine's own parts: the function that makes the part, or "module:function"
     table: Mapping[str, Factory | str]

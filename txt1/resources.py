@@ -1,4 +1,4 @@
-"""Files that come with the package but are no part of its code: beside it in the source tree, inside it in a wheel."""
+"""Files that come with the package and are no code. They are beside it in the source tree, and inside it in a wheel."""
 
 from pathlib import Path
 from typing import Final
@@ -7,6 +7,6 @@ PACKAGE: Final = Path(__file__).parent
 
 
 def resource(folder: str) -> Path:
-    """Where such a folder is, by its path in the source tree; setup.py names those that a wheel has."""
+    """Return the path of a folder, given by its path in the source tree; setup.py lists the folders in a wheel."""
     packed = PACKAGE / "data" / folder
     return packed if packed.exists() else PACKAGE.parent / folder
