@@ -1,4 +1,4 @@
-"""The hardware layer: what is underneath the tasks, simulated or real."""
+"""The hardware layer below the tasks, simulated or real."""
 
 from txt1.hal.base import BoardLink, Button, Capabilities, Hal, Indicators, Inputs, Outputs
 

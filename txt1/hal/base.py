@@ -43,7 +43,10 @@ class Button(IntFlag):
 
 @dataclass(frozen=True)
 class Capabilities:
-    """The abilities of a HAL. What it lacks is a dash on the screens, and is refused with its name by the API."""
+    """The abilities of a HAL.
+
+    Values that it lacks are dashes on the screens. The API refuses a call that needs a missing ability, and names it.
+    """
 
     ticks: bool = False
     """Reports encoder counts."""
@@ -94,31 +97,31 @@ class BoardLink(NamedTuple):
 
     # the board has been heard for long enough to be sent a set-point
     ready: bool
-    # how often the board was lost so far; each time disarms
+    # number of losses of the board so far; each disarms
     losses: int
-    # why it was lost last, in words
+    # reason for the last loss, in words
     reason: str
-    # what happened last
+    # the last event on the line
     text: str
-    # what went wrong on the line so far, by name
+    # numbers of faults on the line so far, by name
     faults: dict[str, int]
-    # it has acknowledged those that were sent to it since it was found
+    # whether the board has acknowledged all gains that were sent since it was found
     gains: bool = True
-    # there is a line on which something can be sent
+    # whether there is a line for sending
     connected: bool = True
 
 
 class Inputs(NamedTuple):
-    """The hardware's report of one instant; None for a value that it has no sensor for."""
+    """The hardware's report of an instant; None for values without a sensor."""
 
     ticks: tuple[int, int] | None = None
     """Encoder counts (right, left) since the start, forward positive."""
     odometry: Odometry | None = None
     """Odometry that the hardware computed itself."""
     odometry_time: float = 0.0
-    """When it arrived, s of the run."""
+    """Arrival of the odometry, s of the run."""
     batteries: tuple[float, float] | None = None
-    """Voltages of the two packs, V; 0 where none is fitted."""
+    """Voltages of the two packs, V; 0 for a pack that is not connected."""
     cut_off: bool = False
     """The battery cut-off circuit has opened."""
     buttons: Button = Button.NONE
@@ -129,7 +132,7 @@ class Inputs(NamedTuple):
     """True pose (x, y, theta) in the room, m and rad."""
     link: BoardLink | None = None
     battery_time: float | None = None
-    """When the voltages arrived, s of the run; None: just now."""
+    """Arrival of the voltages, s of the run; None: just now."""
 
 
 class Indicators(NamedTuple):
@@ -151,7 +154,7 @@ class Hal(Protocol):
 
     @property
     def name(self) -> str:
-        """The name by which it is registered."""
+        """The HAL's registered name."""
 
     @property
     def capabilities(self) -> Capabilities:
@@ -164,7 +167,7 @@ class Hal(Protocol):
         """Set the outputs to neutral and release the hardware; harmless when it is already closed."""
 
     def read(self, now: float) -> Inputs:
-        """The sensors' report at `now`."""
+        """Return the sensors' report at `now`."""
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hold these outputs from `now` on."""
@@ -188,4 +191,4 @@ class Hal(Protocol):
         """Set buzzer and LEDs; does nothing when there are none."""
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
-        """Place the robot at a pose in the room, at rest; m and rad. Raises ValueError when it cannot stand there."""
+        """Place the robot at a pose in the room, at rest; m and rad. Raises ValueError if there is no room for it."""

@@ -1,4 +1,6 @@
-"""The one place between safety gate and hardware where a vehicle's channels are put right (`txt1.model.channels`)."""
+"""Adapts the outputs and encoders of the hardware to a vehicle's wiring (`txt1.model.channels`); the only place
+for it.
+"""
 
 from dataclasses import replace
 from typing import Any, cast
@@ -8,15 +10,14 @@ from txt1.model.channels import STRAIGHT, Channels
 
 
 class Rewired:
-    """A hardware layer seen through the channels of its vehicle; everything else goes straight through.
+    """A hardware layer behind the channels of its vehicle; other calls pass unchanged.
 
     Args:
-        hal: underneath.
-        channels: of the vehicle.
+        hal: the hardware layer.
+        channels: the vehicle's channels.
         skids: whether its sides run at two speeds.
         unseen: hide the encoders from the tasks. Calibration uses it while the encoders' signs are unknown, as the
             runaway watch would disarm; `counts` still has them.
-
     """
 
     def __init__(self, hal: Hal, channels: Channels, skids: bool, unseen: bool = False) -> None:
@@ -25,14 +26,14 @@ class Rewired:
         self.name = hal.name
         self.capabilities: Capabilities = replace(can, ticks=False, odometry=False) if unseen else can
         self.counts: tuple[int, int] | None = None
-        """The encoders', right and left, when they were read last."""
+        """Encoder counts (right, left) of the last reading, also if they are hidden."""
 
     def __getattr__(self, name: str) -> Any:
-        """Whatever else the layer underneath has."""
+        """Return an attribute of the hardware layer."""
         return getattr(self._hal, name)
 
     def read(self, now: float) -> Inputs:
-        """The sensors' report, the encoders put right."""
+        """Return the sensors' report, with the encoders' signs and sides corrected."""
         inputs = self._hal.read(now)
         if inputs.ticks is None:
             return inputs
@@ -40,11 +41,11 @@ class Rewired:
         return inputs._replace(ticks=None if self._unseen else self.counts)
 
     def write(self, outputs: Outputs, now: float) -> None:
-        """Hold these outputs, each put right."""
+        """Hold these outputs from `now` on, converted to the wiring."""
         self._hal.write(self._put_right(outputs), now)
 
     def halt(self, outputs: Outputs, now: float) -> None:
-        """Put neutral outputs straight on the actuators, each put right."""
+        """Set neutral outputs directly, converted to the wiring."""
         self._hal.halt(self._put_right(outputs), now)
 
     def _put_right(self, outputs: Outputs) -> Outputs:
@@ -53,7 +54,7 @@ class Rewired:
 
 
 def rewired(hal: Hal, channels: Channels, skids: bool, unseen: bool = False) -> Hal:
-    """The hardware layer with its vehicle's channels put right: itself, where nothing is to be done."""
+    """Return the hardware layer behind its vehicle's channels; the layer itself if nothing has to be converted."""
     if isinstance(hal, Rewired) or not hal.capabilities.pwm or (channels == STRAIGHT and not unseen):
         return hal
     return cast("Hal", Rewired(hal, channels, skids, unseen))

@@ -1,15 +1,15 @@
-"""Promises every hardware layer keeps: the suite that any HAL, ours or a stranger's, can be run through.
+"""The promises of every hardware layer, as a suite of tests for any HAL.
 
-In a test class of yours (see `txt1.conformance`), or from the command line, for a HAL that is registered::
+Use it in your own test class (see `txt1.conformance`), or from the command line for a registered HAL::
 
     txt1 hal check mycar --set hal_options.port=/dev/ttyUSB0
 
-The promises themselves stand in `txt1.hal.base`. A promise that this HAL cannot break, because it lacks the capability,
-is skipped. A HAL that is not `simulated` is driven too: for an instant each with a little throttle, more, and full
-throttle, then neutral. Put the wheels off the ground.
+`txt1.hal.base` states the promises. A promise about a capability that the HAL lacks is skipped. A real HAL (not
+`simulated`) is driven, too: for an instant each at low, medium and full throttle, then neutral. Lift the wheels off the
+ground.
 
-Hardware behind a line has its promises on bad lines, too: torn, merged, corrupt, late, lossy and cut ones. They are
-tried where `over` returns a HAL whose virtual device is at the end of such a line.
+Hardware behind a line has promises about bad lines, too: lines that tear, merge, corrupt, delay, lose or cut. They are
+tried if `over` returns a HAL with its virtual device at the end of a bad line.
 """
 
 import asyncio
@@ -32,38 +32,38 @@ from txt1.sim.parameters import LineFaults
 # s between two calls: the controller's
 CALL_PERIOD: Final = 0.02
 
-# A HAL obeys either the counts or the set-point, so these carry both.
+# a HAL obeys either the counts or the set-point, so these outputs have both
 NEUTRAL: Final = Outputs()
 FORWARD: Final = Outputs(motor=3000, v=0.5)
 BACKWARD: Final = Outputs(motor=-3000, v=-0.5)
 PIVOT_MOTOR, PIVOT_REAR = map(round, outputs_of(FORWARD.motor, -FORWARD.motor))
-# where no wheel steers: the right side as in FORWARD
+# for sides at two speeds: the right side as in FORWARD
 PIVOT: Final = Outputs(PIVOT_MOTOR, -PIVOT_REAR, PIVOT_REAR)
 LEFT: Final = Outputs(motor=3000, front=-12000, rear=12000, v=0.5, omega=0.5)
-# shares of full power that come before it
+# shares of full power that are tried first
 STEPS: Final = (0.02, 0.1, 0.3)
 EXTREMES: Final = tuple(Outputs._make((*[sign * PWM_MAX] * 5, sign * 1.5, sign * 1.5 / 0.56)) for sign in (1, -1))
 
 GAINS: Final = PidSet(LINEAR_GAINS, tuple((s.v_max, *s.gains) for s in ANGULAR_GAINS))
 COMBINED: Final = CombinedOdometry(1.0, -2.0, 0.5, 0.3, 0.1)
 
-# s in which a board behind a link answers and takes its gains, however noisy the link is
+# s within which a board behind a link answers and takes its gains, however noisy the link is
 LINK_PATIENCE: Final = 60.0
-# the robot has moved when it has moved so far, m
+# m after which the robot has moved
 NOTICEABLE: Final = 0.005
 
-# s after which the line is lost in the promises on cut lines
+# s after which the line is cut in the promises about cut lines
 CUT: Final = 4.0
-# s in which a loss is told
+# s within which a loss is reported
 NOTICED: Final = 1.0
-# factor by which two paths with the same counts may differ
+# factor by which two paths from the same counts may differ
 ALIKE: Final = 1.5
-# m or rad between two readings that are no motion at 0.5 m/s, however late one of them is
+# m or rad between two readings that no motion at 0.5 m/s explains, however late a reading is
 LEAP: Final = 0.4
 
 
 def over_a_line(**faults: float) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
-    """Run a test on a new HAL that is open, over a line with these faults; skip it where there is none."""
+    """Run a test on a new HAL that is open, over a line with these faults; skip it for a HAL without a line."""
 
     def decorate(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
         tested = opened(test)
@@ -82,7 +82,7 @@ def over_a_line(**faults: float) -> Callable[[Callable[..., Coroutine[Any, Any, 
 
 
 class HalConformance(Conformance[Hal]):
-    """The promises, one test each. Override `make`, and `held` and the settings where the defaults do not fit."""
+    """The promises, a test for each. Override `make`; override `held` and the settings if the defaults do not fit."""
 
     interface = Hal
     prompt = 0.25 * CALL_PERIOD
@@ -90,18 +90,23 @@ class HalConformance(Conformance[Hal]):
     drive: ClassVar[float] = 1.0
     """Seconds of driving at 0.5 m/s or 3000 counts after which the motion is judged.
 
-    A wall within 4 m hides a robot that does not stop, so give a simulated one room.
+    A wall within 4 m would stop a robot that does not stop by itself, so give a simulated robot room.
     """
 
     skids: ClassVar[bool] = False
-    """Whether no wheel steers: its sides run at two speeds."""
+    """Whether no wheel steers, and the sides run at two speeds."""
 
     def held(self, hal: Hal) -> Outputs | None:
-        """The outputs that the actuators have now; override this where they can be told. None skips their tests."""
+        """Return the present outputs of the actuators; override this if they can be read.
+
+        None skips the tests for them.
+        """
         return None
 
     def over(self, faults: LineFaults) -> Hal | None:
-        """A new HAL whose line to its virtual device has these faults, both ways; None where there is no such line."""
+        """Return a new HAL whose line to its virtual device has these faults in both directions; None if it has
+        no line.
+        """
         return None
 
     # -- identity and life -------------------------------------------------------------------------------------
@@ -140,7 +145,7 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_closing_leaves_the_outputs_neutral(self) -> None:
-        # nobody wants a real car to be let go at speed, should this fail
+        # if this fails, a real car must not be left at speed
         self.requires("simulated")
         await self.hold(FORWARD, self.drive)
         await self.part.close()
@@ -157,7 +162,7 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_reading_returns_inputs_at_once(self) -> None:
-        # which refuses everything else, coroutines first
+        # the placeholder refuses everything else, coroutines first
         self.read()
 
     @opened
@@ -212,7 +217,7 @@ class HalConformance(Conformance[Hal]):
         moved = _moved(await self.hold(NEUTRAL, self.settle), await self.hold(NEUTRAL, self.drive))
         promise(moved < NOTICEABLE, "Hal.write", f"neutral stops the robot, but it moved on {moved:.3f} m")
 
-    # -- driving: what is simulated is driven --------------------------------------------------------------------
+    # -- driving, for simulated HALs -------------------------------------------------------------------------------
 
     @opened
     async def test_forward_is_positive_and_backward_negative(self) -> None:
@@ -260,7 +265,7 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_the_switches_work_or_are_refused(self) -> None:
-        # the ATX supply of a real robot feeds the computer this runs on
+        # the ATX supply of a real robot feeds the computer that runs the test
         states = (False, True) if self.can.simulated or not self.can.power else (True,)
         for switch in Switch:
             for on in states:
@@ -317,7 +322,7 @@ class HalConformance(Conformance[Hal]):
                 continue
             broken("Hal.place", f"raises ValueError where the robot cannot stand, but took {pose}")
 
-    # -- bad lines break no promise ------------------------------------------------------------------------------
+    # -- promises on bad lines -------------------------------------------------------------------------------------
 
     @over_a_line(split=True, tear=0.1)
     async def test_a_line_that_tears_is_driven_over(self) -> None:
@@ -357,7 +362,7 @@ class HalConformance(Conformance[Hal]):
             raise SkipTest(f"the HAL '{self.part.name}' has no line: it reports no BoardLink")
 
     async def drives_over_it(self) -> None:
-        """Check that it drives, stops and tells no nonsense whatever its line does."""
+        """Check that the robot drives, stops and reports no nonsense, whatever its line does."""
         self.requires_a_line()
         before = last = await self.hold(NEUTRAL, self.settle)
         for _ in range(round(2.0 * self.drive / CALL_PERIOD)):
@@ -380,7 +385,7 @@ class HalConformance(Conformance[Hal]):
         return self.part.capabilities
 
     async def ready(self) -> None:
-        """Wait until the robot can be driven: a board behind a link has to answer, and loops of its own need gains."""
+        """Wait until the robot can be driven: a board behind a link has to answer, and its loops need gains."""
         waits_for_gains = self.can.gains and self.can.simulated
         answers: list[bool] = []
         if waits_for_gains:
@@ -395,7 +400,7 @@ class HalConformance(Conformance[Hal]):
         promise(all(answers), "Hal.load_gains", "takes the gains of the thesis, but they were rejected")
 
     def read(self) -> Inputs:
-        """The inputs now."""
+        """Return the present inputs."""
         inputs = self.called("read", self.now)
         if not isinstance(inputs, Inputs):
             broken("Hal.read", f"returns Inputs, not {type(inputs).__name__}")
@@ -406,7 +411,7 @@ class HalConformance(Conformance[Hal]):
         self.called("write", outputs, self.now)
 
     async def hold(self, outputs: Outputs, seconds: float) -> Inputs:
-        """The inputs after holding outputs for so long, with a read and a write each period as the tasks do."""
+        """Hold outputs for `seconds`, with a read and a write each period as the tasks do; return the inputs."""
         ends = self.now + seconds - 0.5 * CALL_PERIOD
         while True:
             self.write(outputs)
@@ -440,7 +445,7 @@ class HalConformance(Conformance[Hal]):
             broken(where, f"raises NotCapable without {has}, but did not")
 
     def expect_held(self, expected: Outputs, where: str, text: str) -> None:
-        """Check that the actuators do as they were told."""
+        """Check that the actuators have the expected outputs."""
         held = self.held(self.part)
         if held is None:
             raise SkipTest("override HalConformance.held to check what the actuators do")
@@ -449,7 +454,7 @@ class HalConformance(Conformance[Hal]):
         promise(same, where, f"{text}, but the actuators are at {held} instead of {expected}")
 
     def check_inputs(self, inputs: Inputs, complete: bool) -> None:
-        """Check every field against the capabilities; a sensor must have reported by now if `complete`."""
+        """Check every field against the capabilities; with `complete` every sensor must have reported."""
         can, now = self.can, self.now
         sensors: tuple[tuple[str, bool, int, Callable[[Any], bool], str], ...] = (
             ("ticks", can.ticks, 2, lambda n: type(n) is int, "a pair of ints"),
@@ -485,20 +490,20 @@ class HalConformance(Conformance[Hal]):
 
 
 def part(outputs: Outputs, share: float) -> Outputs:
-    """A share of these outputs."""
+    """Return a share of these outputs."""
     *counts, v, omega = outputs
     return Outputs._make((*(round(share * count) for count in counts), share * v, share * omega))
 
 
 def _rolled(before: Inputs, after: Inputs) -> tuple[int, int] | None:
-    """Ticks (right, left) between two readings; None without encoders."""
+    """Return the ticks (right, left) between two readings; None without encoders."""
     if before.ticks is None or after.ticks is None:
         return None
     return after.ticks[0] - before.ticks[0], after.ticks[1] - before.ticks[1]
 
 
 def _leap(before: Inputs, after: Inputs) -> float:
-    """Metres or radians between two readings, whichever is more; 0 where the tasks get neither odometry nor ticks."""
+    """Return the metres or radians between two readings, whichever is more; 0 without odometry and ticks."""
     turned = 0.0
     if before.odometry is not None and after.odometry is not None:
         turned = abs(wrap_angle(after.odometry.theta - before.odometry.theta))
@@ -508,7 +513,7 @@ def _leap(before: Inputs, after: Inputs) -> float:
 
 
 def _moved(before: Inputs, after: Inputs) -> float:
-    """Metres, about, between two readings, by the best sensor there is: true pose, ticks of 0.3 mm, odometry."""
+    """Return the metres between two readings, about, by the best sensor: true pose, ticks of 0.3 mm, or odometry."""
     if before.pose is not None and after.pose is not None:
         return hypot(after.pose[0] - before.pose[0], after.pose[1] - before.pose[1])
     if ticks := _rolled(before, after):

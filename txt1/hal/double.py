@@ -14,44 +14,44 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 
 # s between two steps of a controller's loops
 LOOP_PERIOD: Final = 0.005
-# of the loop: counts for an error, as a share of those that would make the missing speed
+# proportional gain of the loop: counts for a speed error, as a share of the counts that make this speed
 GAIN: Final = 1.0
-# 1/s, of its integral
+# integral gain of the loop, 1/s
 RESET: Final = 4.0
 
 
 class SimulatedCar:
-    """A simulated vehicle; `move` it again and again."""
+    """A simulated vehicle; call `move` again and again."""
 
     def __init__(self, config: Config) -> None:
         self.hal = create_sim(config.model_copy(update={"hal": "sim"}))
         self.vehicle = self.hal.vehicle
-        # integrals of the loops, m/s: right and left, or the one motor's
+        # integrals of the loops, m/s: of the right and left motor, or of the only motor
         self._sides = [0.0, 0.0]
         self._time = 0.0
 
     @property
     def paths(self) -> tuple[float, float]:
-        """Paths that the right and the left wheel have rolled, m."""
+        """Distances that the right and the left wheel have rolled, m."""
         return self.vehicle.motion[6], self.vehicle.motion[7]
 
     @property
     def speeds(self) -> tuple[float, float]:
-        """Speeds of the right and the left side, m/s; of the whole vehicle, where wheels steer."""
+        """Speeds of the right and the left side, m/s; of the whole vehicle, if its wheels steer."""
         motion = self.vehicle.motion
         return (motion[4], motion[5]) if self.vehicle.skids else (motion[3], motion[3])
 
     @property
     def voltage(self) -> float:
-        """Of the pack, V."""
+        """Voltage of the pack, V."""
         return max(self.vehicle.battery_readings())
 
     def move(self, now: float) -> None:
-        """Let it move with what it was told until now, s since power-up."""
+        """Move with the last outputs until `now`, s since power-up."""
         self.vehicle.advance_to(now)
 
     def counts(self, now: float, right: float | None, left: float | None = None) -> tuple[float, float]:
-        """Counts of the motors for speeds in m/s, or of the one motor, by loops; None lets it roll."""
+        """Return the motors' counts for speeds in m/s, by the loops; None lets a motor roll."""
         dt, self._time = now - self._time, now
         made = []
         for side, (wanted, v) in enumerate(zip((right, left), self.speeds, strict=True)):
@@ -68,28 +68,31 @@ class SimulatedCar:
         return made[0], made[1]
 
     def steer(self, now: float, motor: float, share: float) -> None:
-        """Put out counts of the motor, and a share of the steering's range, left positive."""
+        """Put out the motor's counts, and a share of the steering's range, left positive."""
         steering = round(STEERING_MAX * share)
         self.hal.write(Outputs(round(motor), -steering, steering), now)
 
     def skid(self, now: float, right: float, left: float) -> None:
-        """Put out counts of both sides' motors."""
+        """Put out the counts of both sides' motors."""
         motor, steering = outputs_of(right, left)
         self.hal.write(Outputs(round(motor), -round(steering), round(steering)), now)
 
 
 class Controller(Station):
-    """A virtual motor controller, with a simulated car behind it; `step` is its loops, `received` its ear."""
+    """A virtual motor controller, with a simulated car behind it.
+
+    `step` is its loops; `received` takes the host's bytes.
+    """
 
     def __init__(self, config: Config) -> None:
         self.car = SimulatedCar(config)
         self.line: End = self
-        """Its end of the line, where need be behind faults."""
+        """The controller's end of the line, if needed with faults."""
         self._began = 0.0
         self._task: asyncio.Task[None] | None = None
 
     def step(self, now: float) -> None:
-        """Do what its loops do, s since power-up."""
+        """Step the controller's loops; `now` is s since power-up."""
         raise NotImplementedError
 
     @property
@@ -98,20 +101,20 @@ class Controller(Station):
         return asyncio.get_running_loop().time() - self._began
 
     async def power_up(self) -> None:
-        """Begin its loops."""
+        """Start the controller's loops."""
         self._began = asyncio.get_running_loop().time()
         await self.car.hal.open()
         self._task = asyncio.create_task(self._run())
 
     async def power_down(self) -> None:
-        """End them; harmless when that is done already."""
+        """Stop the loops; harmless when they are stopped already."""
         if self._task is not None:
             self._task.cancel()
             self._task = None
         await self.car.hal.close()
 
     async def ended(self, duration: float | None = None) -> None:
-        """Wait for so many seconds, or for ever; raises what went wrong inside."""
+        """Wait for `duration` seconds, None: for ever; raises an error of the loops."""
         assert self._task is not None
         await asyncio.wait([self._task], timeout=duration)
         if self._task.done():
@@ -129,31 +132,31 @@ class Powered(Protocol):
     line: End
 
     async def power_up(self) -> None:
-        """Begin."""
+        """Start the device."""
 
     async def power_down(self) -> None:
-        """End; harmless when that is done already."""
+        """Stop the device; harmless when it is stopped already."""
 
 
 D = TypeVar("D", bound=Powered)
 
 
 class DoublePort(Generic[D]):
-    """A port with a controller behind it, in the same process and the same time."""
+    """A port with a controller behind it, in the same process and on the same clock."""
 
     def __init__(self, address: str, make: Callable[[], D]) -> None:
         self.address, self._make = address, make
         self.device: D | None = None
 
     async def open(self, end: End) -> Link:
-        """A link to it; it is powered up first if need be."""
+        """Return a link to the controller, powered up first if needed."""
         if self.device is None:
             self.device = self._make()
             await self.device.power_up()
         return connect(end, self.device.line)[0]
 
     async def close(self) -> None:
-        """Power it down."""
+        """Power the controller down."""
         if self.device is not None:
             device, self.device = self.device, None
             await device.power_down()

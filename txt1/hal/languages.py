@@ -1,7 +1,7 @@
-"""Which device speaks on a line: each HAL on a line may say by what its device is known.
+"""Recognises the device on a line by its protocol.
 
-A HAL that hears bytes but no answer of its own device names the one whose language they are, and `txt1 doctor` asks
-each. A part of the group ``txt1.languages``, by the HAL's name, is a `Language`.
+If a HAL hears bytes but no answer of its own device, it names the device that speaks this protocol. `txt1 doctor` asks
+each kind of device. A part of the group ``txt1.languages``, by the HAL's name, is a `Language`.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from txt1.protocol.decoder import Decoder, FrameFault
 from txt1.protocol.layout import Role
 
 LANGUAGES: Final = Registry("language", "txt1.languages", {"serial": "txt1.hal.languages:BOARD"}, HalError)
-# s that a device has to answer
+# s within which a device has to answer
 LISTENED: Final = 0.8
-# bytes by which a language is known
+# bytes that are enough to recognise a language
 KEPT: Final = 4096
 Opens = Callable[["Language"], Port]
-"""Makes a port that is opened at a language's speed."""
+"""Makes a port with a language's baud rate."""
 
 
 class Language(NamedTuple):
-    """How a device is known."""
+    """How a device is recognised."""
 
     # in words
     device: str
     baud: int
     question: bytes
-    """What makes it answer, and moves nothing; empty where it speaks by itself."""
+    """Bytes that make the device answer and move nothing; empty if it speaks unasked."""
     speaks: Callable[[bytes], bool]
-    """Whether these bytes are its language."""
+    """Returns whether these bytes are in its language."""
 
 
 def _board(data: bytes) -> bool:
@@ -52,7 +52,7 @@ def known() -> Iterator[tuple[str, Language]]:
 
 
 def named(data: bytes, but: str = "") -> str:
-    """Return whose language these bytes are, and the HAL that speaks it, in words; "" where nobody's, or that HAL's."""
+    """Return the device that speaks in these bytes, and its HAL, in words; "" if unknown, or the HAL `but`."""
     for name, language in known():
         if name != but and language.speaks(data):
             return f"{language.device} speaks there: take --hal {name}"
@@ -60,7 +60,7 @@ def named(data: bytes, but: str = "") -> str:
 
 
 class Asker:
-    """An end of a line that asks a device, and keeps what it answers."""
+    """An end of a line that asks a device, and keeps its answer."""
 
     def __init__(self, language: Language) -> None:
         self._language = language
@@ -69,30 +69,30 @@ class Asker:
 
     @property
     def found(self) -> bool:
-        """Whether it answered in its language."""
+        """Return whether the device answered in its language."""
         return self._language.speaks(self._heard)
 
     def close(self) -> None:
-        """Let go of the line."""
+        """Close the line."""
         if self.link is not None:
             self.link.close()
 
     def connected(self, link: Link) -> None:
-        """Ask."""
+        """Send the question."""
         self.link = link
         if self._language.question:
             link.write(self._language.question)
 
     def received(self, data: bytes) -> None:
-        """Keep what comes."""
+        """Keep the bytes."""
         self._heard = (self._heard + data)[-KEPT:]
 
     def lost(self, reason: str) -> None:
-        """Nothing: there is nobody."""
+        """Do nothing: the device does not answer."""
 
 
 async def answering(port_for: Opens) -> list[tuple[str, Language]]:
-    """Ask at a port in each language, and return those that were answered; raises HalError: it cannot be opened."""
+    """Ask at a port in each language; return the languages with an answer. Raises HalError: it cannot be opened."""
     found = []
     for name, language in known():
         port, listener = port_for(language), Asker(language)

@@ -1,9 +1,9 @@
 """The line to a board or a motor controller: kept open, and watched.
 
-A line is up while there is a link, and the device behind it is *found* while it answers. Both come and go by
-themselves: an adapter is unplugged, a board loses its power. So the line is opened again whenever it was lost, and a
-device that was silent for too long counts as lost. Each loss is counted once and disarms the robot, and a device that
-was found again has to answer for a while before it is sent a set-point: it has *settled*.
+A line is up while there is a link. The device behind it is *found* while it answers. Both come and go: an adapter is
+unplugged, a board loses its power. So a lost line is opened again, and a device that was silent for too long counts as
+lost. Each loss is counted once and disarms the robot. A device that was found again has to answer for a while before it
+gets a set-point; then it has *settled*.
 """
 
 import asyncio
@@ -19,30 +19,29 @@ from txt1.link.base import End, Link, Port
 LOST: Final = 0.3
 # s of answers before the first set-point
 SETTLED: Final = 0.5
-# s before the first attempt to open a lost line again, and the longest between later ones: it is open within a second
+# s before the first attempt to reopen a lost line, and the longest pause between later attempts
 BACKOFF: Final = (0.1, 0.9)
-# s after which bytes that are no answer, and silence, are looked at, and how many bytes
+# s of silence or unknown bytes after which the line is examined, and the number of bytes examined
 UNDERSTOOD: Final = 1.0
 SILENT: Final = 3.0
 STRANGE: Final = 4096
-# times that the last words are said: lines lose frames
+# number of times that the farewell is sent: lines lose frames
 FAREWELLS: Final = 3
 
 
 class Line:
-    """An end of a link that is opened again whenever it was lost.
+    """An end of a link; the link is opened again whenever it was lost.
 
     Args:
-        port: where the controller is found.
-        wrap: may put faults on the line.
-        awaited: what comes from the device, in words, such as "odometry".
-        greet: called when there is a fresh line.
-        take: given the bytes that come; calls `heard` for every sound answer.
+        port: the controller's port.
+        wrap: puts faults on the line, if any.
+        awaited: the device's answers in words, such as "odometry".
+        greet: called when the line is new.
+        take: called with the received bytes; it calls `heard` for every intact answer.
         lost: s without an answer after which the device is lost; None: LOST.
         settled: s of answers before the first set-point.
-        forget: called when the device is not what it was.
-        hal: the HAL whose device is awaited; whose language else is heard, is told.
-
+        forget: called when the device was lost or has restarted.
+        hal: the HAL of the device; if another device answers, that is reported.
     """
 
     def __init__(
@@ -60,14 +59,14 @@ class Line:
         self.port = port
         self.link: Link | None = None
         self.tap: Callable[[str, bytes], None] = lambda direction, data: None
-        """Told all bytes as they come ("in") and go ("out")."""
+        """Called with all bytes as they come ("in") and go ("out")."""
         # the loop's
         self.time: Callable[[], float] = lambda: 0.0
         self._end, self._awaited, self._greet, self._take = wrap(self), awaited, greet, take
         self._lost, self._settled, self._forget = LOST if lost is None else lost, settled, forget
         self._hal = hal
         self._strange: bytes | None = b""
-        """What came since the line was connected and was no answer; None: it was told whose language that is."""
+        """Bytes since the connection that were no answer; None: the language was reported."""
         # loop time
         self._connected = inf
         self._pause = BACKOFF[0]
@@ -97,7 +96,7 @@ class Line:
             raise
 
     async def close(self, *farewell: bytes, pause: float = 0.02) -> None:
-        """Say the last words, more than once and a pause (s) apart, and let go; harmless when closed already."""
+        """Send the farewell, repeated with pauses (s), and close; harmless when closed already."""
         if self._closed:
             return
         self._closed = True
@@ -115,31 +114,34 @@ class Line:
         await self.port.close()
 
     def send(self, data: bytes) -> None:
-        """Send, if there is a link."""
+        """Send bytes, if there is a link."""
         if self.link is not None:
             self.tap("out", data)
             try:
                 self.link.write(data)
             except LinkLost:
-                # `lost` is on its way
+                # the link calls `lost` next
                 self._drop()
 
     def heard(self) -> bool:
-        """Note a sound answer; whether it is the first since the device was lost."""
+        """Note an intact answer; return whether it is the first since the device was lost."""
         self.last = self.time()
         found = self.heard_since == inf
         if found:
-            # What hangs up before it is heard makes the pauses longer, too.
+            # a device that hangs up before it answers makes the pauses longer, too
             self.heard_since, self._pause = self.last, BACKOFF[0]
         return found
 
     @property
     def ready(self) -> bool:
-        """Whether it has answered for long enough to be sent a set-point."""
+        """Whether the device has answered for long enough to get a set-point."""
         return self.time() - self.heard_since >= self._settled
 
     def down(self, reason: str) -> None:
-        """The device is not what it was: lost, restarted, in a fault. Counts once, and it has to settle anew."""
+        """Note that the device was lost, has restarted or is in a fault.
+
+        It counts once, and the device has to settle again.
+        """
         if self.heard_since < inf:
             self._losses += 1
             self._reason = reason
@@ -148,17 +150,17 @@ class Line:
         self.tell(reason)
 
     def tell(self, text: str) -> None:
-        """Note what happened last, in words."""
+        """Note the last event, in words."""
         self._text = text
 
     def fail(self, error: Exception) -> None:
-        """End the run with this at the next report."""
+        """End the run with this error at the next report."""
         self._failure = error
 
     def report(self, now: float, faults: dict[str, int], busy: bool = False, gains: bool = True) -> BoardLink:
-        """How the link is; raises HalError when it failed for good.
+        """Return the state of the link; raises HalError after a final failure.
 
-        `faults` of the stream are counted by name; a `busy` device takes no set-point; `gains` as in `BoardLink`.
+        `faults` counts faults of the stream by name. A `busy` device takes no set-point. `gains` is as in `BoardLink`.
         """
         if self._failure is not None:
             if isinstance(self._failure, HalError):
@@ -181,7 +183,7 @@ class Line:
         return self._report
 
     def _tell_who_speaks(self, data: bytes) -> None:
-        """Say whose language these bytes are, where it is another device's."""
+        """Report the language of these bytes if it is another device's."""
         from txt1.hal.languages import named
 
         self._strange = None
@@ -191,20 +193,20 @@ class Line:
             self.tell(f"no {self._awaited} on {place}: {whose}")
 
     def run_time(self, time: float) -> float:
-        """Seconds since the run started, to the ns, at a time of the loop's; 0 before."""
+        """Return the seconds from the start of the run to a loop time, exact to the ns; 0 before the start."""
         return round(max(0.0, time - self._origin), 9)
 
     # -- the link's end ----------------------------------------------------------------------------------------
 
     def connected(self, link: Link) -> None:
-        """Take a fresh line."""
+        """Take a new line."""
         self.link, self._strange, self._connected = link, b"", self.time()
         self._connections += 1
         self.tell(f"connected to {link.address}, waiting for {self._awaited}")
         self._greet()
 
     def received(self, data: bytes) -> None:
-        """Hand bytes on; the event loop would only log an error."""
+        """Pass bytes on. An error ends the run here, because the event loop would only log it."""
         self.tap("in", data)
         if self._strange is not None and self.heard_since == inf:
             self._strange = (self._strange + data)[-STRANGE:]
@@ -214,7 +216,7 @@ class Line:
             self.fail(error)
 
     def lost(self, reason: str) -> None:
-        """Look for it."""
+        """Look for the device."""
         self._drop()
         self.down(f"link lost: {reason}")
         if not self._closed and (self._reconnecting is None or self._reconnecting.done()):

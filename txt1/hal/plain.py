@@ -1,4 +1,4 @@
-"""A hardware layer that has no more than a motor and steering; others add what they have."""
+"""A hardware layer with a motor and steering only; other layers add their abilities."""
 
 from collections.abc import Callable
 from typing import NoReturn
@@ -9,9 +9,9 @@ from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 
 
 class PlainHal:
-    """Refuses all that a HAL may be unable to do: no switches, no gains, no free servos, no simulated room.
+    """Refuses every optional ability of a HAL: no switches, no gains, no free servos, no simulated room.
 
-    What has a capability overrides the method that goes with it.
+    A class with a capability overrides the capability's method.
     """
 
     name = "plain"
@@ -26,7 +26,7 @@ class PlainHal:
         self._refuse("power")
 
     def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
-        """Refuse: there are no loops that take gains of ours."""
+        """Refuse: no loops take txt1's gains."""
         self._refuse("gains")
 
     def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
@@ -37,7 +37,7 @@ class PlainHal:
         """Ignore buzzer and LEDs: there are none."""
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
-        """Refuse: nobody can lift a real robot from here."""
+        """Refuse: software cannot lift a real robot."""
         self._refuse("place")
 
     def _refuse(self, capability: str) -> NoReturn:

@@ -1,15 +1,15 @@
-"""Hardware layers by name: ours from a table and additions, other packages' through the entry points ``txt1.hal``.
+"""Hardware layers by name: the package's own from a table and additions, others' through the entry points ``txt1.hal``.
 
 A package announces its HAL in its pyproject.toml::
 
     [project.entry-points."txt1.hal"]
     mycar = "mycar.hal:create"
 
-where ``create(config: txt1.config.Config) -> txt1.hal.Hal``; its own settings come in ``config.hal_options``. It is
-imported when it is first asked for.
+where ``create(config: txt1.config.Config) -> txt1.hal.Hal``; ``config.hal_options`` are its own settings. It is
+imported when it is first used.
 
-The simulation takes no configuration, only values, so the function that makes it from one is here. Every other HAL is a
-text, and is imported when it is wanted: opening a simulated robot imports no line, and opening a board no simulation.
+The simulation takes values instead of a configuration; the function here makes it from a configuration. Every other HAL
+is a text, and is imported when it is used. So a simulated robot imports no line, and a board imports no simulation.
 
 An addition brings a HAL, its virtual device, or both. With a HAL at `serial.port`, the HAL's name is the port of its
 virtual device; with a HAL at an I2C bus, `hal_options.bus` is DESK.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def in_world(config: Config, world: World) -> Config:
-    """The configuration of a robot in this world: with its room, light and obstacles."""
+    """Return the configuration of a robot in this world: with the world's room, light and obstacles."""
     length, width, walls = world.room.length, world.room.width, world.room.walls
     told = {"length": length, "width": width, "map": walls and walls.name, "light": world.light}
     room = config.sim.room.model_copy(update=told)
@@ -42,7 +42,7 @@ def in_world(config: Config, world: World) -> Config:
 
 
 def world_of(config: Config) -> World:
-    """The configured world, nobody in it yet; raises ConfigError."""
+    """Return the configured world, still without vehicles; raises ConfigError."""
     from txt1.sim.world import World
 
     sim, moving = config.sim, []
@@ -58,7 +58,7 @@ def world_of(config: Config) -> World:
 
 
 def create_sim(config: Config, world: World | None = None) -> SimHal:
-    """The simulated robot as configured, in a world of its own, or in one that it shares with others."""
+    """Return the simulated robot as configured, in a world of its own, or in a shared world."""
     from txt1.hal.sim import SimHal
     from txt1.sim.ground import Ground
     from txt1.sim.vehicle import Vehicle
@@ -80,27 +80,27 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
         from txt1.sim.finite import Finite
 
         vehicle.physics = Finite(sim.physics, vehicle.physics)
-    # in physics of other people the body leans by itself
+    # in others' physics the body leans by itself
     leans: Any = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else vehicle.physics
     return SimHal(vehicle, leans, sim.channels, alone)
 
 
 HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": "txt1.hal.serial:create"}, HalError)
-# what moves a simulated vehicle; ours is in `txt1.sim.vehicle`
+# physics of a simulated vehicle; the default is in `txt1.sim.vehicle`
 PHYSICS: Final = Registry("physics", "txt1.sim.physics", {"plain": lambda config: None})
-# simulated ports by name; anything else is a device
+# simulated ports by name; any other name is a device
 PORTS: Final = Registry("serial port", "txt1.ports", {})
 # simulated I2C buses, by the HAL whose `hal_options.bus` is DESK
 BUSES: Final = Registry("bus", "txt1.buses", {})
 DESK: Final = "desk"
-# marks the random values of the line at the host's end
+# distinguishes the random values of the line at the host's end
 HOST_LINE: Final = 1
 
 
 def create(config: Config, world: World | None = None) -> Hal:
-    """The hardware layer named by ``config.hal``, not opened yet; in a world that it shares, if one is given.
+    """Return the hardware layer named by ``config.hal``, not opened yet, in a shared world if one is given.
 
-    Errors as of `Registry.make`.
+    Raises as `Registry.make`.
     """
     if world is not None and config.hal != "sim":
         raise ConfigError(f"world: a robot with the HAL '{config.hal}' is in none; choose hal=sim")
@@ -109,10 +109,10 @@ def create(config: Config, world: World | None = None) -> Hal:
 
 
 def port_of(config: Config, baud: int | None = None, behind: str | None = None) -> Port:
-    """The port that a configuration names, or the only one there is.
+    """Return the configured port, or the only port of this computer.
 
-    `baud` is the rate, bits a second, where it is not `serial.baud`; `behind` the command that serves such a port,
-    where it is not ``txt1 board``.
+    `baud` is the rate in bits a second, by default `serial.baud`. `behind` is the command that serves such a port, by
+    default ``txt1 board``.
     """
     from txt1.link.device import DevicePort
     from txt1.link.tcp import BOARD
@@ -125,7 +125,7 @@ def port_of(config: Config, baud: int | None = None, behind: str | None = None) 
 
 
 def faults_of(config: Config) -> Callable[[End], End]:
-    """What puts the configured faults on the host's end of a line."""
+    """Return the function that puts the configured faults on the host's end of a line."""
     from numpy.random import SeedSequence
 
     from txt1.link.impairments import faulty
@@ -135,12 +135,14 @@ def faults_of(config: Config) -> Callable[[End], End]:
 
 
 def is_on_a_line(hal: str) -> bool:
-    """Whether the far end of a HAL is at `serial.port`: the board's, and of each that has a port of its own name."""
+    """Return whether the far end of a HAL is at `serial.port`: for the board, and for each HAL with a port of
+    its name.
+    """
     return hal == "serial" or (hal in HALS.ours and hal in PORTS.ours)
 
 
 def is_simulated(config: Config) -> bool:
-    """Whether the configured hardware is, as far as that can be told before it is made."""
+    """Return whether the configured hardware is simulated, as far as this is known before it is made."""
     if is_on_a_line(config.hal):
         return config.serial.port in PORTS.ours
     return config.hal == "sim" or (config.hal in BUSES.ours and config.hal_options.get("bus") == DESK)

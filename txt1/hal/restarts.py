@@ -1,8 +1,8 @@
-"""Whether a board has restarted, told from two of its messages in a row. No message says so, but its numbers do.
+"""Detects from two consecutive messages of a board that the board has restarted; no message reports it.
 
-A board that restarts forgets its gains and its power switches, and its odometry begins anew. A host that went on as if
-nothing had happened would drive with loops that do not answer, and its own pose would leap. So four rules look at what
-arrives: three at poses, one at battery levels. Each rule looks for a change that driving cannot explain.
+A board that restarts loses its gains and the state of its power switches, and its odometry starts again at 0. A host
+that did not notice would drive with dead loops, and its own pose would jump. So four rules examine the messages: three
+for poses, one for battery levels. Each rule looks for a change that driving cannot explain.
 
 Let a pose (x0, y0, theta0) with speeds v0 and omega0 be followed by (x1, y1, theta1) with v1 and omega1, and let dt be
 the time between their arrivals. A line may hold back what it carries, and then it brings several messages in a bunch.
@@ -14,20 +14,20 @@ So the motion between two poses may have lasted longer than dt, by up to JUMP_TI
        |theta1 - theta0|       > max(|omega0|, |omega1|) (dt + JUMP_TIME) + JUMP_ANGLE
 
    The speed is the larger of the two that were reported. JUMP_SPEED and JUMP_ANGLE allow for a speed in between.
-2. **Exactly 0, 0, 0, and at rest.** So a board begins. A vehicle comes there by driving only if it was close by: within
-   NEAR, which is what rounding leaves, or as far as its speed carried it in dt and the period of its loops, AT_ONCE.
-   Otherwise,
+2. **Exactly 0, 0, 0, and at rest.** A board begins with this pose. A vehicle reaches it by driving only from close by:
+within NEAR, the rounding, or as far as its speed carries it in dt and the period of its loops, AT_ONCE. Otherwise,
 
        hypot(x0, y0) > |v0| (dt + AT_ONCE) + NEAR       or       |theta0| > |omega0| (dt + AT_ONCE) + NEAR,
 
    it has restarted. This is much narrower than the first rule: it tells also of a board that had driven half a metre.
 3. **Exactly 0, 0, 0 after a gap** of PAUSE or more may mean a restart. A vehicle that never left the origin shows no
-   leap, and a restart takes that long. The messages cannot tell a restart from a mere gap, so it counts as a restart.
+leap, and a restart takes this long. The messages of a restart and of a mere gap are the same, so it counts as a
+restart.
 4. **A battery filter that begins anew.** Boards smooth a voltage u by y(k) = 0.6 y(k-1) + 0.4 u, from y = 0 at
-   power-up. So the first level is 0.4 u, where the last one before was u. A pack that is pulled out leaves 0.6 of its
-   level, hence STARTS_AGAIN lies around 0.4, and all packs have to agree.
+   power-up. So the first level is 0.4 u, while the level before was u. A pack that is pulled out leaves 0.6 of its
+   level. Hence STARTS_AGAIN lies around 0.4, and all packs have to agree.
 
-Everything here is a function of its arguments. Who calls it (`txt1.hal.serial`) knows the clock.
+All functions depend on their arguments only; the caller (`txt1.hal.serial`) has the clock.
 """
 
 from math import hypot
@@ -44,12 +44,12 @@ AT_ONCE: Final = 0.1  # s
 NEAR: Final = 0.003
 PAUSE: Final = 0.205  # s
 STARTS_AGAIN: Final = (0.3, 0.5)
-# V: below it no pack is fitted, and its level says nothing
+# V: below this level a pack is not connected, and its level means nothing
 FITTED: Final = 1.0
 
 
 def restarted(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> str:
-    """Why a board has restarted between two poses that arrived `dt` s apart (rules 1 to 3); "" when it has not."""
+    """Return why a board has restarted between two poses that arrived `dt` s apart (rules 1 to 3); "" if it has not."""
     if jumped(before, after, dt):
         return "the board restarted: its odometry jumped"
     if dt >= PAUSE and at_origin(after):
@@ -58,7 +58,7 @@ def restarted(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> str
 
 
 def jumped(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> bool:
-    """Whether no motion leads from one pose to the other within dt s of receiving them (rules 1 and 2)."""
+    """Return whether no motion leads from one pose to the other within dt s of arrival (rules 1 and 2)."""
     if at_origin(after):
         near = hypot(before.x, before.y) <= abs(before.v) * (dt + AT_ONCE) + NEAR
         straight = abs(wrap_angle(before.theta)) <= abs(before.omega) * (dt + AT_ONCE) + NEAR
@@ -69,12 +69,12 @@ def jumped(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> bool:
 
 
 def at_origin(pose: EncoderOdometry) -> bool:
-    """Whether the pose is exactly that at power-up."""
+    """Return whether the pose is exactly the pose at power-up."""
     return pose.x == pose.y == pose.theta == pose.v == pose.omega == 0.0
 
 
 def started_again(before: tuple[float, float], after: tuple[float, float]) -> bool:
-    """Whether the battery filter has started again at 0 V between two messages in a row, levels in V (rule 4)."""
+    """Return whether the battery filter has started again at 0 V between two messages, levels in V (rule 4)."""
     low, high = STARTS_AGAIN
     fitted = [(old, new) for old, new in zip(before, after, strict=True) if old > FITTED]
     return bool(fitted) and all(low * old < new < high * old for old, new in fitted)

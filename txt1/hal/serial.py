@@ -3,30 +3,31 @@
 How it works
 ------------
 
-The board closes the velocity loops. This host tells it what speeds it wants, and hears what speeds there are. Between
-the two is a line that loses bytes, holds them back or is cut, and no message says that one was lost. So almost
-everything here is sent again and again, and almost everything is believed for a short time only.
+The board closes the velocity loops. This host sends it set-points, and receives measured speeds. The line between them
+loses bytes, delays them or is cut, and no message reports a loss. So almost every message is repeated, and almost every
+value is valid for a short time only.
 
-*What comes.* Bytes go from the line (`txt1.hal.line`) to the receiver, which finds messages in them. Odometry comes 20
+*Receiving.* Bytes go from the line (`txt1.hal.line`) to the receiver, which finds messages in them. Odometry comes 20
 times a second. It is the board's sign of life: silent for LOST, the board is gone. Battery levels come once a second,
 and an answer comes to each PID set.
 
-*What goes.* `write` is called at every tick, 50 times a second, and sends what is due: Velocity 20 times a second, at
+*Sending.* `write` is called at every tick, 50 times a second, and sends what is due: Velocity 20 times a second, at
 once on a stop, and at every tick while the line loses frames. Servo positions and "ESC off" are sent once a second, as
 a board may have missed them. Gains are sent once a second until the board acknowledges them (`txt1.hal.acknowledged`).
-The ESC is never switched on twice, and the ATX supply is never switched twice: what moves a robot is not repeated.
+The command "ESC on" and the commands of the ATX supply are sent only once: a command that can move the robot is not
+repeated.
 
-*When the board has been away.* It may have restarted, and then it knows no gains. `txt1.hal.restarts` says how that is
-recognised. Each loss disarms the robot. A board that was found again is sent zeros until it has SETTLED, and until it
-has acknowledged its gains.
+*When the board has been away.* It may have restarted, and then it has no gains. `txt1.hal.restarts` recognises a
+restart. Each loss disarms the robot. A board that was found again gets zeros until it has SETTLED, and until it has
+acknowledged its gains.
 
 *When the ESC was off.* The board's loops are in velocity form: their output stays wound up as long as zeros come, and
 with the ESC back the vehicle would lurch. Only silence clears the loops, by the board's own link rule. So before the
 ESC comes on there are LAST_ZEROS of zeros, ESC_SILENCE of nothing, and ESC_ZEROS of zeros again. Meanwhile the board is
 not ready.
 
-Two clocks occur. `now` is the time of the run, in which the tasks live; `line.time()` is the loop's, in which bytes
-arrive, also before the run.
+There are two clocks. `now` is the time of the run, for the tasks. `line.time()` is the time of the event loop, for
+bytes, which may arrive before the run.
 """
 
 from collections.abc import Callable
@@ -65,19 +66,19 @@ from txt1.protocol.messages import (
 SEND_PERIOD: Final = 0.05
 # shortest s between two combined odometry messages: more would crowd the line
 COMBINED_PERIOD: Final = 0.02
-# Age in s at which odometry means that the board is lost: noticed within 0.5 s, waiting for the next tick included.
+# s of age at which odometry means that the board is lost: noticed within 0.5 s, including the wait for the next tick
 LOST: Final = 0.45
 # s of odometry before the first set-point. Boards judge the link once a second; by then they have found it alive, and
 # the first step of their loops, which takes the whole outage for its period, has had a set-point of 0.
 SETTLED: Final = 1.2
-# s between two odometry messages (20 Hz) that mean that one was lost
+# s between two odometry messages (20 Hz) that mean a lost message
 LATE: Final = 0.08
-# s for which a line that lost a frame is sent Velocity at every tick, so that the board's time-out sees enough
+# s for which a line that lost a frame gets Velocity at every tick, so that the board's time-out sees enough
 LOSSY: Final = 5.0
 # s after which servos and an ESC that is off are sent again: nothing else mends a lost frame, or a restart. No switch
 # is ever turned on again, and the ATX supply is never switched twice.
 REPEAT_PERIOD: Final = 1.0
-# s of zeros before the board's loops are cleared: the set-point is 0 meanwhile, even if the line loses a frame
+# s of zeros before the board's loops are cleared: the set-point is then 0 even if the line loses a frame
 LAST_ZEROS: Final = 0.15
 # s without Velocity before the ESC may come on: by the link rule of 1 to 2 s the board clears its loops ...
 ESC_SILENCE: Final = 2.2
@@ -86,7 +87,9 @@ ESC_ZEROS: Final = 1.05
 
 
 class ByHand(Capabilities):
-    """Of a board that PWM counts are passed on to in its manual mode, which its own button sets and nobody reports."""
+    """The state of manual mode: PWM counts go to a board whose own button has set this mode, which no message
+    reports.
+    """
 
     by_hand = True
 
@@ -95,8 +98,8 @@ class SerialHal(PlainHal):
     """A TXT-1 board behind a line, which `wrap` may put faults on.
 
     `control` closes the velocity loops: the board, or (experimental) this host with PWM test messages, to a board in
-    manual mode. `scale` is of the board's lengths and angles; original boards read 6.3 % low. `simulated`: nothing real
-    is behind the port. `by_hand`: PWM counts of somebody's own go to a board in manual mode, whose loops it has else.
+    manual mode. `scale` is a factor on the board's lengths and angles; original boards read 6.3 % low. `simulated`: the
+    board behind the port is virtual. `by_hand`: the user's PWM counts are passed on to a board in manual mode.
     """
 
     name = "serial"
@@ -129,34 +132,34 @@ class SerialHal(PlainHal):
         )
         self._scale = scale
         self._gains = AcknowledgedGains()
-        # what the board said
-        # as it was sent, once it was
+        # the board's last reports
+        # the newest pose as sent by the board; None before the first
         self._pose: EncoderOdometry
         self._odometry: Odometry | None = None
         self._batteries: tuple[float, float] | None = None
         # loop time
         self._batteries_heard = -inf
-        # the last since the board was found
+        # the last battery message since the board was found
         self._levels: tuple[float, float] | None = None
-        # what it is told, and when: s of the run
+        # the last set-point sent, and its time, s of the run
         self._outputs = Outputs()
-        # the last thing that moved it was PWM counts: zeros have to follow them
+        # whether PWM counts moved it last: zeros have to follow them
         self._by_hand = False
         self._due = self._combined_due = self._repeat_due = -inf
         self._servos: PwmCommand | None = None
-        # asked for, so it is asked for again and again
+        # "ESC off" was requested, so it is sent again and again
         self._esc_off = False
-        # asked for, so it is switched on when the board's loops are cleared
+        # "ESC on" was requested, so it is sent when the board's loops are cleared
         self._esc_comes_on = False
-        # since when the board's loops are being cleared
+        # time since which the board's loops are being cleared
         self._clearing_since = -inf
-        # what happened on the line
+        # counts of faults on the line
         # loop time
         self._lossy_until = -inf
         self._lost_frames = self._refused = 0
 
     def tap_line(self, tap: Callable[[str, bytes], None]) -> None:
-        """Let all bytes be known to `tap` as they come ("in") and go ("out")."""
+        """Call `tap` with all bytes as they come ("in") and go ("out")."""
         self.line.tap = tap
 
     async def open(self) -> None:
@@ -165,19 +168,19 @@ class SerialHal(PlainHal):
         await self.line.open()
 
     async def close(self) -> None:
-        """Tell the board to stop, more than once as lines lose frames, and let go of it."""
+        """Tell the board to stop, repeated as lines lose frames, and close the line."""
         await self.line.close(*map(encode, self._set_point(Outputs(0, 0, 0, *self._outputs[3:5]))), pause=SEND_PERIOD)
 
     def _greet(self) -> None:
-        """A fresh line is told at once all that holds."""
+        """Send all present settings at once on a new line."""
         self._due = self._repeat_due = -inf
         self._gains.send_anew()
 
     def _forget(self) -> None:
-        """The board is lost, or has restarted."""
+        """Discard the board's state: it is lost, or has restarted."""
         self._levels = None
         self._gains.lost()
-        # a half frame is the old line's
+        # an unfinished frame is the old line's
         if self.line.link is None:
             self.receiver.close()
 
@@ -193,7 +196,7 @@ class SerialHal(PlainHal):
             case PidResponse(accepted):
                 self._gains.take(accepted, self.line.time())
             case FrameFault(reason) if reason is not Reason.OLD_COMMAND:
-                # which says nothing about the line
+                # an answer to a PID set says nothing about the line
                 self._lossy_until = self.line.time() + LOSSY
 
     def _take_odometry(self, pose: EncoderOdometry) -> None:
@@ -208,7 +211,7 @@ class SerialHal(PlainHal):
             self._lossy_until = time + LOSSY
         if self.line.heard():
             self._pose, self._odometry = pose, None
-            # it may have forgotten everything
+            # the board may have lost everything
             self._repeat_due = -inf
             self._gains.found()
             self.line.tell(f"the board answers on {self.port.address}")
@@ -216,7 +219,7 @@ class SerialHal(PlainHal):
         self._pose = pose
 
     def read(self, now: float) -> Inputs:
-        """The newest odometry and battery levels that have arrived."""
+        """Return the newest odometry and battery levels that have arrived."""
         counts = {f"line_{reason.name.lower()}": count for reason, count in self.receiver.decoder.faults.items()}
         counts |= {"line_late_odometry": self._lost_frames, "line_not_encodable": self._refused}
         link = self.line.report(now, counts, self._clearing, not self._gains.missing)
@@ -229,7 +232,9 @@ class SerialHal(PlainHal):
         )
 
     def write(self, outputs: Outputs, now: float) -> None:
-        """Send what is due: the set-point 20 times a second and at once on a stop, servos when they move, gains."""
+        """Send the due messages: the set-point 20 times a second and at once on a stop, servos when they move,
+        gains.
+        """
         before, self._outputs = self._outputs, outputs
         if outputs[3:5] != before[3:5]:
             self._servos = PwmCommand(outputs.pwm4, outputs.pwm5)
@@ -275,8 +280,8 @@ class SerialHal(PlainHal):
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Send a power switch's new state: "ESC off" again and again, everything else once.
 
-        Before the ESC comes on, the board's loops are cleared: first comes silence, then zeros, and the switch 3.2 s
-        after it was asked for. Meanwhile the board is not ready.
+        Before the ESC comes on, the board's loops are cleared by silence, then zeros. The switch follows 3.2 s after
+        the request. Meanwhile the board is not ready.
         """
         if switch is Switch.ESC:
             self._esc_off, self._esc_comes_on = not on, on
@@ -289,13 +294,13 @@ class SerialHal(PlainHal):
         self._send(PowerControl(switch, on))
 
     def clear_loops(self, now: float) -> None:
-        """Have the board's loops forget what they wound up while nothing moved: somebody may switch its ESC on.
+        """Clear the integral that the board's loops wound up while nothing moved: its ESC may be switched on.
 
-        They keep it as long as zeros come, so silence follows, then zeros again. Meanwhile the board is not ready. A
-        PWM test of zeros goes with each cycle until then: it is no sign of a host, but takes the place of what the
-        loops put out, until their next step.
+        The loops keep it as long as zeros come. So silence follows, then zeros again. Meanwhile the board is not ready.
+        Each cycle sends a PWM test of zeros: it does not count as a sign of the host, but replaces the loops' outputs
+        until their next step.
         """
-        # else the loops are this host's
+        # otherwise the loops run in this host
         if not self.capabilities.pwm:
             self._clearing_since = now + LAST_ZEROS
             self.line.tell(f"silence clears the board's loops; that takes {LAST_ZEROS + ESC_SILENCE + ESC_ZEROS:.1f} s")
@@ -314,23 +319,23 @@ class SerialHal(PlainHal):
             self.line.tell("the silence that clears the board's loops is over")
 
     def _send_outputs(self, outputs: Outputs) -> None:
-        """Send a set-point, 0 as long as the board has not settled."""
+        """Send a set-point; 0 until the board has settled."""
         if not self.line.ready or self._clearing or self._gains.missing:
             outputs = Outputs(0, 0, 0, *outputs[3:5])
         for message in self._set_point(outputs):
             self._send(message)
 
     def _set_point(self, outputs: Outputs) -> tuple[HostMessage, ...]:
-        """Messages of a set-point; or of PWM counts, and of 0 to keep the link alive."""
+        """Return the messages for a set-point; or for PWM counts, with a Velocity of 0 that keeps the link alive."""
         if moves(outputs):
             self._by_hand = not (outputs.v or outputs.omega)
         if self.capabilities.pwm or (self._by_hand and self._passes_pwm):
             return Velocity(0.0, 0.0), PwmTest(*outputs[:5])
-        # a board that reads low drives too fast by as much
+        # a board that reads low drives too fast by the same factor
         return (Velocity(outputs.v / self._scale, outputs.omega / self._scale),)
 
     def _repeat(self) -> None:
-        """Send what holds until it is changed."""
+        """Repeat the messages whose values still hold."""
         if self._servos is not None:
             self._send(self._servos)
         if self._esc_off:
@@ -340,24 +345,25 @@ class SerialHal(PlainHal):
         try:
             self.line.send(encode(message))
         except EncodeError:
-            # combined odometry far outside the world
+            # combined odometry is far outside the world
             self._refused += 1
 
 
 def moves(outputs: Outputs) -> bool:
-    """Whether the outputs move the vehicle."""
+    """Return whether the outputs move the vehicle."""
     return bool(outputs.motor or outputs.v or outputs.omega)
 
 
 def follow(odometry: Odometry | None, before: EncoderOdometry, after: EncoderOdometry, scale: float) -> Odometry:
-    """The odometry after a board's pose has changed, with the board's lengths and angles multiplied by `scale`.
+    """Return the odometry after a change of the board's pose, with lengths and angles multiplied by `scale`.
 
-    Its wheels' speeds are off by one factor, so are its distances and its heading; the path is made anew from both.
+    The board's wheel speeds are wrong by a factor, and so are its distances and its heading. The path is recomputed
+    from both.
     """
     if scale == 1.0 or odometry is None:
         return Odometry(after.x, after.y, wrap_angle(after.theta), scale * after.v, scale * after.omega)
     turned = wrap_angle(after.theta - before.theta)
-    # the step as the board saw it, from its own mean heading to ours
+    # the step as the board saw it, turned from the board's mean heading to the corrected heading
     rotation = odometry.theta - before.theta + 0.5 * (scale - 1.0) * turned
     dx, dy = scale * (after.x - before.x), scale * (after.y - before.y)
     c, s = cos(rotation), sin(rotation)
@@ -371,6 +377,6 @@ def follow(odometry: Odometry | None, before: EncoderOdometry, after: EncoderOdo
 
 
 def create(config: Config) -> SerialHal:
-    """The board behind the configured line."""
+    """Make the board behind the configured line."""
     line, scale = config.serial, config.odometry.scale
     return SerialHal(port_of(config), faults_of(config), line.control, scale, is_simulated(config), line.allow_host)

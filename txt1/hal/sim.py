@@ -14,20 +14,20 @@ from txt1.sim.parameters import Box
 from txt1.sim.vehicle import Vehicle
 from txt1.units import new
 
-# an attribute of an Enum is not found quickly
+# Python finds an attribute of an Enum slowly
 NO_BUTTON: Final = Button.NONE
 NEUTRAL: Final = Outputs()
-# room of less than this is none, m
+# m; less room than this counts as none
 TOUCH: Final = 0.02
-# nobody turns the simulated potentiometer
+# the simulated potentiometer stays where it is
 BACKLIGHT: Final = 0.5
 
 
 class SimHal(PlainHal):
-    """A simulated TXT-1; `alone`: no other robot is ever in its world, so all that it does repeats.
+    """A simulated TXT-1; `alone`: no other robot is ever in its world, so its whole run repeats.
 
-    It has no task of its own: whoever reads or writes at a later time moves the vehicle there first, so it costs what
-    is used and repeats exactly; `txt1.sim.world` says how several move on together.
+    It has no task of its own. A read or write at a later time first moves the vehicle on to this time. So it costs only
+    the calls that are made, and repeats exactly. `txt1.sim.world` describes how several vehicles move on together.
     """
 
     name = "sim"
@@ -75,15 +75,15 @@ class SimHal(PlainHal):
         return tuple(each.pose for each in self.world.vehicles if each is not self.vehicle)
 
     def movers(self) -> list[Box]:
-        """The boxes that move along paths, where they are now."""
+        """The moving boxes, at their present places."""
         return self.world.moving(self.vehicle, self.vehicle.time)
 
     def attitude(self) -> tuple[float, float]:
-        """Roll and pitch where it stands, rad, by the ground."""
+        """Roll and pitch of the ground below the robot, rad."""
         return (0.0, 0.0) if self._ground is None else self._ground.attitude(self.vehicle.pose)
 
     def read(self, now: float) -> Inputs:
-        """Encoder counts, voltages and the true pose at `now`."""
+        """Return encoder counts, voltages and the true pose at `now`."""
         sensed = self.vehicle.sense(now)
         if sensed != self._sensed:
             self._sensed = sensed
@@ -94,7 +94,7 @@ class SimHal(PlainHal):
         return self._inputs
 
     def _sent(self, counts: tuple[int, int]) -> tuple[int, int] | None:
-        """Encoder counts as they arrive through the wiring; None where there are no encoders."""
+        """Return encoder counts as the wiring delivers them; None without encoders."""
         if not self.vehicle.body.counts_per_rev:
             return None
         return counts if self._wiring is None else self._wiring.sent(*counts)
@@ -111,7 +111,7 @@ class SimHal(PlainHal):
             self.vehicle.command(motor, front, rear)
             return
         forward, right, left = self._wiring.meant(motor, front, rear, self.vehicle.skids)
-        # the dynamics see a car that steers in front alone as one that steers both axles
+        # the dynamics treat a car that steers in front as a car that steers both axles
         self.vehicle.command(forward, right, -right if self.vehicle.body.steering == "front" else left)
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
@@ -123,11 +123,11 @@ class SimHal(PlainHal):
             self.vehicle.esc_on = on
 
     def indicate(self, indicators: Indicators) -> None:
-        """Remember buzzer and LEDs for the screens."""
+        """Store buzzer and LEDs for the screens."""
         self.indicators = indicators
 
     def blocked_by(self) -> str | None:
-        """The wall, obstacle or vehicle that the robot has run into, in words; None when it has room."""
+        """The wall, obstacle or vehicle that the robot has run into, in words; None if it has room."""
         return self.world.in_the_way(self.vehicle, *self.vehicle.pose, TOUCH)
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:

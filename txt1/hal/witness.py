@@ -1,4 +1,4 @@
-"""A hardware layer whose reports and errors are noted, so that a replay can give them again."""
+"""A hardware layer whose reports and errors are recorded for a replay."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,11 +8,11 @@ from txt1.hal.base import Hal, Inputs
 
 CALLS: Final = ("write", "halt", "switch", "load_gains", "offer_odometry", "indicate", "place")
 Note = Callable[[str, str, Any], None]
-"""Notes the method that was called, the words of the error that it raised, and the new report that it returned."""
+"""Called with the method, the text of its error, and its new report."""
 
 
 class Witnessed:
-    """Another hardware layer: notes each report that differs from the one before, and each error; adds nothing."""
+    """Records each new report of a hardware layer, and each error; passes everything on unchanged."""
 
     def __init__(self, hal: Hal, note: Note) -> None:
         self._hal, self._note = hal, note
@@ -22,11 +22,11 @@ class Witnessed:
             setattr(self, name, partial(self._call, name))
 
     def __getattr__(self, name: str) -> Any:
-        """Whatever else the layer underneath has."""
+        """Return an attribute of the hardware layer."""
         return getattr(self._hal, name)
 
     def read(self, now: float) -> Inputs:
-        """The report of the layer underneath."""
+        """Return the report of the hardware layer."""
         inputs: Inputs = self._call("read", now)
         if inputs is not self._last and inputs != self._last:
             self._note("read", "", inputs)
@@ -42,5 +42,5 @@ class Witnessed:
 
 
 def witnessed(hal: Hal, note: Note) -> Hal:
-    """The hardware layer with its reports noted."""
+    """Return the hardware layer with its reports recorded."""
     return cast("Hal", Witnessed(hal, note))

@@ -1,4 +1,4 @@
-"""What `txt1 doctor --hal pi` looks at: the libraries, the devices and the chips that such a car needs."""
+"""Checks of `txt1 doctor --hal pi`: the libraries, devices and chips that an R/C car on a Raspberry Pi needs."""
 
 import errno
 import os
@@ -18,11 +18,11 @@ CHIPS: Final = {
     0x48: "ADS1115",
     0x70: "servo board, all at once",
 }
-"""I2C addresses that are asked, and who may answer there."""
+"""I2C addresses to ask, and the chips that may answer."""
 
 
 def remarks(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
-    """What the car needs of the Raspberry Pi that it is on; `devices` are in that folder."""
+    """Yield remarks on the Raspberry Pi below the car; the devices are in the folder `devices`."""
     options = config.hal_options
     bus = options.get("bus", 1)
     if isinstance(bus, str):
@@ -48,7 +48,7 @@ def remarks(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
 
 
 def access(device: Path, group: str, absent: str) -> Remark:
-    """Whether a device is there and may be used; `absent` is what to do when it is not there."""
+    """Return whether a device is there and may be used; `absent` is the remedy if it is not there."""
     if not device.exists():
         return Remark(group, f"{device} does not exist: {absent}", False)
     well = os.access(device, os.R_OK | os.W_OK)
@@ -56,13 +56,13 @@ def access(device: Path, group: str, absent: str) -> Remark:
 
 
 def chips(read_byte: Callable[[int], Any], wanted: int) -> Iterator[Remark]:
-    """The chips that answer on an I2C bus, of those that are known; the servo board at `wanted` has to."""
+    """Yield remarks on known chips that answer on an I2C bus; the servo board at `wanted` has to answer."""
     answered = []
     for address in sorted({*CHIPS, wanted}):
         try:
             read_byte(address)
         except OSError as error:
-            # a driver of the kernel's has it, so it is there
+            # a driver of the kernel has the chip, so it is there
             if error.errno == errno.EBUSY:
                 answered.append(address)
             continue

@@ -1,8 +1,7 @@
 """A fake I2C bus with a servo board (PCA9685) and battery sensors (INA219, ADS1115), register by register.
 
-The chips follow their data sheets, for the registers that are used. The servo board has no time-out, takes a prescaler
-only while it sleeps, and repeats its last output for ever. A chip that is not there does not acknowledge: OSError 121,
-as on Linux.
+The registers in use follow the data sheets. The servo board has no time-out, takes a prescaler only while it sleeps,
+and repeats its last output for ever. A missing chip does not acknowledge: OSError 121, as on Linux.
 """
 
 import errno
@@ -23,16 +22,16 @@ from txt1.hal.registry import create_sim
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 from txt1.sim.parameters import LineFaults
 
-# in the high byte of when an output goes off
+# in the high byte of the time at which an output goes off
 FULL_OFF: Final = 0x10
 OSCILLATOR: Final = 25e6  # Hz
 # bits of a transfer of four bytes: address, register, data, each acknowledged
 TRANSFER: Final = 54
-# marks the random values of a bus
+# distinguishes the random values of a bus
 BUS: Final = 3
-# s for which the watchdog lets the outputs be on after a rising edge
+# s for which the watchdog keeps the outputs on after a rising edge
 MONOSTABLE_TIME: Final = 0.2
-# s for which a line that is cut leaves the servo board without power
+# s for which a cut line leaves the servo board without power
 AWAY: Final = 1.0
 
 
@@ -40,10 +39,10 @@ class Chip(Protocol):
     """A chip on the bus."""
 
     def write(self, register: int, data: Sequence[int]) -> None:
-        """Take bytes from a register on."""
+        """Take bytes, starting at a register."""
 
     def read(self, register: int, count: int) -> list[int]:
-        """Bytes from a register on."""
+        """Return bytes, starting at a register."""
 
 
 class Pca9685Chip:
@@ -54,13 +53,13 @@ class Pca9685Chip:
         self.power_up()
 
     def power_up(self) -> None:
-        """Sleep, and put out nothing."""
+        """Sleep, with all outputs off."""
         self.registers[MODE1], self.registers[MODE2], self.registers[PRESCALE] = 0x11, 0x04, 0x1E
         for channel in range(16):
             self.registers[LED0 + 4 * channel : LED0 + 4 * channel + 4] = bytes((0, 0, 0, FULL_OFF))
 
     def write(self, register: int, data: Sequence[int]) -> None:
-        """Take bytes; only the first goes anywhere else than to the same register unless it counts on."""
+        """Take bytes. Without auto-increment all of them go to the same register."""
         for byte in data:
             if register != PRESCALE:
                 self.registers[register] = byte
@@ -70,16 +69,16 @@ class Pca9685Chip:
                 register = (register + 1) % 256
 
     def read(self, register: int, count: int) -> list[int]:
-        """Bytes from a register on."""
+        """Return bytes, starting at a register."""
         return list(self.registers[register : register + count])
 
     def pulse(self, channel: int) -> float:
-        """The pulse at an output, us; 0 while nothing comes out."""
+        """Return the pulse at an output, us; 0 while the output is off."""
         return pulse_of(self.registers, channel)
 
 
 def pulse_of(registers: bytes | bytearray | mmap.mmap, channel: int) -> float:
-    """The pulse at a servo board's output by its registers, us; 0 while nothing comes out."""
+    """Return the pulse at a servo board's output, from its registers, us; 0 while the output is off."""
     on_low, on_high, off_low, off_high = registers[LED0 + 4 * channel : LED0 + 4 * channel + 4]
     if registers[MODE1] & SLEEP or off_high & FULL_OFF:
         return 0.0
@@ -99,29 +98,29 @@ class WordChip:
             self.words[register] = data[0] << 8 | data[1]
 
     def read(self, register: int, count: int) -> list[int]:
-        """The word there."""
+        """Return the word in a register."""
         return list((self.words.get(register, 0) & 0xFFFF).to_bytes(2))[:count]
 
 
 class Ina219Chip(WordChip):
-    """The sensor of voltage and current; `voltage` may be set, V."""
+    """The sensor of voltage and current; `voltage` (V) may be set."""
 
     voltage = 0.0
 
     def read(self, register: int, count: int) -> list[int]:
-        """The word there: 4 mV in the upper 13 bits, and that a conversion is done."""
+        """Return a word: 4 mV in the upper 13 bits, and the bit for a complete conversion."""
         if register == 0x02:
             self.words[register] = round(self.voltage / 0.004) << 3 | 2
         return super().read(register, count)
 
 
 class Ads1115Chip(WordChip):
-    """The converter; `voltage` at its first input may be set, V."""
+    """The converter; `voltage` (V) at its first input may be set."""
 
     voltage = 0.0
 
     def write(self, register: int, data: Sequence[int]) -> None:
-        """Take a word; a single shot at +-4.096 V of an input against ground is done at once here."""
+        """Take a word; a single shot at +-4.096 V of an input against ground is complete at once here."""
         super().write(register, data)
         config = self.words.get(0x01, 0)
         if register == 0x01 and config & 0x8000 and (config >> 9) & 7 == 1:
@@ -144,7 +143,7 @@ class FakeBus:
         return self._chip(address).read(register, count)
 
     def close(self) -> None:
-        """Nothing: whoever made the chips keeps them."""
+        """Do nothing: the chips belong to their maker."""
 
     def _chip(self, address: int) -> Chip:
         try:
@@ -154,14 +153,17 @@ class FakeBus:
 
 
 class LooseBus(FakeBus):
-    """A bus with faults: what a line would lose, tear or corrupt is not acknowledged here, as I2C has no check sum."""
+    """A bus with faults.
+
+    Transfers that a line would lose, tear or corrupt are not acknowledged, as I2C has no checksum.
+    """
 
     def __init__(self, chips: dict[int, Chip], faults: LineFaults, rng: Generator) -> None:
         super().__init__(chips)
         self._share = min(1.0, faults.drop + faults.tear + TRANSFER * faults.flip)
         self._rng = rng
         self.dead = False
-        """Whether a wire is off."""
+        """Whether a wire is cut."""
 
     def _chip(self, address: int) -> Chip:
         if self.dead or (self._share and self._rng.random() < self._share):
@@ -170,7 +172,7 @@ class LooseBus(FakeBus):
 
 
 class FileBus(FakeBus):
-    """A bus whose servo board, at 0x40, has its registers in a file, for others to look at."""
+    """A bus whose servo board, at 0x40, has its registers in a file, so that other programs can read them."""
 
     def __init__(self, path: str) -> None:
         with open(path, "a+b") as file:
@@ -180,7 +182,7 @@ class FileBus(FakeBus):
 
 
 class FilePin:
-    """A pin whose level is the one byte of a file, for others to look at."""
+    """A pin whose level is the only byte of a file, so that other programs can read it."""
 
     def __init__(self, path: str) -> None:
         with open(path, "a+b") as file:
@@ -193,15 +195,15 @@ class FilePin:
 
 
 class Monostable:
-    """The watchdog on the servo board's output-enable pin, as the page of the Raspberry Pi draws it.
+    """The watchdog on the servo board's output-enable pin, as drawn on the page about the Raspberry Pi.
 
-    Each rising edge at its input has the outputs on for `MONOSTABLE_TIME` s; a level that stays has no effect.
+    Each rising edge at its input keeps the outputs on for `MONOSTABLE_TIME` s. A constant level has no effect.
     """
 
     def __init__(self) -> None:
         self._level = 0
         self.edge = -inf
-        """Of the last rising edge, s."""
+        """Time of the last rising edge, s."""
 
     def set(self, level: int, now: float) -> None:
         """Take a level at `now`, s."""
@@ -211,12 +213,12 @@ class Monostable:
 
     @property
     def ends(self) -> float:
-        """When the outputs go off, s."""
+        """Return the time at which the outputs go off, s."""
         return self.edge + MONOSTABLE_TIME
 
 
 class PiDouble:
-    """A virtual servo board with a simulated car behind it, in the same process and the same time."""
+    """A virtual servo board with a simulated car behind it, in the same process and on the same clock."""
 
     def __init__(self, config: Config, setup: GuardSetup) -> None:
         options = checked(PiOptions, config.hal_options, "hal_options")
@@ -235,7 +237,7 @@ class PiDouble:
         self.watchdog = None if setup.watchdog is None else Monostable()
         self._out, self._time = False, 0.0
         self.hangs = False
-        """Whether the guard puts nothing out any more, as one that the kernel holds in the bus."""
+        """Whether the guard hangs, as when the kernel holds it in the bus."""
         self._counts_per_m = 0.0 if not setup.encoders else 1.0 / config.geometry.count_length
 
     async def open(self) -> None:
@@ -254,7 +256,7 @@ class PiDouble:
             self._move(self.vehicle.time)
 
     def put(self, pulses: Sequence[float], now: float) -> None:
-        """Put out pulses, and let the car do as they say."""
+        """Put out pulses, and move the car."""
         assert self._guard is not None
         if self._cut and self._cut <= now < self._cut + AWAY:
             self.bus.dead = True
@@ -280,7 +282,7 @@ class PiDouble:
             self.watchdog.set(level, self._time)
 
     def heard(self, now: float) -> GuardAnswer | None:
-        """The guard's answer."""
+        """Return the guard's answer."""
         answer, self._answer = self._answer, None
         return None if answer is None else answer_of(answer)
 
@@ -292,7 +294,7 @@ class PiDouble:
         return (path,)
 
     def _move(self, now: float) -> None:
-        """Give the car what comes out of the servo board, as its ESC and servos understand it."""
+        """Move the car by the servo board's outputs, as its ESC and servos read them."""
         self._out = self.watchdog is None or now < self.watchdog.ends
         o = self._options
         pulses = [self.board.pulse(channel) if self._out else 0.0 for channel in self._setup.channels]

@@ -1,6 +1,6 @@
-"""A Raspberry Pi (3 to 5) on an R/C car as a HAL: a PCA9685 servo board or GPIO pins, wheel encoders, a battery sensor.
+"""A Raspberry Pi (3 to 5) on an R/C car as a HAL: PCA9685 servo board or GPIO pins, wheel encoders, battery sensor.
 
-The outputs are another process's, `txt1.hal.pi.guard`, which puts them to neutral when this one is gone.
+Another process, `txt1.hal.pi.guard`, owns the outputs. It sets them to neutral when this process is gone.
 """
 
 import asyncio
@@ -32,27 +32,27 @@ from txt1.model.odometry import Odometry, rolled
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry, sides
 from txt1.units import Positive
 
-# s without an answer of the guard's
+# s without an answer from the guard
 LOST: Final = 0.3
-# s for which a guard may leave pulses without an answer; then it is killed
+# s for which a guard may leave pulses unanswered; then it is killed
 HANGS: Final = 0.2
 # s that a guard may take to end; then it is killed
 ENDS: Final = 0.25
-# s that one may take that was killed: Linux gives a transfer on the bus up after 0.05 s
+# s that a killed guard may take to end: Linux gives up a transfer on the bus after 0.05 s
 DIES: Final = 1.0
-# s in which this process puts out neutral in place of a guard
+# s that this process tries to put out neutral in place of a guard
 WRITES: Final = 2.0
-# s of neutral before the first other output: an ESC arms in that
+# s of neutral before the first other output, in which an ESC arms
 SETTLED: Final = 1.0
-# s after which a guard that has ended is started again
+# s after which a new guard is started when a guard has ended
 AGAIN: Final = 1.0
-# s that a guard may take to begin: Python on a Raspberry Pi 3
+# s that a guard may take to start, as Python on a Raspberry Pi 3
 START: Final = 10.0
 NOT_NEUTRAL: Final = (
     "the outputs are perhaps not neutral: their guard was killed, and the bus fails; "
     "switch the ESC off, or take its battery out"
 )
-# us, which no output leaves
+# us, limits of every output
 PULSES: Final = (500.0, 2500.0)
 GET_LGPIO: Final = (
     "from Python 3.13 on, where lgpio has no wheel: sudo apt install python3-lgpio, and an "
@@ -72,11 +72,11 @@ class PiOptions:
     bus: int | str = 1
     """Number of the I2C bus; `desk`: a virtual servo board; or a file with the registers of a virtual one."""
     address: Annotated[int, Ge(3), Le(0x77)] = 0x40
-    """Of the servo board."""
+    """I2C address of the servo board."""
     frequency: Annotated[float, Ge(40.0), Le(200.0)] = 50.0
-    """Of the pulses, Hz."""
+    """Frequency of the pulses, Hz."""
     oscillator: Positive = 25e6
-    """Of the servo board, Hz: many run at 26 to 27 MHz, which shows in pulses that are too short."""
+    """Oscillator of the servo board, Hz: many run at 26 to 27 MHz, so that pulses are too short."""
     motor: tuple[Pin, ...] = (0,)
     """Channel or GPIO number of the ESC; of a rover, right and left."""
     steering: tuple[Pin, ...] = (1,)
@@ -84,25 +84,25 @@ class PiOptions:
     motor_neutral: Pulse = 1500.0
     """Pulse at which the motor stands, us."""
     motor_range: float = 500.0
-    """From there to full speed forward, us; negative where the motor runs the other way."""
+    """From neutral to full speed forward, us; negative if longer pulses drive backwards."""
     straight: Pulse = 1500.0
     """Pulse at which it drives straight, us."""
     steering_range: float = 400.0
-    """From there to full lock on the left, us; negative where shorter pulses steer left."""
+    """From straight to full lock on the left, us; negative if shorter pulses steer left."""
     rear_straight: Pulse = 1500.0
-    """The same of the rear axle."""
+    """Pulse at which the rear wheels are straight, us."""
     rear_range: float = 400.0
-    """From there to where the rear wheels point to the left; negative where shorter pulses do."""
+    """From there to the rear wheels' full lock on the left, us; negative if shorter pulses steer them left."""
     encoders: tuple[tuple[Pin, ...], ...] = ()
     """GPIO numbers A and B, or A alone, of an encoder on the drive, or of two, right and left."""
     battery: Literal["none", "ina219", "ads1115"] = "none"
-    """What measures the battery's voltage."""
+    """Sensor of the battery's voltage."""
     battery_address: Annotated[int, Ge(3), Le(0x77)] | None = None
-    """Its address; null: 0x41 of an INA219, as a servo board has 0x40, and 0x48 of an ADS1115."""
+    """I2C address of this sensor; null: 0x41 of an INA219, as a servo board has 0x40, and 0x48 of an ADS1115."""
     battery_channel: Annotated[int, Ge(0), Le(3)] = 0
-    """Of the ADS1115."""
+    """Input of the ADS1115."""
     divider: Positive = 1.0
-    """Battery's voltage over the one that is measured."""
+    """Battery's voltage over the measured voltage."""
     watchdog: Pin | None = None
     """GPIO number of the pin that feeds a watchdog on the servo board's output-enable pin; null: there is none."""
 
@@ -110,44 +110,44 @@ class PiOptions:
 class GuardAnswer(NamedTuple):
     """An answer of the guard."""
 
-    # the pulses were put out
+    # whether the pulses were put out
     done: bool
     voltage: float | None  # V
-    # of the encoders
+    # counts of the encoders
     counts: tuple[int, int]
 
 
 class Keeper(Protocol):
-    """Holds the outputs, and knows the sensors."""
+    """Holds the outputs, and reads the sensors."""
 
     async def open(self) -> None:
-        """Put out neutral; a HalError says what to do."""
+        """Put out neutral; raises HalError, with the remedy."""
 
     async def close(self) -> None:
-        """Put out neutral, and let go."""
+        """Put out neutral, and release the hardware."""
 
     def put(self, pulses: Sequence[float], now: float) -> None:
         """Put out pulses, us; never waits."""
 
     def heard(self, now: float) -> GuardAnswer | None:
-        """The newest answer since the last time.
+        """Return the newest answer since the last call; None if there is none.
 
-        A HalError says, once, that the guard has ended or hangs: the next one counts its encoders from 0.
+        Raises HalError, once, if the guard has ended or hangs. The next guard counts its encoders from 0.
         """
 
 
 def answer_of(data: bytes) -> GuardAnswer:
-    """The answer in its bytes."""
+    """Return the answer in these bytes."""
     done, voltage, one, two = ANSWER.unpack(data)
     return GuardAnswer(done, None if voltage < 0.0 else voltage, (one, two))
 
 
 class Process:
-    """The guard as a process of its own, in a session of its own: no signal of the terminal's reaches it.
+    """The guard as a process of its own, in its own session, so that no signal of the terminal reaches it.
 
-    A guard that does not answer is killed. A servo board keeps the last pulse, so when a guard was killed, by whomever,
-    this process puts out neutral itself, and only then starts another guard: two never write at the same time. All that
-    may block in the bus is done by a thread that nobody waits for longer than `WRITES`.
+    A guard that does not answer is killed. A servo board keeps the last pulse. So when a guard was killed, this process
+    puts out neutral itself, and only then starts another guard: two processes never write at the same time. A thread
+    makes all calls that may block in the bus, and no caller waits for it longer than `WRITES`.
     """
 
     def __init__(self, setup: GuardSetup) -> None:
@@ -157,17 +157,17 @@ class Process:
         self._ended: subprocess.Popen[bytes] | None = None
         self._again = inf
         self._rest = b""
-        # since when pulses wait for an answer, s of the run
+        # time since which pulses wait for an answer, s of the run
         self._unanswered = inf
 
     async def open(self) -> None:
-        """Start it, and wait until it has put out neutral."""
+        """Start the guard, and wait until it has put out neutral."""
         self._process, self._rest, self._again = await asyncio.to_thread(_start, self._setup), b"", inf
         self._unanswered = inf
 
     async def close(self) -> None:
-        """End it: its outputs are neutral then, also when it had to be killed; else a HalError."""
-        # a guard that begins just now has to be ended, too
+        """End the guard; its outputs are then neutral, even if it had to be killed. Raises HalError if they are not."""
+        # a guard that is just starting has to be ended, too
         if self._starting is not None:
             await self._starting
             self._starting = None
@@ -176,14 +176,14 @@ class Process:
             raise HalError(NOT_NEUTRAL)
 
     def put(self, pulses: Sequence[float], now: float) -> None:
-        """Send it pulses, unless it takes none."""
+        """Send pulses to the guard, unless it takes none."""
         if self._process is not None and self._process.stdin is not None:
             self._unanswered = min(self._unanswered, now)
             with suppress(OSError):
                 os.write(self._process.stdin.fileno(), pulses_in(self._setup, pulses))
 
     def heard(self, now: float) -> GuardAnswer | None:
-        """Its newest answer; when it has ended or hangs, another one is started."""
+        """Return the guard's newest answer; if it has ended or hangs, start another guard."""
         process = self._process
         if process is None or process.stdout is None:
             if now >= self._again and (self._starting is None or self._starting.done()):
@@ -214,7 +214,7 @@ class Process:
         ended = self._ended
         if ended is not None:
             await _aside(lambda: _end(ended, self._setup))
-            # the kernel holds it in the bus
+            # the kernel holds the guard in the bus
             if ended.poll() is None:
                 return
             self._ended = None
@@ -223,7 +223,7 @@ class Process:
 
 
 async def _aside(work: Callable[[], bool]) -> bool:
-    """Whether `work` was done within `WRITES` s, by a thread that does not keep this process from ending."""
+    """Return whether `work` succeeded within `WRITES` s, in a thread that does not keep this process from ending."""
     loop = asyncio.get_running_loop()
     done: asyncio.Future[bool] = loop.create_future()
 
@@ -246,7 +246,7 @@ async def _aside(work: Callable[[], bool]) -> bool:
 
 def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
     """Start a guard; called in a thread."""
-    # a guard that is killed leaves no time for imports
+    # imports are made now: after a guard was killed there is no time for them
     if setup.output == "pca9685":
         guard.bus_class(setup)
     process = subprocess.Popen(  # noqa: S603 - our own program
@@ -273,7 +273,7 @@ def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
 
 
 def _end(process: subprocess.Popen[bytes], setup: GuardSetup) -> bool:
-    """Hang up on a guard, which ends it, and wait; whether the outputs are neutral then. Called in a thread."""
+    """Close a guard's pipe, which ends it, and wait; return whether the outputs are neutral. Called in a thread."""
     for pipe in (process.stdin, process.stdout, process.stderr):
         if pipe is not None:
             with suppress(OSError):
@@ -288,7 +288,7 @@ def _end(process: subprocess.Popen[bytes], setup: GuardSetup) -> bool:
 
 
 def explain(setup: GuardSetup, error: str) -> str:
-    """Why a guard cannot begin, and what to do, by its own last words."""
+    """Return why a guard cannot start, and the remedy, from its last output."""
     where = f"I2C bus {setup.bus}" if setup.output == "pca9685" else "GPIO"
     remedy = "see txt1 doctor --hal pi"
     if "No such file" in error:
@@ -334,7 +334,7 @@ class PiHal(PlainHal):
     def _forget(self) -> None:
         self._heard, self._heard_since = -inf, inf  # s of the run
         self._counts: tuple[int, int] | None = None
-        # counts of the guards that have ended
+        # encoder counts of earlier guards
         self._past = (0, 0)
         self._odometry = Odometry()
         self._voltage: float | None = None
@@ -349,11 +349,11 @@ class PiHal(PlainHal):
         await self._keeper.open()
 
     async def close(self) -> None:
-        """End the guard: the outputs are neutral, and stay so."""
+        """End the guard: the outputs are neutral, and stay neutral."""
         await self._keeper.close()
 
     def read(self, now: float) -> Inputs:
-        """The encoders, and the battery's voltage, as the guard told them last."""
+        """Return encoder counts and battery voltage from the guard's last answer."""
         answer = None
         try:
             answer = self._keeper.heard(now)
@@ -380,7 +380,7 @@ class PiHal(PlainHal):
         )
 
     def _lose(self, reason: str) -> None:
-        """Count a loss and keep its reason, unless they are lost already or were never there."""
+        """Count a loss and keep its reason, unless the outputs are lost already or were never there."""
         if self._heard_since < inf:
             self._losses += 1
             self._text = self._reason = reason
@@ -404,8 +404,8 @@ class PiHal(PlainHal):
             self._odometry = rolled(self._odometry, distance, curvature, distance / dt)
 
     def write(self, outputs: Outputs, now: float) -> None:
-        """Hand the guard the pulses of these outputs."""
-        # which are read by what is meant, not by what the wires want
+        """Send the pulses of these outputs to the guard."""
+        # the ESC reads pulses as the driver means them, whatever the wiring
         if self._options.encoders:
             motor, front, _ = self._channels.meant(*outputs[:3], self._geometry.steering == "skid")
             self._forward = motor > 0.0 if motor else self._forward
@@ -415,7 +415,7 @@ class PiHal(PlainHal):
 
 
 def pulses_of(outputs: Outputs, options: PiOptions, geometry: Geometry) -> tuple[float, ...]:
-    """The pulses of the motors and the servos, us, in the order of their channels."""
+    """Return the pulses of the motors and the servos, us, in the order of their channels."""
     counts = sides(outputs.motor, outputs.rear) if geometry.steering == "skid" else (outputs.motor,)
     motors = (options.motor_neutral + options.motor_range * min(max(count / PWM_MAX, -1.0), 1.0) for count in counts)
     servos: tuple[float, ...] = ()
@@ -427,13 +427,13 @@ def pulses_of(outputs: Outputs, options: PiOptions, geometry: Geometry) -> tuple
 
 
 def neutral(options: PiOptions, geometry: Geometry, channels: Channels = STRAIGHT) -> tuple[float, ...]:
-    """The pulses at which it stands, its wheels straight, us: with the trims that `txt1 calibrate` found."""
+    """Return the pulses for standing with straight wheels, us, with the trims from `txt1 calibrate`."""
     held = Outputs(*channels.wired(0.0, 0.0, 0.0, geometry.steering == "skid"))
     return pulses_of(held, options, geometry)
 
 
 def setup_of(options: PiOptions, geometry: Geometry, channels: Channels = STRAIGHT) -> GuardSetup:
-    """The guard's setup; raises ConfigError when the channels are not those that such a vehicle has."""
+    """Return the guard's setup; raises ConfigError if the channels do not fit the vehicle."""
     wanted = {"skid": (2, 0), "front": (1, 1), "both": (1, 2)}[geometry.steering]
     motors, servos = wanted
     car = f"a car with geometry.steering '{geometry.steering}'"
@@ -472,7 +472,7 @@ def setup_of(options: PiOptions, geometry: Geometry, channels: Channels = STRAIG
 
 
 def create(config: Config) -> PiHal:
-    """The car as configured."""
+    """Make the car as configured."""
     options = checked(PiOptions, config.hal_options, "hal_options")
     setup = setup_of(options, config.geometry, config.channels)
     if options.bus == DESK:

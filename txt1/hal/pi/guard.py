@@ -25,52 +25,52 @@ from struct import Struct
 from tempfile import mkdtemp
 from typing import Any, Final, NamedTuple, Protocol
 
-# without pulses, after which the outputs are neutral
+# ms without pulses after which the outputs become neutral
 SILENCE_MS: Final = 200
-# at putting out neutral when a bus fails
+# attempts to put out neutral when a bus fails
 TRIES: Final = 20
-# and so many times as many when the host has gone, for a minute
+# factor on these attempts after the host has gone, which takes a minute
 LAST_TRIES: Final = 300
-# units of 10 ms after which Linux gives a transfer up; by default it waits for a second
+# units of 10 ms after which Linux gives up a transfer; by default it waits for a second
 TRANSFER_MAX: Final = 5
-# Linux's request that sets it
+# Linux's request that sets this time
 I2C_TIMEOUT: Final = 0x0702
-# times SILENCE_MS for which a guard waits for the one before, which is about to end
+# number of waits of SILENCE_MS for the previous guard, which is about to end
 TAKEN: Final = 15
 # whether the pulses were put out, the voltage (V, -1: unknown), two encoders' counts
 ANSWER: Final = Struct("<?dqq")
 # answers
 VOLTAGE_EVERY: Final = 50
-# us, what pulses are sent in
+# us, the unit of pulses in a message
 PULSE: Final = 0.1
 # Linux's struct flock with 64 bits: type, whence, start, length, process
 LOCK: Final = Struct("hhqqi4x")
 
-# the first output's first register; each has four: when it goes on and off, low byte first
+# first register of the first output; each output has four: times of on and off, low byte first
 LED0: Final = 0x06
 MODE1: Final = 0x00
 MODE2: Final = 0x01
 PRESCALE: Final = 0xFE
 SLEEP: Final = 0x10
-# the register counts on while bytes come
+# the register advances with each byte
 AUTO: Final = 0x20
 RESTART: Final = 0x80
 TOTEM_POLE: Final = 0x04
-# of a period
+# counts of a period
 STEPS: Final = 4096
 
 
 class I2cBus(Protocol):
-    """An I2C bus, as smbus2 has it; raises OSError when a chip does not answer."""
+    """An I2C bus with the interface of smbus2; raises OSError if a chip does not answer."""
 
     def write_i2c_block_data(self, address: int, register: int, data: Sequence[int], /) -> None:
-        """Write bytes from a register on."""
+        """Write bytes, starting at a register."""
 
     def read_i2c_block_data(self, address: int, register: int, count: int, /) -> Sequence[int]:
-        """Read bytes from a register on."""
+        """Read bytes, starting at a register."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the bus."""
 
 
 class GuardSetup(NamedTuple):
@@ -80,36 +80,36 @@ class GuardSetup(NamedTuple):
     bus: int | str
     # "pca9685" or "gpio"
     output: str
-    # of the servo board
+    # address of the servo board
     address: int
-    # of the pulses, Hz
+    # frequency of the pulses, Hz
     frequency: float
-    # of the servo board, Hz
+    # oscillator of the servo board, Hz
     oscillator: float
-    # of the servo board, or GPIO numbers
+    # channels of the servo board, or GPIO numbers
     channels: Sequence[int]
     # pulses, us
     neutral: Sequence[float]
-    # GPIO numbers: A and B, or one
+    # GPIO numbers A and B, or A alone
     encoders: Sequence[Sequence[int]]
     # "none", "ina219" or "ads1115"
     battery: str
     battery_address: int
-    # of an ADS1115
+    # input of an ADS1115
     battery_channel: int
-    # battery's voltage over the one that is measured
+    # battery's voltage over the measured voltage
     divider: float
     # GPIO number of the pin that feeds the watchdog of the servo board's outputs
     watchdog: int | None = None
 
     @property
     def pulses(self) -> Struct:
-        """The message that carries a pulse for every channel."""
+        """The format of a message with a pulse for every channel."""
         return Struct(f"<{len(self.channels)}H")
 
 
 class Pca9685:
-    """A servo board; its chip keeps on putting out what it was told last."""
+    """A servo board; its chip repeats its last pulses for ever."""
 
     def __init__(self, bus: I2cBus, setup: GuardSetup) -> None:
         self._bus, self._setup = bus, setup
@@ -119,13 +119,13 @@ class Pca9685:
         self._ready = False
 
     def _begin(self) -> None:
-        """Set the frequency, which takes a chip that sleeps; one that has it already goes on without a gap."""
+        """Set the frequency, for which the chip has to sleep; a chip that has it already goes on without a gap."""
         bus, address = self._bus, self._setup.address
         mode = bus.read_i2c_block_data(address, MODE1, 1)[0]
         if mode & SLEEP or bus.read_i2c_block_data(address, PRESCALE, 1)[0] != self._prescale:
             bus.write_i2c_block_data(address, MODE1, [SLEEP | AUTO])
             bus.write_i2c_block_data(address, PRESCALE, [self._prescale])
-        # also says that the outputs are low while output-enable is high, which another program may have changed
+        # also sets: outputs are low while output-enable is high; another program may have changed this
         bus.write_i2c_block_data(address, MODE2, [TOTEM_POLE])
         bus.write_i2c_block_data(address, MODE1, [AUTO])
         self._ready = True
@@ -140,13 +140,13 @@ class Pca9685:
                 data = [0, 0, off & 0xFF, off >> 8]
                 self._bus.write_i2c_block_data(self._setup.address, LED0 + 4 * channel, data)
         except OSError:
-            # it may have lost its power, and with it the frequency
+            # the chip may have lost its power, and with it the frequency
             self._ready = False
             raise
 
 
 class GpioPulses:
-    """Pulses straight from GPIO pins, made by lgpio: they end with this process."""
+    """Pulses from GPIO pins, made by lgpio; they end with this process."""
 
     def __init__(self, lgpio: Any, chip: int, setup: GuardSetup) -> None:
         self._lgpio, self._chip, self._setup = lgpio, chip, setup
@@ -160,26 +160,29 @@ class GpioPulses:
 
 
 class Output(Protocol):
-    """Where pulses come out."""
+    """An output of pulses."""
 
     def put(self, pulses: Sequence[float]) -> None:
-        """Put out a pulse on every channel, us; an OSError when it could not."""
+        """Put out a pulse on every channel, us; raises OSError if that fails."""
 
 
 def ina219_voltage(bus: I2cBus, setup: GuardSetup) -> float:
-    """The bus voltage of an INA219, V: 4 mV in the upper 13 bits."""
+    """Return the bus voltage of an INA219, V: 4 mV in the upper 13 bits."""
     high, low = bus.read_i2c_block_data(setup.battery_address, 0x02, 2)
     return ((high << 8 | low) >> 3) * 0.004 * setup.divider
 
 
 class Ads1115:
-    """A converter that is told to convert, and read a second later: one value takes it 8 ms."""
+    """A converter that starts a conversion and is read a second later: a conversion takes 8 ms."""
 
     def __init__(self) -> None:
         self._asked = False
 
     def voltage(self, bus: I2cBus, setup: GuardSetup) -> float:
-        """The last value, V; -1 when there is none yet. 125 uV a count at +-4.096 V, single shots at 128 a second."""
+        """Return the last voltage, V; -1 before the first.
+
+        The converter makes single shots, 128 a second, with 125 uV a count at +-4.096 V.
+        """
         value = -1.0
         if self._asked:
             high, low = bus.read_i2c_block_data(setup.battery_address, 0x00, 2)
@@ -191,9 +194,12 @@ class Ads1115:
 
 
 class Quadrature:
-    """Counts the edges of an encoder's two signals, forward positive: A before B. With one signal, all of them."""
+    """Counts the edges of an encoder's two signals, forward positive: A before B.
 
-    # by the levels before and after, AB each
+    With a single signal it counts all edges.
+    """
+
+    # by the levels AB before and after
     STEP: Final = (0, 1, -1, 0, -1, 0, 0, 1, 1, 0, 0, -1, 0, -1, 1, 0)
 
     def __init__(self, pins: Sequence[int]) -> None:
@@ -202,7 +208,7 @@ class Quadrature:
         self.count = 0
 
     def edge(self, pin: int, level: int) -> None:
-        """A signal has changed."""
+        """Count a change of a signal."""
         if len(self._pins) == 1:
             self.count += 1
             return
@@ -213,7 +219,7 @@ class Quadrature:
 
 
 class Guarded:
-    """Outputs and sensors of a set-up; `feed` sets the level of the pin that feeds a watchdog of the outputs."""
+    """Outputs and sensors of a setup; `feed` sets the level of the pin that feeds a watchdog of the outputs."""
 
     def __init__(
         self,
@@ -232,7 +238,7 @@ class Guarded:
         self._answers, self._voltage = 0, -1.0
 
     def answer(self, pulses: Sequence[float]) -> bytes:
-        """Put out pulses, and tell how that went."""
+        """Put out pulses, and return the answer to the host."""
         done = True
         try:
             self.output.put(pulses)
@@ -247,7 +253,7 @@ class Guarded:
         return ANSWER.pack(done, self._voltage, *[*counts, 0, 0][:2])
 
     def neutral(self) -> bool:
-        """Put out neutral pulses, again and again while the bus fails; whether that was done in the end."""
+        """Put out neutral pulses, again and again while the bus fails; return whether it succeeded."""
         for _ in range(TRIES):
             with suppress(OSError):
                 self.output.put(self.setup.neutral)
@@ -256,13 +262,13 @@ class Guarded:
 
 
 def bus_class(setup: GuardSetup) -> Callable[[Any], Any]:
-    """Import what opens the I2C bus of a set-up."""
+    """Import the class that opens the I2C bus of a setup."""
     if isinstance(setup.bus, str):
         # for a virtual bus only
         from txt1.hal.pi.double import FileBus
 
         return FileBus
-    # not on every host
+    # not installed on every host
     from smbus2 import SMBus
 
     made: Callable[[Any], Any] = SMBus
@@ -270,12 +276,12 @@ def bus_class(setup: GuardSetup) -> Callable[[Any], Any]:
 
 
 def open_bus(setup: GuardSetup) -> I2cBus | None:
-    """The I2C bus of a set-up; None where it needs none."""
+    """Return the I2C bus of a setup; None if it needs none."""
     if setup.output != "pca9685" and setup.battery == "none":
         return None
     bus = bus_class(setup)(setup.bus)
     if not isinstance(setup.bus, str):
-        # not every adapter can
+        # not every adapter supports it
         with suppress(OSError):
             fcntl.ioctl(bus.fd, I2C_TIMEOUT, TRANSFER_MAX)
     opened: I2cBus = bus
@@ -283,10 +289,10 @@ def open_bus(setup: GuardSetup) -> I2cBus | None:
 
 
 def claim(setup: GuardSetup, patience: int = 0) -> int:
-    """Lock the servo board, and return the descriptor that holds the lock; -1 where pins are the outputs.
+    """Lock the servo board, and return the descriptor that holds the lock; -1 if pins are the outputs.
 
-    The lock is one byte of the bus, at the board's address, so each board on a bus has its own. It ends with this
-    process, also when that is killed. Linux itself gives a pin to one process only.
+    The lock is a byte of the bus device, at the board's address, so each board on a bus has its own lock. It ends with
+    this process, even if the process is killed. For pins no lock is needed: Linux gives a pin to a single process.
     Raises OSError EBUSY when another process holds it for `patience` times `SILENCE_MS`.
     """
     if setup.output != "pca9685":
@@ -309,7 +315,7 @@ def claim(setup: GuardSetup, patience: int = 0) -> int:
 
 
 def pins_library() -> Any:
-    """Return lgpio, which makes a pipe in LG_WD, or else where it was started, which may be read-only."""
+    """Return lgpio. It makes a pipe in LG_WD, or else in the present folder, which may be read-only."""
     if "LG_WD" not in os.environ:
         os.environ["LG_WD"] = mkdtemp(prefix="txt1-")
     import lgpio  # type: ignore[import-untyped]  # where pins are used only
@@ -318,7 +324,7 @@ def pins_library() -> Any:
 
 
 def open_chip(lgpio: Any) -> int:
-    """A handle of the chip that the header's pins are on: its number differs with the Raspberry Pi and its kernel."""
+    """Return a handle of the chip with the header's pins; its number depends on the Raspberry Pi and its kernel."""
     for number in (0, 4):
         with suppress(lgpio.error):
             chip: int = lgpio.gpiochip_open(number)
@@ -329,7 +335,7 @@ def open_chip(lgpio: Any) -> int:
 
 
 def guarded(setup: GuardSetup) -> Guarded:
-    """Outputs and sensors, opened; OSError or ImportError when that fails."""
+    """Return outputs and sensors, opened; raises OSError or ImportError."""
     bus = open_bus(setup)
     encoders = [Quadrature(pins) for pins in setup.encoders]
     chip, lgpio, on_desk = 0, None, isinstance(setup.bus, str)
@@ -357,9 +363,9 @@ def guarded(setup: GuardSetup) -> Guarded:
 
 
 def neutral_without_guard(setup: GuardSetup) -> bool:
-    """Put out neutral in place of a guard that was killed; whether the outputs are neutral then.
+    """Put out neutral in place of a killed guard; return whether the outputs are neutral.
 
-    No guard may live meanwhile. Pulses from pins ended with the guard, and a servo board keeps the last one.
+    No guard may run meanwhile. Pulses from pins have ended with the guard, but a servo board repeats the last pulse.
     """
     if setup.output != "pca9685":
         return True
@@ -378,14 +384,14 @@ def neutral_without_guard(setup: GuardSetup) -> bool:
 
 
 def pulses_in(setup: GuardSetup, pulses: Sequence[float]) -> bytes:
-    """The message with these pulses, us."""
+    """Return the message with these pulses, us."""
     return setup.pulses.pack(*(round(pulse / PULSE) for pulse in pulses))
 
 
 def main(words: Sequence[str]) -> int:
-    """Guard until the host has ended."""
+    """Guard the outputs until the host has ended."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
-        # it ends with its host
+        # the guard ends with its host
         signal.signal(number, signal.SIG_IGN)
     setup = GuardSetup(**json.loads(words[0]))
     try:
@@ -405,14 +411,14 @@ def main(words: Sequence[str]) -> int:
             guard.neutral()
             continue
         data = os.read(stdin, 4096)
-        # what a host that is gone has left in the pipe is old
+        # pulses that a dead host has left in the pipe are old
         if not data or os.getppid() != host:
             break
         rest += data
         whole = len(rest) // size * size
         if whole:
             newest, rest = rest[whole - size : whole], rest[whole:]
-            # a host that does not listen
+            # the host does not read
             with suppress(OSError):
                 os.write(stdout, guard.answer([PULSE * count for count in setup.pulses.unpack(newest)]))
     for _ in range(LAST_TRIES):
@@ -425,5 +431,5 @@ def main(words: Sequence[str]) -> int:
 if __name__ == "__main__":
     code = main(sys.argv[1:])
     sys.stderr.flush()
-    # its host waits for the end, and Python's own way out takes longer than all the rest
+    # the host waits for this end, and Python's own exit takes longer than all the rest
     os._exit(code)

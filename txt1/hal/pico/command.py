@@ -1,4 +1,4 @@
-"""`txt1 firmware`: put the firmware on a Raspberry Pi Pico, and ask it how it is."""
+"""`txt1 firmware`: puts the firmware on a Raspberry Pi Pico, and shows its health."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def put(arguments: argparse.Namespace) -> int:
-    """Install the firmware and say what was copied."""
+    """Install the firmware and print the copied files."""
     return _install(arguments, fresh=True)
 
 
 def renew(arguments: argparse.Namespace) -> int:
-    """Install the firmware where it is installed already."""
+    """Install the firmware on a board that has it already."""
     return _install(arguments, fresh=False)
 
 
@@ -67,16 +67,16 @@ def _install(arguments: argparse.Namespace, *, fresh: bool) -> int:
 
 
 def _reset(board: OverMpremote) -> None:
-    """Restart the board; it hangs up in the middle of the command."""
+    """Restart the board; the connection breaks in the middle of the command."""
     try:
         board.run(RESET)
     except Exception as error:
-        # mpremote says in one way or another that the board has gone
+        # mpremote reports the lost board in several ways
         say(f"restarting ({error.__class__.__name__})")
 
 
 def check(arguments: argparse.Namespace) -> int:
-    """Say what runs on the board."""
+    """Print the program on the board and its faults."""
     port = arguments.port or only_candidate()
 
     async def work() -> None:

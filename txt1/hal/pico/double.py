@@ -1,8 +1,8 @@
 """The Pico's firmware under MicroPython's unix port, with a simulated vehicle behind its pins.
 
-The firmware is a process of its own. Every 20 ms of the loop's time it is sent what its counters, voltages and buttons
-say and answers with its outputs; bytes of the host go to it as they come. So it runs in virtual time as well as in real
-time. The record of a cycle is described in firmware/pico/desk.py.
+The firmware is a process of its own. Every 20 ms of the loop's time it gets its counters, voltages and buttons, and
+answers with its outputs. The host's bytes are passed on as they come. So it runs in virtual time as well as in real
+time. firmware/pico/desk.py describes the record of a cycle.
 """
 
 from __future__ import annotations
@@ -75,17 +75,16 @@ def interpreter() -> str:
 
 
 class Pico(Station):
-    """A board with our firmware. It is the `End` of whatever link the host is on.
+    """A board with txt1's firmware, the `End` of the host's link.
 
     Args:
-        config: of the simulated vehicle.
-
+        config: configuration of the simulated vehicle.
     """
 
     def __init__(self, config: Config) -> None:
         self.hal: Hal = create(config.model_copy(update={"hal": "sim"}))
         self.line = paced(far_end(self, config), config.serial.baud)
-        """Its end of the line, as quick and as bad as is configured."""
+        """The board's end of the line, with the configured baud rate and faults."""
         self.state = CycleReport()
         self.buttons = Button.NONE
         """The joystick's buttons that are held down."""
@@ -105,7 +104,7 @@ class Pico(Station):
         self._cycles = asyncio.create_task(self._run())
 
     async def power_down(self) -> None:
-        """End the firmware and leave the vehicle's outputs neutral; harmless when that is done already."""
+        """End the firmware and leave the vehicle's outputs neutral; harmless when it has ended already."""
         self.hang_up()
         if self._cycles is not None:
             self._cycles.cancel()
@@ -116,7 +115,7 @@ class Pico(Station):
         await self.hal.close()
 
     async def ended(self, duration: float | None = None) -> None:
-        """Wait for the end of the firmware, at most `duration` s; raises HalError when it ended by itself."""
+        """Wait for the end of the firmware, at most `duration` s; raises HalError if it ended by itself."""
         assert self._cycles is not None
         with suppress(TimeoutError):
             await asyncio.wait_for(asyncio.shield(self._cycles), duration)
@@ -142,7 +141,7 @@ class Pico(Station):
         return asyncio.get_running_loop().time() - self._began
 
     async def _run(self) -> None:
-        """Run the firmware's cycles at their times; what is late is made up as missed periods."""
+        """Run the firmware's cycles at their times; late cycles count as missed periods."""
         cycle = round(self.now / CYCLE_PERIOD)
         while True:
             await asyncio.sleep(cycle * CYCLE_PERIOD - self.now)
@@ -160,7 +159,7 @@ class Pico(Station):
         self._exchange(periods, moved, (one, two), b"")
 
     def _exchange(self, periods: int, moved: tuple[int, int], voltages: tuple[int, int], data: bytes) -> None:
-        """Send the firmware one record, and do what it answers."""
+        """Send the firmware a record, and carry out its answer."""
         process = self._process
         if process is None:
             return
@@ -190,7 +189,7 @@ class Pico(Station):
         self.send(sent)
 
     def _put(self, state: CycleReport) -> None:
-        """Put out what the firmware says."""
+        """Put out the firmware's outputs."""
         now, before = self.now, self.state
         if state.atx is not before.atx:
             self.hal.switch(Switch.ATX, state.atx, now)
@@ -203,7 +202,7 @@ class Pico(Station):
     # -- the link's end --------------------------------------------------------------------------------------------
 
     def received(self, data: bytes) -> None:
-        """Hand the firmware bytes of the host."""
+        """Pass the host's bytes to the firmware."""
         for start in range(0, len(data), CHUNK):
             self._exchange(0, (0, 0), (0, 0), data[start : start + CHUNK])
 
@@ -226,7 +225,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _read(pipe: IO[bytes], size: int) -> bytes:
-    """Read exactly so many bytes."""
+    """Read exactly `size` bytes."""
     data = pipe.read(size)
     if len(data) < size:
         raise EOFError
@@ -234,5 +233,5 @@ def _read(pipe: IO[bytes], size: int) -> bytes:
 
 
 def port(config: Config) -> DoublePort[Pico]:
-    """A port with a Pico behind it: ``serial.port: pico``; opening it raises MissingExtra or HalError."""
+    """Return a port with a Pico behind it: ``serial.port: pico``. Opening it raises MissingExtra or HalError."""
     return DoublePort("pico", lambda: Pico(config))

@@ -1,7 +1,7 @@
 """Copies the firmware to a Pico, and asks the firmware that runs there for its name, its health and its last fault.
 
-Files are copied under new names and verified by their digest on the board. Only then they replace the old files. The
-program that starts at power-up comes last. A cable that is pulled half-way leaves the old firmware whole.
+Files are copied under new names, and verified by their digests on the board. Only then they replace the old files. The
+program that starts at power-up comes last. If the cable is pulled halfway, the old firmware stays complete.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from txt1.resources import resource
 
 IDENTITY: Final = 0x7F
 RELEASE: Final = b"REPL"
-"""The frame by which our boards tell their name, and the data with which they end their program."""
+"""The request for the identity of txt1's boards, and the data that end their program."""
 
 BOARD_PATIENCE: Final = 1.5
 """s within which a board answers."""
@@ -65,12 +65,12 @@ except OSError:
 
 
 def folder() -> Path:
-    """Return where the firmware's files are: in the installed package, or in the source tree."""
+    """Return the folder of the firmware's files: in the installed package, or in the source tree."""
     return resource("firmware/pico")
 
 
 def files() -> list[str]:
-    """Return the names of the firmware's files, the one that starts it last."""
+    """Return the names of the firmware's files, the startup file last."""
     package = sorted(f"txt1pico/{path.name}" for path in (folder() / "txt1pico").glob("*.py"))
     return [*package, "main.py"]
 
@@ -86,11 +86,9 @@ class Files(Protocol):
 
 
 class OverMpremote:
-    """The files of a board on a serial port, by way of the program mpremote.
+    """The files of a board on a serial port, through the program mpremote.
 
-    Raises:
-        MissingExtra: it is not installed.
-
+    Raises MissingExtra: mpremote is not installed.
     """
 
     def __init__(self, port: str) -> None:
@@ -123,7 +121,7 @@ class OverMpremote:
 
 
 class Installed(NamedTuple):
-    """Names of the files that an installation copied, and of those that were the same already."""
+    """Names of the files that an installation copied, and of the files that were the same already."""
 
     copied: list[str]
     same: list[str]
@@ -135,7 +133,7 @@ def digest(path: Path) -> str:
 
 
 def digests(board: Files, names: list[str]) -> dict[str, str | None]:
-    """Return the digest of each of these files on the board; None for one that is not there."""
+    """Return the digest of each of these files on the board; None for a missing file."""
     said = board.run(DIGESTS % json.dumps(names)).strip().splitlines()
     try:
         found: dict[str, str | None] = json.loads(said[-1])
@@ -148,8 +146,7 @@ def install(board: Files, told: Callable[[str], None] = lambda _: None) -> Insta
     """Copy the files that differ, verify them, and put them in their places.
 
     Raises:
-        HalError: the board does not answer, or what arrived is not what was sent; the old files stay.
-
+        HalError: the board does not answer, or a file arrived damaged; the old files stay.
     """
     names = files()
     wanted = {name: digest(folder() / name) for name in names}
@@ -170,11 +167,11 @@ def install(board: Files, told: Callable[[str], None] = lambda _: None) -> Insta
     return Installed(changed, [name for name in names if name not in changed])
 
 
-# -- asking the firmware that runs -----------------------------------------------------------------------------
+# -- asking the running firmware -------------------------------------------------------------------------------
 
 
 class Heard(NamedTuple):
-    """A board's name and version, if it is one of ours, and how many messages and bytes came from it."""
+    """A board's name and version, if its firmware is txt1's, and the number of messages and bytes from it."""
 
     identity: str | None
     odometry: int
@@ -204,13 +201,13 @@ class _Ear(Station):
 
 
 def frame(data: bytes) -> bytes:
-    """Return the frame that asks a board for its identity, or with RELEASE to end its program."""
+    """Return the frame that asks a board for its identity, or with RELEASE ends its program."""
     body = bytes((IDENTITY,)) + data
     return HEADER + bytes((len(data),)) + body + checksum(body).to_bytes(2, "big")
 
 
 def identities(data: bytes) -> Iterator[str]:
-    """Return the names that boards tell in a stream of bytes."""
+    """Yield the boards' names in a stream of bytes."""
     start = data.find(HEADER)
     while start >= 0:
         if len(data) > start + 4 and data[start + 3] == IDENTITY:
@@ -222,11 +219,10 @@ def identities(data: bytes) -> Iterator[str]:
 
 
 async def listen(port: str, baud: int, data: bytes = b"", patience: float = BOARD_PATIENCE) -> Heard:
-    """Ask what is at a port for its identity, and return what came within `patience` s.
+    """Ask the device at a port for its identity, and return its answers within `patience` s.
 
     Raises:
         HalError: the port cannot be opened.
-
     """
     ear = _Ear()
     await open_link(port, ear, baud)
@@ -240,12 +236,11 @@ async def listen(port: str, baud: int, data: bytes = b"", patience: float = BOAR
 
 
 async def release(port: str, baud: int) -> None:
-    """Have the firmware at a port end its program, so that its files can be reached; nothing where none runs.
+    """End the program of the firmware at a port, so that its files can be reached; nothing happens if none runs.
 
     Raises:
-        CommandRefused: it drives, or a host is talking to it.
+        CommandRefused: the board drives, or hears a host.
         HalError: the port cannot be opened.
-
     """
     if (await listen(port, baud)).identity is None:
         return

@@ -16,19 +16,19 @@ from txt1.hal.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions,
 from txt1.link.base import Link
 from txt1.model.vehicle import PWM_MAX
 
-# s; the firmware's own
+# s; the firmware's default
 VESC_TIMEOUT: Final = 1.0
-# electrical turns a minute below which the speed loop lets the motor roll; the firmware's own
+# electrical turns a minute below which the speed loop lets the motor roll; the firmware's default
 ERPM_MIN: Final = 900.0
-# bytes of its settings, about
+# length of its settings in bytes, about
 APPCONF: Final = 470
-# of their layout; differs with every firmware
+# signature of the settings' layout; every firmware has another
 SIGNATURE: Final = 0x0B5C8F1D
 _VALUES: Final = Struct(">BhhiiiihihiiiiiiBiBhhhii")
 
 
 class Vesc(Controller):
-    """The controller's end of the line. Its firmware is (major, minor); `fault` may be set, a code."""
+    """The controller's end of the line. `firmware` is (major, minor); `fault` is a code and may be set."""
 
     def __init__(self, config: Config, firmware: tuple[int, int] = (6, 5), timeout: float = VESC_TIMEOUT) -> None:
         options = checked(VescOptions, config.hal_options if config.hal == "vesc" else {}, "hal_options")
@@ -53,11 +53,11 @@ class Vesc(Controller):
 
     @property
     def timed_out(self) -> bool:
-        """Whether it has stopped as nothing has come for its time-out."""
+        """Whether it has stopped because no command came for its time-out."""
         return bool(self.timeout) and self.now - self._heard > self.timeout
 
     def step(self, now: float) -> None:
-        """Hold the speed, duty or current and the servo as they were told, until the time-out."""
+        """Hold the commanded speed, duty or current and the servo's position, until the time-out."""
         self.car.move(now)
         path = 0.5 * sum(self.car.paths)
         self._distance += abs(path - self._last)
@@ -72,7 +72,7 @@ class Vesc(Controller):
             case PacketId.SET_DUTY:
                 motor = sign * min(max(value, -1.0), 1.0) * PWM_MAX
             case PacketId.SET_CURRENT:
-                # the simulated vehicle knows no torque: 60 A are full throttle
+                # the simulated vehicle has no torque: 60 A are full throttle
                 motor = sign * min(max(value / 60.0, -1.0), 1.0) * PWM_MAX
         self._duty = sign * motor / PWM_MAX
         share = (self._servo - self._options.servo_centre) / self._options.servo_range
@@ -86,7 +86,7 @@ class Vesc(Controller):
         super().connected(link)
 
     def received(self, data: bytes) -> None:
-        """Do as the host says."""
+        """Carry out the host's commands."""
         for payload in self._unpacker.feed(data):
             self._obey(payload)
 
@@ -142,5 +142,5 @@ class Vesc(Controller):
 
 
 def port(config: Config) -> DoublePort[Vesc]:
-    """A port with a VESC behind it: `serial.port: vesc`."""
+    """Return a port with a VESC behind it: `serial.port: vesc`."""
     return DoublePort("vesc", lambda: Vesc(config))

@@ -1,8 +1,8 @@
 """VESC motor controllers over USB or UART as a HAL, firmware 5 and 6: speed in electrical turns, a servo that steers.
 
 A packet is 2, the payload's length in one byte (or 3, and in two), the payload, its CRC16 (XMODEM), and 3. A payload is
-a command and its numbers, big-endian. The controller closes the speed loop. It stops by itself when nothing has come
-for as long as is set in VESC Tool (App Settings, General, Timeout); what is set there is read and told.
+a command and its numbers, big-endian. The controller closes the speed loop. It stops by itself when no command has come
+for the time set in VESC Tool (App Settings, General, Timeout). The driver reads this time and reports it.
 """
 
 from binascii import crc_hqx
@@ -25,13 +25,13 @@ from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 # counts of the tachometer in an electrical turn
 STEPS: Final = 6
-# bytes of a payload
+# longest payload, bytes
 LENGTH_MAX: Final = 512
-# s that a time-out of the controller's may be long without being remarked on
+# s: a longer time-out of the controller is reported
 TIMEOUT_MAX: Final = 1.0
-# s after which firmware and settings are asked for again, until they are told
+# s after which firmware and settings are requested again, until they are known
 ASK_AGAIN: Final = 1.0
-# m between two reports that are no motion
+# m between two reports that no motion explains
 RESTARTED: Final = 2.0
 
 
@@ -81,25 +81,25 @@ SCALES: Final = {
 
 
 def order(command: PacketId, value: float) -> bytes:
-    """Ask for a value of one of SCALES."""
+    """Return the packet that commands a value, for one of SCALES."""
     form = ">Bh" if command is PacketId.SET_SERVO_POS else ">Bi"
     return packet(pack(form, command, round(SCALES[command] * value)))
 
 
 def ask(command: PacketId) -> bytes:
-    """Ask for what such a command answers; ALIVE has no answer."""
+    """Return the packet that requests a report; ALIVE has no answer."""
     return packet(bytes((command,)))
 
 
 class Unpacker:
-    """Finds the packets in a stream; `faults` counts the stretches that were none."""
+    """Finds the packets in a stream; `faults` counts the stretches of other bytes."""
 
     def __init__(self) -> None:
         self.faults = 0
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The payloads that these bytes complete."""
+        """Take bytes; return the payloads that they complete."""
         self._buffer += data
         payloads = []
         while (found := self._first()) is not None:
@@ -113,7 +113,9 @@ class Unpacker:
         return payloads
 
     def _first(self) -> tuple[int, int, bytes] | None:
-        """Where the first whole packet begins and ends, and its payload; what is half there before it is damaged."""
+        """Return begin and end of the first complete packet, and its payload; an unfinished packet before it is
+        damaged.
+        """
         for start in range(len(self._buffer)):
             payload = self._at(start)
             if payload:
@@ -121,7 +123,7 @@ class Unpacker:
         return None
 
     def _at(self, start: int) -> bytes | None:
-        """The payload of the packet that begins there; empty: it is not all there yet; None: none begins there."""
+        """Return the payload of the packet at `start`; empty: it is incomplete; None: no packet begins there."""
         buffer, kind = self._buffer, self._buffer[start]
         if kind not in (2, 3):
             return None
@@ -139,37 +141,37 @@ class Unpacker:
 
 
 class Values(NamedTuple):
-    """The controller's report, as in its answer to GET_VALUES."""
+    """The controller's report, from its answer to GET_VALUES."""
 
-    # their temperature, degrees Celsius
+    # temperature of its transistors, degrees Celsius
     transistors: float
-    # its temperature, degrees Celsius
+    # temperature of the motor, degrees Celsius
     motor: float
     motor_current: float  # A
     input_current: float  # A
     # -1 to 1
     duty: float
-    # electrical turns a minute
+    # speed, electrical turns a minute
     erpm: int
-    # of the battery, V
+    # battery's voltage, V
     voltage: float
     # sixths of an electrical turn, forward positive
     tachometer: int
-    # the same, always rising
+    # the same without sign: it always rises
     distance: int
     # 0: none
     fault: int
-    # it has stopped as nothing came; None: older firmware does not tell
+    # whether it has stopped for lack of commands; None: older firmware does not report it
     timed_out: bool | None
 
 
 _VALUES: Final = Struct(">hhiiiihihiiiiiiB")
-# bytes behind the command; firmware that has it tells in its first bit of a time-out
+# bytes after the command; newer firmware has more, and reports a time-out in the first bit
 _STATUS_AT: Final = 73
 
 
 def values_of(payload: bytes) -> Values | None:
-    """The values in an answer to GET_VALUES; None when it is too short to be one."""
+    """Return the values in an answer to GET_VALUES; None if it is too short."""
     body = payload[1:]
     if len(body) < _VALUES.size:
         return None
@@ -191,9 +193,9 @@ def values_of(payload: bytes) -> Values | None:
 
 
 def timeout_of(payload: bytes) -> float | None:
-    """The controller's own time-out, s, 0 for none, in an answer to GET_APPCONF; None when it cannot be told.
+    """Return the controller's own time-out, s, 0 for none, from an answer to GET_APPCONF; None if it is unknown.
 
-    Behind the command stand a signature of the settings' layout, the controller's number, and milliseconds.
+    After the command come a signature of the settings' layout, the controller's number, and milliseconds.
     """
     if len(payload) < 10:
         return None
@@ -208,21 +210,21 @@ class VescOptions:
     baud: PositiveInt = 115200
     """Bits a second over UART; USB takes any."""
     pole_pairs: PositiveInt = 2
-    """Of the motor: electrical turns in a turn of its shaft."""
+    """Pole pairs of the motor: electrical turns in a turn of its shaft."""
     gear: Positive = 11.82
-    """Turns of the motor in a turn of the wheels; that of a Traxxas Slash 4x4."""
+    """Turns of the motor in a turn of the wheels; default: a Traxxas Slash 4x4."""
     backwards: bool = False
     """Whether the motor drives the car backwards for positive speeds."""
     servo_centre: Share = 0.5
-    """The servo's position in which it drives straight."""
+    """The servo's position for straight wheels."""
     servo_range: float = 0.4
-    """From there to full lock on the left; negative where smaller positions steer left."""
+    """From there to full lock on the left; negative if smaller positions steer left."""
     brake: NotNegative = 5.0
-    """Motor current that brakes it when it is to stand, A; 0 lets it roll."""
+    """Motor current that brakes the car to a stand, A; 0 lets it roll."""
 
 
 class VescHal(PlainHal):
-    """A car with a VESC; the servo that steers is plugged into it."""
+    """A car with a VESC, whose servo output steers."""
 
     name = "vesc"
 
@@ -232,26 +234,26 @@ class VescHal(PlainHal):
         self.capabilities = Capabilities(odometry=True, battery=True, halt=True, simulated=simulated)
         self._line = Line(port, wrap, "answers of the VESC", self._greet, self._take, hal=self.name)
         self.options = options
-        """Its settings, which say which way motor and servo go."""
+        """Its settings, with the directions of motor and servo."""
         self._options, self._geometry = options, geometry
         sign = -1.0 if options.backwards else 1.0
         self._erpm_per_speed = sign * 60.0 * options.pole_pairs * options.gear / geometry.circumference
         self._count_length = sign * geometry.circumference / (STEPS * options.pole_pairs * options.gear)
         self._unpacker = Unpacker()
-        # faults of streams that are gone
+        # faults of earlier streams
         self._skipped = 0
         self._forget()
 
     def _forget(self) -> None:
         self._odometry: Odometry | None = None
         self._values: Values | None = None
-        # loop time of the values
+        # loop time of the last values
         self._taken = 0.0
         self._firmware: tuple[int, int] | None = None
         self._timeout: float | None = None
         # loop time
         self._asked = -ASK_AGAIN
-        # of the steering's range, left positive
+        # share of the steering's range, left positive
         self._share = 0.0
         self._halted = False
 
@@ -261,18 +263,18 @@ class VescHal(PlainHal):
         await self._line.open()
 
     async def close(self) -> None:
-        """Brake, let go of the motor, and close the port."""
+        """Brake, release the motor, and close the port."""
         await self._line.close(self._at_rest() + self._steered())
 
     def _greet(self) -> None:
-        """Forget all that an earlier line said but the car's pose."""
+        """Discard everything from an earlier line but the car's pose."""
         self._skipped += self._unpacker.faults
         self._unpacker = Unpacker()
         self._values = self._firmware = self._timeout = None
         self._asked = self._line.time() - ASK_AGAIN
 
     def read(self, now: float) -> Inputs:
-        """Odometry by the tachometer and the steering that was asked for, and the battery's voltage."""
+        """Return odometry from the tachometer and the commanded steering, and the battery's voltage."""
         link = self._line.report(now, {"line_damaged": self._skipped + self._unpacker.faults})
         if self._odometry is None or self._values is None:
             return Inputs(odometry=self._odometry, odometry_time=self._line.run_time(self._taken), link=link)
@@ -286,7 +288,7 @@ class VescHal(PlainHal):
         )
 
     def write(self, outputs: Outputs, now: float) -> None:
-        """Send speed and steering and ask for the values, every time: that also tells the controller that we live."""
+        """Send speed and steering, and request the values; this also tells the controller that the host lives."""
         time = self._line.time()
         v = outputs.v if self._line.ready else 0.0
         if v:
@@ -303,7 +305,7 @@ class VescHal(PlainHal):
         self._line.send(drive + self._steered() + questions)
 
     def halt(self, outputs: Outputs, now: float) -> None:
-        """Brake with all that the motor gives, until a speed is asked for."""
+        """Brake with full motor current, until a speed is commanded."""
         self._halted = True
         self._line.send(self._at_rest())
 
@@ -371,12 +373,12 @@ class VescHal(PlainHal):
 
 
 def wrapped(count: int) -> int:
-    """The difference of two counters of 32 bits."""
+    """Return the difference of two counters of 32 bits."""
     return (count + 2**31) % 2**32 - 2**31
 
 
 def create(config: Config) -> VescHal:
-    """The VESC behind the configured line."""
+    """Make the VESC behind the configured line."""
     options = checked(VescOptions, config.hal_options, "hal_options")
     if config.geometry.steering == "skid":
         raise ConfigError("geometry.steering: a VESC drives one motor and steers with a servo; choose both or front")

@@ -1,4 +1,4 @@
-"""How a VESC is known: it answers a question on its firmware."""
+"""Recognises a VESC: it answers a request for its firmware."""
 
 from typing import Final
 

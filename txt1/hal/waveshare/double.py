@@ -1,6 +1,6 @@
 """A Waveshare rover's virtual board, with a simulated rover behind it.
 
-It behaves like the firmware of the UGV rovers. It drops lines that are no JSON. Its own loops hold the speeds of the
+It behaves like the firmware of the UGV rovers. It drops lines that are not JSON. Its own loops hold the speeds of the
 sides. It sends paths in whole centimetres and voltages in hundredths of a volt. When its heartbeat time passes without
 a set-point, it stops both sides.
 """
@@ -27,12 +27,12 @@ from txt1.hal.waveshare.driver import (
 )
 from txt1.model.vehicle import PWM_MAX
 
-# as it comes
+# ms of its heartbeat at power-up
 HEARTBEAT_MS: Final = 3000.0
 GYRO: Final = 16.4 * 180.0 / pi  # counts for 1 rad/s
-# counts, of the simulated gyroscope
+# counts, bias of the simulated gyroscope
 BIAS: Final = 12.0
-# for one report
+# request for a report
 ASK: Final = 130
 ROS: Final = 13  # X in m/s and Z in rad/s
 
@@ -62,7 +62,7 @@ class Waveshare(Controller):
         return self._sides != (0.0, 0.0)
 
     def step(self, now: float) -> None:
-        """Hold the sides as they were told, until the heartbeat is over, and report."""
+        """Hold the sides' commands, until the heartbeat is over, and report."""
         self.car.move(now)
         if now - self._heard > self.heartbeat / 1000.0:
             self._sides, self._by_pwm = (0.0, 0.0), False
@@ -100,7 +100,7 @@ class Waveshare(Controller):
     # -- the link's end --------------------------------------------------------------------------------------------
 
     def received(self, data: bytes) -> None:
-        """Do as the lines say."""
+        """Carry out the host's lines."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         self._rest = self._rest[-LINE_MAX:]
         for text in lines:
@@ -142,5 +142,5 @@ class Waveshare(Controller):
 
 
 def port(config: Config) -> DoublePort[Waveshare]:
-    """A port with such a board behind it: `serial.port: waveshare`."""
+    """Return a port with such a board behind it: `serial.port: waveshare`."""
     return DoublePort("waveshare", lambda: Waveshare(config))

@@ -1,8 +1,8 @@
 """Waveshare's rover boards as a HAL: JSON lines over UART or USB, with the firmware of their UGV and WAVE ROVER.
 
-Boards with encoders close a speed loop for each side, and report paths, speeds and their IMU; those without take PWM.
-They stop by themselves when no set-point has come for as long as their heartbeat says, 3 s as they come: it is set when
-the line is opened, and again every second, as a board that restarts forgets it.
+A board with encoders closes a speed loop for each side, and reports paths, speeds and its IMU. A board without encoders
+takes PWM. A board stops by itself when no set-point has come for the time of its heartbeat, 3 s at power-up. The driver
+sets this time when it opens the line, and every second again, as a board that restarts loses it.
 """
 
 import json
@@ -26,14 +26,14 @@ from txt1.units import Positive, PositiveInt
 SPEED: Final = 1
 # L and R, -255 to 255
 PWM: Final = 11
-# whether it reports without being asked
+# whether it reports unasked
 FEEDBACK: Final = 131
 HEARTBEAT: Final = 136  # ms
-# between two reports, ms
+# ms between two reports
 INTERVAL: Final = 142
-# whether it sends back what it is sent
+# whether it echoes commands
 ECHO: Final = 143
-# what it reports itself
+# its own reports
 REPORT: Final = 1001
 
 PWM_FULL: Final = 255
@@ -42,37 +42,37 @@ LINE_MAX: Final = 2048
 # ms between two reports
 EVERY: Final = 20
 SETTINGS_EVERY: Final = 1.0  # s
-# V: more than this is hundredths of one, and paths are in cm
+# V: a larger number is in hundredths of a volt, and paths are then in cm
 HUNDREDTHS: Final = 60.0
-# m by which paths in whole centimetres leap
+# m by which paths in whole centimetres jump
 ROUNDED: Final = 0.011
-# m/s with which a side may have rolled on although it says that it stands
+# m/s at which a side may have rolled on although it reports a stand
 SLOW: Final = 0.3
-# s in whose course reports that were held back may come at once
+# s within which delayed reports may arrive all at once
 BURST: Final = 0.1
-# s without a report, after which a board that begins at 0 has restarted: reports come every 20 ms
+# s without a report, after which a board that starts at 0 has restarted: reports come every 20 ms
 RESTART: Final = 0.2
-# by which a side's speed changes from report to report: m/s, and m/s^2 besides
+# change of a side's speed between reports: m/s, and m/s^2 in addition
 KICK: Final = 1.0, 10.0
-# likewise a yaw rate: rad/s, and rad/s^2
+# change of a yaw rate between reports: rad/s, and rad/s^2 in addition
 SWING: Final = 2.0, 100.0
-# s: a yaw rate holds no longer
+# s for which a yaw rate is valid
 GAP: Final = 0.2
-# reports at rest that make the gyroscope's bias known
+# reports at rest after which the gyroscope's bias is known
 CALM: Final = 25
-# numbers beyond this are none
+# larger numbers are malformed
 LARGEST_NUMBER: Final = 1e9
 
 
 def line(command: int, **values: float) -> bytes:
-    """A command as the board reads it."""
+    """Return a command as a line for the board."""
     return json.dumps({"T": command} | values, separators=(",", ":")).encode() + b"\n"
 
 
 class Lines:
-    """Finds the objects in a stream of lines, also in lines that are torn or run into each other.
+    """Finds the objects in a stream of lines, even if lines are torn or run into each other.
 
-    `faults` counts the lines of which something was thrown away.
+    `faults` counts the lines of which a part was discarded.
     """
 
     def __init__(self) -> None:
@@ -81,7 +81,7 @@ class Lines:
         self._decoder = json.JSONDecoder()
 
     def feed(self, data: bytes) -> list[dict[str, Any]]:
-        """The objects that these bytes complete."""
+        """Take bytes; return the objects that they complete."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > LINE_MAX:
             self.faults += 1
@@ -95,7 +95,7 @@ class Lines:
             try:
                 value, at = self._decoder.raw_decode(words, start)
             except (ValueError, RecursionError):
-                # torn: another may begin behind its brace
+                # a torn line: another may begin after its brace
                 clean, at = False, start + 1
                 continue
             if isinstance(value, dict):
@@ -105,28 +105,28 @@ class Lines:
 
 
 def number(value: Any) -> float | None:
-    """A finite number of the board's; None for anything else."""
+    """Return a finite number of the board's; None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST_NUMBER < value < LARGEST_NUMBER:
         return None
     return float(value)
 
 
 class BoardReport(NamedTuple):
-    """The board's report; None where it has no such value."""
+    """The board's report; None for values that it lacks."""
 
-    # speed of that side, m/s
+    # speed of the side, m/s
     left: float | None
     right: float | None
-    # rolled by that side, m
+    # distance rolled by the side, m
     path_left: float | None
     path_right: float | None
     voltage: float | None  # V
-    # about the vertical axis, as it comes
+    # rate about the vertical axis, in raw counts
     gyro: float | None
 
 
 def report_of(found: dict[str, Any]) -> BoardReport | None:
-    """The report in an object; None where it is another one."""
+    """Return the report in an object; None if it is another object."""
     if found.get("T") != REPORT:
         return None
     left, right, path_left, path_right, voltage, gyro = (
@@ -140,7 +140,7 @@ def report_of(found: dict[str, Any]) -> BoardReport | None:
 
 
 def rolls_on(before: BoardReport, after: BoardReport, dt: float) -> bool:
-    """Whether the sides' paths, `dt` s later, are as far as their speeds can have brought them."""
+    """Return whether the sides' speeds explain their paths in `dt` s."""
     for was, now, u, v in (
         (before.path_left, after.path_left, before.left, after.left),
         (before.path_right, after.path_right, before.right, after.right),
@@ -153,9 +153,10 @@ def rolls_on(before: BoardReport, after: BoardReport, dt: float) -> bool:
 
 
 def began_anew(before: BoardReport, after: BoardReport, dt: float) -> bool:
-    """Whether both paths are 0, at rest, behind a pause of `dt` s, and were not before: so a board begins.
+    """Return whether both paths are newly 0, at rest, after a pause of `dt` s: a board starts like this.
 
-    The tolerance of `rolls_on` grows with the pause, so it takes a restart behind a long one for a drive back.
+    `rolls_on` is not enough: its tolerance grows with the pause, so after a long pause a restart looks like a drive
+    back.
     """
     was, now = (before.path_left, before.path_right), (after.path_left, after.path_right)
     if None in was or None in now or after.left or after.right or dt < RESTART:
@@ -164,7 +165,7 @@ def began_anew(before: BoardReport, after: BoardReport, dt: float) -> bool:
 
 
 def goes_on(before: BoardReport, after: BoardReport, dt: float, gyro: float) -> bool:
-    """Whether a report may follow another `dt` s later: lines have no check sum, and a wrong digit is one as well."""
+    """Return whether a report may follow another `dt` s later: lines have no checksum, so a digit may be wrong."""
     kicks = [abs((now or 0.0) - (was or 0.0)) for was, now in zip(before[:2], after[:2], strict=True)]
     swing = abs(gyro * ((after.gyro or 0.0) - (before.gyro or 0.0)))
     return max(kicks) <= KICK[0] + KICK[1] * dt and swing <= SWING[0] + SWING[1] * dt and rolls_on(before, after, dt)
@@ -177,11 +178,11 @@ class WaveshareOptions:
     baud: PositiveInt = 115200
     """Bits a second."""
     encoders: bool = True
-    """Whether its motors have them; without, as on the WAVE ROVER, it takes PWM and is driven by control.speed_map."""
+    """Whether its motors have encoders. Without them, as on the WAVE ROVER, it takes PWM by control.speed_map."""
     heartbeat: Positive = 0.5
     """Time without a set-point after which the board stops by itself, s."""
     gyro: float = 0.001064
-    """Yaw rate for a count of gz, rad/s: 1 / 16.4 degrees/s; negative where the board lies upside down; 0: not used."""
+    """Yaw rate for a count of gz, rad/s: 1 / 16.4 degrees/s; negative if the board lies upside down; 0: not used."""
 
 
 class WaveshareHal(PlainHal):
@@ -204,17 +205,17 @@ class WaveshareHal(PlainHal):
         self._line = Line(port, wrap, "reports of the rover's board", self._greet, self._take, hal=self.name)
         self._options, self._geometry = options, geometry
         self._lines = Lines()
-        # faults of streams that are gone
+        # faults of earlier streams
         self._skipped = 0
         self._forget()
 
     def _forget(self) -> None:
         self._odometry: Odometry | None = None
         self._report: BoardReport | None = None
-        # one that does not follow from it
+        # a report that does not follow from the last
         self._doubted: BoardReport | None = None
         self._doubts = 0
-        # loop time of the report
+        # loop time of the last report
         self._taken = 0.0
         self._batteries: tuple[float, float] | None = None
         # loop time
@@ -228,7 +229,7 @@ class WaveshareHal(PlainHal):
         await self._line.open()
 
     async def close(self) -> None:
-        """Have it stand, and close the port."""
+        """Stop the rover, and close the port."""
         await self._line.close(self._drive(Outputs()))
 
     def _greet(self) -> None:
@@ -236,11 +237,11 @@ class WaveshareHal(PlainHal):
         self._lines = Lines()
         self._report = self._doubted = None
         self._set = self._line.time() - SETTINGS_EVERY
-        # ends what an earlier host has left half said
+        # ends an unfinished line of an earlier host
         self._line.send(b"\n")
 
     def read(self, now: float) -> Inputs:
-        """Odometry by the sides' paths and the gyroscope, and the battery's voltage."""
+        """Return odometry from the sides' paths and the gyroscope, and the battery's voltage."""
         link = self._line.report(now, {"line_damaged": self._skipped + self._lines.faults, "doubted": self._doubts})
         time = self._line.run_time(self._taken)
         return Inputs(
@@ -252,7 +253,7 @@ class WaveshareHal(PlainHal):
         )
 
     def write(self, outputs: Outputs, now: float) -> None:
-        """Send the sides' speeds every time, which is the heartbeat, and the settings once a second."""
+        """Send the sides' speeds every time, as the heartbeat, and the settings once a second."""
         data = self._drive(outputs if self._line.ready else Outputs())
         time = self._line.time()
         if time >= self._set + SETTINGS_EVERY - 1e-9:
@@ -263,7 +264,7 @@ class WaveshareHal(PlainHal):
         self._line.send(data)
 
     def halt(self, outputs: Outputs, now: float) -> None:
-        """Take the motors' PWM away, past the speed loops, until a speed is asked for."""
+        """Take the motors' PWM away, past the speed loops, until a speed is commanded."""
         self._halted = True
         self._line.send(self._drive(Outputs()))
 
@@ -293,7 +294,7 @@ class WaveshareHal(PlainHal):
         if self._report is not None and not goes_on(self._report, report, since, self._options.gyro):
             first = self._doubted is None or not goes_on(self._doubted, report, since, self._options.gyro)
             self._doubted = report
-            # nothing is lost: paths count on, and a second one that says the same is believed
+            # a lost report does no harm, as paths are totals; a second report that agrees is believed
             if first:
                 self._doubts += 1
                 return
@@ -330,7 +331,7 @@ class WaveshareHal(PlainHal):
         self._odometry = Odometry(x, y, theta, v, omega)
 
     def _yaw_rate(self, gyro: float | None, still: bool) -> float | None:
-        """The yaw rate by the gyroscope, rad/s; None until its bias is known, which it shows while the wheels stand."""
+        """Return the yaw rate from the gyroscope, rad/s; None until its bias is known from reports at rest."""
         if gyro is None or not self._options.gyro:
             return None
         if still:
@@ -342,7 +343,7 @@ class WaveshareHal(PlainHal):
 
 
 def create(config: Config) -> WaveshareHal:
-    """The rover's board behind the configured line."""
+    """Make the rover's board behind the configured line."""
     options = checked(WaveshareOptions, config.hal_options, "hal_options")
     if config.geometry.steering != "skid":
         raise ConfigError("geometry.steering: a Waveshare rover has sides that run at two speeds; choose skid")

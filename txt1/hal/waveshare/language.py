@@ -1,4 +1,4 @@
-"""How a Waveshare rover's board is known: by its reports, for which it is asked."""
+"""Recognises a Waveshare rover's board by its reports, which it sends on request."""
 
 from typing import Final
 
