@@ -1,11 +1,11 @@
-"""The pose and the velocities as all sensors together tell them."""
+"""The pose and the velocities, estimated from all sensors."""
 
 from math import sqrt
 from typing import NamedTuple
 
 
 class Estimate(NamedTuple):
-    """The robot's pose and velocities, by all sensors together."""
+    """The robot's pose and velocities, estimated from all sensors."""
 
     x: float  # m
     y: float  # m
@@ -13,15 +13,15 @@ class Estimate(NamedTuple):
     theta: float
     v: float  # m/s
     omega: float  # rad/s
-    # of these five, row by row
+    # covariance of these five, row by row
     covariance: tuple[float, ...]
-    # of the gyro, rad/s
+    # bias of the gyro, rad/s
     bias: float
-    # share of the wheels' way that the ground does not see
+    # slip: share of the wheels' distance that the vehicle does not move
     slip: float
-    # whether the pose is in the frame of the sensors that tell one; else it is from where it began
+    # whether the pose is in the frame of the sensors that measure a pose; otherwise it starts at 0
     located: bool
 
     def sigma(self, place: int) -> float:
-        """The standard deviation of one of the five."""
+        """Return the standard deviation of the value at `place`, one of the five."""
         return sqrt(max(self.covariance[6 * place], 0.0))

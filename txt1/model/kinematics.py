@@ -7,7 +7,7 @@ TWO_PI: Final = 2.0 * pi
 
 
 def wrap_angle(angle: float) -> float:
-    """The same direction in (-pi, pi], rad."""
+    """Return the same direction in (-pi, pi], rad."""
     if -pi < angle <= pi:
         return angle
     wrapped = (angle + pi) % TWO_PI - pi
@@ -15,16 +15,17 @@ def wrap_angle(angle: float) -> float:
 
 
 def yaw_rate_max(v: float, radius_min: float) -> float:
-    """The largest reachable yaw rate at speed v, rad/s, (2.16): 0 at standstill."""
+    """Return the largest reachable yaw rate at speed v, rad/s, (2.16); 0 at standstill."""
     return abs(v) / radius_min
 
 
 def move_along_arc(
     x: float, y: float, theta: float, distance: float, curvature: float, beta: float
 ) -> tuple[float, float, float]:
-    """Pose (x, y, theta) after `distance` m along an arc of constant `curvature` (1/m) and sideslip beta (rad).
+    """Return the pose (x, y, theta) after `distance` m along an arc of constant `curvature` (1/m) and sideslip
+    beta (rad).
 
-    Exact for any speed profile along the arc: (2.2) integrated over the distance. The heading comes wrapped.
+    Exact for any speed profile along the arc: (2.2) integrated over the distance. The heading is wrapped to (-pi, pi].
     """
     turn = distance * curvature
     # sin(turn / 2) / (turn / 2): the chord's length over the arc's

@@ -1,40 +1,40 @@
-"""The four light sensors: where they sit, how often they are read, what they can tell (thesis 3.7, 5.3)."""
+"""The four light sensors: their places, their sampling rate, their range (thesis 3.7, 5.3)."""
 
 from enum import StrEnum
 from typing import Final, NamedTuple
 
-# sensors sit so far in front of and behind the robot's centre, m
+# distance of the sensors in front of and behind the robot's centre, m
 SENSOR_X: Final = 0.2286
-# and so far to its left and right, m
+# distance to its left and right, m
 SENSOR_Y: Final = 0.127
-# in the order of `Readings`: front and rear, left and right
+# in the order of `Readings`: front or rear, left or right
 SENSORS: Final = ("FL", "FR", "RL", "RR")
 SAMPLE_PERIOD: Final = 0.016  # s
-# the least a sensor tells from darkness, lux
+# smallest reading, lux
 LUX_MIN: Final = 1.0
-# at this a sensor saturates, lux
+# largest reading, lux
 LUX_MAX: Final = 1000.0
 
 
-# of a sensor on the robot: (forward, left), m
+# place of a sensor on the robot: (forward, left), m
 Place = tuple[float, float]
-# of the four sensors, in the order of `Readings`
+# places of the four sensors, in the order of `Readings`
 Mount = tuple[Place, Place, Place, Place]
-# factors on their readings
+# factors on the four readings
 Gains = tuple[float, float, float, float]
-# the same as (forward, left) of each, m
+# the default places: (forward, left) of each, m
 MOUNT: Final[Mount] = (
     (SENSOR_X, SENSOR_Y),
     (SENSOR_X, -SENSOR_Y),
     (-SENSOR_X, SENSOR_Y),
     (-SENSOR_X, -SENSOR_Y),
 )
-# four sensors alike
+# four equal sensors
 EVEN: Final[Gains] = (1.0, 1.0, 1.0, 1.0)
 
 
 class Readings(NamedTuple):
-    """One sample of the four sensors, lux."""
+    """A sample of the four sensors, lux."""
 
     front_left: float
     front_right: float
@@ -43,16 +43,16 @@ class Readings(NamedTuple):
 
 
 class SensorFault(StrEnum):
-    """What is wrong with a sensor."""
+    """A fault of a sensor."""
 
     NONE = "none"
     # its wire is off: it reads 0
     DEAD = "dead"
-    # its driver gives no number
+    # its driver returns no number
     NAN = "nan"
-    # it repeats the reading it had
+    # it repeats its last reading
     FROZEN = "frozen"
 
 
-# four sensors in order
+# the faults of the four sensors in order
 SOUND: Final = (SensorFault.NONE, SensorFault.NONE, SensorFault.NONE, SensorFault.NONE)

@@ -8,7 +8,7 @@ from txt1.units import new
 
 
 class Odometry(NamedTuple):
-    """Pose in the frame where odometry started, and velocities in the vehicle's."""
+    """Pose in the frame of the odometry's start, and velocities in the vehicle's frame."""
 
     x: float = 0.0  # m
     y: float = 0.0  # m
@@ -21,7 +21,7 @@ class Odometry(NamedTuple):
 
 
 def body_velocity(right: int, left: int, dt: float, count_length: float, track_width: float) -> tuple[float, float]:
-    """Speed and yaw rate (v, omega) from the encoders' ticks in dt s; `count_length` is C_W / CPR in m."""
+    """Return speed and yaw rate (v, omega) from the encoders' ticks in dt s; `count_length` is C_W / CPR in m."""
     # (3.1)
     v_right, v_left = right * count_length / dt, left * count_length / dt
     # (2.21), (2.24)
@@ -29,7 +29,7 @@ def body_velocity(right: int, left: int, dt: float, count_length: float, track_w
 
 
 class WheelOdometry:
-    """Odometry from the counters of the two encoder wheels; `odometry` is as of the last reading."""
+    """Odometry from the counters of the two encoder wheels; `odometry` is that of the last reading."""
 
     def __init__(self, geometry: Geometry) -> None:
         self.odometry = Odometry()
@@ -39,8 +39,8 @@ class WheelOdometry:
         self._still = True
 
     def step(self, counts: tuple[int, int], now: float) -> tuple[int, int] | None:
-        """Counts (right, left) since the last reading, with the odometry brought up to `now`; None at the first one."""
-        # measured: a late reading gives the same speed
+        """Bring the odometry up to `now`; return the counts (right, left) since the last reading, None at the first."""
+        # the measured interval: a late reading gives the same speed
         before, dt = self._counts, now - self._time
         self._counts, self._time = counts, now
         if before is None:
@@ -54,26 +54,26 @@ class WheelOdometry:
 
 
 def wheel_ticks(v: float, omega: float, dt: float, geometry: Geometry) -> tuple[int, int]:
-    """Encoder counts (right, left) that speed and yaw rate make in dt s: (2.21), (2.24) and (3.1) the other way."""
+    """Return the encoder counts for a speed and yaw rate in dt s: the inverse of (2.21), (2.24) and (3.1)."""
     turning = 0.5 * geometry.track_width * omega
     return round((v + turning) * dt / geometry.count_length), round((v - turning) * dt / geometry.count_length)
 
 
 def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
-    """The odometry after moving for dt seconds at constant (v, omega)."""
+    """Return the odometry after moving for dt seconds at constant (v, omega)."""
     if v == 0.0 and omega == 0.0:
         return Odometry(odometry.x, odometry.y, odometry.theta, 0.0, 0.0)
     distance = v * dt
-    # m; the curvature of less than that could overflow
+    # m; the curvature of a shorter arc could overflow
     if abs(distance) > 1e-15:
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)
     else:
-        # wheels that turn against each other, which only slip can make them do
+        # the wheels turn against each other, which only slip can cause
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta + omega * dt, 0.0, 0.0, 0.0)
     return new(Odometry, (x, y, theta, v, omega))
 
 
 def rolled(odometry: Odometry, distance: float, curvature: float, v: float) -> Odometry:
-    """The odometry after `distance` m along an arc of this curvature (1/m), now at v m/s: of a car that steers."""
+    """Return the odometry of a car that steers after `distance` m along an arc (curvature in 1/m), now at v m/s."""
     x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, curvature, 0.0)
     return Odometry(x, y, theta, v, v * curvature)

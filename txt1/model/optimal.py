@@ -1,11 +1,11 @@
-"""The least time to the light: what a car that turns and drives optimally needs.
+"""The least time to the light, for a car that turns and drives optimally.
 
 The car drives forward at a constant speed v and turns by at most v / R. It has arrived when its centre is on the goal
 circle, of radius g around the light, whatever its heading. The time is the length of the shortest such path over v.
 
 The shortest path is of one of three kinds, and begins to the left or to the right:
 
-- C: an arc that runs into the goal circle by itself;
+- C: an arc that runs into the goal circle;
 - CS: an arc, then a straight line towards the light, which ends g before it;
 - CC': an arc, then an arc that turns the other way. The ends of the second arc and the light are on a straight line.
 
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from txt1.model.vehicle import SPEED, Geometry
 
-# the light is reached so many metres from it (thesis 5.4)
+# goal radius, m: the light is reached at this distance (thesis 5.4)
 GOAL_RADIUS: Final = 0.5
 
 Array = NDArray[np.float64]
@@ -34,10 +34,11 @@ def optimal_time(
     radius_min: float = Geometry().radius_min,
     goal_radius: float = GOAL_RADIUS,
 ) -> Array:
-    """Least time in s from poses (x, y, theta) to the goal circle around a light at the origin; 0 inside the circle.
+    """Return the least time in s from poses (x, y, theta) to the goal circle of a light at the origin; 0 inside
+    the circle.
 
     The shape is that of x, y and theta broadcast against each other. Lengths are in m, theta in rad, the speed in m/s.
-    A ValueError when speed or a radius is not positive and finite, or a pose is not finite.
+    Raises ValueError: the speed or a radius is not positive and finite, or a pose is not finite.
     """
     if not all(0.0 < value < np.inf for value in (speed, radius_min, goal_radius)):
         raise ValueError(
@@ -57,10 +58,10 @@ def optimal_time(
 
 
 def _length_turning_left_first(ahead: Array, left: Array, radius: float, goal: float) -> Array:
-    """Length of the shortest of the three kinds of path that begin to the left, m; the light is at (ahead, left)."""
+    """Return the length of the shortest path that begins to the left, m; the light is at (ahead, left)."""
     rho = np.hypot(ahead, left - radius)
     phi = np.arctan2(left - radius, ahead)
-    # NaN where there is no path of the kind
+    # NaN if there is no path of this kind
     with np.errstate(invalid="ignore", divide="ignore"):
         # C
         delta = np.arccos((rho**2 + radius**2 - goal**2) / (2.0 * rho * radius))
@@ -82,7 +83,10 @@ def _length_turning_left_first(ahead: Array, left: Array, radius: float, goal: f
 
 
 def _turn(angle: Array) -> Array:
-    """Angle of a left turn from the start, at -pi/2 from the turning circle's centre, to `angle`; rad in [0, 2 pi)."""
+    """Return the angle of a left turn to `angle`, rad in [0, 2 pi).
+
+    It begins at -pi/2 from the turning circle's centre.
+    """
     turn = (angle + np.pi / 2.0) % (2.0 * np.pi)
-    # a rounding error below nothing is no whole turn
+    # a rounding error below 0 is no whole turn
     return np.where(turn > 2.0 * np.pi - 1e-9, 0.0, turn)

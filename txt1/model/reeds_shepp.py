@@ -15,7 +15,7 @@ from txt1.model.kinematics import wrap_angle
 # x and y in m, theta in rad
 Pose = tuple[float, float, float]
 
-# segments below this many radii are no segments
+# shorter segments, in radii, do not count
 SHORTEST: Final = 1e-9
 QUARTER: Final = pi / 2.0
 
@@ -35,12 +35,12 @@ _Formula = Callable[[float, float, float], _Lengths | None]
 
 
 def length(path: Path) -> float:
-    """Metres driven along a path, in either gear."""
+    """Return the length of a path in both gears, m."""
     return sum(abs(segment.distance) for segment in path)
 
 
 def paths(start: Pose, goal: Pose, radius: float) -> list[Path]:
-    """Every Reeds-Shepp path between two poses for a turning radius in m, shortest first; never empty."""
+    """Return every Reeds-Shepp path between two poses for a turning radius in m, shortest first; never empty."""
     dx, dy = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius
     c, s = cos(start[2]), sin(start[2])
     x, y, phi = c * dx + s * dy, c * dy - s * dx, wrap_angle(goal[2] - start[2])
@@ -56,7 +56,7 @@ def paths(start: Pose, goal: Pose, radius: float) -> list[Path]:
 
 
 def _words(x: float, y: float, phi: float) -> Iterator[tuple[str, _Lengths]]:
-    """Every word that leads from the origin to (x, y, phi), with the lengths of its letters, in radii."""
+    """Yield every word that leads from the origin to (x, y, phi), with the lengths of its letters, in radii."""
     back_x, back_y = x * cos(phi) + y * sin(phi), x * sin(phi) - y * cos(phi)
     for word, formula, reversible in _FORMULAS:
         for from_end in (False, True) if reversible else (False,):
@@ -162,7 +162,7 @@ def _lrslr(x: float, y: float, phi: float) -> _Lengths | None:
     return (t, -QUARTER, u, -QUARTER, v) if t >= 0.0 and v >= 0.0 else None
 
 
-# word, formula, and whether the word driven from its end is another one
+# word, formula, and whether the word driven from its end is a different word
 _FORMULAS: Final[tuple[tuple[str, _Formula, bool], ...]] = (
     ("LSL", _lsl, False),
     ("LSR", _lsr, False),
@@ -176,7 +176,7 @@ _FORMULAS: Final[tuple[tuple[str, _Formula, bool], ...]] = (
 
 
 def _outer_turns(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
-    """First and last arc of a word of four arcs whose inner ones are u and v, (8.7) and (8.8)."""
+    """Return first and last arc of a word of four arcs with inner arcs u and v, (8.7) and (8.8)."""
     delta = wrap_angle(u - v)
     a, b = sin(u) - sin(delta), cos(u) - cos(delta) - 1.0
     first = atan2(eta * a - xi * b, xi * a + eta * b)

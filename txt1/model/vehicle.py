@@ -12,9 +12,9 @@ from txt1.units import Positive
 PWM_MAX: Final = 24000
 # the learning robot's speed, m/s (table 5.2)
 SPEED: Final = 0.3
-# counts of steering for a count between a side and the mean, where sides run at two speeds
+# counts of steering for a difference of 1 count between a side and the mean, for sides at two speeds
 SIDES: Final = 3.0
-# counts at which the linkage is at its stop; more only makes the servo draw current (4.3)
+# counts at which the linkage is at its stop; beyond it the servo only draws current (4.3)
 STEERING_MAX: Final = 18000
 
 
@@ -22,27 +22,27 @@ STEERING_MAX: Final = 18000
 class Geometry:
     """Lengths of the vehicle, in metres; a section of the configuration.
 
-    The vehicle is where its pose is: midway between the axles, or on the rear axle where only the front wheels steer.
+    The pose is that of a point midway between the axles, or on the rear axle if only the front wheels steer.
     """
 
     steering: Literal["both", "front", "skid"] = "both"
-    """Which wheels steer: those of both axles, as the TXT-1's; the front ones; none, as sides run at two speeds."""
+    """Steered wheels: both axles, as the TXT-1's; front; or skid: none steers, and the sides run at two speeds."""
     radius_min: Positive = 0.56
-    """Minimum turning radius R_min, m (thesis 2.2.3); of a path to plan, where the sides run at two speeds."""
+    """Minimum turning radius R_min, m (thesis 2.2.3); for sides at two speeds that of planned paths."""
     wheelbase: Positive = 0.34
-    """Between the axles, m; assumed."""
+    """Distance between the axles, m; assumed."""
     track_width: Positive = 0.25
-    """Between the encoder wheels, m."""
+    """Distance between the encoder wheels, m."""
     circumference: Positive = 0.5125
-    """Of a tyre, m (thesis 3.7.1)."""
+    """Circumference of a tyre, m (thesis 3.7.1)."""
     counts_per_rev: Annotated[int, Ge(0)] = 1600
-    """Encoder counts per wheel revolution: 400 CPR in quadrature; 0: there are no encoders."""
+    """Encoder counts per wheel revolution: 400 CPR in quadrature; 0: no encoders."""
     length: Positive = 0.510
-    """Of the body, m."""
+    """Length of the body, m."""
     width: Positive = 0.385
-    """Of the body, m."""
+    """Width of the body, m."""
     centre: float = 0.0
-    """The body's centre ahead of the pose, m."""
+    """Distance of the body's centre ahead of the pose, m."""
 
     @property
     def lever(self) -> float:
@@ -65,16 +65,18 @@ class Geometry:
         return self.circumference / self.counts_per_rev if self.counts_per_rev else math.inf
 
     def curvature(self, share: float) -> float:
-        """Curvature of its path, 1/m, at a share of the steering's range, 1 being full lock on the left: (2.13)."""
+        """Return the curvature of the path, 1/m, at a share of the steering's range, 1 for full lock on the
+        left: (2.13).
+        """
         return math.tan(share * self.steering_max) / self.lever
 
     def steering_share(self, curvature: float) -> float:
-        """The share of the steering's range, -1 to 1, for a curvature in 1/m: the other way round."""
+        """Return the share of the steering's range, -1 to 1, for a curvature in 1/m: the inverse of `curvature`."""
         return min(max(math.atan(self.lever * curvature) / self.steering_max, -1.0), 1.0)
 
 
 def sides(motor: float, steering: float) -> tuple[float, float]:
-    """Counts of the right and of the left side of a vehicle that steers by them, from its outputs.
+    """Return the counts of the right and the left side, for a vehicle whose sides run at two speeds.
 
     right = motor + steering / 3, left = motor - steering / 3, where the steering is `Outputs.rear`, left positive. The
     velocity loops, the speed map and the calibration count on this, so each hardware layer takes its sides from here.
@@ -83,5 +85,5 @@ def sides(motor: float, steering: float) -> tuple[float, float]:
 
 
 def outputs_of(right: float, left: float) -> tuple[float, float]:
-    """Motor and steering, counts, that make these sides: `sides` the other way."""
+    """Return motor and steering, counts, for these sides: the inverse of `sides`."""
     return 0.5 * (right + left), 0.5 * SIDES * (right - left)
