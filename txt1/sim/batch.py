@@ -1,4 +1,4 @@
-"""Many vehicles at once: `txt1.sim.dynamics.move` in a form that a compiler makes vector instructions of.
+"""Many vehicles at once: `txt1.sim.dynamics.move` in a form that compiles to vector instructions.
 
 How it works
 ------------
@@ -18,17 +18,17 @@ three.
 *No branches.* Where `dynamics.move` says "if", this form computes both values and chooses. The equations and their
 order are the same.
 
-*No calls.* The functions of `math` work on one number, and would break the vectors. Their Taylor series stand for them:
-long enough to be exact to the last bits of a double within SERIES_MAX and EXPONENT_MAX, which a tick never leaves.
-Angles of a few turns are first brought to a quarter turn (`_sine_cosine`), with pi / 2 in two parts, as its double
-alone would cost digits.
+*No calls.* The functions of `math` take a single number, and would break the vectors. Taylor series replace them. They
+are long enough to be exact to the last bits of a double within SERIES_MAX and EXPONENT_MAX, and a tick stays within
+these bounds. Angles of a few turns are first brought to a quarter turn (`_sine_cosine`), with pi / 2 in two parts, as
+its double alone would cost digits.
 
 *Limits.* This form holds for vehicles under power that steer front and rear by opposite angles, as the velocity loops
 do. `dynamics.move` itself moves a vehicle that coasts, or whose tyres are near the friction circle. It moves all
-vehicles if the vehicle or the tick is beyond the range of the series.
+vehicles if the parameters or the tick exceed the range of the series.
 
-numba compiles it (extra `fast`): eight times as fast as vehicle by vehicle. Without numba it is the same, slowly.
-tests/unit/sim/test_many_vehicles.py holds the two forms together to 1e-12.
+numba compiles it (extra `fast`): eight times as fast as vehicle by vehicle. Without numba it gives the same results
+slowly. tests/unit/sim/test_many_vehicles.py checks that the two forms agree to 1e-12.
 """
 
 from collections.abc import Callable, Mapping
@@ -52,37 +52,38 @@ from txt1.sim.parameters import Batteries, VehicleParameters
 Array = NDArray[np.float64]
 
 X, Y, THETA, V, PHI, RIGHT, LEFT = range(7)
-"""Rows of a batch's state: as in `VehicleState`, with one steering angle, the front's; the rear's is its opposite."""
+"""Rows of a batch's state: as in `VehicleState`, but with the front steering angle only; the rear angle is its
+negative.
+"""
 
-# largest angle, rad, for which `sine` and `cosine` are good
+# largest angle, rad, for which `sine` and `cosine` are exact
 SERIES_MAX: Final = pi / 4.0
-# largest exponent for which `exponential` is good
+# largest exponent for which `exponential` is exact
 EXPONENT_MAX: Final = 0.25
-# of 1 + scrub + drag: more is rare, and costs the exponential a digit or two
+# largest 1 + scrub + drag: larger values are rare, and cost the exponential a digit or two
 LOSS_MAX: Final = 2.0
 
-# what pi / 2 is more than its double
+# difference between pi / 2 and its double
 _HALF_PI_REST: Final = 6.123233995736766e-17
 
 
 def compiled(
     function: Callable[..., Any], *, reorder: bool = False, calls: Mapping[str, Any] | None = None, **options: Any
 ) -> Callable[..., Any]:
-    """The function compiled, where numba is installed.
+    """Return the function, compiled if numba is installed.
 
     Args:
-        function: of numbers and arrays.
-        reorder: whether sums and products may be taken in another order than written, which vector instructions need;
-            NaN and infinity keep their meaning.
-        calls: compiled functions, by the names by which it calls them.
-        options: of numba.njit.
-
+        function: function of numbers and arrays.
+        reorder: whether sums and products may be reordered, which vector instructions need; NaN and infinity keep their
+            meaning.
+        calls: compiled functions, by the names used in its code.
+        options: options of numba.njit.
     """
     try:
         from numba import njit
     except ImportError:
         return function
-    # mypyc has made C of it; numba wants its source, which lies beside it
+    # mypyc has compiled it; numba needs its Python source, which lies beside it
     if not isinstance(function, FunctionType):
         source = Path(__file__).parents[2].joinpath(*function.__module__.split(".")).with_suffix(".py")
         function = run_path(str(source))[function.__name__]
@@ -93,13 +94,15 @@ def compiled(
 
 
 def powered(vehicle: VehicleParameters, batteries: Batteries) -> VehicleParameters:
-    """The parameters with the free speed that the packs give at the start: for what has no batteries of its own."""
+    """Return the parameters with the free speed at the packs' initial voltage, for a vehicle without batteries
+    of its own.
+    """
     share = voltage_share(vehicle, Packs(batteries.used_1, batteries.used_2).voltages())
     return replace(vehicle, speed_gain=vehicle.speed_gain * share) if share != 1.0 else vehicle
 
 
 def _sine(x: float) -> float:
-    """The sine of x for abs(x) <= SERIES_MAX, by its Taylor series."""
+    """Return the sine of x for abs(x) <= SERIES_MAX, by its Taylor series."""
     q = x * x
     return x * (
         1.0
@@ -117,7 +120,7 @@ def _sine(x: float) -> float:
 
 
 def _cosine(x: float) -> float:
-    """The cosine of x for abs(x) <= SERIES_MAX, by its Taylor series."""
+    """Return the cosine of x for abs(x) <= SERIES_MAX, by its Taylor series."""
     q = x * x
     return 1.0 + q * (
         -1 / 2
@@ -138,7 +141,7 @@ def _cosine(x: float) -> float:
 
 
 def _exponential(x: float) -> float:
-    """The exponential of x for abs(x) <= EXPONENT_MAX, by its Taylor series."""
+    """Return the exponential of x for abs(x) <= EXPONENT_MAX, by its Taylor series."""
     return 1.0 + x * (
         1.0
         + x
@@ -172,12 +175,12 @@ exponential = compiled(_exponential, reorder=True, forceinline=True)
 
 
 def _sine_cosine(x: float) -> tuple[float, float]:
-    """Sine and cosine of x, any angle of a few turns, without a branch."""
+    """Return sine and cosine of x, any angle of a few turns, without a branch."""
     quarter = np.floor(x * (2.0 / pi) + 0.5)
     rest = (x - quarter * (0.5 * pi)) - quarter * _HALF_PI_REST
     s, c = sine(rest), cosine(rest)
     half = np.floor(0.5 * quarter)
-    # 1 where the two change places
+    # 1 if sine and cosine change places
     odd = quarter - 2.0 * half
     sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
     return sign * (s + odd * (c - s)), sign * (1.0 - 2.0 * odd) * (c + odd * (s - c))
@@ -200,7 +203,7 @@ def _drive(
     drag: Array,
     p: Dynamics,
 ) -> float:
-    """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `dynamics.move`."""
+    """Move each vehicle by a piece; return the sum of the vehicles' times left of the tick, s (see `dynamics.move`)."""
     (
         wheelbase,
         track_width,
@@ -294,15 +297,14 @@ def _move(
     """Let vehicles move for `dt` seconds.
 
     Args:
-        batch: their state, shape (7, n), changed in place.
+        batch: states, shape (7, n), changed in place.
         motor: PWM counts, shape (n,).
-        steering: PWM counts of the rear servos, the front ones get the opposite; shape (n,).
-        drag: of the floor, as a share of the speed, shape (n,).
+        steering: PWM counts of the rear servos, shape (n,); the front servos get the negative.
+        drag: drag of the floor as a share of the speed, shape (n,).
         dt: s.
-        p: parameters of all of them.
-        target: room for n numbers.
-        remaining: likewise.
-
+        p: parameters of all vehicles.
+        target: work space for n numbers.
+        remaining: work space for n numbers.
     """
     steering_max, speed_gain, dead_band, speed_time_constant = p[2], p[3], p[4], p[5]
     calm_v, calm_pull = p[-2], p[-1]

@@ -5,16 +5,18 @@ proportional to its length. While a servo turns (42 ms from centre to lock) the 
 `ramp_step`, each an arc at the piece's mean steering angle, which is second-order accurate. One call therefore costs
 two or three arcs instead of twenty steps of a 1 kHz integrator, and is more accurate.
 
-Tyres have no state of their own; they are in balance at once.
+Tyres have no state of their own; they are always in balance.
 
-- *Lateral slip.* A tyre pushes sideways by `cornering` times its load times the sine of its slip angle, so the middle
-  (of the rear axle, where only the front one steers) slides outwards: sin(angle) = -v^2 curvature / (g cornering).
-- *The friction circle.* Motor and steering ask for an acceleration along the car, a = (v_free - loss v) / tau, and for
-  one across it, v^2 curvature. Where both together are more than g `grip`, the car gets the same share of both.
-- *Wheels that spin or lock.* The motor turns them as fast as it can while it pushes no more than they hold:
-  loss v_wheel = v_free - tau times the car's acceleration. The encoders count that.
+- *Lateral slip.* A tyre pushes sideways by `cornering` times its load times the sine of its slip angle. So the
+  reference point (middle of the vehicle, or of the rear axle if only the front axle steers) slides outwards: sin(angle)
+  = -v^2 curvature / (g cornering).
+- *The friction circle.* The motor demands an acceleration along the car, a = (v_free - loss v) / tau, and the steering
+  demands v^2 curvature across it. If the sum of the two vectors exceeds g `grip`, both are scaled down by the same
+  factor.
+- *Wheels that spin or lock.* The motor pushes no more than the tyres hold, so the wheels turn at another speed than the
+  car: loss v_wheel = v_free - tau times the car's acceleration. The encoders count this speed.
 
-Near the circle pieces are never longer than `ramp_step`, each with the acceleration in its middle.
+Near the circle, pieces are never longer than `ramp_step`; each has the acceleration at its middle.
 
 Plain scalars and tuples only, so that numba can compile it.
 """
@@ -28,25 +30,25 @@ from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sim.parameters import VehicleParameters
 
 VERSION: Final = (
-    # of these equations: raised with any change of theirs, so that what was found with others is not used
+    # version of these equations: raised with every change, so that results of other versions are not reused
     2
 )
 GRAVITY: Final = 9.81  # m/s^2
-# shares of what tyres hold: what asks for less, and is slower, is reckoned without the circle
+# shares of the tyres' limit: a vehicle that demands less, and is slower, is computed without the circle
 CALM_ALONG: Final = 0.62
 CALM_ACROSS: Final = 0.5
-# of the floor, at most, for that
+# largest drag of the floor for this shortcut
 DRAG_MAX: Final = 0.2
 # share of the ramp step below which the end of a servo's turn gets no piece of its own
 SHORT_RAMP: Final = 0.25
 
 
 Motion = tuple[float, float, float, float, float, float, float, float]
-"""The fields of a `VehicleState` as plain numbers, which cost much less to make."""
+"""The fields of a `VehicleState` as plain numbers, which are much quicker to make."""
 
 
 class VehicleState(NamedTuple):
-    """Where the vehicle is and what it does."""
+    """The vehicle's pose and motion."""
 
     # of the vehicle's centre in the room, m
     x: float = 0.0
@@ -78,9 +80,9 @@ RAMP_STEP: Final = 0.005
 
 
 def dynamics(vehicle: VehicleParameters, body: Geometry, ramp_step: float = RAMP_STEP) -> Dynamics:
-    """The parameters of `move` as plain numbers, which are read faster than attributes.
+    """Return the parameters of `move` as plain numbers, which are faster to read than attributes.
 
-    A car whose front wheels steer moves as one that steers both axles of twice its wheelbase, seen from the middle.
+    A car with front steering moves like a car with both axles steered and twice its wheelbase, seen from the middle.
     """
     steered = 1.0 if body.steering == "both" else 0.0
     wheelbase, steering_max = 2.0 * body.lever, body.steering_max
@@ -97,11 +99,11 @@ def dynamics(vehicle: VehicleParameters, body: Geometry, ramp_step: float = RAMP
 
 
 def reckoned(wheelbase: float, steering_max: float, p: VehicleParameters) -> tuple[float, float, float, float, float]:
-    """Numbers for `move` that follow from the parameters.
+    """Return numbers for `move` that follow from the parameters.
 
-    The tangent of the largest steering angle; the acceleration that the tyres hold, m/s^2; their lateral slip for 1
-    m/s^2 across; and two limits in m/s. A car is far from the limit of its tyres if its speed is below the first, and
-    differs from the free speed by less than the second.
+    They are: the tangent of the largest steering angle; the acceleration that the tyres hold, m/s^2; their lateral slip
+    for 1 m/s^2 across; and two limits in m/s. A car is far from the limit of its tyres if its speed is below the first,
+    and differs from the free speed by less than the second.
     """
     hold, tan_max, resistance = GRAVITY * p.grip, tan(steering_max), p.scrub + DRAG_MAX
     along = CALM_ALONG * hold
@@ -113,7 +115,9 @@ def reckoned(wheelbase: float, steering_max: float, p: VehicleParameters) -> tup
 
 
 def at_voltage(motor: float, dead_band: float, share: float) -> float:
-    """PWM counts that make the motor's free speed `share` of what it is, as a pack of so much less voltage does."""
+    """Return the PWM counts that make `share` of the motor's free speed, as a pack with this share of the
+    voltage does.
+    """
     if abs(motor) <= dead_band:
         return motor
     rest = dead_band if motor > 0.0 else -dead_band
@@ -129,20 +133,19 @@ def move(
     drag: float,
     p: Dynamics,
 ) -> Motion:
-    """The vehicle's state `dt` seconds later.
+    """Return the vehicle's state `dt` seconds later.
 
     Args:
-        state: now.
+        state: the present state.
         motor: PWM counts, held for dt; 0 coasts.
         front: front steering, PWM counts, held.
         rear: rear steering, PWM counts, held.
         dt: s.
         drag: additional drag of the floor as a share of the speed, held.
-        p: of `dynamics`.
-
+        p: parameters from `dynamics`.
     """
     x, y, theta, v, phi_front, phi_rear, right, left = state
-    # one name each: in plain Python looking up an attribute costs as much as the multiplication it is for
+    # local names: in plain Python looking up an attribute takes as long as the multiplication
     (
         wheelbase,
         track_width,
@@ -166,7 +169,7 @@ def move(
         calm_v,
         calm_pull,
     ) = p
-    # front = -u, rear = +u turns left (spec: plant)
+    # front = -u, rear = +u turns left
     if not -LOCK <= front <= LOCK:
         front = LOCK if front > 0.0 else -LOCK
     if not -LOCK <= rear <= LOCK:
@@ -182,7 +185,7 @@ def move(
     else:
         v_free = speed_gain * (motor - dead_band if motor > 0.0 else motor + dead_band)
         tau = speed_time_constant
-    # whether motor and steering ask for so little that the tyres hold it
+    # whether motor and steering demand so little that the tyres certainly hold
     calm = -calm_v <= v <= calm_v and (coasting or -calm_pull <= v_free - v <= calm_pull)
 
     remaining = dt
@@ -233,7 +236,7 @@ def move(
         if calm:
             share = 1.0
         else:
-            # -- the share of it that the tyres hold: now, then in the middle of the piece
+            # -- the share of the demand that the tyres hold: at the beginning, then at the middle of the piece
             bend = turn / wheelbase
             friction = 0.0 if not coasting else coast_friction if v > 0.0 else -coast_friction
             mean_v = v
@@ -252,13 +255,13 @@ def move(
             rolling = h if h < stop else stop
             distance = (v + 0.5 * along * rolling) * rolling
             wheels = (v_free - friction - tau * along) / loss
-            # a locked wheel stands
+            # a locked wheel does not turn
             rolled = wheels * rolling * (1.0 + slip) if not coasting else wheels * rolling if wheels * v > 0.0 else 0.0
             v = v + along * rolling if stop >= h else 0.0
         elif coasting:
             friction = coast_friction if v > 0.0 else -coast_friction
             v_end = -friction / loss
-            # dry friction stops the vehicle, it does not turn it round; without friction it rolls on
+            # dry friction stops the vehicle but does not reverse it; without friction it rolls on
             stop = 0.0 if v == 0.0 else tau_h * log(1.0 - v / v_end) if v_end != 0.0 else h + 1.0
             rolling = h if h < stop else stop
             decay = exp(-rolling / tau_h)
@@ -279,7 +282,7 @@ def move(
                 mean_v = distance / h
                 square = mean_v * mean_v
                 curvature = turn / (wheelbase * (1.0 + understeer * square))
-                # -- the middle slides outwards
+                # -- the reference point slides outwards
                 sin_slip = sideways * square * curvature
                 if mean_v > 0.0:
                     sin_slip = -sin_slip
@@ -289,7 +292,7 @@ def move(
                         sin_beta * cos_slip + cos_beta * sin_slip,
                         cos_beta * cos_slip - sin_beta * sin_slip,
                     )
-            # -- encoder wheels that are steered roll along their own heading: the hub's velocity projected on it
+            # -- steered encoder wheels roll along their own heading: the hub's velocity is projected on it
             if not steered:
                 tan_front = 0.0
             cos_front = 1.0 / sqrt(1.0 + tan_front * tan_front)

@@ -1,4 +1,4 @@
-"""A physics that is watched: numbers that are not finite end the run, and the vehicle stays where it was."""
+"""Checks a physics: numbers that are not finite end the run, and the vehicle stays where it was."""
 
 from collections.abc import Callable
 from math import isfinite
@@ -9,7 +9,7 @@ from txt1.sim.dynamics import Motion
 
 
 class Finite:
-    """Somebody's physics, of which each motion is checked; all else is the physics' own."""
+    """A physics with every motion checked; everything else is passed on."""
 
     def __init__(self, name: str, physics: Callable[[Motion, float, float, float, float, float], Motion]) -> None:
         self._name, self._physics = name, physics
@@ -20,7 +20,7 @@ class Finite:
         return getattr(self._physics, name)
 
     def __call__(self, motion: Motion, motor: float, front: float, rear: float, dt: float, drag: float) -> Motion:
-        """Return the motion `dt` seconds later; raises HalError where one of its numbers is not finite."""
+        """Return the motion `dt` seconds later; raises HalError if a number is not finite."""
         if not self._failed:
             after = self._physics(motion, motor, front, rear, dt, drag)
             if isfinite(sum(after)):
@@ -30,5 +30,5 @@ class Finite:
                 f"sim.physics: {self._name} says what is no number at {motion[3]:.2f} m/s; drive slower, or set "
                 "sim.physics=plain"
             )
-        # so that whoever stops the robot gets neutral outputs through
+        # so that neutral outputs still pass when the robot is stopped
         return (*motion[:3], 0.0, *motion[4:])

@@ -1,4 +1,4 @@
-"""Rough ground: a height everywhere, of random waves, and the roll and pitch of a car that stands on it."""
+"""Rough ground: a height at every place, from random waves, and the roll and pitch of a car on it."""
 
 from math import atan, cos, pi, sin
 from typing import Final
@@ -8,12 +8,12 @@ import numpy as np
 from txt1.model.vehicle import Geometry
 from txt1.sim.parameters import Roughness
 
-# of random direction, length and phase, that the ground is made of
+# waves of random direction, length and phase that make the ground
 WAVES: Final = 24
 
 
 class Ground:
-    """Ground of a seed, around the room's origin."""
+    """The ground of a seed, around the room's origin."""
 
     def __init__(self, parameters: Roughness, body: Geometry, seed: int) -> None:
         rng = np.random.default_rng(np.random.SeedSequence([seed, WAVES]))
@@ -26,11 +26,13 @@ class Ground:
         self._body = body
 
     def height(self, x: float, y: float) -> float:
-        """The height at a place in the room, m."""
+        """Return the height at a place in the room, m."""
         return float(self._amplitude * np.sin(self._kx * x + self._ky * y + self._phases).sum())
 
     def attitude(self, pose: tuple[float, float, float]) -> tuple[float, float]:
-        """Roll (left side up) and pitch (nose down positive), rad, of a car at a pose: as its axles and tracks lie."""
+        """Return roll (left side up) and pitch (nose down positive), rad, of a car at a pose, from its axles
+        and tracks.
+        """
         if self.flat:
             return 0.0, 0.0
         x, y, theta = pose

@@ -1,4 +1,4 @@
-"""A point light and the four sensors that see it (thesis 3.7, 5.3, 5.4). No clock: one call, one sample."""
+"""A point light and the four sensors that see it (thesis 3.7, 5.3, 5.4). No clock: a call is a sample."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -23,7 +23,7 @@ from txt1.model.light_sensors import (
     SensorFault,
 )
 
-# square of the lamp's radius, m^2: nearer than this it gets no brighter
+# square of the lamp's radius, m^2: at smaller distances the light does not grow
 NEAREST: Final = 0.03**2
 
 
@@ -32,7 +32,7 @@ Lit = Callable[[float, float, float], Sequence[bool]]
 
 
 class PointLight(NamedTuple):
-    """A light that shines alike in all directions.
+    """A light that is equally bright in all directions.
 
     The default is the thesis's 100 W lamp: 1700 lm over the whole sphere are 135 lux at 1 m. So the sensors' three
     decades reach from 0.37 m, which is the last decimetre before the goal circle, to 11.6 m, which is farther than
@@ -47,12 +47,12 @@ class PointLight(NamedTuple):
     intensity: float = 135.0
     # the light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)
     exponent: float = 2.0
-    # above the sensors' plane, m
+    # height above the sensors' plane, m
     height: float = 0.0
 
 
 class Range(NamedTuple):
-    """The readings a sensor can give, lux: what lies outside reads as the nearer end."""
+    """The readings a sensor can give, lux; values outside read as the nearer end."""
 
     low: float = LUX_MIN
     high: float = LUX_MAX
@@ -63,14 +63,16 @@ SENSOR_LIMITS: Final = Range()
 
 
 def illuminances(x: float, y: float, theta: float, light: PointLight) -> Readings:
-    """Light on each of the four sensors, lux, without noise or limits, for a vehicle at (x, y, theta); m and rad."""
+    """Return the light on each of the four sensors, lux, without noise or limits, for a pose (x, y, theta); m
+    and rad.
+    """
     return Readings(*lux_at(x, y, theta, light))
 
 
 def lux_at(
     x: float, y: float, theta: float, light: PointLight, mount: Mount = MOUNT
 ) -> tuple[float, float, float, float]:
-    """The same as plain numbers, in the order of the sensors, which sit at `mount`."""
+    """Return the same as plain numbers, in the order of the sensors, which are at `mount`."""
     c, s = cos(theta), sin(theta)
     light_x, light_y, intensity, exponent, height = light
     dx, dy = light_x - x, light_y - y
@@ -102,14 +104,14 @@ def noise_for_jitter(
     exponent: float = 2.0,
     height: float = 0.0,
 ) -> float:
-    """Standard deviation sigma of a reading's noise, as a share of it, for a direction that jitters so much.
+    """Return the standard deviation sigma of a reading's noise, as a share of it, for a given jitter of the direction.
 
     The thesis saw the unfiltered direction oscillate by +-45 degrees (5.5.2). Here that is an interval which holds
     `share` of the samples when the robot faces the light at the distance where episodes begin.
 
-    By symmetry both front sensors then see the light F and both rear ones B. With readings I_i = (1 + sigma z_i) times
-    these, z_i standard normal, the summed components X = a (FL + FR - RL - RR) and Y = b (FL + RL - FR - RR), where
-    a and b are the sensors' offsets, are normal too:
+    By symmetry both front sensors then see the light F, and both rear sensors B. With readings I_i = (1 + sigma z_i)
+    times these, z_i standard normal, the summed components X = a (FL + FR - RL - RR) and Y = b (FL + RL - FR - RR),
+    where a and b are the sensors' offsets, are normal too:
 
         E X = 2 a (F - B)      sd X = a sigma sqrt(2 F^2 + 2 B^2)
         E Y = 0                sd Y = b sigma sqrt(2 F^2 + 2 B^2)
@@ -126,12 +128,12 @@ def noise_for_jitter(
 
     Args:
         jitter: half the interval, rad, below pi/2.
-        share: of the samples inside it.
-        distance: of the light from the robot's centre, m.
-        exponent: of the light's fall.
-        height: of the light above the sensors' plane, m.
+        share: share of the samples inside the interval.
+        distance: distance of the light from the robot's centre, m.
+        exponent: exponent of the light's fall.
+        height: height of the light above the sensors' plane, m.
 
-    Raises ValueError: no noise makes it jitter so.
+    Raises ValueError: no noise gives this jitter.
     """
     facing = illuminances(-distance, 0.0, 0.0, PointLight(exponent=exponent, height=height))
     front, rear = facing.front_left, facing.rear_left
@@ -169,15 +171,14 @@ class LightSensors:
     """The four sensors of a vehicle: `read` once every `txt1.model.light_sensors.SAMPLE_PERIOD`.
 
     Args:
-        light: what there is to see.
+        light: the light.
         noise: standard deviation of each reading's Gaussian noise, as a share of the reading, drawn anew for each
             sensor and sample; 0 switches it off. `noise_for_jitter()` is the thesis's.
         rng: repeats every random value from its seed.
-        limits: of a reading.
-        mount: where they sit on the vehicle.
-        gains: factors on what they read: a dirty one reads less.
-        lit: whether each sees the light from a pose, where walls may stand between; None: nothing does.
-
+        limits: range of a reading.
+        mount: their places on the vehicle.
+        gains: factors on the readings: a dirty sensor reads less.
+        lit: returns whether each sensor sees the light from a pose, past walls; None: every sensor sees it.
     """
 
     def __init__(
@@ -204,7 +205,7 @@ class LightSensors:
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
-        """The faults, sensor by sensor, in the order FL FR RL RR."""
+        """The faults of the sensors, in the order FL FR RL RR."""
         return self._faults
 
     @faults.setter
@@ -215,7 +216,7 @@ class LightSensors:
         self._broken = self._faults != SOUND
 
     def read(self, x: float, y: float, theta: float) -> Readings:
-        """The next sample, lux, of the vehicle at (x, y, theta) in the room; m and rad."""
+        """Return the next sample, lux, of the vehicle at (x, y, theta) in the room; m and rad."""
         low, high = self.limits
         fl, fr, rl, rr = lux_at(x, y, theta, self.light, self.mount)
         if self.lit is not None:
@@ -243,7 +244,7 @@ class LightSensors:
         return readings
 
     def _break(self, readings: Readings) -> Readings:
-        """The readings as the faults leave them."""
+        """Return the readings with the sensors' faults."""
         last = self._last or readings
         broken = {SensorFault.DEAD: 0.0, SensorFault.NAN: float("nan")}
         return Readings(

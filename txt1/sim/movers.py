@@ -1,4 +1,4 @@
-"""Boxes that move along paths: where each is at an instant is a function of time alone, so a run repeats."""
+"""Boxes that move along paths. The place of a box depends on time alone, so a run repeats."""
 
 from bisect import bisect_right
 from itertools import accumulate, pairwise
@@ -8,7 +8,7 @@ from txt1.sim.parameters import Box, Mover
 
 
 class Moving:
-    """A mover on its way; raises ValueError: its path has no length."""
+    """A mover on its path; raises ValueError if the path has no length."""
 
     def __init__(self, mover: Mover) -> None:
         points = [mover.path[0], *(after for before, after in pairwise(mover.path) if after != before)]
@@ -20,7 +20,7 @@ class Moving:
         self._travelled = [0.0, *accumulate(dist(before, after) for before, after in pairwise(points))]
 
     def at(self, time: float) -> Box:
-        """Where it is, `time` s after the first run in its world began."""
+        """Return the mover's box, `time` s after the start of the first run in its world."""
         length = self._travelled[-1]
         along = max(time, 0.0) * self.mover.speed % (length if self.mover.lap else 2.0 * length)
         along = min(along, 2.0 * length - along) if not self.mover.lap else along

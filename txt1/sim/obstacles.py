@@ -1,16 +1,16 @@
-"""Boxes and round posts on the floor, and how far they and the vehicles' bodies are apart."""
+"""Boxes and round posts on the floor, and their distances to the vehicles' bodies."""
 
 from math import cos, hypot, pi, sin
 
 from txt1.sim.parameters import Box, Post
 
 Obstacle = Box | Post
-# corners (x, y) in m, the last one joined to the first
+# corners (x, y) in m; the last is joined to the first
 Outline = tuple[tuple[float, float], ...]
 
 
 def outline(obstacle: Obstacle) -> Outline:
-    """The edge of an obstacle on the floor; a post's is a polygon."""
+    """Return the edge of an obstacle on the floor; a post becomes a polygon."""
     if isinstance(obstacle, Post):
         angles = [k * pi / 8.0 for k in range(16)]
         return tuple((obstacle.x + obstacle.radius * cos(a), obstacle.y + obstacle.radius * sin(a)) for a in angles)
@@ -20,7 +20,7 @@ def outline(obstacle: Obstacle) -> Outline:
 
 
 def distance(obstacle: Obstacle, x: float, y: float) -> float:
-    """Metres from the point (x, y) to an obstacle's edge; negative inside it."""
+    """Return the distance from the point (x, y) to an obstacle's edge, m; negative inside it."""
     dx, dy = x - obstacle.x, y - obstacle.y
     if isinstance(obstacle, Post):
         return hypot(dx, dy) - obstacle.radius
@@ -31,10 +31,10 @@ def distance(obstacle: Obstacle, x: float, y: float) -> float:
 
 
 def gap(body: Box, other: Obstacle) -> float:
-    """Metres between a body and something else: negative, by the least way out, exactly where they overlap.
+    """Return the distance between a body and an obstacle, m; if they overlap, the least way out, negative.
 
-    Between rectangles that are apart it is the largest gap along an axis of either (separating axis theorem), which
-    may be less than the distance between their corners.
+    For separate rectangles it is the largest gap along an axis of either (separating axis theorem). This may be less
+    than the distance between their corners.
     """
     if isinstance(other, Post):
         return distance(body, other.x, other.y) - other.radius

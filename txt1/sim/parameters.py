@@ -22,13 +22,13 @@ class VehicleParameters:
     dead_band: NotNegative = 300.0
     """Counts around neutral at which the motors coast; assumed."""
     speed_time_constant: Positive = 0.3
-    """Of the driven speed response, s; assumed."""
+    """Time constant of the driven speed, s; assumed."""
     coast_time_constant: Positive = 0.6
-    """Of the viscous part of rolling to a stop, s; assumed."""
+    """Time constant of the viscous part of coasting, s; assumed."""
     coast_friction: Positive = 0.1
-    """Of the dry part, as a speed in m/s: coasting decelerates by (v + friction) / time constant; assumed."""
+    """Dry part of coasting, as a speed in m/s: it decelerates by (v + friction) / time constant; assumed."""
     servo_rate: Positive = (pi / 3.0) / 0.15
-    """Of the steering servos, rad/s: 60 degrees in 0.15 s; assumed."""
+    """Rate of the steering servos, rad/s: 60 degrees in 0.15 s; assumed."""
     scrub: Share = 0.06
     """Share of the free speed that full lock costs; assumed."""
     slip: Share = 0.0
@@ -36,24 +36,28 @@ class VehicleParameters:
     understeer: NotNegative = 0.0
     """Widens curves: curvature is divided by 1 + understeer v^2, s^2/m^2; 0 is none."""
     grip: Annotated[float, Gt(0.0), Le(2.0)] = 1.0489
-    """Most that tyres hold in any direction, as a share of their load: as the public F1TENTH simulator's, 1:10."""
+    """Largest acceleration that tyres hold in any direction, in g; as in the public F1TENTH simulator, 1:10."""
     cornering: Annotated[float, Ge(2.5)] = 5.72
-    """Force of a tyre sideways, as a share of its load, per slip angle, 1/rad: 1.0489 * 5.4562, from there, too."""
+    """Sideways force of a tyre, as a share of its load, per slip angle, 1/rad: 1.0489 * 5.4562, from the same
+    simulator.
+    """
     skid: Positive = 1.0
-    """Factor by which sides at two speeds turn it as if it were wider: tyres that scrub sideways; 1 is none."""
+    """Factor by which sides at two speeds turn it as if it were wider, as tyres scrub sideways; 1: not wider."""
     voltage: NotNegative = INTERCEPT_V
-    """Of a pack with which `speed_gain` holds, V: a full one under load (thesis 3.6.3). The free speed goes with the
-    voltage; 0: it does not."""
+    """Voltage of a pack for which `speed_gain` holds, V: a full pack under load (thesis 3.6.3).
+
+    The free speed is proportional to the voltage; 0: it is constant.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Standard deviations of the simulation's random values; 0 switches one off."""
+    """Standard deviations of the simulation's random values; 0 switches a value off."""
 
     drag: Annotated[float, Ge(0.0), Le(0.2)] = 0.03
-    """Of the floor's drag, as a share of the speed, drawn anew every 20 ms; assumed."""
+    """Noise of the floor's drag, as a share of the speed, drawn every 20 ms; assumed."""
     battery: NotNegative = 0.01
-    """Of a voltage reading, V; assumed."""
+    """Noise of a voltage reading, V; assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,31 +69,33 @@ class Faults:
     left_encoder: bool = False
     """The left encoder's counter stands still."""
     voltage: NotNegative | None = None
-    """Each pack that is fitted reads so many volts; null: as charged."""
+    """Reading of each connected pack, V; null: by its charge."""
 
 
 @dataclass(frozen=True, slots=True)
 class Batteries:
-    """The simulated batteries and their load: a share of the full load under which the thesis measured."""
+    """The simulated batteries and their load, as a share of the thesis's full load."""
 
     used_1: NotNegative | None = 0.0
-    """Minutes under full load that pack 1 has given; null when none is fitted."""
+    """Minutes under full load that pack 1 has given; null: not connected."""
     used_2: NotNegative | None = None
-    """The same of pack 2."""
+    """Minutes under full load that pack 2 has given; null: not connected."""
     idle_load: Share = 0.4
     """Current with the motors off, as a share of the full load; assumed."""
     standby_load: Share = 0.1
     """Current with the ATX supply off as well; assumed."""
     by_speed: bool = False
-    """Whether driving draws by speed, turning and floor; false: full load, as the thesis measured it at 0.5 m/s."""
+    """Whether the load depends on speed, turning and floor; false: driving draws full load, as at 0.5 m/s in
+    the thesis.
+    """
     still: Share = 0.2
-    """Of what driving draws at 0.5 m/s, the share that it draws however slow it is: the motors' heat; assumed."""
+    """Share of the load at 0.5 m/s that does not depend on the speed: the motors' heat; assumed."""
     drag: Share = 0.3
-    """Likewise the share that grows with the square of the speed; the rest grows with the speed; assumed."""
+    """Share of the load at 0.5 m/s that grows with the square of the speed; the rest grows with the speed; assumed."""
     turning: NotNegative = 0.3
-    """Share by which driving draws more at full lock, by the square of the curvature; assumed."""
+    """Share by which the load is larger at full lock, by the square of the curvature; assumed."""
     floor: Positive = 1.0
-    """What driving draws here beside the thesis's floor; a carpet 1.5 to 2; assumed."""
+    """Load on this floor relative to the thesis's floor; on a carpet 1.5 to 2; assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,17 +103,17 @@ class Box:
     """A rectangle on the floor of the simulated room: an obstacle, or a vehicle's body."""
 
     x: float
-    """Of its centre, m."""
+    """x of its centre, m."""
     y: float
-    """Of its centre, m."""
+    """y of its centre, m."""
     length: Positive
-    """Along its own x axis, m."""
+    """Length along its own x axis, m."""
     width: Positive
-    """Along its own y axis, m."""
+    """Width along its own y axis, m."""
     theta: float = 0.0
     """Heading of its x axis, rad."""
     kind: Literal["box"] = "box"
-    """Tells it from a post."""
+    """Distinguishes it from a post."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,29 +121,29 @@ class Post:
     """A round post on the floor of the simulated room."""
 
     x: float
-    """Of its centre, m."""
+    """x of its centre, m."""
     y: float
-    """Of its centre, m."""
+    """y of its centre, m."""
     radius: Positive
-    """Of the post, m."""
+    """Radius of the post, m."""
     kind: Literal["post"] = "post"
-    """Tells it from a box."""
+    """Distinguishes it from a box."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """A box that moves along a path on the floor of the simulated room, whoever is in its way; ahead is its length."""
+    """A box that moves along a path on the floor of the simulated room and never stops; it points along its path."""
 
     path: Annotated[tuple[tuple[float, float], ...], MinLen(2)]
-    """Points x, y of its centre, m; it begins at the first one."""
+    """Points x, y of its centre, m; it starts at the first."""
     speed: Positive
-    """Along the path, m/s."""
+    """Speed along the path, m/s."""
     lap: bool = False
-    """From the last point it goes on to the first, round and round; false: it goes back the way it came."""
+    """Whether it goes from the last point to the first, round and round; false: it returns the way it came."""
     length: Positive = 0.4
-    """Of the box, m."""
+    """Length of the box, m."""
     width: Positive = 0.4
-    """Of the box, m."""
+    """Width of the box, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,33 +153,36 @@ class Roughness:
     height: NotNegative = 0.0
     """Root mean square of the height, m; 0 is flat."""
     shortest: Positive = 0.4
-    """Of the waves, m; the car bridges shorter ones."""
+    """Shortest wave, m; the car bridges shorter waves."""
     longest: Positive = 3.0
-    """Of the waves, m."""
+    """Longest wave, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineFaults:
-    """The faults of a line, both ways; none by default. A piece is what one write or one read brought: a frame."""
+    """The faults of a line, in both directions; none by default.
+
+    A piece is the data of a write or a read: a frame.
+    """
 
     drop: Share = 0.0
     """Share of the pieces that are lost."""
     tear: Share = 0.0
-    """Share of the pieces of which the end is lost."""
+    """Share of the pieces that lose their end."""
     flip: Share = 0.0
     """Probability of each bit to arrive inverted."""
     duplicate: Share = 0.0
-    """Share of the pieces that come twice."""
+    """Share of the pieces that arrive twice."""
     split: bool = False
     """Every byte arrives as a piece of its own."""
     merge: NotNegative = 0.0
-    """Pieces are handed on so many seconds apart, all that has come since then as one."""
+    """Pieces are delivered at this interval, s, all pieces since the last delivery as a single piece."""
     delay: NotNegative = 0.0
-    """Every piece arrives so much later, s."""
+    """Delay of every piece, s."""
     jitter: NotNegative = 0.0
-    """Each piece arrives up to that much later still, s; the order is kept."""
+    """Largest further random delay of a piece, s; the order is kept."""
     stall: NotNegative = 0.0
-    """How long the line holds everything back each time, s."""
+    """Duration of a stall, in which the line delivers nothing, s."""
     stall_every: Positive = 10.0
     """Mean time between two stalls, s."""
     cut: NotNegative = 0.0
@@ -181,5 +190,5 @@ class LineFaults:
 
     @property
     def harmless(self) -> bool:
-        """Whether nothing at all is wrong."""
+        """Return whether the line has no fault."""
         return not any(astuple(replace(self, stall_every=0.0)))

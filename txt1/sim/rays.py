@@ -1,4 +1,4 @@
-"""Rays against all that stands in a room: straight edges and round posts, as numpy arrays. No clock."""
+"""Rays against the shapes in a room: straight edges and round posts, as numpy arrays. No clock."""
 
 from collections.abc import Iterable, Sequence
 from math import isfinite
@@ -18,36 +18,36 @@ Floats = NDArray[np.float64]
 
 
 class Shapes(NamedTuple):
-    """The outlines of all that stands on a floor."""
+    """The outlines of everything that stands on a floor."""
 
     # (n, 4): from x, y to x, y; m
     edges: Floats
     # (m, 3): x, y and radius; m
     posts: Floats
-    # whose solid cells stand there, too
+    # a grid whose solid cells stand there, too
     grid: Grid | None = None
 
     def __add__(self, other: object) -> "Shapes":
-        """Both together."""
+        """Return the shapes of both."""
         assert isinstance(other, Shapes)
         edges, posts = np.concatenate((self.edges, other.edges)), np.concatenate((self.posts, other.posts))
         return Shapes(edges, posts, self.grid or other.grid)
 
     def __bool__(self) -> bool:
-        """Whether there is any."""
+        """Return whether there is a shape."""
         return bool(len(self.edges) or len(self.posts) or self.grid)
 
 
 def edges_of(outlines: Iterable[Outline]) -> Shapes:
-    """The edges of closed outlines."""
+    """Return the edges of closed outlines."""
     edges = [(*a, *b) for each in outlines for a, b in zip(each, (*each[1:], each[0]), strict=True)]
     return Shapes(np.array(edges, float).reshape(-1, 4), np.empty((0, 3)))
 
 
 def walls_of(room: Room) -> Shapes:
-    """The four walls, those at infinity left out; or those of a map, with the caster ready."""
+    """Return the four walls without walls at infinity; or the walls of a map, with its ray caster ready."""
     x, y = 0.5 * room.length, 0.5 * room.width
-    # of a wall whose ends are at infinity, m
+    # largest coordinate, m, for a wall whose ends are at infinity
     far = 1e6
     wide, high = (min(each, far) for each in (x, y))
     walls = [(side * x, -high, side * x, high) for side in (-1.0, 1.0) if isfinite(x)]
@@ -60,20 +60,20 @@ def walls_of(room: Room) -> Shapes:
 
 
 def shapes_of(obstacles: Sequence[Obstacle]) -> Shapes:
-    """The outlines of boxes and posts."""
+    """Return the outlines of boxes and posts."""
     posts = [(each.x, each.y, each.radius) for each in obstacles if isinstance(each, Post)]
     boxes = edges_of(outline(each) for each in obstacles if not isinstance(each, Post))
     return Shapes(boxes.edges, np.array(posts, float).reshape(-1, 3))
 
 
 def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -> Floats:
-    """Distance (m) from (x, y) along each of the angles (rad) to the first shape in the way; inf where there is none.
+    """Return the distance (m) from (x, y) along each of the angles (rad) to the first shape; inf if there is none.
 
-    The origins are one for all rays, or one for each. A ray p + t u meets the edge from a to b where
-    t = (a - p) x (b - a) / (u x (b - a)) is not negative and s = (a - p) x u / (u x (b - a)) is in [0, 1]; it meets a
-    circle around c at t = u . (c - p) - sqrt(r^2 - (u x (c - p))^2).
+    x and y are numbers for all rays, or arrays with a number for each ray. A ray p + t u meets the edge from a to b
+    where t = (a - p) x (b - a) / (u x (b - a)) is not negative and s = (a - p) x u / (u x (b - a)) is in [0, 1]; it
+    meets a circle around c at t = u . (c - p) - sqrt(r^2 - (u x (c - p))^2).
     """
-    # one row for each shape: numpy is quickest along a row, and there are more rays than shapes
+    # a row for each shape: numpy is quickest along a row, and there are more rays than shapes
     ux, uy = np.cos(angles), np.sin(angles)
     px, py = np.asarray(x, float), np.asarray(y, float)
     nearest = np.full(len(angles), np.inf)
@@ -81,7 +81,7 @@ def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -
         ax, ay, bx, by = shapes.edges.T[..., None]
         dx, dy, ox, oy = bx - ax, by - ay, ax - px, ay - py
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            # inf where it runs along the edge
+            # inf for a ray that runs along the edge
             share = 1.0 / (ux * dy - uy * dx)
             t = (ox * dy - oy * dx) * share
             s = (ox * uy - oy * ux) * share
@@ -93,7 +93,7 @@ def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -
         along, beside = ux * ox + uy * oy, ux * oy - uy * ox
         half = radius * radius - beside * beside
         reach = np.sqrt(np.maximum(half, 0.0))
-        # from inside, where it leaves
+        # from inside, the point where the ray leaves
         t = np.where(along - reach >= 0.0, along - reach, along + reach)
         t[(half < 0.0) | (t < 0.0)] = np.inf
         nearest = np.minimum(nearest, t.min(axis=0))

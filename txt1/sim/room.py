@@ -1,4 +1,4 @@
-"""Four walls that stop the vehicle, or those of a map."""
+"""The walls that stop the vehicle: four, or those of a map."""
 
 from math import cos, inf, sin
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,12 +17,12 @@ class Room(NamedTuple):
     # along y, m
     width: float = inf
     walls: "Walls | None" = None  # of a map
-    # backward: those, and all floor that nobody has seen free
+    # the walls of a map; a floor that was never seen free is solid
     behind: "Walls | None" = None
 
 
 def clearance(x: float, y: float, theta: float, room: Room, body: Geometry) -> float:
-    """Metres from the body's nearest corner to the nearest wall; negative when it sticks into the wall."""
+    """Return the distance from the body's nearest corner to the nearest wall, m; negative inside a wall."""
     c, s = cos(theta), sin(theta)
     ahead, beside = x + body.centre * c, y + body.centre * s
     # half extents of the rotated body along the room's axes

@@ -1,6 +1,6 @@
 """A serial line that takes time for its bytes, and damages, loses and delays them.
 
-`carry(data, now)` says what arrives when; moving time and delivering is the caller's business.
+`carry(data, now)` returns the arriving bytes and their times. The caller moves time and delivers.
 """
 
 from collections.abc import Callable
@@ -12,11 +12,11 @@ from numpy.random import Generator
 from txt1.sim.parameters import LineFaults
 
 BITS_PER_BYTE: Final = 10
-"""On the line: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
+"""Bits on the line for a byte: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
 
 LineFault = Literal["drop", "tear", "flip", "duplicate", "stall", "cut"]
 Arrival = tuple[float, bytes]
-"""When a piece arrives, s, and its bytes."""
+"""Time of arrival of a piece, s, and its bytes."""
 
 
 class SerialLine:
@@ -25,11 +25,10 @@ class SerialLine:
     Args:
         faults: the line's faults.
         rng: decides the fate of each piece; the same seed and traffic repeat every fault.
-        on_fault: is told of each fault and the piece as it was given. The faults are "drop", "tear", "flip",
+        on_fault: called with each fault and the piece before the damage. The faults are "drop", "tear", "flip",
             "duplicate", "stall" for the first piece that a stall holds back, and "cut" for each piece that would arrive
             after the line is lost.
-        start: when the line came up, s.
-
+        start: time at which the line came up, s.
     """
 
     def __init__(
@@ -43,10 +42,10 @@ class SerialLine:
             raise ValueError("a line that always stalls carries nothing: stall_every must be positive")
         self.faults = faults
         self.merges = faults.merge > 0.0
-        """Whether pieces that arrive at the same instant are one."""
+        """Whether pieces that arrive at the same instant become a single piece."""
         self.counts: dict[LineFault, int] = dict.fromkeys(get_args(LineFault), 0)
         self.ends = start + faults.cut if faults.cut else float("inf")
-        """When the line is lost, s."""
+        """Time at which the line is lost, s."""
         self._rng = rng
         self._on_fault = on_fault
         self._last = start
@@ -54,7 +53,9 @@ class SerialLine:
         self._stall_starts = start + rng.exponential(faults.stall_every) if faults.stall else float("inf")
 
     def carry(self, data: bytes, now: float) -> list[Arrival]:
-        """The pieces that arrive of one given at `now`; their instants never fall behind those of earlier calls."""
+        """Return the pieces that arrive for a piece sent at `now`; their times are never before those of
+        earlier calls.
+        """
         faults, arrival = self.faults, data
         if faults.drop and self._rng.random() < faults.drop:
             self._report("drop", data)
@@ -79,7 +80,7 @@ class SerialLine:
         return pieces
 
     def _when(self, data: bytes, now: float) -> float:
-        """The instant at which a piece given at `now` arrives, s."""
+        """Return the time of arrival for a piece sent at `now`, s."""
         faults = self.faults
         when = now + faults.delay
         if faults.jitter:
@@ -97,9 +98,10 @@ class SerialLine:
         return when
 
     def _damage(self, data: bytes) -> bytes:
-        """The bytes with every bit inverted that it hits.
+        """Return the bytes with every damaged bit inverted.
 
-        The distance from one hit to the next is drawn, not each bit's fate: damage is rare and traffic is not.
+        The distance between two damaged bits is drawn, and not the fate of each bit, because damage is rare and traffic
+        is not.
         """
         at, bits = self._good_bits, 8 * len(data)
         if at >= bits:
@@ -114,7 +116,7 @@ class SerialLine:
         return bytes(damaged)
 
     def _gap(self) -> int:
-        """Bits that arrive intact before the next one that is hit."""
+        """Return the number of bits that arrive intact before the next damaged bit."""
         return int(self._rng.geometric(self.faults.flip)) - 1 if self.faults.flip else 0
 
     def _report(self, fault: LineFault, data: bytes) -> None:
@@ -124,7 +126,7 @@ class SerialLine:
 
 
 class Pace:
-    """The time that bytes take at a baud rate: ten bits each, and they queue behind those still under way.
+    """The time that bytes take at a baud rate: ten bits each, after all bytes still on their way.
 
     Bytes that are given together arrive together, at the instant of the last byte, as from a USB adapter.
     """
@@ -137,10 +139,10 @@ class Pace:
             raise ValueError(f"a baud rate is positive, not {baud}")
         self.baud = baud
         self.busy_until = 0.0
-        """When the last byte given so far has passed, s."""
+        """Time at which the last byte so far has passed, s."""
 
     def carry(self, data: bytes, now: float) -> list[Arrival]:
-        """The bytes with the instant at which they have passed, s."""
+        """Return the bytes with the time at which they have passed, s."""
         if not data:
             return []
         self.busy_until = max(now, self.busy_until) + len(data) * BITS_PER_BYTE / self.baud

@@ -1,6 +1,6 @@
-"""The shadows of walls and of what stands or moves on the floor: a light sensor in one sees nothing of the lamp.
+"""Shadows of walls and of things that stand or move on the floor: a light sensor in a shadow does not see the lamp.
 
-What the lamp hangs on, or stands in, throws no shadow. Other vehicles throw none.
+The thing on which the lamp hangs or stands throws no shadow. Other vehicles throw no shadow, either.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,12 +28,11 @@ def lit_by(
     """Return the function that tells whether sensors at `mount` see a light at (x, y), m, from a pose.
 
     Args:
-        light: m.
-        grid: of the walls. The cell in which the light is counts as free, so that a lamp may hang on a wall.
-        obstacles: that stand.
-        movers: where those that move are now.
+        light: its place, m.
+        grid: the walls. The cell of the light counts as free, so that a lamp may hang on a wall.
+        obstacles: standing obstacles.
+        movers: returns the present places of moving boxes.
         mount: the sensors' places on the vehicle, m.
-
     """
     standing = tuple(each for each in obstacles if distance(each, *light) > 0.0)
     ahead, left = np.array(mount, float).T
@@ -60,14 +59,14 @@ def lit_by(
 
 
 def between(obstacle: Obstacle, one: Point, other: Point) -> bool:
-    """Whether the straight line from one point to another (m) passes through an obstacle."""
+    """Return whether the straight line between two points (m) passes through an obstacle."""
     x, y = one[0] - obstacle.x, one[1] - obstacle.y
     dx, dy = other[0] - one[0], other[1] - one[1]
     if isinstance(obstacle, Post):
         length = dx * dx + dy * dy
         nearest = min(max(-(x * dx + y * dy) / length, 0.0), 1.0) if length else 0.0
         return hypot(x + nearest * dx, y + nearest * dy) < obstacle.radius
-    # in the box's own frame: the share of the line that lies between its sides, along each axis
+    # in the box's own frame: the part of the line between the box's sides, along each axis
     c, s = cos(obstacle.theta), sin(obstacle.theta)
     first, last = 0.0, 1.0
     for at, step, half in (

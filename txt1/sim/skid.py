@@ -1,4 +1,4 @@
-"""The dynamics of a rover whose sides run at two speeds, as `txt1.sim.dynamics` has them for one that steers."""
+"""The dynamics of a rover whose sides run at two speeds, with the methods of `txt1.sim.dynamics`."""
 
 from math import copysign, exp, inf, log
 
@@ -14,17 +14,18 @@ Side = tuple[float, float]
 def move(
     state: Motion, motor: float, steering: float, dt: float, drag: float, vehicle: VehicleParameters, body: Geometry
 ) -> Motion:
-    """The rover's state `dt` seconds later. The fields of the steering angles hold the sides' speeds, right and left.
+    """Return the rover's state `dt` seconds later.
+
+    The fields of the steering angles hold the sides' speeds, right and left.
 
     Args:
-        state: now.
+        state: the present state.
         motor: PWM counts of both sides, held.
-        steering: counts, left positive: a third more on the right side and less on the left one.
+        steering: counts, left positive: a third of it is added on the right side and subtracted on the left.
         dt: s.
         drag: additional drag of the floor as a share of the speed, held.
         vehicle: parameters of the dynamics.
         body: dimensions.
-
     """
     x, y, theta, _, v_right, v_left, right, left = state
     counts_right, counts_left = sides(motor, min(max(steering, -STEERING_MAX), STEERING_MAX))
@@ -43,7 +44,7 @@ def move(
 
 
 def _roll(v: float, counts: float, dt: float, drag: float, p: VehicleParameters) -> Side:
-    """One side: tau dv/dt = v_target - (1 + drag) v, exactly; dry friction stops it when it coasts."""
+    """Move a side: tau dv/dt = v_target - (1 + drag) v, exactly; dry friction stops it while it coasts."""
     loss, beyond = 1.0 + drag, min(abs(counts), PWM_MAX) - p.dead_band
     if beyond > 0.0:
         v_end, tau, stop = copysign(p.speed_gain * beyond, counts) / loss, p.speed_time_constant / loss, inf

@@ -1,4 +1,4 @@
-"""A simulated vehicle as its hardware layer sees it: outputs in, sensor readings out, time moved by the caller."""
+"""A simulated vehicle for its hardware layer: takes outputs, returns sensor readings; the caller moves time."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 if TYPE_CHECKING:
     from txt1.sim.world import World
 
-# the floor's drag changes so many times a second
+# changes of the floor's drag a second
 NOISE_RATE: Final = 50
 
-# what has not moved in longer than this, s, stands
+# s without motion after which the vehicle counts as standing
 INSTANT: Final = 1e-9
 
 
@@ -28,16 +28,16 @@ class Vehicle:
     """A vehicle in a world, with batteries, encoders, power switches and seeded noise.
 
     Args:
-        world: it stands in.
-        parameters: of the dynamics.
-        body: dimensions.
+        world: the world in which it stands.
+        parameters: parameters of the dynamics.
+        body: dimensions of the body.
         batteries: their charge, and the load of the electronics.
-        noise: what is random.
+        noise: standard deviations of its random values.
         start: pose (x, y, theta) in the room, m and rad.
         seed: repeats every random value.
-        name: of its robot.
+        name: its robot's name.
 
-    Raises ValueError: something is in the way where it starts.
+    Raises ValueError: there is no room for it at the start.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Vehicle:
     ) -> None:
         self.world = world
         self.dynamics = dynamics(parameters, body)
-        # its motion after a while, by (motion, motor, front, rear, s, drag); None is that of this package
+        # function (motion, motor, front, rear, s, drag) -> the motion after s; None: the package's own physics
         self.physics: Callable[[Motion, float, float, float, float, float], Motion] | None = None
         self._dead_band = parameters.dead_band
         self.parameters = parameters
@@ -69,35 +69,35 @@ class Vehicle:
         self.faults = Faults()
         self.atx_on = self.esc_on = True
         self.time = 0.0
-        """Of this vehicle, s since its robot's run began."""
+        """Time of this vehicle, s since its robot's run began."""
         self.began = 0.0
-        """When that was, s since the first run in this world began."""
+        """Time at which this run began, s since the first run in this world."""
         self.running = False
-        """Whether it has begun."""
+        """Whether its run has begun."""
         self.accompanied = False
         """Whether other vehicles move in this world."""
         self.piece_ends = 0.0
-        """The floor's drag stays the same until then, s."""
+        """Time until which the floor's drag stays the same, s."""
         self.free = (0.0, 0.0, 0.0, 0.0)
-        """The least and largest x and y between which nothing is in reach."""
+        """Least and largest x and y between which nothing is in reach."""
         self.crowded = False
-        """Whether an obstacle or another vehicle may be in reach wherever it is."""
+        """Whether an obstacle or another vehicle may be in reach."""
         drag_seed, battery_seed, phase_seed = np.random.SeedSequence(seed).spawn(3)
         self._drag_rng = np.random.default_rng(drag_seed)
         self.supply = Supply(batteries, noise.battery, battery_seed)
-        # The wheels stop anywhere between two edges of the encoder disc.
+        # The wheels may stop anywhere between two edges of the encoder disc.
         phases: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
         self._right_counts, self._left_counts = phases[0], phases[1]
         self._counts_per_m = 1.0 / body.count_length
         self._drags: list[float] = []
-        # of the floor just now, as a share of the speed
+        # present drag of the floor, as a share of the speed
         self.drag = 0.0
         self._drag_count = 0
         self._outputs = (0.0, 0.0, 0.0)
-        # outputs and steering angles with which it stands and nothing moves it
+        # outputs and steering angles with which it stands and is not moved
         self._rest = (0.0, 0.0, 0.0, nan, nan)
         self.supply.settle(0.0, None)
-        # the motor's voltage, as a share of that with which its parameters hold
+        # the motor's voltage, as a share of the voltage for which its parameters hold
         self._strength = voltage_share(parameters, self.supply.voltages)
         self.motion: Motion = VehicleState()
         self._put_down(*start)
@@ -105,7 +105,7 @@ class Vehicle:
 
     @property
     def state(self) -> VehicleState:
-        """Where the vehicle is and what it does."""
+        """The vehicle's pose and motion."""
         return VehicleState(*self.motion)
 
     @state.setter
@@ -119,7 +119,7 @@ class Vehicle:
         return self.motion[:3]
 
     def outline(self, motion: Sequence[float]) -> Box:
-        """The body at a pose or in a motion, which begins with the pose."""
+        """Return the body's outline at a pose, or in a motion, whose first three fields are a pose."""
         x, y, theta = motion[:3]
         if self.body.centre:
             x, y = x + self.body.centre * cos(theta), y + self.body.centre * sin(theta)
@@ -134,7 +134,7 @@ class Vehicle:
     def place(self, x: float, y: float, theta: float) -> None:
         """Put the vehicle down at a pose in the room, at rest; m and rad.
 
-        Raises ValueError: something is in the way there, or the pose is not finite.
+        Raises ValueError: there is no room at this pose, or it is not finite.
         """
         self._put_down(x, y, theta)
         self.world.look_round(self)
@@ -151,7 +151,7 @@ class Vehicle:
     # -- time --------------------------------------------------------------------------------------------------
 
     def advance_to(self, time: float) -> None:
-        """Let the vehicle move until `time`, s since its robot's run began; an instant in the past changes nothing."""
+        """Move the vehicle until `time`, s since its robot's run began; an earlier time changes nothing."""
         if time > self.time:
             if self.accompanied:
                 self.world.advance(self, time)
@@ -159,13 +159,13 @@ class Vehicle:
                 self.move_to(time)
 
     def rewind(self) -> None:
-        """Let its time be 0 again, where another run begins."""
+        """Set its time to 0 again, for another run."""
         self.supply.rewind(self.time)
         self._drag_count = 0
         self.time = self.piece_ends = 0.0
 
     def move_to(self, time: float) -> None:
-        """Move until `time`, whatever other vehicles do."""
+        """Move until `time`, regardless of other vehicles."""
         while (now := self.time) < time:
             if now >= self.piece_ends:
                 self._draw_drag()
@@ -180,18 +180,18 @@ class Vehicle:
             self.arrive(after, until)
 
     def finish_piece(self) -> None:
-        """Move to the end of the present drag, and take the next."""
+        """Move to the end of the present drag's interval, and draw the next drag."""
         self.move_to(self.piece_ends)
         self._draw_drag()
 
     def motion_at(self, time: float) -> Motion:
-        """The motion at an instant before the drag changes, if nothing is in the way."""
+        """Return the motion at a time before the drag changes, if nothing is in the way."""
         motor, front, rear = self._outputs
         if self.supply.cut_off or not self.esc_on:
             motor = 0.0
         before, dt = self.motion, time - self.time
         stands = before[3] == 0.0
-        # 5 % of an idle simulation is saved
+        # this saves 5 % of an idle simulation
         if stands and (motor, front, rear, before[4], before[5]) == self._rest:
             return before
         driven = motor if self._strength == 1.0 else at_voltage(motor, self._dead_band, self._strength)
@@ -206,7 +206,7 @@ class Vehicle:
         return after
 
     def arrive(self, after: Motion, until: float) -> None:
-        """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""
+        """Take a motion at a time; count the encoders' ticks and the motors' load since the last motion."""
         supply = self.supply
         before, dt, powered = self.motion, until - self.time, not supply.cut_off
         self.time, self.motion = until, after
@@ -224,25 +224,27 @@ class Vehicle:
             supply.drawn += dt * (supply.batteries.idle_load if self.atx_on else supply.batteries.standby_load)
 
     def _load(self, motion: Motion) -> float:
-        """The load of driving on the battery, as a share of the full load."""
+        """Return the battery's load while driving, as a share of the full load."""
         body = self.body
         bend = (tan(motion[4]) - tan(motion[5])) * body.radius_min / body.wheelbase
         return load(self.supply.batteries, motion[3], bend)
 
     def _draw_drag(self) -> None:
-        """Take the floor's drag for the next 20 ms."""
+        """Draw the floor's drag for the next 20 ms."""
         if not self._drags:
             self._drags = (self.noise.drag * self._drag_rng.standard_normal(256)).tolist()
         self.drag = self._drags.pop()
-        # whole multiples of the period, so that it does not matter how the caller cuts up the time; the quotient is
-        # the very float that the scheduler's tick has
+        # whole multiples of the period, so that it does not matter how the caller divides the time; the quotient is
+        # exactly the float of the scheduler's tick
         self._drag_count += 1
         self.piece_ends = self._drag_count / NOISE_RATE
 
     # -- sensors -----------------------------------------------------------------------------------------------
 
     def sense(self, time: float) -> tuple[tuple[int, int], tuple[float, float], bool, tuple[float, float, float]]:
-        """All that a HAL reports, at `time`: encoder counts, battery readings (V), whether they are cut off, pose."""
+        """Return the values for a HAL at `time`: encoder counts, battery readings (V), whether they are cut
+        off, pose.
+        """
         self.advance_to(time)
         supply = self.supply
         if self.time >= supply.read_until:
@@ -251,10 +253,12 @@ class Vehicle:
         return counts, supply.readings, supply.cut_off, self.motion[:3]
 
     def encoder_counts(self) -> tuple[int, int]:
-        """Counts of the right and left encoder since the start, forward positive."""
+        """Return the counts of the right and left encoder since the start, forward positive."""
         return floor(self._right_counts), floor(self._left_counts)
 
     def battery_readings(self) -> tuple[float, float]:
-        """Readings of the two packs' voltages, V, with the converter's noise; 0 where no pack is fitted."""
+        """Return readings of the two packs' voltages, V, with the converter's noise; 0 for a pack that is not
+        connected.
+        """
         self.supply.read(self.time, self.faults.voltage)
         return self.supply.readings

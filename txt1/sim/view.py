@@ -1,7 +1,7 @@
 """Pictures of the simulated room as a camera on a vehicle sees them: floor, walls, obstacles, vehicles and the lamp.
 
-Each column of pixels is one ray on the floor; what it meets stands upright from there, so distances along the camera's
-axis are the same down a column. Brightness falls with the square of the distance to the lamp, over an ambient light.
+Each column of pixels is a ray on the floor. The surface that the ray meets is vertical, so distances along the camera's
+axis are equal within a column. Brightness falls with the square of the distance to the lamp, over an ambient light.
 """
 
 from math import cos, hypot, inf, pi, sin, tan
@@ -32,7 +32,7 @@ LAMP: Final = (255.0, 250.0, 215.0)
 LAMP_RADIUS: Final = 0.05  # m
 # share of full brightness without the lamp
 AMBIENT: Final = 0.35
-# m: as near the lamp as this, brightness is full
+# m: at this distance from the lamp and nearer, brightness is full
 BRIGHT: Final = 1.0
 
 Picture = NDArray[np.uint8]
@@ -53,7 +53,7 @@ class Camera(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """All there is to be seen."""
+    """Everything that the camera may see."""
 
     walls: Shapes
     obstacles: Shapes
@@ -63,7 +63,7 @@ class Scene(NamedTuple):
 
 
 def distances(camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float) -> Floats:
-    """Return the distances along the camera's axis (height, width), m, inf where nothing is.
+    """Return the distances along the camera's axis (height, width), m; inf if nothing is there.
 
     The camera is at (x, y), z above the floor, and looks along theta; m and rad.
     """
@@ -71,7 +71,7 @@ def distances(camera: Camera, scene: Scene, x: float, y: float, z: float, theta:
 
 
 def draw(camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float) -> Picture:
-    """Return the picture (height, width, 3) of a camera that is placed as for `distances`."""
+    """Return the picture (height, width, 3) of a camera placed as for `distances`."""
     sideways, below = _axes(camera)
     depth, paint = _surfaces(camera, scene, x, y, z, theta)
     here = np.where(np.isfinite(depth), depth, 1e3)
@@ -86,7 +86,7 @@ def draw(camera: Camera, scene: Scene, x: float, y: float, z: float, theta: floa
 
 
 def _axes(camera: Camera) -> tuple[Floats, Floats]:
-    """How far left of the axis each column looks, and how far below it each row, for 1 m along it."""
+    """Return how far each column looks to the left of the axis, and each row below it, for 1 m along it."""
     sideways = (0.5 * (camera.width - 1) - np.arange(camera.width, dtype=float)) / camera.focal
     below = (np.arange(camera.height, dtype=float) - 0.5 * (camera.height - 1))[:, None] / camera.focal
     return sideways, below
@@ -95,7 +95,7 @@ def _axes(camera: Camera) -> tuple[Floats, Floats]:
 def _surfaces(
     camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float
 ) -> tuple[Floats, NDArray[np.uint8]]:
-    """What each pixel shows (height, width): its distance along the axis, m, and its index in `PAINTS`."""
+    """Return the surface in each pixel (height, width): its distance along the axis, m, and its index in `PAINTS`."""
     sideways, below = _axes(camera)
     angles = theta + np.arctan(sideways)
     with np.errstate(divide="ignore"):
@@ -108,7 +108,7 @@ def _surfaces(
         if not shapes:
             continue
         along = cast(x, y, angles, shapes) * np.cos(angles - theta)
-        # height over the floor of what is seen there
+        # height over the floor of the visible point
         up = z - below * np.minimum(along, 1e6)
         stands = (up >= 0.0) & (up <= tall) & (along < depth)
         depth = np.where(stands, along, depth)
@@ -119,7 +119,7 @@ def _surfaces(
 def _draw_lamp(
     camera: Camera, light: tuple[float, float], x: float, y: float, theta: float, depth: Floats, colour: Floats
 ) -> None:
-    """Put the lamp where it is seen, with a halo, unless something stands before it."""
+    """Draw the lamp with a halo at its place in the picture, unless something stands before it."""
     dx, dy = light[0] - x, light[1] - y
     ahead, left = cos(theta) * dx + sin(theta) * dy, cos(theta) * dy - sin(theta) * dx
     if ahead < 0.1:

@@ -1,9 +1,9 @@
 """The walls of a map, as a vehicle runs into them.
 
-Between the cells' centres the distance to the nearest wall is interpolated, so a wall's face is where it is 0: on the
-line between a free and a solid cell, and smooth along a slanting wall. A body's clearance is the least distance along
+Between the cells' centres the distance to the nearest wall is interpolated. A wall's face is the line of distance 0: it
+lies between free and solid cells, and is smooth along a slanting wall. A body's clearance is the least distance along
 its outline. The search goes along the outline in steps of half a cell. Far from walls the steps are longer: the
-interpolated distance changes by at most SLOPE a metre, so it is known how far no nearer wall can be.
+interpolated distance changes by at most SLOPE a metre, which tells how far no wall can be nearer.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from txt1.maps.outlines import Outline, outlines
 from txt1.model.vehicle import Geometry
 
 SLOPE: Final = 2.0**0.5
-# m: clearances above this need not be exact
+# m: larger clearances need not be exact
 PLENTY: Final = 0.1
 # longest step beside a wall, cells
 STEP: Final = 0.5
@@ -46,20 +46,22 @@ class Walls:
         return outlines(self.grid)
 
     def freest(self) -> tuple[float, float]:
-        """The middle of the widest place, m: where there is most room to start."""
+        """The middle of the widest place, m: a good place to start."""
         row, column = np.unravel_index(int(self.grid.clear.argmax()), self.grid.clear.shape)
         x, y = self.grid.to_room(column + 0.5, row + 0.5)
         return round(float(x), 2), round(float(y), 2)
 
     def distance(self, x: float, y: float) -> float:
-        """Metres from a place in the room to the nearest wall's face, up to 32 cells; negative within a wall."""
+        """Return the distance from a place in the room to the nearest wall's face, m, up to 32 cells; negative
+        within a wall.
+        """
         dx, dy = x - self._x, y - self._y
-        # from the centre of the frame's first cell, in cells; the frame is one cell wide
+        # from the centre of the frame's first cell, in cells; the frame is a cell wide
         u = (self._cos * dx + self._sin * dy) * self._per_cell + 0.5
         v = (self._cos * dy - self._sin * dx) * self._per_cell + 0.5
         columns = self._columns
         if not (0.0 <= u < columns - 1 and 0.0 <= v < self._rows - 1):
-            # off the map: the farther, the deeper
+            # off the map: more negative with the distance
             away = max(-u, u - columns + 1.0, -v, v - self._rows + 1.0)
             return -(REACH + away) * self.grid.resolution
         i, j = floor(u), floor(v)
@@ -70,13 +72,15 @@ class Walls:
         return below + b * (above - below)
 
     def clearance(self, x: float, y: float, theta: float, body: Geometry) -> float:
-        """Metres from a body's outline to the nearest wall: negative when it sticks into one; exact below PLENTY."""
+        """Return the distance from a body's outline to the nearest wall, m; negative inside a wall; exact below
+        PLENTY.
+        """
         c, s = cos(theta), sin(theta)
         x, y = x + body.centre * c, y + body.centre * s
         least = self.distance(x, y) - SLOPE * hypot(0.5 * body.length, 0.5 * body.width)
         if least > PLENTY:
             return least
-        # the sides: where each begins, its direction, its length
+        # the sides: start, direction and length of each
         ax, ay = 0.5 * body.length * c, 0.5 * body.length * s
         bx, by = -0.5 * body.width * s, 0.5 * body.width * c
         sides = (
@@ -95,12 +99,14 @@ class Walls:
         return least
 
     def roam(self, x: float, y: float, reach: float) -> float:
-        """How far along x or y a body that reaches so far from (x, y) may go free of walls, m; may be negative."""
+        """Return how far along x or y a body of radius `reach` can move from (x, y) free of walls, m; may be
+        negative.
+        """
         return (self.distance(x, y) / SLOPE - reach) / SLOPE
 
 
 def walls_of(name: str) -> Walls:
-    """The walls of a map, by its name or file; raises ConfigError, or MissingExtra: it is a PNG."""
+    """Return the walls of a map, by its name or file; raises ConfigError, or MissingExtra if it is a PNG."""
     try:
         return Walls(read(name))
     except ConfigError as error:

@@ -7,11 +7,11 @@ the order of these ends and, at the same instant, in the order in which the vehi
 vehicles do not touch, the motion of a vehicle does not depend by a bit on the other vehicles, on how often they are
 read, or on the order.
 
-**Contact.** Each motion of a vehicle is compared with all that is near: walls, obstacles, and the bodies of other
-vehicles at that very instant. A vehicle that would get deeper into a wall or an obstacle stays where it was, at speed
-0. Two vehicles that would get deeper into each other both stay where they were at the last instant at which either of
-them moved on. It does not matter which of them is read first. A mover never stops: a vehicle that it runs into cannot
-get deeper into it by itself, and is free when the mover has passed.
+**Contact.** Each motion of a vehicle is compared with everything near: walls, obstacles, and the bodies of other
+vehicles at the same instant. A vehicle that would get deeper into a wall or an obstacle stays where it was, at speed 0.
+Two vehicles that would get deeper into each other both stay where they were at the last instant at which either of them
+moved. The result does not depend on the order in which they are read. A mover never stops: a vehicle that it runs into
+cannot get deeper into it by itself, and is free when the mover has passed.
 """
 
 from heapq import heapify, heapreplace
@@ -28,39 +28,39 @@ from txt1.sim.vehicle import Vehicle
 if TYPE_CHECKING:
     from txt1.sim.movers import Moving
 
-# A vehicle looks round anew when it is so far along x or y from where it did so last, m
+# m along x or y after which a vehicle looks for things in its way again
 ROAM: Final = 0.25
 
-# two vehicles do not come nearer to one another than by this in 20 ms, m: that is 7.5 m/s each
+# m by which two vehicles may approach in 20 ms: that is 7.5 m/s each
 STEP: Final = 0.3
 
 NEAR: Final = 3.0 * ROAM + STEP
-"""Vehicles whose circles were so near when they looked round last watch one another, m; 3 for twice a diagonal."""
+"""Vehicles whose circles were nearer than this, m, at their last look, watch each other; 3 for twice a diagonal."""
 
 NOWHERE: Final = (inf, -inf, inf, -inf)
 
 
 class _Whereabouts:
-    """Where a vehicle looked round last, and what it found."""
+    """Place and result of a vehicle's last look for things in its way."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
         self.reach = 0.5 * hypot(vehicle.body.length, vehicle.body.width) + abs(vehicle.body.centre)
         self.x = self.y = 0.0
-        # there is nothing to look round for
+        # nothing can be in its way
         self.roam = inf
         self.others: list[_Whereabouts] = []
         self.obstacles: list[Obstacle] = []
 
 
 class World:
-    """Everything that the simulated robots have in common. It lives on one event loop.
+    """The common world of simulated robots, on a single event loop.
 
     Args:
         room: the four walls, or a map's.
-        light: where the light is, x and y in m.
+        light: place of the light, x and y in m.
         obstacles: boxes and posts.
-        movers: boxes that move along paths, whoever is in their way.
+        movers: boxes that move along paths and never stop.
 
     Raises ValueError: a number of an obstacle is not finite, or one of its lengths is not positive.
     """
@@ -84,22 +84,22 @@ class World:
         self._origin_ns = -1
         self._all: list[_Whereabouts] = []
         self._of: dict[Vehicle, _Whereabouts] = {}
-        # heap: when a running vehicle's drag changes next, and its index
+        # heap: time of the next change of a running vehicle's drag, and the vehicle's index
         self._ends: list[tuple[float, int]] = []
 
     @property
     def vehicles(self) -> list[Vehicle]:
-        """The vehicles in the order in which they came."""
+        """The vehicles in the order of their arrival."""
         return [each.vehicle for each in self._all]
 
     def add(self, vehicle: Vehicle) -> None:
-        """Take in a vehicle, which is in nobody's way and stands until its run begins."""
+        """Add a vehicle. It has room, and stands until its run begins."""
         self._of[vehicle] = _Whereabouts(vehicle)
         self._all.append(self._of[vehicle])
         self.look_round(vehicle)
 
     def in_the_way(self, vehicle: Vehicle, x: float, y: float, theta: float, margin: float = 0.0) -> str | None:
-        """The thing that a vehicle at (x, y, theta) would stick into, in words; None when it has `margin` m of room."""
+        """Return the thing that a vehicle at (x, y, theta) would touch, in words; None if it has `margin` m of room."""
         room, body = self.room, vehicle.outline((x, y, theta))
         if clearance(x, y, theta, room, vehicle.body) < margin:
             return f"a wall of the {room.length:g} x {room.width:g} m room" if room.walls is None else room.walls.told
@@ -114,13 +114,13 @@ class World:
         return None
 
     def moving(self, vehicle: Vehicle, time: float) -> list[Box]:
-        """Where the movers are at `time`, s of a vehicle's own."""
+        """Return the movers' boxes at `time`, s of a vehicle's own clock."""
         return [each.at(vehicle.began + time) for each in self.movers]
 
     # -- time --------------------------------------------------------------------------------------------------
 
     def expect(self, vehicle: Vehicle, clock: Clock) -> None:
-        """Be ready for a run of a vehicle's robot on this event loop's clock; it begins with its first motion."""
+        """Prepare for a run of a vehicle's robot on this event loop's clock; the run begins with the first motion."""
         if self._origin_ns < 0:
             self._origin_ns = clock.now_ns()
         self._clock = clock
@@ -130,7 +130,7 @@ class World:
         vehicle.accompanied = True
 
     def advance(self, vehicle: Vehicle, time: float) -> None:
-        """Let all vehicles move on, one of them to `time`, s of its own."""
+        """Let all vehicles move on, one of them to `time`, s of its own clock."""
         if not vehicle.running:
             vehicle.began = (self._clock.now_ns() - self._origin_ns) / NS_PER_S - time
             vehicle.running = True
@@ -144,7 +144,7 @@ class World:
         vehicle.move_to(time)
 
     def _gather(self) -> None:
-        """Take note of who moves whenever another one does."""
+        """Note which vehicles move whenever another moves."""
         running = [(index, each.vehicle) for index, each in enumerate(self._all) if each.vehicle.running]
         self._ends = [(each.began + each.piece_ends, index) for index, each in running]
         heapify(self._ends)
@@ -154,7 +154,9 @@ class World:
     # -- contact -----------------------------------------------------------------------------------------------
 
     def contact(self, vehicle: Vehicle, after: Motion, until: float) -> Motion:
-        """A vehicle's motion at `until`, s of its own: `after`, or where it stands if there is something in its way."""
+        """Return a vehicle's motion at `until`, s of its own clock: `after`, or its old place if something is
+        in its way.
+        """
         here = self._of[vehicle]
         if abs(after[0] - here.x) > here.roam or abs(after[1] - here.y) > here.roam:
             self.look_round(vehicle, after)
@@ -166,7 +168,10 @@ class World:
         return after
 
     def _blocked(self, here: _Whereabouts, after: Motion, until: float) -> Motion:
-        """A vehicle's motion at `until`, halted where it would get deeper into something: not on its way out."""
+        """Return a vehicle's motion at `until`.
+
+        It stops if it would get deeper into something, but not on its way out.
+        """
         vehicle, room = here.vehicle, self.room
         before = vehicle.motion
         left = clearance(after[0], after[1], after[2], room, vehicle.body)
@@ -179,7 +184,7 @@ class World:
         return after
 
     def _collide(self, here: _Whereabouts, there: _Whereabouts, after: Motion, until: float) -> Motion:
-        """The vehicle's motion at `until`; if it runs into the other one, both are halted."""
+        """Return a vehicle's motion at `until`; if it runs into the other vehicle, both stop."""
         vehicle, other = here.vehicle, there.vehicle
         # vehicle's clock minus other's; a vehicle that has not started is compared at the same instant
         ahead = other.began - vehicle.began if other.running else vehicle.time - other.time
@@ -188,7 +193,7 @@ class World:
         left = gap(vehicle.outline(after), other.outline(its_after))
         if left >= 0.0:
             return after
-        # my time when one of us moved on last
+        # this vehicle's time at the last motion of either
         last = max(vehicle.time, other.time + ahead)
         mine = self._blocked(here, vehicle.motion_at(last), last) if last > vehicle.time else vehicle.motion
         its_last = last - ahead
@@ -200,7 +205,7 @@ class World:
         return halted(vehicle, mine, after)
 
     def look_round(self, vehicle: Vehicle, motion: Motion | None = None) -> None:
-        """Find what a vehicle may run into before it looks round again, and where it is free to go."""
+        """Find the things a vehicle may run into before its next look, and the space in which it is free to move."""
         here = self._of[vehicle]
         here.x, here.y = (vehicle.motion if motion is None else motion)[:2]
         here.obstacles = [
@@ -225,7 +230,7 @@ class World:
         self._set_free(here)
 
     def _set_free(self, here: _Whereabouts) -> None:
-        """Tell a vehicle where its centre may be with nothing in reach, whatever its heading."""
+        """Store the range of the vehicle's centre in which nothing is in reach, whatever its heading."""
         vehicle, room, roam = here.vehicle, self.room, here.roam
         if room.walls is not None:
             roam = min(roam, room.walls.roam(here.x, here.y, here.reach))
@@ -236,7 +241,7 @@ class World:
 
 
 def halted(vehicle: Vehicle, before: Motion, after: Motion) -> Motion:
-    """The motion at contact: pose and wheels as before, speed 0, the steering as it has turned."""
+    """Return the motion at contact: pose and wheels as before, speed 0, the steering as turned."""
     x, y, theta, _, _, _, right, left = before
     front, rear = (0.0, 0.0) if vehicle.skids else (after[4], after[5])
     return x, y, theta, 0.0, front, rear, right, left
