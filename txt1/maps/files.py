@@ -1,8 +1,8 @@
-"""A map's files: map_server's pair of a .yaml, which says how to read the picture, and a .pgm or .png.
+"""A map's files, as of map_server: a .yaml, which defines how to read the picture, and a .pgm or .png.
 
 The fields are those of ROS (https://docs.nav2.org/configuration/packages/configuring-map-server.html): image,
-resolution, origin, negate, occupied_thresh, free_thresh, mode. A pixel p of 0 to 255 is occupied by (255 - p) / 255, by
-p / 255 where negate is 1; above occupied_thresh it is a wall, below free_thresh it is free, else unknown.
+resolution, origin, negate, occupied_thresh, free_thresh, mode. A pixel p of 0 to 255 is occupied with probability (255
+- p) / 255, or p / 255 if negate is 1. Above occupied_thresh it is a wall, below free_thresh it is free, else unknown.
 """
 
 import re
@@ -24,10 +24,10 @@ from txt1.maps.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, Grid
 from txt1.resources import resource
 
 MAPS: Final = "config/maps"
-# 200 m x 200 m at 5 cm; the distances of so many are known in some seconds
+# cells; 200 m x 200 m at 5 cm: their distances take some seconds
 CELLS_MAX: Final = 16_000_000
 BYTES_MAX: Final = 100_000_000
-# bytes in which a picture tells its size
+# bytes of a picture that contain its size
 HEAD: Final = 1000
 PICTURES: Final = (".pgm", ".png")
 KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
@@ -41,12 +41,12 @@ class Map(NamedTuple):
     """A map as read from its files."""
 
     name: str
-    """As it was asked for."""
+    """The name by which it was requested."""
     file: Path
-    """Its .yaml."""
+    """Its .yaml file."""
     grid: Grid
     digest: str
-    """SHA-256 of its cells, resolution and origin: the same for files of the same meaning."""
+    """SHA-256 of its cells, resolution and origin: equal for files of equal meaning."""
 
 
 def names() -> list[str]:
@@ -55,7 +55,9 @@ def names() -> list[str]:
 
 
 def file_of(name: str) -> Path:
-    """Return the .yaml of a map: of one of ours by its name, or as given; raises ConfigError where there is none."""
+    """Return the .yaml of a map, given by the name of a map in the package or by its path; raises ConfigError
+    if it is missing.
+    """
     file = Path(name) if name.endswith((".yaml", ".yml")) else resource(MAPS) / f"{name}.yaml"
     if not file.is_file():
         picture = f"; {name} is a picture: give the .yaml beside it" if name.endswith(PICTURES) else ""
@@ -66,15 +68,15 @@ def file_of(name: str) -> Path:
 def read(name: str) -> Map:
     """Return a map by its name or its .yaml.
 
-    Raises ConfigError: a field or the picture is wrong, in one line with file, field, value and remedy; MissingExtra:
-    a .png without pillow.
+    Raises ConfigError: a field or the picture is wrong; the message names file, field, value and remedy. Raises
+    MissingExtra: a .png without pillow.
     """
     file = file_of(name)
     text = _bytes_of(file)
     fields = _fields(file, text)
     picture = file.parent / fields["image"]
     data = _bytes_of(picture)
-    # whoever asks again has the same arrays: the robots of a team, and each sensor
+    # kept, so that the robots of a team and all sensors share the arrays
     return Map(name, file, *_read(file, text, picture, data))
 
 
@@ -114,7 +116,7 @@ def _bytes_of(file: Path) -> bytes:
 
 
 def _fields(file: Path, text: bytes) -> dict[str, Any]:
-    """Return the fields of a .yaml, checked."""
+    """Return the checked fields of a .yaml."""
     try:
         tree = yaml.safe_load(text)
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
@@ -174,9 +176,9 @@ def _check_size(file: Path, width: int, height: int) -> None:
 
 
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
-# of a PNG: eight bits, grey, not interlaced
+# head of a PNG: eight bits, grey, not interlaced
 _GREY: Final = bytes((8, 0, 0, 0, 0))
-# between the numbers of a PGM's head; a comment goes to the end of its line
+# separates the numbers in a PGM's head; a comment goes to the end of its line
 _GAP: Final = rb"(?:\s|#[^\n]*\n)+"
 _HEADER: Final = re.compile(rb"(P[25])" + 3 * (_GAP + rb"(\d{1,9})") + rb"\s")
 
@@ -206,10 +208,7 @@ def _pgm(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
 
 
 def write(grid: Grid, file: Path) -> None:
-    """Write a grid as a map: the .yaml, and beside it a .png of the same name; walls 0, unknown 205, free 254.
-
-    The rows of the picture are not filtered, so `read` needs no library for it.
-    """
+    """Write a grid as a map: the .yaml, and a .png of the same name; walls 0, unknown 205, free 254."""
     solid = grid.cells >= OCCUPIED_FROM
     pixels = np.where(solid, 0, np.where(grid.cells < FREE, 205, 254)).astype(np.uint8)[::-1]
     rows, columns = pixels.shape
@@ -224,7 +223,7 @@ def write(grid: Grid, file: Path) -> None:
 
 
 def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint16] | None:
-    """Return the pixels of a PNG as `write` makes them; None for any other, and where anything is wrong with it."""
+    """Return the pixels of a PNG as written by `write`; None for any other, or a damaged file."""
     if data[24:29] != _GREY:
         return None
     packed, at = b"", 33
@@ -244,7 +243,7 @@ def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint16] | Non
 
 def _png(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
     """Return the grey pixels of a PNG, and the value of white."""
-    # its size stands in its head: a picture that is too large is not unpacked
+    # the size is in the head: a picture that is too large is not unpacked
     columns, rows = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     _check_size(file, columns, rows)
     if (pixels := _plain_png(data, rows, columns)) is not None:

@@ -1,7 +1,7 @@
 """An occupancy grid: a floor, cell by cell, as nav_msgs/OccupancyGrid has it.
 
-What is not known to be free is solid: a car that may drive only where somebody has looked stops at the unknown and at
-the map's edge, and a ray ends there.
+Unknown cells are solid: a car may drive only on floor that was seen free. It stops at unknown cells and at the map's
+edge, and a ray ends there.
 """
 
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 FREE: Final = 0
 OCCUPIED: Final = 100
 UNKNOWN: Final = -1
-# a cell of this probability, in per cent, or more is no floor to drive on
+# per cent: a cell of this probability or more is no floor to drive on
 OCCUPIED_FROM: Final = 50
-# cells up to which distances are told apart
+# cells; larger distances are not distinguished
 REACH: Final = 32
-# the same inside walls: nothing gets deeper into one
+# the same inside walls: a vehicle gets no deeper into a wall
 WITHIN: Final = 8
 ROWS: Final = 16
 
@@ -32,7 +32,7 @@ class Grid:
     """A floor of square cells."""
 
     cells: NDArray[np.int8]
-    """(rows, columns): occupied by so many per cent, -1 where that is unknown; the first row has the lowest y."""
+    """(rows, columns): probability of being occupied in per cent, -1 if unknown; the first row has the lowest y."""
     resolution: float
     """Side of a cell, m."""
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -40,22 +40,24 @@ class Grid:
 
     @cached_property
     def solid(self) -> Bools:
-        """Where nothing may drive (rows + 2, columns + 2): the cells, in a frame of solid ones: the edge."""
+        """The solid cells (rows + 2, columns + 2): the grid's, in a frame of solid cells."""
         return np.pad((self.cells < FREE) | (self.cells >= OCCUPIED_FROM), 1, constant_values=True)
 
     @cached_property
     def clear(self) -> NDArray[np.float32]:
-        """Distances from each cell's centre to the nearest solid one's, cells, as `solid`; REACH where it is more."""
+        """Distances from each cell's centre to the nearest solid cell's centre, in cells, for `solid`; at most
+        REACH.
+        """
         return distances(self.solid, REACH)
 
     @cached_property
     def depth(self) -> NDArray[np.float32]:
-        """Distances from each cell's centre to the nearest wall's face, m, as `solid`; negative inside a wall."""
+        """Distances from each cell's centre to the nearest wall's face, m, for `solid`; negative inside a wall."""
         inside = distances(~self.solid, WITHIN)
         return (self.resolution * np.where(self.solid, 0.5 - inside, self.clear - 0.5)).astype(np.float32)
 
     def to_cells(self, x: Floats | float, y: Floats | float) -> tuple[Floats, Floats]:
-        """Return columns and rows in `solid`, whole numbers at the cells' lower corners, of places in the room, m."""
+        """Return columns and rows in `solid` of places in the room, m; whole numbers are the cells' lower corners."""
         x0, y0, yaw = self.origin
         dx, dy = np.asarray(x, float) - x0, np.asarray(y, float) - y0
         c, s = cos(yaw) / self.resolution, sin(yaw) / self.resolution
@@ -63,14 +65,14 @@ class Grid:
             return c * dx + s * dy + 1.0, c * dy - s * dx + 1.0
 
     def to_room(self, column: Floats | float, row: Floats | float) -> tuple[Floats, Floats]:
-        """Return the places in the room, m, of columns and rows of `to_cells`."""
+        """Return the places in the room, m, of columns and rows from `to_cells`."""
         x0, y0, yaw = self.origin
         u, v = self.resolution * (np.asarray(column, float) - 1.0), self.resolution * (np.asarray(row, float) - 1.0)
         c, s = cos(yaw), sin(yaw)
         return x0 + c * u - s * v, y0 + s * u + c * v
 
     def is_free(self, x: Floats | float, y: Floats | float) -> Bools:
-        """Whether places in the room, m, are on free floor."""
+        """Return whether places in the room, m, are on free floor."""
         column, row = (np.floor(each) for each in self.to_cells(x, y))
         rows, columns = self.solid.shape
         with np.errstate(invalid="ignore"):
@@ -81,10 +83,12 @@ class Grid:
 
 
 def distances(marked: Bools, reach: int) -> NDArray[np.float32]:
-    """Distances (rows, columns) from each cell's centre to that of the nearest marked cell, cells, at most `reach`.
+    """Return the distances (rows, columns) from each cell's centre to the nearest marked cell's, in cells, at
+    most `reach`.
 
-    First along the columns, row after row; then each cell takes the least of what its row's cells have and how far
-    away they are (Felzenszwalb and Huttenlocher, Theory of Computing 8, 2012, section 2.1, without their envelope).
+    First it finds the distances along the columns. Then each cell combines the distances of the cells in its row with
+    their offsets, and takes the least (Felzenszwalb and Huttenlocher, Theory of Computing 8, 2012, section 2.1, without
+    their envelope).
     """
     far = np.where(marked, 0, reach).astype(np.int16)
     for k in range(1, len(far)):

@@ -1,8 +1,9 @@
-"""The walls of a grid as closed lines, few enough to be drawn and sent ten times a second.
+"""The walls of a grid as closed lines, few enough to draw and send ten times a second.
 
-The border between free and solid cells is followed from corner to corner, with the free side on the left; where two
-solid cells touch at a corner, it turns left, so the lines never cross. Then each line is made simpler (Douglas and
-Peucker, 1973): a corner goes where the line without it stays within a tolerance, which doubles until few are left.
+A line follows the border between free and solid cells from corner to corner, with the free side on the left. If two
+solid cells touch at a corner, it turns left, so lines never cross. Then each line is simplified (Douglas and Peucker,
+1973): a corner is removed if the line without it stays within a tolerance. The tolerance doubles until few enough
+corners are left.
 """
 
 from functools import lru_cache
@@ -13,12 +14,12 @@ from numpy.typing import NDArray
 
 from txt1.maps.grid import Grid
 
-# corners (x, y) in m, the last one joined to the first
+# corners (x, y) in m; the last is joined to the first
 Outline = tuple[tuple[float, float], ...]
 
-# corners of all the lines together
+# corners of all lines together
 POINTS_MAX: Final = 500
-# cells' edges that are followed; of more, blocks of 2 x 2 cells are taken for one
+# edges of cells that are followed; if there are more, blocks of 2 x 2 cells are merged
 EDGES_MAX: Final = 200_000
 TOLERANCE: Final = 0.5  # cells
 
@@ -27,7 +28,7 @@ Corners = NDArray[np.int64]
 
 @lru_cache(maxsize=4)
 def outlines(grid: Grid, points_max: int = POINTS_MAX) -> tuple[Outline, ...]:
-    """Return the borders of what is free, m in the room, with at most so many corners together."""
+    """Return the borders of the free floor, m in the room, with at most `points_max` corners together."""
     solid, size = grid.solid, 1
     while (starts := _edges(solid))[0].size > EDGES_MAX:
         rows, columns = (side + side % 2 for side in solid.shape)
@@ -50,12 +51,12 @@ def outlines(grid: Grid, points_max: int = POINTS_MAX) -> tuple[Outline, ...]:
 
 
 def _edges(solid: NDArray[np.bool_]) -> tuple[Corners, Corners]:
-    """Return where each edge between a free and a solid cell begins (n, 2: column, row) and its direction, 0 to 3.
+    """Return the start of each edge between a free and a solid cell (n, 2: column, row) and its direction, 0 to 3.
 
     East, north, west and south: the free cell lies to the left.
     """
     places, directions = [], []
-    # what lies to the left and to the right of a step in each direction, and how far the corner is from the left cell
+    # cells to the left and right of a step in each direction, and the offset of the corner from the left cell
     for direction, (left, right, dx, dy) in enumerate(
         (
             (solid[1:], solid[:-1], 0, 1),
@@ -71,7 +72,7 @@ def _edges(solid: NDArray[np.bool_]) -> tuple[Corners, Corners]:
 
 
 def _loops(places: Corners, directions: Corners, width: int) -> list[Corners]:
-    """Return the closed lines that the edges make: only the corners where they turn (n, 2: column, row)."""
+    """Return the closed lines of the edges: only the corners at which they turn (n, 2: column, row)."""
     begins: dict[int, dict[int, None]] = {}
     for key, direction in zip((places[:, 1] * width + places[:, 0]).tolist(), directions.tolist(), strict=True):
         begins.setdefault(key, {})[direction] = None
@@ -103,8 +104,8 @@ def _loops(places: Corners, directions: Corners, width: int) -> list[Corners]:
 
 
 def _simplified(loop: Corners, tolerance: float) -> Corners:
-    """Return the corners of a closed line that it needs to stay within a tolerance, cells, of what it was."""
-    # two corners that stay: the first, and the farthest from it
+    """Return the corners that a closed line needs to stay within a tolerance, cells, of the original line."""
+    # two corners stay: the first, and the farthest from it
     away = int(np.argmax(((loop - loop[0]) ** 2).sum(axis=1)))
     closed = np.concatenate((loop, loop[:1])).astype(float)
     kept = np.zeros(len(closed), bool)

@@ -1,12 +1,12 @@
-"""Rays against an occupancy grid: how far it is to the first solid cell. One caster for lasers, pictures and filters.
+"""Rays against an occupancy grid: the distance to the first solid cell. Lasers, pictures and filters share this caster.
 
-How it works. A ray goes from cell to cell: at each step it crosses the nearer of the next upright and the next level
-line of the grid, and ends with the line at which a solid cell begins (Amanatides and Woo, Eurographics 1987). So a
-range is exact for the grid, whatever its direction. The grid's frame of solid cells ends every ray.
+How it works. A ray goes from cell to cell. At each step it crosses the next vertical or horizontal line of the grid,
+whichever is nearer. It ends at the line where a solid cell begins (Amanatides and Woo, Eurographics 1987). So a range
+is exact for the grid in every direction. The grid's frame of solid cells ends every ray.
 
-numba (extra `fast`) compiles this loop. Without it many rays go on together as arrays (`_together`): each leaps as far
-as the nearest solid cell leaves it, then steps from line to line as above. It gives the same ranges, but where a
-ray meets a corner; it takes several times as long.
+numba (extra `fast`) compiles this loop. Without it many rays advance together as arrays (`_together`): each ray first
+leaps by the distance of the nearest solid cell, then steps from line to line as above. The ranges are the same, except
+for rays that meet a corner; it takes several times as long.
 """
 
 import warnings
@@ -20,17 +20,18 @@ import numpy as np
 from txt1.installing import installs
 from txt1.maps.grid import REACH, Bools, Floats, Grid
 
-# rays that are quicker one by one than as arrays
+# up to this number, rays are quicker singly than as arrays
 FEW: Final = 8
 # more than two half diagonals of a cell, cells
 ACROSS: Final = 1.5
 
 
 def cast(grid: Grid, x: Floats | float, y: Floats | float, angles: Floats | float, range_max: float = inf) -> Floats:
-    """Return the distances, m, from places in the room along angles, rad, to the first solid cell; inf beyond the last.
+    """Return the distances, m, from places in the room along angles, rad, to the first solid cell; inf beyond
+    `range_max`.
 
-    x and y, m, and the angles are broadcast to one shape, which is that of the result. A ray that begins in a solid
-    cell or off the map is 0 long, and inf where a number is not finite.
+    x and y, m, and the angles are broadcast against each other; the result has their common shape. A ray that begins in
+    a solid cell or off the map has length 0; a ray with a number that is not finite has length inf.
     """
     u, v = grid.to_cells(x, y)
     turned = np.asarray(angles, float) - grid.origin[2]
@@ -43,18 +44,18 @@ def cast(grid: Grid, x: Floats | float, y: Floats | float, angles: Floats | floa
 
 @cache
 def prepare() -> bool:
-    """Compile the caster, so that no ray waits for it; returns whether that could be done, and warns once if not.
+    """Compile the caster, so that no ray waits for it; return whether that was possible, and warn once if not.
 
-    It takes a second or two. Whoever casts while a robot runs calls it before: the makers of sensors do.
+    It takes a second or two. Sensors that cast rays while a robot runs call it when they are made.
     """
     if _compiled() is None:
-        # the caller of this one knows nothing of it
+        # the warning is for the caller's caller
         warnings.warn(f"rays against a map take long without numba: {installs('fast')}", RuntimeWarning, stacklevel=3)
     return _compiled() is not None
 
 
 def _trace(solid: Bools, u: Floats, v: Floats, angles: Floats, far: float, lengths: Floats) -> None:
-    """Write the lengths of rays, cells; plain loops, for numba."""
+    """Write the lengths of rays, cells. Plain loops, for numba."""
     rows, columns = solid.shape
     for k in range(len(u)):
         px, py, du, dv = u[k], v[k], cos(angles[k]), sin(angles[k])
@@ -97,7 +98,7 @@ def _compiled() -> Callable[..., Any] | None:
 
 
 def _caster(count: int) -> Callable[..., Floats]:
-    """Return what casts so many rays."""
+    """Return the function that casts `count` rays."""
     trace = _compiled()
     if trace is None and count >= FEW:
         return _together
@@ -111,7 +112,7 @@ def _one_by_one(trace: Callable[..., Any], grid: Grid, u: Floats, v: Floats, ang
 
 
 def _together(grid: Grid, u: Floats, v: Floats, angles: Floats, far: float) -> Floats:
-    """Return the lengths of rays, cells, by leaps and steps of all of them at a time."""
+    """Return the lengths of rays, cells, by leaps and steps of all rays together."""
     solid, clear = grid.solid.ravel(), grid.clear.ravel()
     rows, columns = grid.solid.shape
     i: Any
@@ -141,7 +142,7 @@ def _together(grid: Grid, u: Floats, v: Floats, angles: Floats, far: float) -> F
         i = np.where(leaps, np.floor(px + t * du), i + step_i * along).astype(np.int64)
         j = np.where(leaps, np.floor(py + t * dv), j + step_j * ~along).astype(np.int64)
         hit = solid[j * columns + i]
-        # a leap ends on free floor, so a hit is where the last line was crossed
+        # a leap ends on free floor, so a hit is on the line crossed last
         lengths[left[hit]] = np.where(t[hit] <= far, t[hit], inf)
         on = ~hit & (t <= far)
         left, i, j, px, py, du, dv, per_i, per_j, step_i, step_j, ahead_i, ahead_j, t = (
