@@ -1,8 +1,8 @@
-"""Driving to places: waypoints by look-ahead, and to a pose, in both gears, all through the Robot API.
+"""Driving to places through the Robot API: along waypoints by look-ahead, and to a pose, in both gears.
 
 ::
 
-    source = true_pose(robot)                       # or wheel_pose(robot), the default: what the encoders tell
+    source = true_pose(robot)                       # or wheel_pose(robot), the default: from the encoders
     await go_to(robot, (1.0, 0.5, 0.0), pose_source=source, room=Room(5.0, 5.0))
     await follow(robot, [(1.5, 2.0), (-1.5, 2.0)], laps=3)
 """

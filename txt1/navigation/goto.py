@@ -25,33 +25,33 @@ from txt1.tasks.on_map import MapInUse
 
 T = TypeVar("T")
 
-# m from the goal that is near enough; 5 cm are asked for, and the pose source has an error
+# m: close enough to the goal; the requirement is 5 cm, and the pose source has an error
 POSITION: Final = 0.035
-# rad likewise; 5 degrees are asked for
+# rad: the same for the heading; the requirement is 5 degrees
 HEADING: Final = radians(3.5)
-# m from the path at the end of a stretch, beyond which it is planned anew
+# m from the path at the end of a stretch beyond which a new path is planned
 OFF_POSITION: Final = 0.06
-# rad likewise
+# rad: the same for the heading
 OFF_HEADING: Final = radians(10.0)
 # m from the goal within which a path is a correction
 CORRECTION: Final = 0.2
-# paths that are planned before the robot is content with where it is
+# number of paths after which the robot accepts its pose
 ATTEMPTS: Final = 8
-# ways that are planned round what stands in the way, before the robot says so and stays
+# number of ways round an obstacle that are planned before the robot gives up and stays
 DETOURS: Final = 3
-# paths after which 5 cm and 5 degrees do on a map, whose poses err by some centimetres themselves
+# number of paths after which 5 cm and 5 degrees suffice on a map, whose poses have an error of some centimetres
 CONTENT: Final = 3
-# m/s^2 with which the set-point falls before the end of a stretch
+# m/s^2 by which the set-point falls before the end of a stretch
 BRAKING: Final = 0.4
-# m/s, the slowest set-point: below, the motors' dead band and the encoders make it uneven
+# m/s, the slowest set-point: slower motion is uneven, by the motors' dead band and the encoders
 CRAWL: Final = 0.1
-# s by which the vehicle's speed follows the set-point, so it comes to rest so much later
+# s by which the vehicle's speed lags behind the set-point, so it comes to rest later
 SPEED_LAG: Final = 0.15
-# s from a command to the wheels: a driver's period, a controller's and an encoder's
+# s from a command to the wheels: a period each of driver, controller and encoder task
 DEAD_TIME: Final = 0.05
-# m in which the yaw-rate loop is to follow for curves to be driven at full speed
+# m: the yaw-rate loop has to follow within this distance for curves to be driven at full speed
 FOLLOWS_WITHIN: Final = 0.12
-# m ahead that must be straight for a speed at which the loop does not follow as closely
+# m ahead that must be straight for a speed at which the loop follows less closely
 STRAIGHT: Final = 0.3
 # m/s from the border of a gain set, two quanta of the encoders
 CLEARANCE: Final = 0.03
@@ -63,9 +63,9 @@ RETURN_LENGTH: Final = 0.25
 LATERAL_GAIN: Final = 1.0 / RETURN_LENGTH**2
 # m from the body within which something seen is in the way
 BESIDE: Final = 0.03
-# s between two looks at what is seen
+# s between two checks of the things seen
 LOOK_EVERY: Final = 0.1
-# m of path beyond that of braking that must be free of what is seen
+# m of path beyond the braking distance that must be free of things seen
 LOOK_AHEAD: Final = 0.3
 # curvature per heading error, 1/m: critical damping
 HEADING_GAIN: Final = 2.0 / RETURN_LENGTH
@@ -87,15 +87,15 @@ class Blocked(CommandRefused):
 
 
 class Arrival(NamedTuple):
-    """Where `go_to` has brought the robot, by the pose source."""
+    """The pose to which `go_to` has brought the robot, by the pose source."""
 
-    # where it is, m and rad
+    # the robot's pose, m and rad
     pose: Pose
-    # from the goal, m
+    # distance from the goal, m
     distance: float
-    # from the goal's heading, rad, never negative
+    # difference from the goal's heading, rad, never negative
     turn: float
-    # how many paths it took
+    # number of paths driven
     plans: int
 
     @property
@@ -113,14 +113,14 @@ async def go_to(
     speed: float | str = 0.4,
     source: CommandSource | None = None,
 ) -> Arrival:
-    """Where the robot has come to rest after driving to a pose (x, y in m, theta in rad).
+    """Drive to a pose (x, y in m, theta in rad) and come to rest there; return the robot's pose.
 
-    The pose and the room, around the origin, are in the frame of the pose source; without one that is the odometry, and
-    without a room there are no walls. The robot is armed, its gains loaded, and drives no faster than `speed` m/s (or
-    "time" or "energy", whichever it is to save), in the name of `source`; None: the program's.
+    The pose and the room, around the origin, are in the frame of the pose source, by default the odometry's. Without a
+    room there are no walls. The robot must be armed, with its gains loaded. It drives at most at `speed` m/s; "time" or
+    "energy" chooses the speed that saves it. `source` is the source of its commands; None: the program's.
 
-    On a map (`map_pose`, `map_floor`), each way is planned on the floor as it is seen then. Where something comes into
-    the way, the robot stops, and looks for a way round it, `DETOURS` times.
+    On a map (`map_pose`, `map_floor`), each way is planned on the floor as it is seen at that time. If something comes
+    into the way, the robot stops and looks for a way round it, up to `DETOURS` times.
 
     Raises NoPath: the goal cannot be reached inside the room; Blocked: something that is seen stands in the way;
     NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes the wheel
@@ -152,7 +152,7 @@ async def go_to(
             continue
         except NoPath as error:
             if arrival is not None and arrival.distance <= CORRECTION:
-                # it is nearly there, and cannot be corrected
+                # the robot is nearly there, and cannot correct its pose
                 return arrival
             if blocked is None:
                 raise
@@ -174,9 +174,9 @@ async def go_to_places(
     speed: float | str = 0.4,
     source: CommandSource | None = None,
 ) -> None:
-    """Drive round the walls of a map from place to place (m), each with the heading with which the way leads to it.
+    """Drive round the walls of a map from place to place (m); the heading at each place is that of the shortest way.
 
-    Raises what `go_to` does.
+    Raises as `go_to`.
     """
     there = robot.runtime.part(MapInUse) if pose_source.sees else None
     for place in places:
@@ -192,7 +192,7 @@ async def _beside(
     body: Geometry,
     there: MapInUse | None,
 ) -> T:
-    """Return what a search finds; on the real clock, one round a map's walls runs in a thread of its own."""
+    """Return the result of a search. On the real clock, a search on a map runs in a thread of its own."""
 
     def search() -> T:
         seen = None if there is None or room is None else there.floor()
@@ -204,7 +204,7 @@ async def _beside(
 
 
 async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float) -> None:
-    """Drive a path, gear by gear, to its end or to a gear change at which the robot is off it."""
+    """Drive a path, gear by gear, to its end, or to a change of gear at which the robot is off the path."""
     try:
         for part in stretches(path):
             stretch = Stretch(start, part)
@@ -218,7 +218,7 @@ async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: P
 
 
 async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, stretch: Stretch, speed: float) -> None:
-    """Drive a stretch to its end and come to rest; Blocked: on the way something was seen on it."""
+    """Drive a stretch to its end and come to rest; raises Blocked if something is seen on the way."""
     there, looked, doubt = robot.runtime.part(MapInUse) if poses.sees else None, 0.0, 0
     geometry = robot.config.geometry
     schedule = robot.runtime.state.gains.angular
@@ -233,7 +233,7 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
             looked = robot.now + LOOK_EVERY
             ahead = driven + moving * moving / (2.0 * BRAKING) + LOOK_AHEAD
             found = _in_the_way(stretch, driven, ahead, there.seen(), geometry)
-            # a scan may err once
+            # a single scan may be wrong
             doubt = 0 if found is None else doubt + 1
             if found is not None and doubt > 1:
                 raise Blocked(*found)
@@ -255,7 +255,7 @@ async def _rest(robot: Robot, wheel: CommandSource, poses: PoseSource) -> None:
     while still < REST:
         wheel.insist(0.0, 0.0)
         await asyncio.sleep(REFRESH)
-        # the encoders' pose wants to be read all the time
+        # the encoders' pose has to be read all the time
         poses.pose()
         still = still + REFRESH if robot.odometry.v == 0.0 else 0.0
 
@@ -263,7 +263,9 @@ async def _rest(robot: Robot, wheel: CommandSource, poses: PoseSource) -> None:
 def _in_the_way(
     stretch: Stretch, driven: float, ahead: float, seen: Sequence[tuple[float, float]], body: Geometry
 ) -> tuple[float, float] | None:
-    """The first of the places seen that the body would touch between so many m driven and so many, at most the end."""
+    """Return the first of the places seen that the body would touch from `driven` m on, for `ahead` m, at most
+    to the end.
+    """
     if not seen:
         return None
     end, at = min(ahead, stretch.length), driven
@@ -280,7 +282,7 @@ def _in_the_way(
 
 
 def steering_distance(v: float, schedule: Schedule, geometry: Geometry) -> float:
-    """Metres in which the yaw-rate loop follows a set-point to 1 - 1/e at v m/s; infinite without gains.
+    """Return the distance in m in which the yaw-rate loop follows a set-point to 1 - 1/e at v m/s; inf without gains.
 
     The steering turns u counts into abs(v) u / (18000 R_min): with g = abs(v) k and k = 1000 / (18000 R_min) the loop
     is of first order, with the time constant (1 + K_P g) / (K_I g): times abs(v), that is (1 + K_P g) / (K_I k).
@@ -291,7 +293,7 @@ def steering_distance(v: float, schedule: Schedule, geometry: Geometry) -> float
 
 
 def curve_speed(speed: float, gear: float, schedule: Schedule, geometry: Geometry) -> float:
-    """The fastest speed up to `speed` at which the steering follows closely enough for curves, m/s.
+    """Return the fastest speed up to `speed` at which the steering follows closely enough for curves, m/s.
 
     The thesis's gains for driving backward are so low that the steering takes a third of a metre to follow at -0.3 m/s.
     """
@@ -302,12 +304,12 @@ def curve_speed(speed: float, gear: float, schedule: Schedule, geometry: Geometr
 
 
 def _miss(pose: Pose, goal: Pose) -> tuple[float, float]:
-    """Distance in m and angle in rad from a pose to a goal."""
+    """Return the distance in m and the angle in rad from a pose to a goal."""
     return hypot(goal[0] - pose[0], goal[1] - pose[1]), abs(wrap_angle(goal[2] - pose[2]))
 
 
 class Stretch:
-    """A part of a path that is driven in one gear, from `start` on; beyond both ends it goes straight on."""
+    """A part of a path that is driven in one gear, from `start` on; it is extended straight beyond both ends."""
 
     def __init__(self, start: Pose, path: Path) -> None:
         # forward, backward
@@ -322,7 +324,7 @@ class Stretch:
         self.end = pose
 
     def at(self, driven: float) -> tuple[Pose, float]:
-        """Pose and curvature (1/m) after `driven` m."""
+        """Return pose and curvature (1/m) after `driven` m."""
         if driven <= 0.0:
             return move_along_arc(*self._pieces[0][1], self.gear * driven, 0.0, 0.0), self._pieces[0][2]
         if driven >= self.length:
@@ -331,7 +333,7 @@ class Stretch:
         return move_along_arc(*pose, self.gear * (driven - before), curvature, 0.0), curvature
 
     def bends(self, first: float, last: float) -> bool:
-        """Whether there is a curve between two places on it, in m driven."""
+        """Return whether there is a curve between two places of the stretch, in m driven."""
         ends = [before for before, _, _ in self._pieces[1:]] + [self.length]
         return any(
             curvature != 0.0 and before <= last and ends_at >= first
@@ -339,7 +341,7 @@ class Stretch:
         )
 
     def nearest(self, pose: Pose, around: float) -> float:
-        """Metres driven at the point abreast of a pose, sought from `around` on."""
+        """Return the metres driven at the point nearest to a pose, sought near `around`."""
         driven = around
         for _ in range(4):
             (x, y, theta), _ = self.at(driven)
@@ -347,12 +349,14 @@ class Stretch:
         return driven
 
     def errors(self, pose: Pose, driven: float) -> tuple[float, float]:
-        """Lateral error (m, left positive) and heading error (rad) of a pose abreast of `driven`."""
+        """Return lateral error (m, left positive) and heading error (rad) of a pose, relative to the point at
+        `driven`.
+        """
         (x, y, theta), _ = self.at(driven)
         return (pose[1] - y) * cos(theta) - (pose[0] - x) * sin(theta), wrap_angle(pose[2] - theta)
 
     def steer(self, pose: Pose, driven: float, preview: float) -> float:
-        """The curvature, 1/m, that brings the robot back to the path; that of the path `preview` m ahead is its base.
+        """Return the curvature, 1/m, that brings the robot back to the path. Its base is the path's, `preview` m ahead.
 
         With e the lateral and a the heading error, and ' the derivative by the path driven in gear g: e' = g a and
         a' = g (curvature - path's), so curvature = path's - e / l^2 - g a 2 / l gives e'' + 2 / l e' + e / l^2 = 0.

@@ -1,4 +1,4 @@
-"""The speed of a drive: as given, or the one that saves time or energy."""
+"""The speed of a drive: a number, or the speed that saves time or energy."""
 
 from typing import Final
 
@@ -6,14 +6,14 @@ from txt1.config import Config
 from txt1.errors import CommandRefused
 from txt1.sim.battery import economical_speed
 
-# m/s up to which `follow` and `go_to` were tried to keep to their way
+# m/s up to which `follow` and `go_to` were tested to stay on their way
 SURE: Final = 1.0
 
 
 def pace(speed: float | str, config: Config) -> float:
-    """The speed in m/s that was meant: a number itself, else the quickest or the economical one (`sim.battery`).
+    """Return the speed in m/s: the number itself, or the quickest or the most economical speed (`sim.battery`).
 
-    Both stay within `safety.v_max` and within the speeds at which the way is kept to.
+    Both stay within `safety.v_max` and within the tested speeds.
     """
     if not isinstance(speed, str):
         return speed

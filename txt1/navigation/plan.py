@@ -1,4 +1,4 @@
-"""Paths for a car in a room: the shortest of the Reeds-Shepp paths whose body keeps clear of the walls."""
+"""Paths for a car in a room: the shortest Reeds-Shepp path on which the body stays clear of the walls."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -13,31 +13,31 @@ from txt1.model.vehicle import Geometry
 from txt1.navigation.search import near_walls, round_walls, stands_free
 from txt1.sim.room import Room, clearance
 
-# planned radii over R_min: one that leaves room to correct, one for want of a path
+# planned radii over R_min: the first leaves room for corrections, the second is used if there is no path otherwise
 MARGINS: Final = (1.1, 1.35)
-# m that the body is to keep from the walls: the most with which there is a path
+# m that the body keeps from the walls: the largest for which there is a path
 ROOMS: Final = (0.06, 0.03, 0.0)
 BACKWARD: Final = "; backward, the robot drives only where the laser has seen free floor in this drive"
-# the same of a map's walls, which are as uncertain as the pose
+# the same for a map's walls, which are as uncertain as the pose
 BY_WALLS: Final = (0.12, 0.06, 0.03, 0.0)
-# m of path that stopping to change gear is worth
+# m of path, the cost of a change of gear
 GEAR_CHANGE: Final = 0.1
-# m; a shorter stretch in one gear ends before the steering has come round
+# m; a shorter stretch in one gear ends before the steering has turned
 SHORT: Final = 0.15
-# m of path that such a stretch is worth
+# m of path, the cost of such a stretch
 SHORT_STRETCH: Final = 0.3
-# m of path after which the body is looked at again
+# m of path between two checks of the body
 LOOK_EVERY: Final = 0.05
-# m that a correction keeps from a map's walls: more than a pose on a map errs
+# m that a correction keeps from a map's walls: more than the error of a pose on a map
 CORRECTS: Final = 0.06
 # m of straight path before the goal of a correction
 RUN_UP: Final = 0.4
-# places along each side of a grid that a path in two parts may lead over
+# places along each side of a grid for paths in two parts
 VIA: Final = 3
 
 
 class NoPath(Txt1Error):
-    """The car cannot get there without touching a wall.
+    """The car cannot reach the goal without touching a wall.
 
     >>> raise NoPath((2.4, 0.0, 0.0))
     Traceback (most recent call last):
@@ -53,17 +53,18 @@ class NoPath(Txt1Error):
 
 
 def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
-    """The path to drive from one pose to another; room None: no walls.
+    """Return the path from one pose to another; room None: no walls.
 
-    It is a Reeds-Shepp path that stays inside: the cheapest by length and gear changes. If all of them touch a wall, it
-    is the cheapest path over a place in between. On a map, each margin to the walls is tried with Reeds-Shepp paths and
-    with ways round walls before the next smaller one. Raises NoPath: every path touches a wall.
+    It is the cheapest Reeds-Shepp path inside the room, by length and gear changes. If all of them touch a wall, it is
+    the cheapest path over a place in between. On a map, Reeds-Shepp paths and ways round walls are tried with each
+    margin to the walls, the largest margin first. Raises NoPath: every path touches a wall.
     """
     body = Geometry() if body is None else body
     if room is not None and clearance(*goal, room, body) < 0.0:
         raise NoPath(goal)
     if room is not None and room.walls is not None:
-        # a way round a box, with room, comes before one that brushes it; the narrow search takes long, so it is last
+        # a way round a box with some room is better than a way that brushes it; the search in narrow places is slow, so
+        # it is last
         tries = [*product(BY_WALLS, (_cheapest_inside, _round_walls)), *product(BY_WALLS, (_out_of_narrow,))]
     else:
         tries = [(keep_clear, search) for search in (_cheapest_inside, _over_a_place) for keep_clear in ROOMS]
@@ -75,23 +76,23 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
 
 
 def cost(path: Path) -> float:
-    """Length of a path, m, and what its gear changes and its short stretches are worth."""
+    """Return the cost of a path: its length, m, and the costs of gear changes and short stretches."""
     parts = stretches(path)
     short = sum(length(part) < SHORT for part in parts)
     return length(path) + GEAR_CHANGE * (len(parts) - 1) + SHORT_STRETCH * short
 
 
 def stretches(path: Path) -> list[Path]:
-    """The parts of a path that are driven in one gear."""
+    """Return the parts of a path that are driven in one gear."""
     return [tuple(part) for _, part in groupby(path, key=lambda segment: segment.distance > 0.0)]
 
 
 def stays_inside(
     start: Pose, path: Path, room: Room | None, body: Geometry, keep_clear: float = 0.0, goal: Pose | None = None
 ) -> bool:
-    """Whether the body keeps `keep_clear` m from the walls all along a path, looked at every 5 cm.
+    """Return whether the body keeps `keep_clear` m from the walls along a path, checked every 5 cm.
 
-    Before a `goal` that is closer to a map's wall it keeps no more than there.
+    Near a `goal` that is closer to a map's wall, the goal's own distance is enough.
     """
     if room is None or not (isfinite(room.length) or isfinite(room.width) or room.walls is not None):
         return True
@@ -100,7 +101,7 @@ def stays_inside(
 
 
 def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
-    """Poses along a path at most `every` m apart, its end and the ends of its segments among them."""
+    """Yield poses along a path at most `every` m apart, including its end and the ends of its segments."""
     pose = start
     for curvature, distance in path:
         pieces = max(1, ceil(abs(distance) / every))
@@ -110,7 +111,7 @@ def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
 
 
 def _with_gear(start: Pose, path: Path) -> Iterator[tuple[Pose, float]]:
-    """Poses along a path as `along`, each with the sign of its gear."""
+    """Yield poses along a path like `along`, each with the sign of its gear."""
     for segment in path:
         for pose in along(start, (segment,), LOOK_EVERY):
             yield pose, segment.distance
@@ -118,11 +119,11 @@ def _with_gear(start: Pose, path: Path) -> Iterator[tuple[Pose, float]]:
 
 
 def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
-    """As `plan`, but the path ends with a straight run-up to the goal, forward or backward: for corrections.
+    """Plan a path, as `plan`, that ends with a straight run-up to the goal, forward or backward; for corrections.
 
-    The shortest path to a goal a few degrees off is made of arcs so short that the steering cannot follow them. On a
-    map it keeps `CORRECTS` m from walls, as a pose that is a little better is worth no contact, and searches no way
-    round them. Raises NoPath as `plan`.
+    The shortest path to a goal a few degrees off has arcs so short that the steering cannot follow them. On a map this
+    path keeps `CORRECTS` m from walls, because a slightly better pose is worth no contact, and no way round walls is
+    searched. Raises NoPath as `plan`.
     """
     body = Geometry() if body is None else body
     on_map = room is not None and room.walls is not None
@@ -146,7 +147,7 @@ def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry,
 
 
 def _out_of_narrow(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
-    """As `_round_walls`, from a place so narrow that the car gets out of it in several moves only."""
+    """Search as `_round_walls`, from a place so narrow that the car can leave it only in several moves."""
     return _round_walls(start, goal, room, body, keep_clear, narrow=True)
 
 
@@ -162,7 +163,7 @@ def _round_walls(
 
 
 def _over_a_place(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
-    """The cheapest path in two parts over a grid of poses around the goal and the start."""
+    """Return the cheapest path in two parts over a grid of poses around the goal and the start."""
     assert room is not None
     best, least = None, inf
     radius = MARGINS[0] * body.radius_min

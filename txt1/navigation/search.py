@@ -1,11 +1,11 @@
 """Paths round walls: a search over the poses that a car reaches by short arcs in both gears.
 
-How it works. Dijkstra's search from the goal over a lattice of places tells how far each is from it, for a point that
-keeps half the car's width from walls. These distances lead a best-first search over poses (x, y, theta), each in a
-cell of its own, whose steps are arcs of the planned radius and straight lines (hybrid A*: Dolgov, Thrun, Montemerlo and
-Diebel, "Path planning for autonomous vehicles in unknown semi-structured environments", IJRR 29, 2010). Every few poses
-it is tried whether a Reeds-Shepp path leads on to the goal; the first that stays clear ends the search. The distances
-are weighted, so the path is a good one and not the best.
+How it works. Dijkstra's search from the goal over a lattice finds the distance of each place to the goal, for a point
+that keeps half the car's width from walls. These distances guide a best-first search over poses (x, y, theta), each in
+a cell of its own. Its steps are arcs of the planned radius and straight lines (hybrid A*: Dolgov, Thrun, Montemerlo and
+Diebel, "Path planning for autonomous vehicles in unknown semi-structured environments", IJRR 29, 2010). From every few
+poses it tries a Reeds-Shepp path to the goal. The first path that stays clear ends the search. The distances are
+weighted, so the path is good but not the best.
 
 A car that stands in a narrow place may have no room for a whole step. A second search, `narrow`, begins with short
 steps in small cells, as in a turn in several moves, and goes on with whole steps some way from the start.
@@ -27,41 +27,41 @@ from txt1.sim.walls import Walls
 
 # m between two places of the lattice
 LATTICE: Final = 0.1
-# of the lattice that are looked at: 4000 m^2
+# largest number of places of the lattice: 4000 m^2
 PLACES_MAX: Final = 400_000
 # m, side of a cell of poses
 CELL: Final = 0.2
-# rad likewise
+# rad, the same
 TURN: Final = pi / 9.0
-# m of a step: longer than a cell's diagonal, so that it leaves it
+# length of a step, m: longer than a cell's diagonal, so that it leaves the cell
 STEP: Final = 0.3
-# m of a step after which the body is looked at again
+# m of a step between two checks of the body
 LOOK: Final = 0.05
 # m from the start within which a search in a narrow place takes short steps:
 NARROW: Final = 0.8
-# m of these, longer than a diagonal of
+# their length, m, longer than a diagonal of
 SHORT_STEP: Final = 0.1
 # m, side of a cell of poses there, and
 SMALL_CELL: Final = 0.06
-# rad likewise
+# rad, the same
 SMALL_TURN: Final = pi / 36.0
-# what a metre to the goal is worth, to a metre driven
+# weight of a metre to the goal, relative to a metre driven
 GREED: Final = 1.5
-# what a metre backward is worth, to one forward
+# cost of a metre backward, relative to a metre forward
 BACKWARD: Final = 1.3
-# m that a change of gear is worth: one costs time
+# m, the cost of a change of gear: a change takes time
 CHANGE: Final = 0.5
-# m that a step at full lock is worth more
+# m, the additional cost of a step at full lock
 BEND: Final = 0.03
-# that are looked at before it gives up
+# number of poses after which it gives up
 POSES_MAX: Final = 6000
-# m by which a body may stick into floor that was not seen: what was seen comes in cells
+# m by which a body may overlap floor that was not seen: the floor seen comes in cells
 UNSEEN: Final = 0.03
 # m: a robot that stands as close to a wall, by a pose that errs, may drive away from it,
 LEAVES: Final = 0.06
-# m long, as long as it does not come closer; and so long it may come up to a goal that is close to one
+# m long, as long as it does not come closer; for the same length it may approach a goal that is close to a wall
 LEAVING: Final = 0.4
-# m from the goal within which each pose is tried, and else every so many:
+# m from the goal within which a path to it is tried from each pose; elsewhere only from one of this number:
 NEAR: Final = 2.0
 EVERY: Final = 10
 
@@ -75,9 +75,10 @@ _AROUND: Final = tuple((i, j, hypot(i, j)) for i in (-1, 0, 1) for j in (-1, 0, 
 def distances_to(
     goal: tuple[float, float], room: Room, body: Geometry, start: tuple[float, float], clear: float = 0.0
 ) -> dict[Place, float]:
-    """Metres to the goal from the places of the lattice round it, `place_of` their keys; start not in it: no way.
+    """Return the distance in m to the goal of each place of the lattice, by the keys of `place_of`; start
+    missing: no way.
 
-    A point keeps half the car's width from walls, and `clear` m more but near the start and the goal.
+    The way of a point keeps half the car's width from walls, and `clear` m more except near the start and the goal.
     """
     walls = room.walls
     assert walls is not None
@@ -102,7 +103,7 @@ def distances_to(
             break
         found[place] = far
         if place == end:
-            # places farther off than that are detours
+            # places farther away would be detours
             enough = far + 3.0
         for i, j, step in _AROUND:
             other = place[0] + i, place[1] + j
@@ -114,12 +115,14 @@ def distances_to(
 
 
 def place_of(x: float, y: float) -> Place:
-    """The place of the lattice nearest to one in the room, m."""
+    """Return the lattice's place nearest to a place in the room, m."""
     return round(x / LATTICE), round(y / LATTICE)
 
 
 def heading_at(start: Pose, goal: tuple[float, float], room: Room, body: Geometry) -> float:
-    """The heading, rad, with which the shortest way round walls comes to a place, or near it if the body needs that."""
+    """Return the heading, rad, in which the shortest way round walls reaches a place, or a place near it with
+    enough room.
+    """
     back = distances_to(start[:2], room, body, goal)
     place = place_of(*goal)
     for _ in range(6):
@@ -127,7 +130,7 @@ def heading_at(start: Pose, goal: tuple[float, float], room: Room, body: Geometr
         place = min(ways, default=(0.0, place))[1]
     dx, dy = goal[0] - LATTICE * place[0], goal[1] - LATTICE * place[1]
     along = atan2(dy, dx) if hypot(dx, dy) > LATTICE else start[2]
-    # the nearest with room to spare, else the one with most
+    # the nearest place with room to spare, else the place with most room
     turns = sorted((wrap_angle(k * pi / 8.0) for k in range(16)), key=abs)
     left = [(min(0.1, clearance(*goal, along + turn, room, body)), turn) for turn in turns]
     return wrap_angle(along + max(left, key=lambda each: each[0])[1])
@@ -136,10 +139,11 @@ def heading_at(start: Pose, goal: tuple[float, float], room: Room, body: Geometr
 def round_walls(
     start: Pose, goal: Pose, room: Room, body: Geometry, radius: float, clear: float, last: Last, narrow: bool = False
 ) -> Path | None:
-    """A path between two poses whose body keeps `clear` m from walls, its arcs of so many m; None: none was found.
+    """Return a path between two poses, with arcs of radius `radius` m, whose body keeps `clear` m from walls;
+    None if none was found.
 
-    `last` returns a path from a pose to the goal that stays clear, None where there is none; `narrow` says whether it
-    begins with short steps.
+    `last` returns a path from a pose to the goal that stays clear, or None. `narrow`: the search begins with short
+    steps.
     """
     left = distances_to(goal[:2], room, body, start[:2], clear)
     if place_of(*start[:2]) not in left:
@@ -147,7 +151,7 @@ def round_walls(
     keeps = near_walls(start, goal, room, body, clear)
     steps = [(bend / radius, gear) for gear in (1.0, -1.0) for bend in (0.0, 1.0, -1.0)]
     number = count()
-    # a pose's path is the chain of steps that led to it
+    # the path of a pose is the chain of steps to it
     heap: list[tuple[float, int, float, Pose, Way]] = [(0.0, 0, 0.0, start, None)]
     closed: set[tuple[int, int, int, bool, bool]] = set()
 
@@ -186,7 +190,7 @@ def round_walls(
 
 
 def _after(pose: Pose, curvature: float, step: float, room: Room, body: Geometry, clear: float) -> Pose | None:
-    """The pose after a step, m; None where the body comes too close to a wall on it."""
+    """Return the pose after a step, m; None if the body comes too close to a wall."""
     pieces = round(abs(step) / LOOK)
     after = move_along_arc(*pose, step, curvature, 0.0)
     # the end first: most steps that touch a wall touch it there
@@ -197,9 +201,10 @@ def _after(pose: Pose, curvature: float, step: float, room: Room, body: Geometry
 
 
 def near_walls(start: Pose, goal: Pose | None, room: Room, body: Geometry, clear: float) -> Callable[[Pose], float]:
-    """What a body must keep from walls at a pose, m: `clear`, but near the start and near the goal no more than there.
+    """Return a function from a pose to the clearance required there, m: `clear`, but less near the start and the goal.
 
-    So a goal close to a wall does not make the whole way a narrow one.
+    At the start and the goal their own clearance is enough. So a goal close to a wall does not make the whole way
+    narrow.
     """
     walls = room.walls
     ends: list[tuple[Pose, float]] = []
@@ -216,7 +221,9 @@ def near_walls(start: Pose, goal: Pose | None, room: Room, body: Geometry, clear
 
 
 def stands_free(pose: Pose, gear: float, room: Room, body: Geometry, clear: float) -> bool:
-    """Whether a body keeps `clear` m from walls; whoever backs up (gear < 0) stays on floor that was seen free, too."""
+    """Return whether a body keeps `clear` m from walls; in reverse (gear < 0) also from floor that was not seen
+    free.
+    """
     if room.walls is not None and not _has_room(pose, room.walls, body, clear):
         return False
     if gear < 0.0 and room.behind is not None and not _has_room(pose, room.behind, body, -UNSEEN):
@@ -225,7 +232,7 @@ def stands_free(pose: Pose, gear: float, room: Room, body: Geometry, clear: floa
 
 
 def _has_room(pose: Pose, walls: Walls, body: Geometry, clear: float) -> bool:
-    """Whether the body is `clear` m from a map's walls: three circles in it first, as they tell most that is not."""
+    """Return whether the body is `clear` m from a map's walls: three circles decide most negative cases first."""
     x, y, theta = pose
     c, s = cos(theta), sin(theta)
     least = 0.5 * body.width + clear
@@ -243,7 +250,7 @@ def _cell(pose: Pose, forward: bool, small: bool) -> tuple[int, int, int, bool, 
 
 
 def _unrolled(way: Way) -> list[Segment]:
-    """The steps of a way from its start, those of one arc as one segment."""
+    """Return the steps of a way from its start; consecutive steps on the same arc become a single segment."""
     steps: list[Segment] = []
     while way is not None:
         steps.append(way[0])

@@ -1,4 +1,4 @@
-"""Where the robot is: from its encoders, or from a simulation that knows."""
+"""Sources of the robot's pose: its encoders, other sensors, a map, or a simulation's true pose."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -19,17 +19,17 @@ from txt1.tasks.on_map import MapInUse
 
 
 class PoseSource(NamedTuple):
-    """Somebody who knows where the robot is."""
+    """A source of the robot's pose."""
 
-    # for figures and reports
+    # its name in figures and reports
     name: str
-    # the pose now, m and rad; None while it is not known
+    # returns the present pose, m and rad; None while it is unknown
     read: Callable[[], Pose | None]
     # whether its frame is that of `MapInUse.seen`
     sees: bool = False
 
     def pose(self) -> Pose:
-        """The pose now, m and rad; CommandRefused while it is not known."""
+        """Return the present pose, m and rad; raises CommandRefused while it is unknown."""
         pose = self.read()
         if pose is None:
             raise CommandRefused(f"the pose source '{self.name}' does not know where the robot is: wait until it does")
@@ -37,14 +37,17 @@ class PoseSource(NamedTuple):
 
 
 def true_pose(robot: Robot) -> PoseSource:
-    """The simulator's own pose in the room, as a tracking system would tell; NotCapable: the HAL knows none."""
+    """Return the simulator's true pose in the room, like a tracking system's; raises NotCapable: the HAL has none."""
     if not robot.hal.capabilities.pose:
         raise NotCapable(robot.hal.name, "pose")
     return PoseSource("true pose", lambda: robot.pose)
 
 
 def fused_pose(robot: Robot) -> PoseSource:
-    """The pose by all sensors together, in the frame of those that tell one; NotCapable: ``estimation`` is off."""
+    """Return the pose fused from all sensors, in the frame of those that measure one.
+
+    Raises NotCapable: ``estimation`` is off.
+    """
     if robot.runtime.part(Estimator) is None:
         raise NotCapable("nothing is fused: set estimation.preset or estimation.sensors")
 
@@ -56,20 +59,22 @@ def fused_pose(robot: Robot) -> PoseSource:
 
 
 def best_pose(robot: Robot) -> PoseSource:
-    """The pose on the map where the robot has one, else the true one where that is known, else the wheels'."""
+    """Return the pose on the map if the robot has one, else the true pose if it is known, else the wheels' pose."""
     if robot.runtime.part(MapInUse) is not None:
         return map_pose(robot)
     return true_pose(robot) if robot.hal.capabilities.pose else wheel_pose(robot)
 
 
 def map_floor(robot: Robot) -> Room | None:
-    """The walls of the map that the robot drives in, in the frame of `map_pose`; None: there are none to plan round."""
+    """Return the walls of the robot's map, in the frame of `map_pose`; None if there are no walls to plan round."""
     there = robot.runtime.part(MapInUse)
     return None if there is None else there.floor()
 
 
 def map_pose(robot: Robot) -> PoseSource:
-    """The pose on the map by a laser, and odometry since its last scan; NotCapable: there is no map."""
+    """Return the pose on the map, from a laser and the odometry since its last scan; raises NotCapable: there
+    is no map.
+    """
     there = robot.runtime.part(MapInUse)
     if there is None:
         raise NotCapable("there is no map: give --in MAP, or --map NAME")
@@ -82,9 +87,9 @@ def map_pose(robot: Robot) -> PoseSource:
 
 
 async def located(robot: Robot, source: PoseSource, speed: float = 0.4, patience: float = 60.0) -> None:
-    """Drive in a wide curve until a pose source knows where the robot is: positions tell no heading at rest.
+    """Drive in a wide curve until a pose source knows the pose: positions at rest show no heading.
 
-    Raises CommandRefused: it does not know after `patience` s; Overruled, NotArmed: as `Robot.drive`.
+    Raises CommandRefused: the pose is still unknown after `patience` s; Overruled, NotArmed: as `Robot.drive`.
     """
     ends = robot.now + patience
     while source.read() is None:
@@ -97,9 +102,9 @@ async def located(robot: Robot, source: PoseSource, speed: float = 0.4, patience
 async def places_on_earth(
     robot: Robot, sensor: str, places: Sequence[tuple[float, float]], patience: float = 10.0
 ) -> tuple[tuple[float, float], ...]:
-    """Places in degrees of latitude and longitude as metres in the frame of a GPS, which must have a fix.
+    """Convert places in degrees of latitude and longitude to metres in the frame of a GPS, which must have a fix.
 
-    Raises CommandRefused: it has none in `patience` s; ConfigError: there is no such sensor.
+    Raises CommandRefused: it has no fix in `patience` s; ConfigError: there is no such sensor.
     """
     ends = robot.now + patience
     while (reading := robot.sensor(sensor)) is None:
@@ -114,9 +119,9 @@ async def places_on_earth(
 
 
 def wheel_pose(robot: Robot, at: Pose | None = None) -> PoseSource:
-    """The pose from the encoders, corrected for where these sit; it must be read often, at least 5 times a second.
+    """Return the pose from the encoders, corrected for their places; it must be read at least 5 times a second.
 
-    `at` is where the robot is now; None: where its odometry says.
+    `at` is the robot's present pose; None: the odometry's.
     """
     last: Pose = robot.odometry[:3]
     pose = last if at is None else at
@@ -134,7 +139,7 @@ def wheel_pose(robot: Robot, at: Pose | None = None) -> PoseSource:
 
 
 def step_between(before: Pose, after: Pose) -> tuple[float, float]:
-    """Length (m, backward negative) and turn (rad) of the arc from one pose to another."""
+    """Return length (m, backward negative) and turn (rad) of the arc from one pose to another."""
     dx, dy = after[0] - before[0], after[1] - before[1]
     turn = wrap_angle(after[2] - before[2])
     half = 0.5 * turn
@@ -144,15 +149,15 @@ def step_between(before: Pose, after: Pose) -> tuple[float, float]:
 
 
 def straighten(distance: float, turn: float, geometry: Geometry) -> tuple[float, float]:
-    """The centre's path (m) and turn (rad), from what the encoders on the steered front wheels make of them.
+    """Return the centre's path (m) and turn (rad), from the encoders' path and turn at the steered front wheels.
 
-    At the steering angle phi the front wheels roll 1 / cos(phi) of the centre's path and, being turned out of the
-    axle's direction, tell cos(phi) of the turn. So with q half the measured curvature times L,
+    At the steering angle phi the front wheels roll 1 / cos(phi) of the centre's path, and show cos(phi) of the turn, as
+    they are turned out of the axle's direction. So with q half the measured curvature times L,
 
         q = tan(phi) cos(phi)^2 = tan(phi) / (1 + tan(phi)^2),   tan(phi) = (1 - sqrt(1 - 4 q^2)) / (2 q)
 
-    At full lock that is 4.3 % of the path and 4.5 % of the turn. Beyond full lock it is noise, and limited. Encoders of
-    other vehicles sit on wheels that do not steer, and tell the truth.
+    At full lock that is 4.3 % of the path and 4.5 % of the turn. Values beyond full lock are noise, and are limited.
+    Other vehicles have their encoders on wheels that do not steer; their readings are true.
     """
     if not distance or geometry.steering != "both":
         return distance, turn
@@ -166,7 +171,7 @@ def straighten(distance: float, turn: float, geometry: Geometry) -> tuple[float,
 
 
 def encoders_view(v: float, curvature: float, geometry: Geometry) -> tuple[float, float]:
-    """The (v, omega) that the encoders tell of a centre moving at v m/s along a curvature in 1/m: set-points for it."""
+    """Return (v, omega) as the encoders show a centre's motion at v m/s along a curvature in 1/m; for set-points."""
     if geometry.steering != "both":
         return v, v * curvature
     tangent = geometry.lever * curvature

@@ -18,7 +18,7 @@ from txt1.robot import Robot
 LOOK_AHEAD: Final = 1.0
 # m/s, the original's
 SPEED: Final = 0.5
-# m/s^2, the largest v^2 abs(curvature); at 0.5 m/s it is not reached even at full lock
+# m/s^2, the largest v^2 abs(curvature); at 0.5 m/s and full lock it is not reached
 SIDEWAYS: Final = 0.6
 
 # x and y, m
@@ -26,7 +26,7 @@ Point = tuple[float, float]
 
 
 def aim(pose: Pose, leg_start: Point, leg_end: Point, look_ahead: float) -> Point:
-    """The point on a leg that is `look_ahead` m on from the robot's place abreast of it, at most the leg's end."""
+    """Return the point on a leg `look_ahead` m ahead of the robot's nearest point on the leg, at most the leg's end."""
     along_x, along_y = leg_end[0] - leg_start[0], leg_end[1] - leg_start[1]
     leg = hypot(along_x, along_y)
     if leg == 0.0:
@@ -34,20 +34,21 @@ def aim(pose: Pose, leg_start: Point, leg_end: Point, look_ahead: float) -> Poin
     along_x, along_y = along_x / leg, along_y / leg
     abreast = (pose[0] - leg_start[0]) * along_x + (pose[1] - leg_start[1]) * along_y
     side = along_x * (pose[1] - leg_start[1]) - along_y * (pose[0] - leg_start[0])
-    # where the circle of the look-ahead around the robot meets the leg; farther off than that, straight towards it
+    # the circle of the look-ahead around the robot meets the leg here; if the robot is farther away, straight to the
+    # leg
     ahead = sqrt(max(look_ahead**2 - side**2, 0.0))
     on = min(max(abreast + ahead, 0.0), leg)
     return leg_start[0] + on * along_x, leg_start[1] + on * along_y
 
 
 def curvature_towards(pose: Pose, point: Point, look_ahead: float) -> float:
-    """The curvature, 1/m, that turns the robot towards a point: omega / v of omega = 2 v theta_err / look-ahead."""
+    """Return the curvature, 1/m, towards a point: omega / v with omega = 2 v theta_err / look-ahead."""
     error = wrap_angle(atan2(point[1] - pose[1], point[0] - pose[0]) - pose[2])
     return 2.0 * error / look_ahead
 
 
 def speed_in_curve(speed: float, curvature: float) -> float:
-    """The speed at which a curve costs no more than `SIDEWAYS`, at most `speed`; m/s."""
+    """Return the speed, m/s, at most `speed`, at which a curve needs no more than `SIDEWAYS`."""
     return min(speed, sqrt(SIDEWAYS / abs(curvature))) if curvature else speed
 
 
@@ -65,11 +66,11 @@ async def follow(
 ) -> None:
     """Drive from waypoint to waypoint, and stop at the last.
 
-    The points, m, are in the frame of the pose source, by default the odometry. The robot is armed, its gains loaded.
-    It goes round `laps` times, inf: until it is cancelled or the gate closes; with `closed` a lap ends at the first
-    waypoint again. `speed` is in m/s, or "time" or "energy", whichever it is to save; `look_ahead` is in m. `on_leg` is
-    told the number, the start and the end of each leg when it begins; `source` is in whose name it drives, None: the
-    program's.
+    The points, m, are in the frame of the pose source, by default the odometry's. The robot must be armed, with its
+    gains loaded. It drives `laps` laps; inf: until it is cancelled or the gate closes. With `closed` a lap ends at the
+    first waypoint. `speed` is in m/s; "time" or "energy" chooses the speed that saves it. `look_ahead` is in m.
+    `on_leg` is called with number, start and end of each leg when it begins. `source` is the source of its commands;
+    None: the program's.
 
     Raises NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes
     the wheel on the way; CommandRefused: there are no waypoints, or the pose source knows no pose.
