@@ -1,1 +1,1 @@
-"""The terminal screens: pure drawing, keyboard driving, and the process that owns the terminal."""
+"""The terminal screens: drawing, keyboard driving, and the process that owns the terminal."""

@@ -1,7 +1,7 @@
 """The process that owns the terminal: draws the newest snapshot it was sent and reports keys.
 
 `txt1.ui.terminal` starts it. Its heartbeat keeps a command from the keyboard fresh: if this process hangs, dies, or
-waits for a stalled connection, the heartbeat ceases and the robot stops. Nothing here can hold up the robot.
+waits for a stalled connection, the heartbeat ceases and the robot stops. Nothing in this process can delay the robot.
 """
 
 import os
@@ -23,19 +23,19 @@ from txt1.ui.viewer import DRIVING, Viewer
 
 # s between frames, unless a key asks for one
 DRAW_INTERVAL: Final = 0.1
-# s after which a key that waited while this process was held up no longer drives or arms
+# s after which a key that waited while this process was delayed no longer drives or arms
 STALE: Final = 0.5
 STALE_KEYS: Final = frozenset("wasdm")
 
-# the key that shows the text behind the screens, printed before them; any key comes back
+# the key that shows the text printed before the screens; any other key comes back to the screens
 PRINTED: Final = "p"
 
-# every so many frames all lines are sent again, over what other programs may have written
+# number of frames after which all lines are sent again, in case another program has written over them
 REPAINT: Final = 20
 
 
 def drawn(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> list[str]:
-    """Return the lines of a frame with the sequences of its colours, as far as TERM and NO_COLOR want any."""
+    """Return the lines of a frame with the colours that TERM and NO_COLOR allow."""
     console = Console(file=StringIO(), force_terminal=True, width=width, height=height, highlight=False)
     with console.capture() as capture:
         # it fits
@@ -44,7 +44,7 @@ def drawn(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) ->
 
 
 class Painter:
-    """Draws frames, and sends only the lines that differ from the last one."""
+    """Draws frames, and sends only lines that differ from the last frame."""
 
     def __init__(self) -> None:
         self._shown: list[str] = []
@@ -52,7 +52,7 @@ class Painter:
         self._frames = 0
 
     def paint(self, snapshot: Snapshot | None, viewer: Viewer) -> None:
-        """Draw one frame."""
+        """Draw a frame."""
         size = width, height = window()
         lines = drawn(snapshot, viewer, width, height)
         output = "\x1b[0m\x1b[2J" if size != self.size else ""
@@ -65,13 +65,13 @@ class Painter:
 
 
 def window() -> tuple[int, int]:
-    """Columns and rows of the window; 80 x 24 if the terminal does not know."""
+    """Return columns and rows of the window; 80 x 24 if the terminal does not know them."""
     size = os.get_terminal_size(tty.OUT)
     return size.columns or 80, size.lines or 24
 
 
 def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
-    """Draw and report keys until the terminal goes away; `keys` are those to be shown.
+    """Draw and report keys until the terminal goes away; `keys` are the keys to show.
 
     Raises EOFError when the robot's process has gone.
     """
@@ -83,9 +83,9 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
     # whether the text printed before the screens is shown in their place
     behind = False
     for screen in installed().values():
-        # it is told when the screen is shown
+        # the help is drawn when the screen is shown
         with suppress(Exception):
-            # not then: while something is loaded there is no heartbeat
+            # not at that time: there is no heartbeat while something is loaded
             screen.load()
     with tty.full_screen():
         while True:
@@ -98,7 +98,7 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
                     return
                 stale = STALE_KEYS if now - before > nanoseconds(STALE) else ()
                 pressed = [key for key in decoder.feed(data) if key not in stale]
-            # a key, maybe the emergency stop, does not wait for the next beat
+            # a key may be the emergency stop, so it does not wait for the next heartbeat
             if pressed or connection.due() <= 0.0:
                 connection.request("keys", keys=[key for key in pressed if key != "?"])
             if pressed.count("?") % 2:

@@ -21,7 +21,7 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM, Kept
 from txt1.ui.viewer import Viewer, pose_of
 
-# the robot is drawn at least so many dots long, or its heading could not be seen
+# the robot is drawn at least this number of dots long, so that its heading is visible
 BODY_DOTS: Final = 9.0
 # side of the smallest view without a room, m
 VIEW_MIN: Final = 2.0
@@ -31,7 +31,7 @@ _BITS: Final = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 # the braille character without a dot
 _BLANK: Final = 0x2800
 _STYLES: Final = (DIM, "white", "cyan", "yellow", "bold bright_green")
-"""Colour of a cell by the highest layer that has a dot in it."""
+"""Colour of a cell: that of the highest layer with a dot in it."""
 
 AXES, WALL, PATH, OTHER, ROBOT = range(len(_STYLES))
 
@@ -41,12 +41,12 @@ Point = tuple[float, float]
 Bounds = tuple[float, float, float, float]
 
 
-# by size: all that was drawn last, and the picture
+# by size: the values drawn last, and the picture
 _kept: dict[tuple[int, int], tuple[object, Kept]] = {}
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
-    """The screen MAP, of width x rows cells; an unchanged picture is not drawn again."""
+    """Return the screen MAP, of width x rows cells; an unchanged picture is not drawn again."""
     path = viewer.path
     snapshot = on_map(snapshot)
     about, walls, others = snapshot.get(SURROUNDINGS), snapshot.get(WALLS), snapshot.get(VEHICLES)
@@ -58,14 +58,14 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
         lines = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
         range_left = None if left is None else f"{left:.0f} m left"
         picture = Kept(Panel(lines, title="MAP", subtitle=range_left, padding=0, border_style=DIM))
-        # of other sizes: the window has changed
+        # the window has changed: forget pictures of other sizes
         _kept.clear()
         _kept[width, rows] = key, picture
     return picture
 
 
 class Canvas:
-    """Braille dots over a rectangle of the plane, x to the right, y up, the same scale on both axes.
+    """Braille dots over a rectangle of the plane, x to the right, y up, with the same scale on both axes.
 
     The rectangle `bounds`, in m, is centred on the given columns and rows of cells. `scale` is in m per dot; None takes
     the smallest scale at which the rectangle fits.
@@ -82,7 +82,7 @@ class Canvas:
         self._marks: dict[tuple[int, int], tuple[str, str]] = {}
 
     def line(self, start: Point, end: Point, layer: int) -> None:
-        """Draw a straight line between two points, m; what lies outside is left out."""
+        """Draw a straight line between two points, m, as far as it is inside."""
         x0, y0 = self._dots(start)
         x1, y1 = self._dots(end)
         steps = min(10_000, max(1, ceil(max(abs(x1 - x0), abs(y1 - y0)))))
@@ -92,16 +92,16 @@ class Canvas:
             column, row = x >> 1, y >> 2
             if 0 <= column < self.columns and 0 <= row < self.rows:
                 self._bits[row][column] |= _BITS[x & 1][y & 3]
-                # the highest layer gives its cell the colour
+                # the highest layer gives the cell its colour
                 self._layers[row][column] = max(layer, self._layers[row][column])
 
     def outline(self, corners: Sequence[Point], layer: int) -> None:
-        """Draw lines from corner to corner, and from the last one to the first."""
+        """Draw lines from corner to corner, and from the last to the first."""
         for start, end in pairwise([*corners, corners[0]]):
             self.line(start, end, layer)
 
     def path(self, points: Sequence[Point], layer: int) -> None:
-        """Draw lines from point to point; points within the same dot cost nothing."""
+        """Draw lines from point to point; points within the same dot take no time."""
         dots = ((_whole(x), _whole(y)) for x, y in map(self._dots, points))
         apart = [next(same)[1] for _, same in groupby(zip(dots, points, strict=True), key=itemgetter(0))]
         for start, end in pairwise(apart):
@@ -113,7 +113,7 @@ class Canvas:
         self._marks[_whole(y) >> 2, _whole(x) >> 1] = (character, style)
 
     def lines(self) -> list[Text]:
-        """The canvas, one text per row of cells; cells of the same colour are one piece of it."""
+        """Return the canvas, a text for each row of cells; neighbouring cells of the same colour are a single piece."""
         lines = []
         for row, (bits, layers) in enumerate(zip(self._bits, self._layers, strict=True)):
             cells = (
@@ -129,18 +129,18 @@ class Canvas:
 
 
 def _whole(dots: float) -> int:
-    """The dot a coordinate falls into; rounding errors do not tip a wall over its edge."""
+    """Return the dot of a coordinate; rounding errors do not move a wall over its edge."""
     return floor(dots + 1e-6)
 
 
 def fitting_scale(bounds: Bounds, columns: int, rows: int) -> float:
-    """The smallest m per dot at which the bounds fit, with one dot to spare on every side."""
+    """Return the smallest m per dot at which the bounds fit, with a free dot on every side."""
     left, bottom, right, top = bounds
     return max((right - left) / max(1, 2 * columns - 2), (top - bottom) / max(1, 4 * rows - 2))
 
 
 def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> list[Text]:
-    """The map and, as its last row, the legend with the scale."""
+    """Return the map and, as its last row, the legend with the scale."""
     snapshot = on_map(snapshot)
     rows = max(1, rows - 1)
     about = snapshot.get(SURROUNDINGS, Surroundings())
@@ -152,7 +152,7 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
         bounds = around(snapshot, viewer)
         canvas = Canvas(bounds, columns, rows, round_up(fitting_scale(bounds, columns, rows)))
     else:
-        # it lies around the origin
+        # the room lies around the origin
         x, y = 0.5 * about.room[0], 0.5 * about.room[1]
         canvas = Canvas((-x, -y, x, y), columns, rows)
         canvas.outline([(-x, -y), (x, -y), (x, y), (-x, y)], WALL)
@@ -178,7 +178,7 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
 
 
 def on_map(snapshot: Snapshot) -> Snapshot:
-    """The snapshot of a robot that has a map: its walls are the map's, and nothing is told of the simulated room."""
+    """Return the snapshot of a robot that has a map: with the map's walls, and without the simulated room."""
     if snapshot.get(MAP_POSE) is None:
         return snapshot
     body = snapshot.get(SURROUNDINGS, Surroundings()).body
@@ -187,7 +187,7 @@ def on_map(snapshot: Snapshot) -> Snapshot:
 
 
 def _frame(snapshot: Snapshot) -> str:
-    """Where the pose that is drawn is in."""
+    """Return the frame of the drawn pose."""
     there = snapshot.get(MAP_POSE)
     if there is not None:
         return "lost on the map" if there.lost else "map"
@@ -195,7 +195,7 @@ def _frame(snapshot: Snapshot) -> str:
 
 
 def around(snapshot: Snapshot, viewer: Viewer) -> Bounds:
-    """The view without a room: path, robot and light, with a margin; a coarse grid keeps the picture still."""
+    """Return the view without a room: path, robot and light, with a margin; a coarse grid keeps the picture still."""
     about = snapshot.get(SURROUNDINGS, Surroundings())
     points = [*viewer.path, pose_of(snapshot)[:2], *([about.light] if about.light else [])]
     xs = [x for x, _ in points if isfinite(x)] or [0.0]
@@ -208,13 +208,15 @@ def around(snapshot: Snapshot, viewer: Viewer) -> Bounds:
 
 
 def round_up(scale: float) -> float:
-    """The next larger of 1, 1.5, 2, 3, 5, 7 times a power of ten, so the scale changes seldom."""
+    """Return the next larger of 1, 1.5, 2, 3, 5, 7 times a power of ten, so that the scale changes seldom."""
     power = 10.0 ** floor(log10(scale))
     return power * next((step for step in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if step * power >= scale), 10.0)
 
 
 def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[float, float, float], layer: int) -> None:
-    """The outline of a body of this length and width, so far ahead of its pose (m), and a pointer out of its front."""
+    """Draw the outline of a body (length, width, offset of its centre ahead of the pose; m), and a pointer at
+    its front.
+    """
     x, y, theta = pose
     enlarge = max(1.0, BODY_DOTS * canvas.scale / body[0])
     front, side = 0.5 * enlarge * body[0], 0.5 * enlarge * body[1]
@@ -230,7 +232,7 @@ def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[fl
 
 
 def _legend(snapshot: Snapshot, scale: float, columns: int) -> Text:
-    """The scale and the pose, and beside them the meaning of the signs, in full or as far as the columns suffice."""
+    """Return the scale and the pose, and the meaning of the signs, in full or as far as the columns suffice."""
     whole = _caption(snapshot, scale)
     return whole if whole.cell_len <= columns else _caption(snapshot, scale, short=True)
 
@@ -254,7 +256,7 @@ def _caption(snapshot: Snapshot, scale: float, short: bool = False) -> Text:
 
 
 def scale_bar(scale: float) -> tuple[float, int]:
-    """Length in m and width in cells of a scale bar of about ten cells; a cell is two dots wide."""
+    """Return length in m and width in cells of a scale bar of about ten cells; a cell is two dots wide."""
     power = 10.0 ** floor(log10(20.0 * scale))
     length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= 20.0 * scale)
     return length, max(2, round(length / (2.0 * scale)))

@@ -1,13 +1,13 @@
-"""A snapshot as a full screen of text: header, state of the robot, one of the screens, keys.
+"""Draws a snapshot as a full screen of text: header, state of the robot, the chosen screen, keys.
 
-Screens go by name: ours from a table and from additions, other packages' through their additions and the entry-point
-group ``txt1.screens``::
+Screens have names. The package's own come from a table and from additions, other packages' from their additions and the
+entry-point group ``txt1.screens``::
 
     [project.entry-points."txt1.screens"]
     THERMOMETER = "mypackage.thermometer:screen"
 
-where ``screen(snapshot, viewer, width, rows)`` returns what `rich` is to print on so many cells. The joystick goes
-through all of them. They are imported in the drawing process only; one that fails says so in its place.
+where ``screen(snapshot, viewer, width, rows)`` returns a renderable of `rich` for this number of cells. The joystick
+goes through all screens. They are imported in the drawing process only. A screen that fails shows its error.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -43,17 +43,17 @@ SCREENS: Final = {
     "SENSORS": "txt1.ui.tables:sensors",
     "TASKS": "txt1.ui.tables:tasks",
 }
-"""Our screens in the order of the joystick: the LCD's four, and more that it could not show."""
+"""The package's own screens in the order of the joystick: the LCD's four, and further screens."""
 
 GROUP: Final = "txt1.screens"
 
 Render = Callable[[Snapshot, Viewer, int, int], RenderableType]
-"""Draws a snapshot for a body of so many columns and rows."""
+"""Draws a snapshot for a body of `columns` x `rows` cells."""
 
 
 @cache
 def installed() -> dict[str, EntryPoint]:
-    """All screens by name, in the order of the joystick."""
+    """Return all screens by name, in the order of the joystick."""
     ours = {**_points(SCREENS), **_brought(additions.ours())}
     others = {**_brought(additions.strangers().found), **{point.name: point for point in entry_points(group=GROUP)}}
     return ours | {name: others[name] for name in sorted(others)}
@@ -68,15 +68,15 @@ def _points(places: Mapping[str, str]) -> dict[str, EntryPoint]:
 
 
 def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> RenderableType:
-    """The screen for a window of width x height cells; without a snapshot the robot has not reported yet."""
+    """Return the screen for a window of width x height cells; without a snapshot the robot has not reported yet."""
     if snapshot is None:
         waiting = Text("TXT-1: waiting for the robot", style="bold", justify="center")
         return Align.center(waiting, vertical="middle", height=height)
     names = list(installed())
-    # which the joystick has chosen
+    # the number chosen with the joystick
     name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]
     warnings = [Text(f" {printable(each)}", "bold yellow", no_wrap=True) for each in snapshot.get(WARNINGS, ())]
-    # the body keeps a row
+    # the body keeps at least a row
     warnings = warnings[: max(0, height - 4)]
     rows = height - 3 - len(warnings)
     body = _help(viewer, width, rows - 2) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, rows))
@@ -88,7 +88,7 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
 
 
 class _Screen(NamedTuple):
-    """The screen of this name, or why it cannot be shown: a stranger's must not take the keys of the robot along."""
+    """Return the screen of this name, or its error: another package's screen must not take the robot's keys along."""
 
     name: str
     snapshot: Snapshot
@@ -106,7 +106,7 @@ class _Screen(NamedTuple):
 
 
 def _header(snapshot: Snapshot, names: list[str], current: str, width: int) -> RenderableType:
-    """Name, time of the run, and the screens' names, where they have room, with the current one marked."""
+    """Return name, time of the run, and the screens' names as far as there is room, with the present screen marked."""
     left = Text.from_markup(f"[bold reverse] TXT-1 [/] {clean(snapshot.name)} {run_time(snapshot.time)}")
     tabs = Text()
     if left.cell_len + sum(len(name) + 2 for name in names) > width:
@@ -118,7 +118,9 @@ def _header(snapshot: Snapshot, names: list[str], current: str, width: int) -> R
 
 
 def _state_line(snapshot: Snapshot, viewer: Viewer) -> RenderableType:
-    """Armed or not, large, and the key that arms; buzzer, link and the two LEDs, which toggle with each message."""
+    """Return whether the robot is armed, and the key that arms; buzzer, link and the two LEDs, which toggle
+    with messages.
+    """
     mode, traffic = snapshot.get(MODE, Mode()), snapshot.get(TRAFFIC, Traffic())
     alive = mode.link.alive
     sounds = buzzer(alive, snapshot.get(BATTERIES[0], Battery()).state)
@@ -133,7 +135,7 @@ def _state_line(snapshot: Snapshot, viewer: Viewer) -> RenderableType:
 
 
 def _edges(left: str | Text, right: str | Text) -> Table:
-    """One row: `left` at the left edge, cut where `right` at the right edge begins."""
+    """Return a row: `left` at the left edge, cut where `right` at the right edge begins."""
     row = Table.grid(expand=True, padding=0)
     row.add_column(ratio=1, no_wrap=True)
     row.add_column(justify="right", no_wrap=True)
@@ -150,7 +152,7 @@ def _keys(viewer: Viewer, width: int) -> Text:
 
 
 def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
-    """The keys, in at most `room` rows; where there are more, the last says so."""
+    """Return the keys, in at most `room` rows; if there are more, the last row says so."""
     driving = (
         ("SPACE", "EMERGENCY STOP: neutral at once, latched until m"),
         ("m", "arm; also the way back from an emergency stop"),

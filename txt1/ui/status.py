@@ -39,20 +39,20 @@ from txt1.ui.viewer import Viewer
 # columns of the left half in a window of 80
 LEFT = 43
 LEFT_ROWS = 21
-# of a narrow window, border included
+# columns of a narrow window, border included
 ROBOT_ROWS = 12
-# columns below which there is no room for two halves
+# columns below which two halves have no room
 NARROW = 72
-# rows kept for the events, border included, however many faults there are
+# rows kept for the events, border included, whatever the number of faults
 EVENT_ROWS = 8
-# V, less than any pack has, and more than an open input shows
+# V, less than any pack and more than an open input shows
 NO_PACK = 0.5
 _BATTERY_STYLES = {BatteryState.WARNING: WARNING, BatteryState.BAD: BAD}
 _NUMBER = Column(right=True)
 
 
 def state_of(snapshot: Snapshot) -> str:
-    """Armed, disarmed with its reason, EMERGENCY STOP, or a stop that is none, so that it cannot be overlooked."""
+    """Return armed, disarmed with its reason, EMERGENCY STOP, or a failed stop, in colours that stand out."""
     mode, stop = snapshot.get(MODE, Mode()), snapshot.get(STOP)
     if stop in (*UNOBEYED, Stop.UNASKED):
         return f"[bold white on red] ▲ {stop.value} [/]"
@@ -60,13 +60,13 @@ def state_of(snapshot: Snapshot) -> str:
         return "[bold white on red] ■ EMERGENCY STOP ■ [/]"
     if mode.armed:
         return "[bold black on green] ▶ ARMED [/]"
-    # the whole of it is among the events
+    # the whole reason is among the events
     reason = f" ({clean(mode.reason)})" if mode.reason else ""
     return f"[black on yellow] ▌▌disarmed{reason} [/]"
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """STATUS for a body of width x rows cells; a large window has room for a small map, a narrow one not for gains."""
+    """Return STATUS for a body of width x rows cells. A large window includes a small map, a narrow window no gains."""
     if width < NARROW:
         return _narrow(snapshot, width, rows)
     left_width = max(LEFT, width * 2 // 5)
@@ -89,7 +89,7 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
 
 
 def _narrow(snapshot: Snapshot, width: int, rows: int) -> RenderableType:
-    """One column: the robot with its battery and faults, and below it as many events as there is room for."""
+    """Return one column: the robot with its battery and faults, and below it as many events as fit."""
     battery = snapshot.get(BATTERIES[0], fields.Battery())
     values = [number(battery.battery1, 2, "V"), _second(battery), _charge(battery), _left(battery)]
     told = _in_a_line(_faults(snapshot, 100), width - 15)
@@ -105,7 +105,7 @@ def _robot(snapshot: Snapshot) -> Kept:
 
 
 def mode_of(panel: Panel, can: Capabilities) -> str:
-    """Return manual or controller mode in a word; a dash where nobody knows."""
+    """Return manual or controller mode in a word; a dash if it is unknown."""
     if panel.manual is None or not can.by_hand:
         return DASH
     return "manual" if panel.manual else "controller"
@@ -138,7 +138,7 @@ def _fields(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
 
 
 def _switch(on: bool | None, power: Power) -> str:
-    """On or off, with a question mark when it was asked for and nobody has confirmed it."""
+    """Return on or off, with a question mark if it was requested and not confirmed."""
     if on is None:
         return DASH
     return styled(f"{'on' if on else 'off'}{'' if power.confirmed else '?'}", GOOD if on else WARNING)
@@ -160,24 +160,24 @@ def _batteries(snapshot: Snapshot) -> Kept:
 
 
 def _second(battery: fields.Battery) -> str:
-    """The second pack's voltage; an input without a pack measures next to nothing."""
+    """Return the second pack's voltage; an input without a pack shows almost 0."""
     none = battery.battery2 is not None and battery.battery2 < NO_PACK
     return "no pack" if none else number(battery.battery2, 2, "V")
 
 
 def _charge(battery: fields.Battery) -> str:
-    """Good, warning or bad."""
+    """Return good, warning or bad."""
     state = battery.state
     return DASH if state is None else styled(state.value, _BATTERY_STYLES.get(state, GOOD))
 
 
 def _left(battery: fields.Battery) -> str:
-    """The time that is left."""
+    """Return the remaining time."""
     return number(None if battery.remaining is None else battery.remaining / 60.0, 0, "min")
 
 
 def _gains(snapshot: Snapshot) -> Kept:
-    """Linear gains as loaded, angular ones as scheduled now; a board keeps the latter to itself."""
+    """Return linear gains as loaded, and the scheduled angular gains; a board does not report the latter."""
     gains = snapshot.get(fields.GAIN_TABLE, GainTable())
     pwm = snapshot.get(fields.CAPABILITIES, Capabilities()).pwm
     rows = (
@@ -190,18 +190,18 @@ def _gains(snapshot: Snapshot) -> Kept:
 
 
 def gain_cells(gains: Gains | None) -> list[str]:
-    """Kp, Ki and Kd with three decimals each, as the protocol carries them; dashes for None."""
+    """Return Kp, Ki and Kd with three decimals each, as in the protocol; dashes for None."""
     return [number(gain, 3) for gain in gains or (None, None, None)]
 
 
 def _events(events: Sequence[fields.Event]) -> Kept:
-    """When each happened, in s, and the whole of it."""
+    """Return time in s and text of each event."""
     rows = tuple((f"{event.time:.1f}", clean(event.text)) for event in events)
     return table("events (s)", (Column(style=DIM, right=True), Column(fold=True)), rows, gap=1)
 
 
 def _in_a_line(faults: Sequence[tuple[str, ...]], room: int) -> str:
-    """The counters in at most `room` cells, and how many others there are."""
+    """Return the counters in at most `room` cells, and the number of counters left out."""
     told = ""
     for number_of, (name, count) in enumerate(faults):
         more = f"{told}  {name} {count}".strip()
@@ -212,7 +212,7 @@ def _in_a_line(faults: Sequence[tuple[str, ...]], room: int) -> str:
 
 
 def _faults(snapshot: Snapshot, room: int) -> tuple[tuple[str, ...], ...]:
-    """The counters of faults that are not zero, in at most `room` rows."""
+    """Return the counters of faults that are not zero, in at most `room` rows."""
     counted = [(clean(name), n) for name, n in snapshot.get(FAULTS, {}).items() if n and name not in LIMITED]
     if len(counted) > room:
         hidden = counted[room - 1 :]

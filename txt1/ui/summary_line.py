@@ -1,4 +1,4 @@
-"""A robot, or a recording of one, in one line."""
+"""Sums up a robot, or a robot's recording, in a line."""
 
 from typing import Final
 
@@ -13,11 +13,11 @@ from txt1.tasks.standstill import STOP
 from txt1.telemetry.snapshot import Snapshot
 
 SHOWN: Final = tuple(topic.name for topic in (ODOMETRY, MODE, STOP, BOARD, BATTERIES[0], MAP_POSE, WARNINGS))
-"""The topics that the line is made of."""
+"""The topics in the line."""
 
 
 def status_line(snapshot: Snapshot) -> str:
-    """Time, pose, velocities, battery, whether it may drive, and where it is on its map."""
+    """Return time, pose, velocities, battery, whether the robot is armed, and its place on the map."""
     x, y, theta, v, omega = snapshot.get(ODOMETRY, Odometry())
     mode, board = snapshot.get(MODE, Mode()), snapshot.get(BOARD)
     voltage = snapshot.get(BATTERIES[0], Battery()).battery1

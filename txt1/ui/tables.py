@@ -48,7 +48,7 @@ _NUMBER: Final = Column(right=True)
 
 
 def pwm(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """PWM for a body of width x rows cells: the six channels and the mode."""
+    """Return PWM for a body of width x rows cells: the six channels and the mode."""
     length = max(11, width - 32)
     spaced = rows >= SPACED
     outputs, can = snapshot.get(SETPOINT, Control()).outputs, snapshot.get(fields.CAPABILITIES, Capabilities())
@@ -69,7 +69,7 @@ def pwm(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderable
 
 
 def encoders(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """ENCODERS for a body of width x rows cells: ticks, velocities and pose, and the path where there is room."""
+    """Return ENCODERS for a body of width x rows cells: ticks, velocities and pose, and the path if there is room."""
     if width < 130:
         return _motion(snapshot, width, rows)
     left, layout = width // 2, Layout()
@@ -107,7 +107,7 @@ def _motion(snapshot: Snapshot, width: int, rows: int) -> Group:
 
 
 def gains(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """PID GAINS for a body of width x rows cells: linear gains, and the scrolling table of angular ones."""
+    """Return PID GAINS for a body of width x rows cells: linear gains, and the scrolling table of angular gains."""
     loaded = snapshot.get(fields.GAIN_TABLE, GainTable())
     sets = loaded.angular.sets
     shown = visible(len(sets), max(1, rows - 7), snapshot.get(MODE, Mode()).panel.scroll)
@@ -128,20 +128,20 @@ def gains(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderab
 
 
 def _gain_table(title: str, first: str, cells: tuple[tuple[str, ...], ...], width: int) -> Kept:
-    """Columns for the mark, v_max, Kp, Ki and Kd; closer together in a narrow window."""
+    """Return a table of mark, v_max, Kp, Ki and Kd, with narrow columns in a narrow window."""
     gap, least = (4, 11) if width >= 70 else (2, 8)
     columns = (Column(least=1), *(Column(heading, right=True, least=least) for heading in (first, "Kp", "Ki", "Kd")))
     return table(title, columns, cells, gap=gap)
 
 
 def visible(sets: int, rows: int, scroll: int) -> range:
-    """Which of the sets to show: from `scroll` on, but never fewer than fit."""
+    """Return the range of visible sets: from `scroll` on, but never fewer than fit."""
     first = max(0, min(scroll, sets - rows))
     return range(first, min(sets, first + rows))
 
 
 def in_force(snapshot: Snapshot) -> int | None:
-    """The number of the angular set the loop uses; None where the loop runs on a board or uses none of them.
+    """Return the number of the angular set in force; None if the loop runs on a board or uses no set.
 
     Several sets may have the same gains, so the measured speed picks first.
     """
@@ -155,7 +155,7 @@ def in_force(snapshot: Snapshot) -> int | None:
 
 
 def sensors(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """SENSORS for a body of width x rows cells: every sensor with its values, how old they are, and how it is."""
+    """Return SENSORS for a body of width x rows cells: each sensor with its values, their age, and its health."""
     every = snapshot.get(SENSORS, ())
     cells = [
         (
@@ -182,7 +182,7 @@ def sensors(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Render
 
 
 def values_of(sensor: SensorState) -> str:
-    """The last reading's numbers, named where there are several, with their unit; a dash before the first."""
+    """Return the last reading's numbers with their unit, and names if there are several; a dash before the first."""
     if not sensor.values:
         return DASH
     several = len(sensor.values) > 1
@@ -191,9 +191,9 @@ def values_of(sensor: SensorState) -> str:
 
 
 def tasks(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """TASKS for a body of width x rows cells: rates, cycles, misses, lateness and run times.
+    """Return TASKS for a body of width x rows cells: rates, cycles, misses, lateness and run times.
 
-    A narrow window has to do with p99; a wide one has p99.9 and the share of the processor, too.
+    A narrow window shows p99; a wide window also shows p99.9 and the share of the processor.
     """
     wide = width >= 133
     shown = ("p50", "p99", "p999", "max") if wide else ("p50", "p99", "max") if width >= 72 else ("p99",)

@@ -1,8 +1,8 @@
-"""Driving with w, a, s, d from a terminal, which tells when a key goes down and never when it comes up.
+"""Driving with w, a, s, d from a terminal, which reports a key's press but never its release.
 
-So a key counts as held for HOLD seconds after its last press (a keyboard repeats a held key long before),
-and then its effect decays within DECAY seconds. Only the last of several held keys repeats: pressing a or d
-therefore also renews a hold of w or s, or a bend could not be driven.
+So a key counts as held for HOLD seconds after its last press (a keyboard repeats a held key long before), and then its
+effect decays within DECAY seconds. Only the last of several held keys repeats. So pressing a or d also renews a hold of
+w or s; otherwise a curve could not be driven.
 
 ``a`` turns the steering wheel left, as in a car: forwards the robot turns left (omega > 0), and in reverse,
 the front wheels still pointing left, its yaw rate is negative.
@@ -28,7 +28,7 @@ _STEER: Final = {"a": 1, "d": -1}
 class Teleop:
     """Velocity commands from key presses. Times are s of the run.
 
-    `speed` in m/s is that of w and s, which + and - change up to the car's fastest; `hand` has the car's numbers.
+    `speed` is that of w and s in m/s; + and - change it, up to the car's fastest. `hand` has the car's numbers.
     """
 
     speed: float = 0.5
@@ -39,13 +39,13 @@ class Teleop:
         self.release()
 
     def release(self) -> None:
-        """Let go of every key at once; the next `command` is None."""
-        # direction and when it was pressed last
+        """Release every key at once; the next `command` is None."""
+        # direction and time of the last press
         self._drive = self._steer = (0, -inf)
         self._active = False
 
     def key(self, key: str, now: float) -> None:
-        """Take a key press, which replaces the opposite one at once; keys of other meaning are ignored."""
+        """Take a key press, which replaces the opposite key at once; other keys are ignored."""
         if key in _DRIVE:
             self._drive = _DRIVE[key], now
         elif key in _STEER:
@@ -59,7 +59,7 @@ class Teleop:
         self._active |= key in _DRIVE or key in _STEER
 
     def command(self, now: float) -> tuple[float, float] | None:
-        """(v, omega) in m/s and rad/s, or None when the keyboard has nothing to say.
+        """Return (v, omega) in m/s and rad/s; None if the keyboard commands nothing.
 
         After the last decay it is (0, 0) once, then None: an idle keyboard does not override a program.
         """

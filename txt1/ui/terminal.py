@@ -1,7 +1,7 @@
 """The robot's side of the terminal: starts the drawing process, obeys its keys, sends it the newest snapshot.
 
-A command from the keyboard is renewed at every heartbeat of the drawing process and at no other time, so when
-that process falls silent the command goes stale and the robot stops by the ordinary rule.
+Only a heartbeat of the drawing process renews a command from the keyboard. So when this process falls silent, the
+command goes stale, and the robot stops by the ordinary rule.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Reason = Literal["quit", "lost"]
 
 # s between snapshots
 INTERVAL: Final = 0.1
-# s: keys older than that, found after this process was held up, no longer drive or arm
+# s: older keys, found after this process was delayed, no longer drive or arm
 BACKLOG: Final = 0.5
 _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
 _ALWAYS: Final = frozenset(("space", "x", "q"))
 
 
 class Operated(Protocol):
-    """Who is shown on the screens and obeys the keys: a robot, a board, a fleet, a recording."""
+    """The subject of the screens, which obeys the keys: a robot, a board, a fleet, a recording."""
 
     @property
     def now(self) -> float:
@@ -38,7 +38,7 @@ class Operated(Protocol):
 
     @property
     def snapshot(self) -> Snapshot:
-        """What the screens show."""
+        """Return the values for the screens."""
 
     def stop(self) -> None:
         """Stop at once."""
@@ -57,26 +57,26 @@ class Operated(Protocol):
 
 
 class Driven(Protocol):
-    """Who takes the commands of the driving keys."""
+    """The receiver of the driving keys' commands."""
 
     def command(self, v: float, omega: float, time: float, /) -> object:
-        """Command m/s and rad/s, given at `time`, s of the run."""
+        """Command m/s and rad/s; `time` is the origin, s of the run."""
 
     def release(self) -> None:
-        """Let go."""
+        """Release the wheel."""
 
 
 class DrivingKeys(Protocol):
-    """What the driving keys mean."""
+    """The meaning of the driving keys."""
 
     def key(self, key: str, now: float, /) -> object:
         """Take a key."""
 
     def command(self, now: float, /) -> tuple[float, float] | None:
-        """Return the command in m/s and rad/s, None where nothing is commanded."""
+        """Return the command in m/s and rad/s; None without a command."""
 
     def release(self) -> None:
-        """Let go of all keys."""
+        """Release all keys."""
 
 
 class Terminal:
@@ -98,7 +98,7 @@ class Terminal:
         more: Mapping[str, Callable[[], None]] | None = None,
     ) -> None:
         self._robot, self._keys = robot, keys
-        # of the newest command, and of the newest snapshot, s of the run
+        # times of the newest command and of the newest snapshot, s of the run
         self._origin = self._sent = -inf
         self._teleop: DrivingKeys = teleop or Teleop()
         self._more = more or {}
@@ -108,10 +108,10 @@ class Terminal:
         )
         self._quit = asyncio.Event()
         self.screens = self._beside.serve
-        """A task for the robot's scheduler, of the lowest priority: there the snapshots are sent from now on.
+        """A task for the robot's scheduler, of the lowest priority: it sends the snapshots from then on.
 
-        To make bytes of one takes a quarter of a millisecond. With the heartbeats, which come at any time, one tick of
-        the controller in two hundred would have to wait for it; among the tasks it waits for the controller.
+        Encoding a snapshot takes a quarter of a millisecond. If the heartbeats did it, which come at any time, one tick
+        of the controller in two hundred would have to wait; a task waits for the controller instead.
         """
 
     async def __aenter__(self) -> Self:
@@ -126,14 +126,14 @@ class Terminal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self._beside.__aexit__(kind, error, trace)
-        # else it has cleaned up
+        # otherwise the process has cleaned up
         killed = self._beside.returncode is not None and self._beside.returncode < 0
         await asyncio.shield(asyncio.to_thread(tty.put_back, self._modes, killed))
 
     async def wait(self) -> Reason:
-        """ "quit" when the user pressed q, "lost" when the drawing process ended unasked.
+        """Wait; return "quit" when the user pressed q, "lost" when the drawing process ended unasked.
 
-        Raises whatever the robot raised on a key, unless it merely refused.
+        Raises an error that a key caused in the robot, except a refusal.
         """
         ended, quitting = asyncio.ensure_future(self._beside.ended()), asyncio.ensure_future(self._quit.wait())
         try:
@@ -146,9 +146,9 @@ class Terminal:
             quitting.cancel()
 
     def telemetry(self) -> bytes | None:
-        """A snapshot, ten a second."""
+        """Return a snapshot, ten times a second."""
         now = self._robot.now
-        # the nearest of the ticks
+        # at the nearest tick
         if now < self._sent + INTERVAL - 0.5 * TELEMETRY_PERIOD:
             return None
         self._sent = now
@@ -168,7 +168,7 @@ class Terminal:
                 self._try(lambda: self._drive(*command))
 
     def obey(self, key: str) -> None:
-        """Do what a key means."""
+        """Carry out a key."""
         robot = self._robot
         if key == "space":
             robot.stop()
@@ -206,7 +206,7 @@ class Terminal:
         try:
             action()
         except (CommandRefused, NotCapable) as refusal:
-            # or the refusal would be repeated at every heartbeat
+            # otherwise the refusal would be repeated at every heartbeat
             self._let_go()
             self._robot.tell(str(refusal))
 

@@ -1,6 +1,6 @@
-"""How values are written: numbers with units, durations, bars, tables, and a dash for what nobody can know.
+"""Formats values: numbers with units, durations, bars, tables, and a dash for an unknown value.
 
-All strings are rich's markup; `clean` takes the meaning out of what came from elsewhere.
+All strings are markup for rich; `clean` escapes text from elsewhere.
 """
 
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-# stands for a value that this HAL cannot know
+# for a value that this HAL cannot know
 DASH: Final = "–"
 LABEL: Final = "cyan"
 DIM: Final = "bright_black"
@@ -24,7 +24,7 @@ BAD: Final = "bold red"
 
 
 def number(value: float | None, decimals: int, unit: str = "") -> str:
-    """The value with sign-aligned digits and its unit; a dash for None."""
+    """Return the value with aligned digits and its unit; a dash for None."""
     if value is None:
         return DASH
     # no "-0.00"
@@ -33,7 +33,7 @@ def number(value: float | None, decimals: int, unit: str = "") -> str:
 
 
 def duration(s: float) -> str:
-    """A short time in at most six characters, in ns, µs, ms or s."""
+    """Return a short time in at most six characters, in ns, µs, ms or s."""
     if s == 0.0:
         return "0"
     for below, factor, decimals, unit in (
@@ -49,7 +49,7 @@ def duration(s: float) -> str:
 
 
 def count(n: int, digits: int) -> str:
-    """A count in at most so many characters (four or more): large ones in thousands, millions, ..."""
+    """Return a count in at most `digits` characters (four or more): large counts in thousands, millions, ..."""
     text, value = str(n), float(n)
     for suffix in "kMGT":
         if len(text) > digits:
@@ -59,29 +59,29 @@ def count(n: int, digits: int) -> str:
 
 
 def run_time(s: float) -> str:
-    """Time of the run as h:mm:ss.t."""
+    """Return a time of the run as h:mm:ss.t."""
     minutes, tenths = divmod(int(s * 10.0), 600)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{tenths // 10:02d}.{tenths % 10}"
 
 
 def styled(text: str, style: str) -> str:
-    """The text in a style."""
+    """Return the text in a style."""
     return f"[{style}]{text}[/]" if style else text
 
 
 def clean(text: str) -> str:
-    """The text without anything a terminal or rich could obey: a message may quote what came over a wire."""
+    """Return the text without anything that a terminal or rich obeys: a message may quote bytes from a wire."""
     return escape(printable(text))
 
 
 def printable(text: str) -> str:
-    """The text with a space for whatever a terminal could obey."""
+    """Return the text with a space for each character that a terminal obeys."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 
 def centred_bar(share: float, width: int) -> str:
-    """A bar from the middle to the left (share < 0) or right, full at -1 and 1."""
+    """Return a bar from the middle to the left (share < 0) or right, full at -1 and 1."""
     half = max(1, (width - 1) // 2)
     length = min(half, round(abs(share) * half))
     full, rest, empty = styled("█" * length, "bright_blue"), "·" * (half - length), "·" * half
@@ -89,13 +89,13 @@ def centred_bar(share: float, width: int) -> str:
 
 
 def bar(share: float, width: int) -> str:
-    """A bar from the left, full at 1."""
+    """Return a bar from the left, full at 1."""
     length = min(width, max(0, round(share * width)))
     return styled("█" * length, "bright_blue") + styled("·" * (width - length), DIM)
 
 
 class Column(NamedTuple):
-    """A column of a table: its heading, style, alignment, folded or cut where it is too long, least width in cells."""
+    """A column of a table: heading, style, alignment, whether long text is folded or cut, least width in cells."""
 
     heading: str = ""
     style: str = ""
@@ -110,7 +110,7 @@ FIELDS: Final = (NAME_COLUMN, Column())
 
 
 class Kept:
-    """A renderable that is drawn once for each size and remembered: a frame takes 5 ms of the processor, not 20."""
+    """A renderable that is drawn once for each size and kept: a frame then takes 5 ms of the processor, not 20."""
 
     def __init__(self, content: RenderableType) -> None:
         self._content = content
@@ -133,14 +133,14 @@ def table(
     padding: tuple[int, int] = (0, 1),
     border: str = DIM,
 ) -> Kept:
-    """Rows of cells in a frame with a title; a table that is as before is not drawn again.
+    """Return rows of cells in a frame with a title; an unchanged table is not drawn again.
 
     `gap` is the cells between columns, `padding` the rows and columns between frame and table.
     """
     grid = Table.grid(padding=(0, gap))
     grid.show_header, grid.header_style = any(column.heading for column in columns), LABEL
     for index, (heading, style, right, fold, least) in enumerate(columns):
-        # a long value never takes the room of the names
+        # a long value never takes room from the names
         if style == LABEL and least is None:
             least = max((Text.from_markup(row[index]).cell_len for row in rows if index < len(row)), default=0)
         grid.add_column(

@@ -1,8 +1,8 @@
-"""The terminal: its modes and the way back, and its bytes as names of keys.
+"""The terminal: its modes and their restoration, and the decoding of its bytes into keys.
 
-A terminal sends an arrow as ESC [ C or, in its application mode, ESC O C, in one piece or in several. A
-lone ESC, any other sequence and whatever is not one of our keys is dropped, and never takes the key behind
-it along: the space bar is the emergency stop.
+A terminal sends an arrow as ESC [ C or, in its application mode, ESC O C, in one piece or in several. A lone ESC, any
+other sequence and any unknown key is dropped. It never takes the next key along, because that may be the space bar, the
+emergency stop.
 """
 
 import os
@@ -22,9 +22,9 @@ ENTER: Final = b"\x1b[?1049h\x1b[?25l\x1b[2J"
 # the screen as it was, until ENTER
 BEHIND: Final = b"\x1b[0m\x1b[?1049l"
 LEAVE: Final = b"\x1b[0m\x1b[2J\x1b[H\x1b[?25h\x1b[?1049l"
-"""Colours off, cleared (after a resize tmux would leave the text behind), cursor, the screen as it was."""
+"""Colours off, cleared (after a resize tmux would leave the text), cursor, the earlier screen."""
 
-# what termios.tcgetattr returns
+# the result of termios.tcgetattr
 Modes = list[Any]
 
 
@@ -34,7 +34,7 @@ def drawable() -> bool:
 
 
 def saved() -> Modes:
-    """The modes of the terminal as they are; OSError where input or output is none."""
+    """Return the present modes of the terminal; raises OSError if input or output is no terminal."""
     if not os.isatty(OUT):
         raise OSError("standard output is no terminal")
     try:
@@ -45,7 +45,7 @@ def saved() -> Modes:
 
 @contextmanager
 def full_screen() -> Iterator[None]:
-    """Within it the terminal is ours; behind it, whatever happened, it is as it was.
+    """Take over the terminal for the block; afterwards, whatever happened, it is as before.
 
     Keys are read one by one and without echo. Ctrl-C still interrupts; Ctrl-Z does not suspend (a robot would go on
     without its program) and Ctrl-S does not freeze the screen. Raises OSError: input or output is no terminal.
@@ -57,7 +57,7 @@ def full_screen() -> Iterator[None]:
     # _POSIX_VDISABLE on Linux
     modes[6][termios.VSUSP] = b"\x00"
     try:
-        # what was typed before there was anything to see is no command
+        # keys typed before anything was visible are no commands
         termios.tcflush(IN, termios.TCIFLUSH)
         termios.tcsetattr(IN, termios.TCSANOW, modes)
         write(ENTER)
@@ -67,7 +67,10 @@ def full_screen() -> Iterator[None]:
 
 
 def put_back(modes: Modes, drawn_on: bool) -> None:
-    """The terminal as it was; never waits for one that is gone or stalled. Unread keys are not for the shell."""
+    """Restore the terminal, and discard unread keys.
+
+    It never waits for a terminal that is gone or stalled. Unread keys must not reach the shell.
+    """
     with suppress(OSError):
         if drawn_on and select.select([], [OUT], [], 0.1)[1]:
             os.write(OUT, LEAVE)
@@ -106,13 +109,13 @@ _UNFINISHED: Final = re.compile(rb"\x1b(O|\[\[|\[" + _PARAMETERS + rb")?\Z")
 
 
 class KeyDecoder:
-    """A decoder of key presses."""
+    """Decodes key presses."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[str]:
-        """The names of the keys in `data`, in order; an unfinished sequence waits for the next call."""
+        """Return the names of the keys in `data`, in order; an unfinished sequence waits for the next call."""
         data = self._rest + data
         unfinished = _UNFINISHED.search(data)
         end = unfinished.start() if unfinished else len(data)

@@ -1,4 +1,4 @@
-"""What belongs to the viewer and not to the robot: help on or off, and the path seen so far."""
+"""The state of the viewer, as opposed to the robot's: help on or off, and the path seen so far."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,13 +10,13 @@ from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.tasks.on_map import MAP_POSE
 from txt1.telemetry.snapshot import Snapshot
 
-# points kept; when they are used up every other one goes, and the spacing doubles
+# points kept; when they are used up, every other point is removed, and the spacing doubles
 PATH_MAX: Final = 4000
 # m between points, to begin with
 SPACING: Final = 0.02
-# m from one snapshot to the next that tell that the robot was lifted ...
+# m between two snapshots that mean that the robot was lifted ...
 JUMP: Final = 0.5
-# ... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart
+# ... unless it could have driven there at this speed, m/s: snapshots of a fast run are far apart
 REACH: Final = 2.0
 NOWHERE: Final = (nan, nan, nan)
 # the keys of a robot
@@ -35,9 +35,9 @@ DRIVING: Final = {
 
 
 def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
-    """The pose (x, y, theta) to draw: on the map where there is one, in the room where it is known, else odometry's.
+    """Return the pose (x, y, theta) to draw: on the map if there is one, in the room if it is known, else odometry's.
 
-    A robot that is lost on its map is nowhere: nan.
+    For a robot that is lost on its map it is nan.
     """
     if (there := snapshot.get(MAP_POSE)) is not None:
         return NOWHERE if there.lost else there[:3]
@@ -49,7 +49,7 @@ def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
 class Viewer:
     """The viewer's own state."""
 
-    # of the last row, the most important first
+    # keys in the last row, the most important first
     keys: Mapping[str, str] = field(default_factory=DRIVING.copy)
     # whether the list of keys covers the screen
     help: bool = False
@@ -61,7 +61,7 @@ class Viewer:
     _time: float = 0.0
 
     def follow(self, snapshot: Snapshot) -> None:
-        """Add where the robot is now; a jump or a new run starts a new path."""
+        """Add the robot's present place; a jump or a new run starts a new path."""
         x, y, _ = pose_of(snapshot)
         if not (isfinite(x) and isfinite(y)):
             return
