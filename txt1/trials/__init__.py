@@ -1,1 +1,1 @@
-"""Many trials: their order, their processes or cluster, their results as they come, how they end and are carried on."""
+"""Many trials: their order, their processes or cluster, their results as they come, how they end and resume."""

@@ -1,4 +1,4 @@
-"""What a result came from: versions, platform, and a hash of the code that made it."""
+"""The origin of a result: versions, platform, and a hash of the code that made it."""
 
 import hashlib
 import platform
@@ -14,19 +14,24 @@ SHOWS: Final = (
     "__main__.py", "bridges/", "cli/", "experiments/figures.py", "experiments/report.py", "fleet/console.py",
     "fleet/page.py", "fleet/screen.py", "gamepad/", "learning/plots.py", "record/", "ros/", "sidecar.py", "ui/", "web/",
 )  # fmt: skip
-"""What only shows, keeps or passes on what a robot does; no result is another by it. All else is hashed."""
-# the front's part that a result does depend on
+"""Code that only shows, stores or passes on the robot's behaviour, so no result depends on it.
+
+All other code is hashed.
+"""
+# the part of the front on which a result does depend
 BRINGS_UP: Final = "cli/app.py"
 
 
 @cache
 def code_hash(*more: Path) -> str:
-    """SHA-256 of the package's code that makes results (see `SHOWS`), and of more files; the first 16 digits."""
+    """Return the SHA-256 of the package's code that makes results (see `SHOWS`), and of more files; the first
+    16 digits.
+    """
     return hash_of(Path(__file__).parents[1], more)
 
 
 def hash_of(root: Path, more: Iterable[Path] = ()) -> str:
-    """As `code_hash`, of a package in this folder."""
+    """Return the same hash for a package in a folder."""
     digest = hashlib.sha256()
     files = {path.relative_to(root).as_posix(): path for path in root.rglob("*.py")}
     made = {name: path for name, path in files.items() if name == BRINGS_UP or not name.startswith(SHOWS)}
@@ -36,7 +41,7 @@ def hash_of(root: Path, more: Iterable[Path] = ()) -> str:
 
 
 def provenance(*more: Path) -> dict[str, str]:
-    """Versions of what a result depends on, the platform, and the code's hash, of more files, too."""
+    """Return the versions on which a result depends, the platform, and the hash of the code and of more files."""
     found = {"code": code_hash(*more), "python": sys.version.split()[0], "platform": platform.platform()}
     for name in PACKAGES:
         try:

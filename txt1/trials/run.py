@@ -1,8 +1,8 @@
-"""The runner of many trials: of a learner, a sweep, an experiment, calibrated cars, a campaign of faults.
+"""Runs many trials: of a learner, a sweep, an experiment, calibrated cars, a campaign of faults.
 
-A command says which trials are missing, by keys of its own; `run` does them here or elsewhere, hands each result to
-`keep` as it comes, and draws a bar. A signal ends it: what was kept stays, and the same command carries on.
-`Rows` keeps results in a file of JSON lines.
+A command lists the missing trials, by its own keys. `run` does them here or elsewhere, passes each result to `keep` as
+it comes, and draws a bar. A signal ends it. Results that were kept stay, and the same command resumes. `Rows` keeps
+results in a file of JSON lines.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from txt1.commands import OK, say, signals_to
 from txt1.trials.workers import Work, Workers
 
-# rich takes its time
+# rich takes time to load
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
@@ -34,15 +34,15 @@ def run(
     bar: str = "",
     until: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Do trials, and hand the result of each to `keep` with its key; the exit code: 0, or 128 + the signal that came.
+    """Do trials, and pass the result of each to `keep` with its key; return the exit code: 0, or 128 + the signal.
 
     Args:
         work: a trial, a function of a module, from JSON values to JSON values.
-        trials: what each is told, by its key.
-        workers: where they are done; None: one after the other in this very process, with values of any kind.
-        keep: told each result as it comes.
+        trials: the argument of each trial, by its key.
+        workers: the processes or cluster; None: one after the other in this process, with values of any kind.
+        keep: called with each key and result as it comes.
         bar: names a bar on a terminal; none when empty.
-        until: asked all the time; once it says yes no more trials are begun.
+        until: asked again and again; once it returns True, no more trials are begun.
 
     Raises an error of a trial, and as `Workers.each`.
     """
@@ -67,13 +67,13 @@ def _in_turn(work: Work, trials: Mapping[K, Any], ended: Callable[[], bool]) -> 
 
 
 class Rows:
-    """Results in a file, a line of JSON each, added as they come."""
+    """Results in a file, a line of JSON for each, added as they come."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
 
     def read(self) -> list[Any]:
-        """The rows; a line that was being written when all ended is left out, and told."""
+        """Return the rows. A line that was cut off at the end of a run is left out, and reported."""
         found = []
         lines = self.file.read_text(encoding="utf-8").splitlines() if self.file.exists() else []
         for number, line in enumerate(lines, 1):
@@ -95,9 +95,10 @@ class Rows:
 
 @contextmanager
 def progress(name: str, total: float, *columns: ProgressColumn) -> Iterator[Progress]:
-    """Within the block there is a bar on standard error, its task the only one; none without a name or a terminal.
+    """Show a bar on standard error for the block, with a single task; no bar without a name or a terminal.
 
-    A thread of its own draws it: no robot waits for a terminal. `columns` are after the bar, else counts and times.
+    A thread of its own draws it, so no robot waits for a terminal. `columns` follow the bar, by default counts and
+    times.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

@@ -1,12 +1,12 @@
 """Trials on many processors: processes of this computer, or the workers of a Dask cluster.
 
-A trial is a function of one module, from JSON values to JSON values. They travel as text: nothing of ours is pickled.
-Dask itself pickles what it sends about, so beyond loopback it is asked for TLS. A trial whose process or worker is
-killed is done again.
+A trial is a function of a module, from JSON values to JSON values. The values travel as text; txt1 pickles nothing.
+Dask itself pickles its messages, so beyond loopback TLS is required. A trial whose process or worker is killed is done
+again.
 
-Processes are spawned, deaf to signals: a Ctrl-C goes to all of a terminal's processes, and only their parent is to act
-on it. It then tells them by an event; a trial that looks at it (`stopped`) ends by itself, one that does not is killed
-after `GRACE`. A process that finds its parent gone ends, whatever it does.
+Processes are spawned and ignore signals: a Ctrl-C goes to all of a terminal's processes, and only their parent acts on
+it. The parent then sets an event. A trial that checks it (`stopped`) ends by itself; any other trial is killed after
+`GRACE`. A process whose parent is gone ends at once.
 """
 
 import argparse
@@ -29,11 +29,11 @@ from txt1.errors import ConfigError, MissingExtra, Txt1Error
 from txt1.kernel.processors import processors
 from txt1.trials.provenance import code_hash
 
-# times that a pool is made anew because one of its processes was killed
+# number of times that a pool is made again because a process of it was killed
 AGAIN: Final = 5
-# s of real time between two looks whether it is to end
+# s of real time between two checks whether it has to end
 POLL: Final = 0.1
-# s for trials that look whether it is to end; others are killed: their results are lost
+# s that trials have to notice the end; others are killed, and their results are lost
 GRACE: Final = 2.0
 LOOPBACK: Final = ("127.0.0.1", "localhost", "[::1]")
 OPTIONS: Final = {
@@ -46,7 +46,7 @@ OPTIONS: Final = {
 
 K = TypeVar("K")
 Work = Callable[[Any], Any]
-# whether it is to end
+# set when the process has to end
 Ended = Callable[[], bool]
 
 
@@ -60,21 +60,21 @@ class Cluster(NamedTuple):
 
 
 class Workers(NamedTuple):
-    """Where trials are done: in so many processes, or on a cluster."""
+    """The place of the trials: a number of processes, or a cluster."""
 
     jobs: int = 1
     cluster: Cluster | None = None
 
     @property
     def many(self) -> bool:
-        """Whether trials are done anywhere but here."""
+        """Whether trials are done anywhere but in this process."""
         return self.jobs > 1 or self.cluster is not None
 
     def each(self, work: Work, trials: Mapping[K, Any], ended: Ended) -> Iterator[tuple[K, Any]]:
         """Yield (key, result) as trials finish. Once `ended()` is true, unfinished trials are dropped.
 
-        Raises an error of a trial; Txt1Error: processes are killed again and again; ConfigError: the cluster is not
-        there, unsafe, or has other code than ours; MissingExtra.
+        Raises the error of a trial; Txt1Error: processes are killed again and again; ConfigError: the cluster is
+        missing, unsafe, or has other code than this process; MissingExtra.
         """
         texts = {key: json.dumps(told) for key, told in trials.items()}
         if self.cluster is None:
@@ -83,7 +83,7 @@ class Workers(NamedTuple):
 
 
 def workers_of(arguments: argparse.Namespace, *, alone: bool = False) -> Workers:
-    """The machines that were asked for by `OPTIONS`; a robot that is `alone` has no second."""
+    """Return the workers chosen by `OPTIONS`; a robot that is `alone` must be in this process."""
     if arguments.dask is None:
         return Workers(1 if alone else arguments.jobs or processors())
     if alone:
@@ -92,7 +92,7 @@ def workers_of(arguments: argparse.Namespace, *, alone: bool = False) -> Workers
 
 
 def stopped() -> bool:
-    """Whether nobody waits for the result of the trial that is being done in this process."""
+    """Return whether the result of this process's present trial is no longer needed."""
     return _stop is not None and bool(_stop.is_set())
 
 
@@ -100,7 +100,7 @@ _stop: Any = None
 
 
 def on_processes(work: Work, trials: Mapping[K, str], jobs: int, ended: Ended) -> Iterator[tuple[K, Any]]:
-    """As `Workers.each`; what the trials are told is text."""
+    """Yield as `Workers.each`; the arguments of the trials are text."""
     left = dict(trials)
     for _ in range(AGAIN):
         with suppress(BrokenProcessPool):
@@ -111,7 +111,7 @@ def on_processes(work: Work, trials: Mapping[K, str], jobs: int, ended: Ended) -
 
 def _pooled(work: Work, left: dict[K, str], jobs: int, ended: Ended) -> Iterator[tuple[K, Any]]:
     context = multiprocessing.get_context("spawn")
-    # here the process is born that tidies up after the others
+    # here the process starts that cleans up after the others
     with _deaf():
         stop = context.Event()
     pool = ProcessPoolExecutor(min(jobs, max(1, len(left))), context, _enter, (stop,))
@@ -134,7 +134,7 @@ def _pooled(work: Work, left: dict[K, str], jobs: int, ended: Ended) -> Iterator
 
 
 def _kill() -> None:
-    """End the processes of a pool, which asks them in a way they are deaf to."""
+    """Kill the processes of a pool; the pool's own way is a signal, which they ignore."""
     for child in multiprocessing.active_children():
         child.kill()
 
@@ -155,7 +155,7 @@ def _as_they_come(futures: dict[Any, K], ended: Ended) -> Iterator[tuple[K, Any]
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Processes born within the block are deaf to signals, which are their parent's business."""
+    """Let processes that are started within the block ignore signals, which are their parent's business."""
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
@@ -164,7 +164,7 @@ def _deaf() -> Iterator[None]:
 
 
 def _enter(stop: Any) -> None:
-    """Make a process ready to work; it ends with its parent."""
+    """Prepare a process for work; it ends with its parent."""
     global _stop
     _stop = stop
 
@@ -178,7 +178,7 @@ def _enter(stop: Any) -> None:
 
 
 def on_dask(work: Work, trials: Mapping[K, str], cluster: Cluster, ended: Ended) -> Iterator[tuple[K, Any]]:
-    """As `Workers.each`; what the trials are told is text."""
+    """Yield as `Workers.each`; the arguments of the trials are text."""
     try:
         dask: Any = import_module("distributed")
     except ImportError:
