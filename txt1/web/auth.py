@@ -1,7 +1,7 @@
-"""Who may come in: the token in its file, what is made of it, the address that was asked for, where a page came from.
+"""Admission to the web page: the token in its file, cookies, the address that a request names, the page it comes from.
 
-A page signs in once, with the token, and gets a cookie: a time and its HMAC under the token. So no list of sessions is
-kept, a restart signs nobody out, and another token signs out everybody.
+A page signs in once, with the token, and gets a cookie: a time and its HMAC under the token. So the server keeps no
+list of sessions, a restart ends no session, and a new token ends all sessions.
 """
 
 import re
@@ -22,23 +22,22 @@ from txt1.web.wheel import Budget
 
 Role = Literal["operator", "visitor"]
 
-# s that a page stays signed in
+# s for which a page stays signed in
 SESSION: Final = 12 * 3600
-# characters of a token; fewer could be guessed
+# characters of a token; a shorter token could be guessed
 TOKEN_MIN: Final = 16
-# stands in an address as it is
+# characters that an address contains unchanged
 TOKEN: Final = re.compile(rf"[A-Za-z0-9._~-]{{{TOKEN_MIN},}}")
 # wrong tokens a second from one address, and at once
 TRIES: Final = (0.2, 5.0)
-# addresses whose tries are counted
+# addresses whose attempts are counted
 ADDRESSES_MAX: Final = 1000
 
 
 def token_in(file: Path) -> str:
-    """The token that is in a file; when there is no file it is made, with a new one, for its owner's eyes only.
+    """Return the token in a file. If there is no file, make it with a new token, readable by its owner only.
 
-    Raises ConfigError: it is no regular file, others may read it, its token is no good, or it
-    cannot be read or made.
+    Raises ConfigError: it is no regular file, others may read it, its token is malformed, or it cannot be read or made.
     """
     try:
         if not file.exists():
@@ -60,8 +59,8 @@ def token_in(file: Path) -> str:
 
 
 def _make(file: Path) -> None:
-    """Put a file with a new token there, whole from the first; one that has come there meanwhile stays."""
-    # has mode 0600
+    """Write a file with a new token in a single step; a file that has appeared meanwhile stays."""
+    # temporary files have mode 0600
     with NamedTemporaryFile("w", encoding="ascii", dir=file.parent, prefix=".token-") as made:
         made.write(secrets.token_urlsafe(32) + "\n")
         made.flush()
@@ -70,12 +69,17 @@ def _make(file: Path) -> None:
 
 
 def visitors_token(token: str) -> str:
-    """The token for visitors, made of the operator's: who has it cannot work out the other."""
+    """Return the token for visitors, derived from the operator's: a visitor cannot compute the operator's token
+    from it.
+    """
     return digest(token.encode(), b"txt1 visitor", "sha256").hex()[:32]
 
 
 class Auth:
-    """Lets pages in; without a token, which is for loopback addresses only, everybody who asks for one of these."""
+    """Admits pages.
+
+    Without a token, for loopback addresses only, it admits every page that asks for a loopback address.
+    """
 
     def __init__(self, token: str | None, scheme: Literal["http", "https"], port: int) -> None:
         self._tokens: Mapping[Role, str] = {}
@@ -87,34 +91,36 @@ class Auth:
         self.cookie: Final = f"txt1-{port}"
 
     def knows_host(self, host: str) -> bool:
-        """Whether a request's Host may be meant for us: without a token only a loopback one, whatever a DNS says."""
+        """Return whether a request's Host may be this server's: without a token only a loopback address,
+        whatever a DNS says.
+        """
         if re.search(r"[^\w.:\[\]-]", host):
             return False
         return bool(self._tokens) or is_loopback(urlsplit(f"//{host}").hostname or "")
 
     def knows_origin(self, origin: str | None, host: str) -> bool:
-        """Whether a request comes from a page of ours."""
+        """Return whether a request comes from this server's page."""
         return origin == f"{self._scheme}://{host}"
 
     def sign_in(self, token: str, now: float) -> tuple[Role, str] | None:
-        """The role and the cookie's value for a token; None for a wrong one."""
+        """Return the role and the cookie's value for a token; None for a wrong token."""
         for role, right in self._tokens.items():
             if compare_digest(token.encode(), right.encode()):
                 return role, self._signed(role, now)
         return None
 
     def failed(self, address: str, now: float) -> bool:
-        """Count a wrong token; whether its address has not sent too many.
+        """Count a wrong token; return whether its address is still below the limit.
 
-        Only wrong ones are limited: else whoever shares the operator's address could keep the operator out. It is the
-        token's length that makes guessing hopeless, not this.
+        Only wrong tokens are limited. Otherwise another user of the operator's address could keep the operator out. The
+        limit does not prevent guessing; the token's length does.
         """
         if len(self._tries) > ADDRESSES_MAX:
             self._tries.clear()
         return self._tries.setdefault(address, Budget(*TRIES)).spend(now)
 
     def role(self, cookie: str | None, now: float) -> Role | None:
-        """The role of whoever presents a cookie's value; None for a stranger."""
+        """Return the role of a cookie's value; None for an invalid value."""
         if not self._tokens:
             return "operator"
         parts = (cookie or "").split(".")

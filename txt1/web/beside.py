@@ -1,4 +1,4 @@
-"""The web page beside a robot."""
+"""Serves the web page beside a robot."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,9 +11,11 @@ from txt1.web.options import PageAsked
 
 @asynccontextmanager
 async def beside(robot: Robot, asked: PageAsked) -> AsyncIterator[None]:
-    """Serve the page as long as the block is at work; other additions' requests come before its own.
+    """Serve the page until the block is left.
 
-    The event log tells the page's addresses, and again by the key p.
+    If another addition offers a request of the same name, its request is used.
+
+    The event log shows the page's addresses, and shows them again on the key p.
     """
 
     def stop() -> None:

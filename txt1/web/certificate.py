@@ -16,14 +16,14 @@ from cryptography.x509.oid import NameOID
 from txt1.errors import ConfigError
 from txt1.kernel.clock import NS_PER_S, wall_ns
 
-# that it is good for: browsers take no longer ones
+# days that it is valid: browsers accept no more
 DAYS: Final = 397
 CERTIFICATE: Final = "web-certificate.pem"
 KEY: Final = "web-key.pem"
 
 
 def own_certificate(folder: Path, host: str) -> tuple[Path, Path]:
-    """The certificate and key in a folder, made when there are none or they end within a week."""
+    """Return certificate and key in a folder. They are made if there are none, or they end within a week."""
     certificate, key = folder / CERTIFICATE, folder / KEY
     now = datetime.fromtimestamp(wall_ns() / NS_PER_S, UTC)
     with suppress(OSError, ValueError):
@@ -54,7 +54,10 @@ def own_certificate(folder: Path, host: str) -> tuple[Path, Path]:
 
 
 def tls(certificate: Path, key: Path | None) -> ssl.SSLContext:
-    """A server's TLS context; raises ConfigError: certificate or key cannot be read, or they do not belong together."""
+    """Return a server's TLS context.
+
+    Raises ConfigError: certificate or key cannot be read, or they do not belong together.
+    """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
@@ -65,16 +68,16 @@ def tls(certificate: Path, key: Path | None) -> ssl.SSLContext:
 
 
 def fingerprint(certificate: Path) -> str:
-    """The certificate's SHA-256 fingerprint, as browsers show it."""
+    """Return the certificate's SHA-256 fingerprint, as browsers show it."""
     return x509.load_pem_x509_certificate(certificate.read_bytes()).fingerprint(hashes.SHA256()).hex(":").upper()
 
 
 def addresses(host: str) -> list[str]:
-    """The addresses under which other computers may find a server on `host`, the likeliest first."""
+    """Return the addresses at which other computers may find a server on `host`, the most likely first."""
     found = [] if host in ("0.0.0.0", "::") else [host]  # noqa: S104
     if not found:
         with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            # nothing is sent: it only asks which way it would go
+            # nothing is sent: it only asks for the route
             probe.connect(("192.0.2.1", 9))
             found.append(probe.getsockname()[0])
         found.append(socket.gethostname())

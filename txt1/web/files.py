@@ -1,4 +1,4 @@
-"""The page's files as they go over the wire: read and compressed once, found by their names and by nothing else."""
+"""The page's files, read and compressed once, and found by their names only."""
 
 import gzip
 from functools import cache
@@ -16,19 +16,19 @@ TYPES: Final = {
 
 
 class File(NamedTuple):
-    """One of them."""
+    """A file of the page."""
 
     # its MIME type
     kind: str
     # compressed by gzip
     body: bytes
-    # another one when the content is another
+    # changes with the content
     tag: str
 
 
 @cache
 def page_files() -> dict[str, File]:
-    """All files of the page, by name."""
+    """Return all files of the page, by name."""
     found = {}
     for each in files("txt1.web").joinpath("static").iterdir():
         kind = TYPES.get(each.name.rpartition(".")[2])

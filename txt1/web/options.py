@@ -1,4 +1,4 @@
-"""The web page's way in: its token, its certificate, and the address and QR code that the terminal shows."""
+"""Options of the web page: its token, its certificate, and the address and QR code for the terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from txt1.config import Config
     from txt1.kernel.loop import Speed
 
-# where the token is, unless told otherwise
+# default place of the token
 FILE: Final = "web-token"
 
 
@@ -42,7 +42,7 @@ WEB: Final = {
 
 
 class WebPage(NamedTuple):
-    """Where the page is, and the files that keep it safe."""
+    """The page's address, and the files that protect it."""
 
     host: str
     port: int
@@ -53,17 +53,17 @@ class WebPage(NamedTuple):
     speed: float
     robots: dict[str, str]
     places: tuple[str, ...] = ()
-    """Its addresses, the likeliest first."""
+    """Its addresses, the most likely first."""
 
     def bridge(self) -> tuple[str, dict[str, object]]:
-        """Return the bridge's name, and its options: of the files their names, which anybody may see in a list."""
+        """Return the bridge's name and options. Of files it has only the names, because process lists are public."""
         options = {name: str(value) if isinstance(value, Path) else value for name, value in self._asdict().items()}
         del options["places"]
         return "web", options
 
 
 def web_page(arguments: argparse.Namespace) -> WebPage | None:
-    """Return the page that was asked for, if any was, its files made, and tell where it is; raises ConfigError."""
+    """Return the requested page, or None. Make its files, and print its address; raises ConfigError."""
     if arguments.web is None:
         if arguments.web_token or arguments.web_cert or arguments.web_key:
             raise ConfigError("--web-token, --web-cert, --web-key: there is no page; add --web")
@@ -91,14 +91,14 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
             remedy = "give --web-token and --web-cert files of your own, or set XDG_STATE_HOME"
             raise ConfigError(f"{folder}: cannot be made or written: {error.strerror}; {remedy}") from None
     if certificate is not None:
-        # refused before the robot is brought up
+        # refused before the robot is started
         tls(certificate, key)
     scheme = "http" if certificate is None else "https"
     word = "" if token is None else token_in(token)
     hosts = [host] if inside else addresses(host)
     named = [f"[{each}]" if ":" in each else each for each in hosts]
     places = tuple(f"{scheme}://{each}:{port}/" for each in named)
-    # the code comes last but for a line: at 80 x 24 it stays on the screen whole, with the address above it
+    # the code comes last but for a line: at 80 x 24 it stays on the screen as a whole, with the address above it
     if certificate is not None and arguments.web_cert is None:
         say(f"a browser will ask whether to trust the certificate with SHA-256 {fingerprint(certificate)}")
     if token is not None:
@@ -109,7 +109,7 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
 
         segno.make(f"{places[0]}#token={word}", error="l").terminal(out=sys.stderr, compact=True)
     if token is not None and view_of(arguments) == "screens" and sys.stdin.isatty() and sys.stderr.isatty():
-        # without a new line, so the one of Enter moves nothing out of the window
+        # without a newline, so that the newline of Enter moves nothing out of the window
         sys.stderr.write("txt1: Enter starts the page and the screens; key p shows this code again ")
         sys.stderr.flush()
         sys.stdin.readline()
@@ -118,7 +118,7 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
 
 
 def _free(host: str, port: int) -> int:
-    """Return the port, any that is free for 0; raises ConfigError where the address cannot be listened on."""
+    """Return the port, any free port for 0; raises ConfigError if the address is not available."""
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -135,11 +135,11 @@ class PageAsked(NamedTuple):
 
     page: WebPage
     speed: Speed
-    """Of the robot's time, for the recordings that the page begins."""
+    """Speed of the robot's time, for recordings that the page begins."""
 
 
 def asked(arguments: argparse.Namespace, config: Config) -> PageAsked | None:
-    """Return the page that was asked for, None for none; raises as `web_page`."""
+    """Return the requested page, None for none; raises as `web_page`."""
     page = web_page(arguments)
     return None if page is None else PageAsked(page, arguments.speed)
 

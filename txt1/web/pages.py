@@ -1,6 +1,6 @@
 """The connected pages and the robots that they show: sends telemetry to pages, and their requests to robots.
 
-Of a page that is too slow only the newest telemetry waits. Topics that pages plot come often, others once a second.
+For a slow page only the newest telemetry is kept. Topics that pages plot are sent often, other topics once a second.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from txt1.web.auth import Role
 from txt1.web.player import PagePlayer, strict
 from txt1.web.wheel import Budget, PageClock, PageWheel, Sequence
 
-# a second, and at once, of one page; more are dropped
+# messages of a page, a second and at once; further messages wait or are dropped
 MESSAGES: Final = (80.0, 160.0)
-# a second, beyond the budgets, of all pages together; the rest waits in its socket
+# messages a second beyond the budgets, of all pages together; further messages wait in their sockets
 OVERRUNS: Final = 4000.0
-# s in which a page must have taken what it was sent
+# s within which a page must have taken its telemetry
 SLOW: Final = 10.0
-# telemetry a second
+# pieces of telemetry a second
 PAGE_RATE: Final = 20.0
-# the same of a robot that no page shows, of several
+# the same for a robot that no page shows, if there are several
 UNSEEN: Final = 0.1
 FAST: Final = (
     "/odom",
@@ -43,7 +43,7 @@ FAST: Final = (
     "/mode",
     "/driver",
 )
-# is told with everything else, once a second
+# sent with everything else, once a second
 FULL: Final = "/capabilities"
 
 _clock: Final = RealClock()
@@ -56,37 +56,37 @@ def now() -> float:
 
 @dataclass(eq=False)
 class PageRobot:
-    """One robot, as pages see it."""
+    """A robot, as pages see it."""
 
-    # empty where there is only one
+    # empty for a single robot
     name: str
     wheel: PageWheel = field(default_factory=PageWheel)
-    # the newest telemetry with everything in it
+    # the newest telemetry with all topics
     full: str = ""
-    # topics asked for, and how often a second
+    # requested topics, and their rate, Hz
     wanted: tuple[frozenset[str], float] | None = None
 
 
 @dataclass(eq=False)
 class Page:
-    """One page that is connected."""
+    """A connected page."""
 
     number: int
     role: Role
     address: str
     socket: web.WebSocketResponse
-    # the robot that it shows
+    # the robot that the page shows
     car: PageRobot
     clock: PageClock = field(default_factory=PageClock)
     sequence: Sequence = field(default_factory=Sequence)
     budget: Budget = field(default_factory=lambda: Budget(*MESSAGES))
-    # late, dropped and malformed messages
+    # numbers of late, dropped and malformed messages
     counts: Counter[str] = field(default_factory=Counter)
-    # s, of the last message there and back
+    # round trip of the last message, s
     round_trip: float | None = None
-    # topics that it plots
+    # topics that the page plots
     chosen: frozenset[str] = frozenset()
-    # of the recording it sees in place of the robot
+    # player of the recording that it shows in place of the robot
     player: PagePlayer | None = None
     outbox: deque[str] = field(default_factory=lambda: deque(maxlen=50))
     # telemetry that waits to be sent
@@ -94,40 +94,39 @@ class Page:
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def tell(self, **message: object) -> None:
-        """Send it a message."""
+        """Send the page a message."""
         self.outbox.append(json.dumps(message, separators=(",", ":")))
         self.news.set()
 
     def show(self, line: str) -> None:
-        """Send it telemetry, in place of what it has not taken yet."""
+        """Send the page telemetry, in place of telemetry that it has not taken yet."""
         self.newest = line
         self.news.set()
 
 
 class Robots(Protocol):
-    """The way to a robot, or to several: a `Connection`, or a fleet on a network."""
+    """The connection to a robot or to several: a `Connection`, or a fleet on a network."""
 
     def fileno(self) -> int:
-        """Of what becomes readable when there is telemetry."""
+        """Return the descriptor that becomes readable with new telemetry."""
 
     def newest(self) -> bytes | None:
-        """The newest telemetry; None: there is none; EOFError or OSError: there will be none any more."""
+        """Return the newest telemetry; None: none has come. Raises EOFError or OSError: none will come any more."""
 
     def request(self, name: str, /, **fields: object) -> None:
-        """Make a request; OSError: the robot is gone; CommandRefused: the robot refuses it."""
+        """Make a request. Raises OSError: the robot is gone; CommandRefused: the robot refuses it."""
 
 
 class Pages:
-    """All pages on one side, the robots on the other.
+    """Connects all pages with the robots.
 
     Args:
-        robot: the way to the robots.
-        folder: of the recordings.
-        limit: of visitors' speed, m/s.
+        robot: the connection to the robots.
+        folder: folder of the recordings.
+        limit: limit of visitors' speed, m/s.
         others: addresses of other robots' pages, by the robots' names.
-        fleet: names of the robots behind `robot`, where there are several.
+        fleet: names of the robots behind `robot`, if there are several.
         invites: whether the operator may invite visitors.
-
     """
 
     def __init__(
@@ -136,13 +135,13 @@ class Pages:
         self.folder, self.limit = folder, limit
         self.cars = {name: PageRobot(name) for name in fleet or [""]}
         self.connected: dict[int, Page] = {}
-        # the robot's process has gone
+        # set when the robot's process has gone
         self.ended = asyncio.Event()
         # held while a recording is read
         self.loading = asyncio.Lock()
         self._robot, self._others, self._fleet, self._invites = robot, dict(others), fleet, invites
         self._last = 0
-        # when the next message beyond a budget may be read
+        # time at which the next message beyond a budget may be read
         self._overrun = 0.0
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -159,7 +158,7 @@ class Pages:
         return page
 
     def leave(self, page: Page) -> None:
-        """Forget a page that has gone, and let go of the robot that it drove."""
+        """Forget a page that has gone, and release the robot that it drove."""
         if page.player is not None:
             page.player.stop()
         del self.connected[page.number]
@@ -182,20 +181,22 @@ class Pages:
                     if line:
                         await page.socket.send_str(line)
         except (ConnectionError, RuntimeError):
-            # it has gone
+            # the page has gone
             pass
         except TimeoutError:
             self.dismiss(page, "too slow")
 
     async def overrun(self) -> None:
-        """Wait until one more message beyond its page's budget may be read; so few of them slow nobody else down."""
+        """Wait until a further message beyond its page's budget may be read; the rate is too low to slow other
+        pages down.
+        """
         self._overrun = max(self._overrun, now()) + 1.0 / OVERRUNS
         ahead = self._overrun - now()
-        # a shorter sleep lasts longer than it should
+        # a shorter sleep would take longer than asked
         await asyncio.sleep(ahead if ahead > 0.005 else 0.0)
 
     def dismiss(self, page: Page, why: str) -> None:
-        """Send a page away."""
+        """Disconnect a page, and tell it why."""
 
         async def close() -> None:
             await page.socket.close(code=WSCloseCode.POLICY_VIOLATION, message=why.encode())
@@ -203,13 +204,13 @@ class Pages:
         self.later(close())
 
     def later(self, work: Coroutine[Any, Any, None]) -> None:
-        """Run something beside the rest."""
+        """Run a coroutine in the background."""
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     def status(self, *pages: Page) -> None:
-        """Tell pages, all if none are given, about themselves."""
+        """Send pages, by default all, their own status."""
         for page in pages or tuple(self.connected.values()):
             page.tell(
                 page={
@@ -231,13 +232,13 @@ class Pages:
             )
 
     def limit_of(self, page: Page) -> float | None:
-        """The fastest that a page may drive, m/s; None where only the safety gate limits it."""
+        """Return a page's speed limit, m/s; None if only the safety gate limits it."""
         return self.limit if page.role == "visitor" else None
 
     # -- the robots --------------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Ask for the topics of all robots as if no page showed one, and then for what pages show."""
+        """Subscribe to the topics of all robots as if no page showed them, then to the topics that pages show."""
         wanted = frozenset(FAST), UNSEEN if self._fleet else PAGE_RATE
         for car in self.cars.values():
             car.wanted = wanted
@@ -245,7 +246,7 @@ class Pages:
         self.subscribe()
 
     def ask(self, page: Page | None, name: str, **fields: object) -> None:
-        """Ask a page's robot for something, or all of them."""
+        """Make a request to a page's robot, or to all robots."""
         if page is not None and self._fleet:
             fields["robot"] = page.car.name
         try:
@@ -257,7 +258,7 @@ class Pages:
             self.ended.set()
 
     def subscribe(self) -> None:
-        """Ask for the topics that pages want to see often, if they are others than before."""
+        """Subscribe to the topics that pages plot, if they have changed."""
         for car in self.cars.values():
             pages = [page for page in self.connected.values() if page.car is car]
             unseen = bool(self._fleet) and not pages
@@ -265,13 +266,13 @@ class Pages:
             if wanted != car.wanted:
                 car.wanted = wanted
                 if unseen:
-                    # whoever looks next waits for what is new
+                    # a page that looks next waits for new telemetry
                     car.full = ""
                 which = {"robot": car.name} if self._fleet else {}
                 self.ask(None, "subscribe", topics=sorted(wanted[0]), rate=wanted[1], seldom=None, **which)
 
     def hear(self) -> None:
-        """Take telemetry and hand it on."""
+        """Receive telemetry and pass it on."""
         try:
             line = self._robot.newest()
         except (EOFError, OSError):
@@ -284,7 +285,7 @@ class Pages:
         else:
             for each in json.loads(line, parse_constant=lambda _: None):
                 car = self.cars.get(each["name"])
-                # one that has come to a fleet on a network
+                # a robot that has joined a fleet on a network
                 if car is None:
                     car = self.cars[each["name"]] = PageRobot(each["name"])
                     self._fleet.append(car.name)

@@ -1,4 +1,4 @@
-"""Recordings on the page: the list of them, and one that is played in place of the robot."""
+"""Recordings on the page: their list, and playing a recording in place of the robot."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 # s between two snapshots
 PLAYER_PERIOD: Final = 0.1
-# bytes of a recording that is shown: it is held in memory
+# largest recording to be shown, bytes: it is held in memory
 SIZE_MAX: Final = 200 << 20
 SPEED_MAX: Final = 16.0
 LISTED_MAX: Final = 200
-# of a recording
+# pattern of a recording's name
 RECORDING_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap")
 
 
 def recordings(folder: Path) -> list[dict[str, object]]:
-    """Name, size in bytes and time (s since 1970) of the recordings in a folder, the newest first."""
+    """Return name, size in bytes and time (s since 1970) of the recordings in a folder, the newest first."""
     try:
         found = [
             (each.stat(), each.name)
@@ -41,7 +41,7 @@ def recordings(folder: Path) -> list[dict[str, object]]:
 
 
 def strict(line: str) -> str:
-    """A line of JSON without Python's words for what is no number: null, as browsers know no other."""
+    """Return a line of JSON with null for NaN and infinities, which browsers do not accept."""
     if "NaN" not in line and "Infinity" not in line:
         return line
     return json.dumps(json.loads(line, parse_constant=lambda _: None), separators=(",", ":"))
@@ -57,7 +57,7 @@ class PagePlayer:
     # times real time; 0: paused
     speed: float = 1.0
     _stopped: bool = False
-    # there is something else to show
+    # set when the position or the speed has changed
     _moved: bool = False
 
     @classmethod
@@ -67,19 +67,19 @@ class PagePlayer:
             raise RecordingError("there is no such recording")
         if path.stat().st_size > SIZE_MAX:
             raise RecordingError(f"it is larger than {SIZE_MAX >> 20} MB: fetch it, and 'txt1 replay' shows it")
-        # takes a while to load, and not every page wants it
+        # it takes a while to load, and few pages need it
         from txt1.record.snapshots import Snapshots
 
         recording = Snapshots(path)
         return cls(path.name, recording, recording.start)
 
     def status(self) -> dict[str, object]:
-        """Where it is."""
+        """Return the position and the speed."""
         start, end = self.recording.start, self.recording.end
         return {"name": self.name, "start": start, "end": end, "position": self.position, "speed": self.speed}
 
     def wind(self, to: Any, speed: Any) -> None:
-        """Go to a time of the run, and play at another speed; ValueError for what is no finite number."""
+        """Go to a time of the run, and set the speed; raises ValueError for a number that is not finite."""
         given = [None if each is None else float(each) for each in (to, speed)]
         if not all(each is None or isfinite(each) for each in given):
             raise ValueError("not finite")
@@ -94,7 +94,7 @@ class PagePlayer:
         self._stopped = True
 
     async def play(self, show: Callable[[str], None], now: Callable[[], float]) -> None:
-        """Hand out one line after the other until it is stopped; at the end it waits there."""
+        """Pass on line after line until it is stopped; at the end it waits."""
         before = now()
         while not self._stopped:
             present = now()

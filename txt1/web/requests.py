@@ -1,7 +1,7 @@
-"""The requests of a page, by their names: a function each, and the table of them at the end.
+"""The requests of a page, by name: a function each, and their table at the end.
 
-A command is as old as its own time stamp says (`PageClock`), and late ones are counted. A stop needs no wheel and no
-budget.
+The age of a command follows from its time stamp (`PageClock`); late commands are counted. A stop needs neither the
+wheel nor budget.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME, PagePlayer, recordings
 from txt1.web.wheel import AGE_MAX
 
-# messages dropped after which a page is sent away
+# number of dropped messages after which a page is disconnected
 FLOOD: Final = 5000
-# letters of a page's stop
+# length of a page's stop
 STOP_MAX: Final = 1000
-# topics that a page may choose
+# number of topics that a page may plot
 CHOSEN_MAX: Final = 20
 # of a route
 POINTS_MAX: Final = 100
@@ -30,9 +30,9 @@ Message = dict[str, Any]
 
 
 def take(pages: Pages, page: Page, text: str) -> bool:
-    """Do as a message of a page says; whether it was within the page's budget.
+    """Carry out a page's message; return whether it was within the page's budget.
 
-    A message that cannot be understood is counted. Beyond the budget a page is heard no more, but for its stops.
+    A malformed message is counted. Beyond the budget only a page's stops are carried out.
     """
     present = now()
     enough = page.budget.spend(present)
@@ -48,14 +48,14 @@ def take(pages: Pages, page: Page, text: str) -> bool:
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         page.counts["malformed"] += 1
     except Exception as error:
-        # a mistake of ours, whose price is this message alone
+        # a mistake in the program costs only this message
         page.counts["malformed"] += 1
         page.tell(told=f"that failed: {type(error).__name__}: {error}")
     return enough
 
 
 def _is_stop(text: str) -> bool:
-    """Whether a message is a stop: a short one, so a flood of long ones that only look like it is not read."""
+    """Return whether a message is a stop. A stop is short, so that a flood of long messages is not parsed."""
     if len(text) > STOP_MAX or '"stop"' not in text:
         return False
     try:
@@ -66,7 +66,7 @@ def _is_stop(text: str) -> bool:
 
 
 def _fresh(page: Page, message: Message, present: float) -> float | None:
-    """The age of a command in s; None when it is late, and then it is counted."""
+    """Return the age of a command in s; None if it is late, which is counted."""
     age = page.clock.age(float(message["t"]), present)
     if page.sequence.accepts(message["n"]) and 0.0 <= age <= AGE_MAX:
         return age
@@ -82,12 +82,12 @@ def _pong(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 
 def _stop(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """All of a fleet stop, whichever the page shows."""
+    """Stop all robots of a fleet, whichever the page shows."""
     pages.ask(None, "stop")
 
 
 def _drive(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """V in m/s, omega in rad/s; with zeros the page holds the wheel and the robot stands."""
+    """Drive at v in m/s and omega in rad/s; with zeros the page holds the wheel and the robot stands."""
     v, omega = float(message["v"]), float(message["omega"])
     if not (isfinite(v) and isfinite(omega)):
         raise ValueError("not finite")
@@ -109,7 +109,7 @@ def _drive(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 
 def _release(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Let go of the stick: nothing moves, and the wheel stays this page's. It is never too late for that."""
+    """Release the stick: the robot stops, and the page keeps the wheel. A late release counts, too."""
     page.sequence.accepts(message.get("n"))
     if page.car.wheel.holder == page.number:
         pages.ask(page, "release")
@@ -118,7 +118,7 @@ def _release(pages: Pages, page: Page, message: Message, present: float) -> None
 
 def _take(pages: Pages, page: Page, message: Message, present: float) -> None:
     if page.player is None and page.car.wheel.take(page.number, present):
-        # what the page before had asked for
+        # the request of the page before
         pages.ask(page, "release")
         pages.ask(page, "halt")
     else:
@@ -149,7 +149,7 @@ def _disarm(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 
 def _go(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Drive along points, m, as long as the page says `hold`."""
+    """Drive along points, m, as long as the page repeats `hold`."""
     points = [[float(x), float(y)] for x, y in message["points"]]
     wanted = float(message.get("speed", 0.5))
     if not (0 < len(points) <= POINTS_MAX and all(map(isfinite, (wanted, *chain(*points)))) and wanted > 0.0):
@@ -163,7 +163,7 @@ def _go(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 
 def _here(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Say where the robot is on its map, and perhaps a place that it looks to, m; only who drives may say it."""
+    """Set the robot's place on its map, and a place that it faces, m; only the driving page may do so."""
     points = [[float(x), float(y)] for x, y in message["points"]]
     if not (0 < len(points) <= 2 and all(map(isfinite, chain(*points)))):
         raise ValueError("points")
@@ -204,7 +204,7 @@ def _operates(page: Page) -> bool:
 
 
 def _robot(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Show another robot of the fleet, and let go of this one."""
+    """Show another robot of the fleet, and release the present robot."""
     car = pages.cars[message["name"]]
     if car is not page.car:
         _give(pages, page, message, present)
@@ -227,7 +227,7 @@ def _files(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 
 def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Show a recording in place of the robot; without a name the robot again."""
+    """Show a recording in place of the robot; without a name show the robot again."""
     name = message.get("name")
     if page.player is not None:
         page.player.stop()
@@ -244,7 +244,7 @@ def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 async def _play(pages: Pages, page: Page, name: str) -> None:
     try:
-        # one at a time: it takes memory
+        # one at a time, because it takes memory
         async with pages.loading:
             player = await asyncio.to_thread(PagePlayer.open, pages.folder / name)
         if page.number in pages.connected:
@@ -252,7 +252,7 @@ async def _play(pages: Pages, page: Page, name: str) -> None:
             pages.status(page)
             await player.play(page.show, now)
     except Exception as error:
-        # whatever is wrong with the file
+        # for any damage of the file
         page.tell(told=f"{name} cannot be shown: {error}")
 
 

@@ -1,4 +1,4 @@
-"""The routes of the web page: its files, signing in and out, recordings, and the socket that every page has."""
+"""The routes of the web page: its files, signing in and out, recordings, and a socket for every page."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from txt1.web.player import RECORDING_NAME
 from txt1.web.requests import take
 
 PAGES_MAX: Final = 100
-# s that a connection has for its first request
+# s within which a connection has to send its first request
 STRANGER: Final = 5.0
-# bytes of a page's message
+# bytes of a page's longest message
 MESSAGE_MAX: Final = 8192
-# s that a page which is sent away has to close its socket; a flood is read until then
+# s that a disconnected page has to close its socket; a flood is read until then
 PARTING: Final = 0.02
-# s between two pings of a socket; one that is not answered in half of it is closed
+# s between two pings of a socket; without an answer within half of it, the socket is closed
 SOCKET_BEAT: Final = 4.0
 
 HEADERS: Final = {
@@ -36,16 +36,16 @@ HEADERS: Final = {
 
 
 def wall() -> float:
-    """Seconds since 1970: for sessions alone."""
+    """Return seconds since 1970, for sessions only."""
     return wall_ns() / NS_PER_S
 
 
 class Routes:
-    """Answers requests of those whom the door lets in."""
+    """Answers requests of admitted pages."""
 
     def __init__(self, door: Auth, pages: Pages) -> None:
         self._door, self._pages = door, pages
-        # connections without a request yet, and since when
+        # connections without a request yet, and their start
         self.strangers: dict[web.RequestHandler, float] = {}
 
     def application(self) -> web.Application:
@@ -71,7 +71,7 @@ class Routes:
     async def _guard(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        """Look at where a request goes and comes from; add the headers that every answer has."""
+        """Check the host and the origin of a request; add the headers of every answer."""
         self.strangers.pop(request.protocol, None)
         try:
             if not self._door.knows_host(request.host):
@@ -83,7 +83,7 @@ class Routes:
         except web.HTTPException as answer:
             response = answer
         except (TimeoutError, ConnectionError):
-            # it says nothing, or is gone before it is answered
+            # the client sends no request, or is gone before the answer
             response = web.Response(status=408)
         if not response.prepared:
             response.headers.update(HEADERS)
@@ -133,13 +133,13 @@ class Routes:
         return response
 
     async def _visitors(self, request: web.Request) -> web.Response:
-        """The visitors' way in, as a QR code, for the operator to show."""
+        """Return the visitors' address as a QR code, for the operator to show."""
         token = self._door.visitors_token
         if self._role(request) != "operator" or token is None:
             raise web.HTTPForbidden(text="only the operator invites\n")
         import segno
 
-        # with its name space, without which a browser shows no picture
+        # with its namespace, without which a browser shows no picture
         picture = BytesIO()
         code = segno.make(f"{request.scheme}://{request.host}/#token={token}", error="m")
         code.save(picture, kind="svg", scale=4, border=2, light="white")
@@ -173,10 +173,10 @@ class Routes:
 
 
 async def listen(pages: Pages, page: Page, messages: AsyncIterable[WSMessage]) -> None:
-    """Do as the messages of a page say until it goes, or sends something else than text."""
+    """Carry out the messages of a page until it leaves, or sends anything but text."""
     async for message in messages:
         if message.type is not WSMsgType.TEXT:
             break
         if not take(pages, page, message.data):
-            # what a flood has brought would be read at once, and a stop of another page wait
+            # otherwise a flood would be read in one go, and a stop of another page would wait
             await pages.overrun()

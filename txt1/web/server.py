@@ -1,6 +1,7 @@
-"""The server of the web page: telemetry to every page, and requests of pages to the robot.
+"""The server of the web page: sends telemetry to pages, and requests of pages to the robot.
 
-Every page has a socket. What it sends is bounded in size and number (`requests`), and so are connections (`routes`).
+Every page has a socket. The size and number of its messages are limited (`requests`), and so is the number of
+connections (`routes`).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from txt1.web.pages import Pages, Robots, now
 from txt1.web.routes import STRANGER, Routes
 
 CONNECTIONS_MAX: Final = 256
-# s between two messages about the page itself
+# s between two messages about a page's own state
 STATUS: Final = 1.0
 
 
@@ -38,8 +39,8 @@ def main(
 ) -> None:
     """Serve the page until the robot's process ends.
 
-    Here `token`, `certificate` and `key` are files, `robots` the addresses of others' pages, and `fleet` the names of
-    this process's robots, where there are several.
+    `token`, `certificate` and `key` are files. `robots` has the addresses of other robots' pages. `fleet` has the names
+    of this process's robots, if there are several.
     """
     asyncio.run(serve(robot, host, port, token, certificate, key, Path(folder), speed, robots or {}, fleet or []))
 
@@ -56,7 +57,7 @@ async def serve(
     robots: Mapping[str, str],
     fleet: list[str],
 ) -> None:
-    """As `main`, with any way to the robots, in an event loop."""
+    """Serve the page in an event loop, with any connection to the robots; the other arguments are those of `main`."""
     context = None
     if certificate is not None:
         # cryptography takes a while to load
@@ -72,7 +73,7 @@ async def serve(
     assert serve is not None
 
     def connect() -> asyncio.BaseProtocol:
-        """A protocol for a new connection: one that hangs up at once where there are too many."""
+        """Return a protocol for a new connection; with too many connections it hangs up at once."""
         if len(serve.connections) >= CONNECTIONS_MAX:
             return _Full()
         protocol = serve()
@@ -86,7 +87,7 @@ async def serve(
             connect, host, port, ssl=context, reuse_address=True, ssl_handshake_timeout=patience
         )
     except OSError as error:
-        # another program has taken it since it was found to be free
+        # another program has taken the port since it was found to be free
         await runner.cleanup()
         why = os.strerror(error.errno) if error.errno else error
         sys.exit(f"txt1: --web {host}:{port}: cannot listen there: {why}; choose another address")
@@ -102,7 +103,7 @@ async def serve(
 
 
 async def _beat(pages: Pages, routes: Routes) -> None:
-    """Send the heartbeat that the robot listens for, and pages what they should know of themselves."""
+    """Send the robot its heartbeat, and pages their own state."""
     pages.begin()
     due = now()
     while True:
