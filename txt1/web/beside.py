@@ -13,7 +13,7 @@ from txt1.web.options import PageAsked
 async def beside(robot: Robot, asked: PageAsked) -> AsyncIterator[None]:
     """Serve the page until the block is left.
 
-    If another addition offers a request of the same name, its request is used.
+    If an addition offers the request "stop", as a fleet does, it replaces the robot's own stop.
 
     The event log shows the page's addresses, and shows them again on the key p.
     """
