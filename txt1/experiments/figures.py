@@ -19,13 +19,13 @@ from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# s of a step that are drawn
+# s of a step in the figure
 STEP_SHOWN: Final = 1.5
-# the colour-blind, too, tell them apart (Okabe, Ito)
+# distinct for the colour-blind, too (Okabe, Ito)
 COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00")
-# so that no run is told by its colour alone
+# so that runs differ by more than colour
 STYLES: Final = ("-", "--", "-.", ":")
-# of up to seven lines
+# styles of up to seven lines
 LOOKS: Final[tuple[dict[str, Any], ...]] = tuple(
     {"color": colour, "linestyle": style}
     for colour, style in zip(
@@ -35,7 +35,7 @@ LOOKS: Final[tuple[dict[str, Any], ...]] = tuple(
 
 
 def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
-    """Write the figure of one run, or of several of one profile together; the file's suffix says the format.
+    """Write the figure of a run, or of several runs of a profile; the file's suffix chooses the format.
 
     `layout` "steps" has a panel for every step, "" is the profile's. Raises MissingExtra: matplotlib is not installed.
     """
@@ -55,13 +55,13 @@ def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
 
 
 def available() -> None:
-    """Raise MissingExtra when nothing can be drawn."""
+    """Raise MissingExtra if drawing is not possible."""
     if find_spec("matplotlib") is None:
         raise MissingExtra("drawing figures (--no-figure does without)", "plots")
 
 
 def _velocities(figure: Figure, runs: Sequence[Run]) -> None:
-    """Linear velocity above angular velocity over time, set-point and response together (4.3, 4.4)."""
+    """Draw linear velocity above angular velocity over time, with set-point and response (4.3, 4.4)."""
     above, below = figure.subplots(2, 1, sharex=True)
     panels: tuple[tuple[Any, Channel, str], ...] = ((above, "v", "v, m/s"), (below, "omega", "ω, rad/s"))
     for axes, channel, label in panels:
@@ -70,7 +70,7 @@ def _velocities(figure: Figure, runs: Sequence[Run]) -> None:
             time = recording["time"]
             if len(runs) == 1:
                 axes.plot(time, recording[channel], color="0.8", linewidth=0.5, label="each reading of the encoders")
-            # from one change of the set-point to the next, so that no mean knows of it before it comes
+            # from one change of the set-point to the next, so that no mean shows it in advance
             values = np.concatenate([_shown(recording, channel, *between) for between in changes(recording)])
             axes.plot(time, values, **look, label=f"{run.label}, {_response(run)}")
         first = runs[0].recording
@@ -84,7 +84,7 @@ def _velocities(figure: Figure, runs: Sequence[Run]) -> None:
 
 
 def _steps(figure: Figure, runs: Sequence[Run]) -> None:
-    """Each step's response over the time since its set-point changed, and the band in which it has settled."""
+    """Draw each step's response over the time since its set-point changed, and the band in which it has settled."""
     judged = [run.metrics["steps"] for run in runs]
     columns = 4
     panels = figure.subplots(-(-len(judged[0]) // columns), columns, sharex=True, squeeze=False).ravel()
@@ -105,7 +105,7 @@ def _steps(figure: Figure, runs: Sequence[Run]) -> None:
         axes.set_title(f"{step_name(judged[0][number])} {unit}", fontsize="small")
         axes.tick_params(labelsize="x-small")
         axes.grid(alpha=0.3)
-        # the lowest of its column; the legend would cover a label of all
+        # the lowest axes of the column; the legend would cover a label of all
         if number + columns >= len(judged[0]):
             axes.tick_params(labelbottom=True)
             axes.set_xlabel("time, s", fontsize="x-small")
@@ -114,7 +114,7 @@ def _steps(figure: Figure, runs: Sequence[Run]) -> None:
 
 
 def _looks(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Colour, style and width of each run's line: those that lie upon each other are all seen."""
+    """Return colour, style and width of each run's line, so that lines on top of each other are all visible."""
     widths = (1.0,) if len(runs) == 1 else (2.4, 1.6, 1.0, 1.0)
     return [
         {"color": colour, "linestyle": style, "linewidth": width}
@@ -123,7 +123,7 @@ def _looks(runs: Sequence[Run]) -> list[dict[str, Any]]:
 
 
 def _path(figure: Figure, runs: Sequence[Run]) -> None:
-    """The path in the plane (4.5, 4.6)."""
+    """Draw the path in the plane (4.5, 4.6)."""
     axes = figure.subplots()
     _draw_paths(axes, runs)
     _legend(figure, axes)
@@ -134,7 +134,7 @@ def _path(figure: Figure, runs: Sequence[Run]) -> None:
 
 
 def _waypoints(figure: Figure, runs: Sequence[Run]) -> None:
-    """The path with its waypoints, and the cross-track error over time."""
+    """Draw the path with its waypoints, and the cross-track error over time."""
     figure.set_size_inches(7.0, 6.5)
     above, below = figure.subplots(2, 1, height_ratios=(3, 1))
     waypoints = runs[0].profile.waypoints
@@ -155,7 +155,7 @@ def _waypoints(figure: Figure, runs: Sequence[Run]) -> None:
 
 
 def _battery(figure: Figure, runs: Sequence[Run]) -> None:
-    """The battery's voltage over time, and the line through it (3.13)."""
+    """Draw the battery's voltage over time, and the line through it (3.13)."""
     axes = figure.subplots()
     ends: dict[str, float] = {}
     for run, look in zip(runs, _looks(runs), strict=False):
@@ -180,7 +180,7 @@ def _battery(figure: Figure, runs: Sequence[Run]) -> None:
     at = np.array([0.0, SAFE_END_MIN])
     axes.plot(at, INTERCEPT_V - SLOPE_V_PER_MIN * at, "k--", linewidth=0.8, label="the thesis's line")
     axes.set(xlabel="time, min", ylabel="battery voltage, V")
-    # the words of the ends stay above the curve
+    # the labels of the ends stay above the curve
     axes.set_ylim(top=12.7)
     axes.grid(alpha=0.3)
     _legend(figure, axes)
@@ -191,13 +191,13 @@ def _draw_paths(axes: Any, runs: Sequence[Run]) -> None:
         x, y = run.recording.path()
         axes.plot(x, y, **look, label=f"{run.label}, {_response(run, 'position')}")
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
-    # a tall, narrow picture has no place for more
+    # a tall, narrow picture has no room for more
     axes.locator_params(nbins=6)
     axes.grid(alpha=0.3)
 
 
 def _legend(figure: Figure, axes: Any, title: str | None = None) -> None:
-    """The legend of these axes, below everything."""
+    """Draw the legend of these axes, below everything."""
     figure.legend(
         *axes.get_legend_handles_labels(),
         fontsize="x-small",
@@ -209,7 +209,7 @@ def _legend(figure: Figure, axes: Any, title: str | None = None) -> None:
 
 
 def _shown(recording: Recording, channel: Channel, first: int, last: int) -> Array:
-    """The speed (m/s) or yaw rate (rad/s) that is drawn: the true one, or means of what the encoders tell."""
+    """Return the speed (m/s) or yaw rate (rad/s) to draw: the true values, or means of the encoders' values."""
     if recording.knows_truth:
         true: Array = recording[f"true_{channel}"][first:last]
         return true

@@ -1,11 +1,11 @@
-"""Drives as a person makes them, in simulation: hard starts, full lock, both gears, stops, pushes, slipping floors.
+"""Drives like a person's, in simulation: hard starts, full lock, both gears, stops, pushes, slippery floors.
 
-A seed repeats a drive. Each manoeuvre takes 0.3 to 3 s: a speed and a curvature, asked for at once or as a slalom. A
-car that steers uses its whole range of curvature, one whose sides run at two speeds pivots as well. The gate lets all
-of it pass: speeds reach `safety.v_max`, yaw rates `safety.omega_max`.
+A seed repeats a drive. Each manoeuvre takes 0.3 to 3 s: a speed and a curvature, commanded at once or as a slalom. A
+car that steers uses its whole range of curvature; a car whose sides run at two speeds also turns in place. Speeds reach
+`safety.v_max`, yaw rates `safety.omega_max`; the gate clips nothing.
 
-The floor's slip changes with each manoeuvre, and a standing car is pushed now and then: its wheels turn with it, as it
-rolls on with the speed that a hand gave it.
+The floor's slip changes with each manoeuvre, and a standing car is pushed now and then: it rolls on with the speed of
+the push, and its wheels turn.
 """
 
 import asyncio
@@ -24,26 +24,26 @@ from txt1.sim.vehicle import Vehicle
 
 # s between two commands
 CYCLE: Final = 0.05
-# s, of a manoeuvre
+# s, shortest and longest manoeuvre
 SHORTEST: Final = 0.3
 LONGEST: Final = 3.0  # s
 # s, the period of a slalom
 SLALOM: Final = 0.8
-# share of the manoeuvres in which it stops
+# share of the manoeuvres with a stop
 STOPS: Final = 0.15
-# share of those in which it drives at full lock
+# share of the manoeuvres at full lock
 LOCKED: Final = 0.35
-# share of those in which it swerves
+# share of the manoeuvres as a slalom
 SLALOMS: Final = 0.1
-# share of those in which a skid car turns in place
+# share of the manoeuvres in which a skid car turns in place
 PIVOTS: Final = 0.15
-# share of those in which it drives backwards
+# share of the manoeuvres backwards
 REVERSES: Final = 0.3
-# share of the stops in which it is pushed
+# share of the stops with a push
 PUSHES: Final = 0.3
-# m/s that a push gives
+# m/s that a push adds
 PUSH_MAX: Final = 0.6
-# share of the wheels' way
+# share of the wheels' distance
 SLIP_MAX: Final = 0.2
 
 
@@ -55,14 +55,14 @@ class Manoeuvre(NamedTuple):
     omega: float  # rad/s
     # whether the yaw rate swings between both signs
     slalom: bool
-    # of the floor
+    # slip on the floor
     slip: float
-    # m/s that a hand gives the car in the middle; 0: none
+    # m/s that a push gives the car at half time; 0: no push
     push: float
 
 
 def manoeuvres(rng: Generator, config: Config, seconds: float, slip_max: float = SLIP_MAX) -> Iterator[Manoeuvre]:
-    """The pieces of a drive of so many seconds, within the car's limits."""
+    """Yield the manoeuvres of a drive of `seconds` s, within the car's limits."""
     skids = config.geometry.steering == "skid"
     v_max, omega_max, least = config.safety.v_max, config.safety.omega_max, config.safety.v_dead_band
     sharpest = 1.0 / config.geometry.radius_min
@@ -91,7 +91,7 @@ def manoeuvres(rng: Generator, config: Config, seconds: float, slip_max: float =
 
 
 async def drive_as_a_person(robot: Robot, seed: int, seconds: float, slip_max: float = SLIP_MAX) -> None:
-    """Drive a simulated robot for so many seconds; raises NotArmed when its gate is closed meanwhile."""
+    """Drive a simulated robot for `seconds` s; raises NotArmed if its gate is closed meanwhile."""
     rng = np.random.default_rng([seed, 35])
     vehicle: Vehicle = robot.hal.vehicle  # type: ignore[attr-defined]
     usual = vehicle.parameters.slip
@@ -111,16 +111,16 @@ async def drive_as_a_person(robot: Robot, seed: int, seconds: float, slip_max: f
 
 
 def push(vehicle: Vehicle, now: float, speed: float) -> None:
-    """Push a vehicle by hand to this speed, m/s, from where it coasts."""
+    """Push a coasting vehicle to this speed, m/s."""
     vehicle.advance_to(now)
     state = vehicle.state._replace(v=speed)
     if vehicle.skids:
-        # its state has the sides' speeds where a car has its steering angles
+        # its state has the sides' speeds in the fields of the steering angles
         state = state._replace(phi_front=speed, phi_rear=speed)
     vehicle.state = state
 
 
 def slips(vehicle: Vehicle, slip: float) -> None:
-    """Put a vehicle on a floor where its driven wheels slip by this share of their way."""
+    """Put a vehicle on a floor on which its driven wheels slip by this share of their distance."""
     vehicle.parameters = replace(vehicle.parameters, slip=slip)
     vehicle.dynamics = dynamics(vehicle.parameters, vehicle.body)

@@ -1,7 +1,7 @@
 """A small model of the vehicle, on which tuning tries gains, found in a short drive.
 
-Where this computer closes the velocity loops, the drive is with the PWM set by hand. Where a board closes them, it is
-with K_P alone: then the board's output is K_P times the error, which set-point and odometry tell.
+If this computer closes the velocity loops, the drive uses PWM set by hand. If a board closes them, the drive uses K_P
+alone: then the board's output is K_P times the error, which follows from set-point and odometry.
 """
 
 import asyncio
@@ -22,25 +22,25 @@ from txt1.robot import Robot
 
 # motor counts, each held from rest
 LEVELS: Final = (900, 1500, 2100, -900, -1500, -2100)
-# m/s, set-points in their place behind a board
+# m/s, set-points in their place for a board's loops
 SPEEDS: Final = (0.6, 0.9, 1.2, -0.6, -0.9, -1.2)
-# rad/s, likewise for LOCKS
+# rad/s, the same for LOCKS
 TURNS: Final = (0.4, 0.0, -0.4, 0.0, 0.8, 0.0, -0.8, 0.0)
-# about half the speed asked for is reached
+# gain with which about half the commanded speed is reached
 SPEED_FEEDBACK: Final = Gains(5.0)
-# a third of the yaw rate, at the speed below
+# gain for a third of the yaw rate, at the speed below
 TURN_FEEDBACK: Final = Gains(10.0)
 # m/s below which a hold began at rest
 AT_REST: Final = 0.1
 # m/s while the steering is tried
 CRUISE_SPEED: Final = 0.5
-# s that a line may take, there and back
+# s, the longest round trip on a line
 DELAYS: Final = tuple(0.002 * k for k in range(101))
 # s that a response with K_P alone may take
 LAGS: Final = tuple(0.002 * 1.02**k for k in range(320))
-# s of each: seven times the assumed lag
+# s of each hold: seven times the assumed lag
 LEVEL_TIME: Final = 4.0
-# s in between
+# s between two holds
 REST_TIME: Final = 2.5
 # motor counts while the steering is tried
 CRUISE: Final = 1800
@@ -52,11 +52,11 @@ LOCK_TIME: Final = 1.6
 STEADY: Final = 0.4
 
 
-# unevenness of the floor, as a share of the speed, anew at every tick; assumed, for the encoders show no patterns
+# unevenness of the floor, as a share of the speed, new at every tick; assumed, so that encoders show no patterns
 UNEVENNESS: Final = 0.03
 # s between two steps of the loops and two readings of the encoders
 SAMPLING_PERIOD: Final = 0.02
-# age of what the loops react to: half a period measured, one waited, half one held
+# age of the loops' input: half a period to measure, a period to wait, half a period to hold
 LOOP_DELAY: Final = 2.0 * SAMPLING_PERIOD
 
 
@@ -66,26 +66,26 @@ class Plant(NamedTuple):
     # m/s per PWM count beyond the dead band
     speed_gain: float
     dead_band: float  # counts
-    # of the speed, s
+    # lag of the speed, s
     time_constant: float
     # yaw rate per count of steering and m/s of speed, rad/m
     steering_gain: float
-    # s by which the wheels' turn follows the counts
+    # lag of the wheels' steering behind the counts, s
     steering_lag: float
 
 
 class Hold(NamedTuple):
-    """Outputs that were held, or that K_P alone settled to, and what the encoders told meanwhile."""
+    """Outputs that were held, or settled with K_P alone, and the encoders' readings meanwhile."""
 
     # counts, when steady
     motor: float
     # counts, left positive
     steering: float
-    # at every tick, or whenever a board told it, m/s
+    # speed at every tick, or at every message of a board, m/s
     v: tuple[float, ...]
-    # likewise, rad/s
+    # the same for the yaw rate, rad/s
     omega: tuple[float, ...]
-    # when that was, s since the hold began; empty: at every tick
+    # times of these, s since the hold began; empty: at every tick
     times: tuple[float, ...] = ()
     # K_P in counts per m/s; 0: set by hand
     speed_feedback: float = 0.0
@@ -94,9 +94,9 @@ class Hold(NamedTuple):
 
 
 async def try_out(robot: Robot) -> list[Hold]:
-    """Return the motion at different outputs; the vehicle needs a dozen metres of free floor.
+    """Return the motion for different outputs; the vehicle needs a dozen metres of free floor.
 
-    Raises HalError: neither PWM and encoder counts, nor the gains of a board's loops, are there to try it with.
+    Raises HalError: the HAL has neither PWM with encoder counts, nor a board's loops with gains.
     """
     can = robot.hal.capabilities
     if can.pwm and can.ticks:
@@ -110,7 +110,7 @@ async def try_out(robot: Robot) -> list[Hold]:
 
 
 async def _by_hand(robot: Robot) -> list[Hold]:
-    """Return the motion at outputs set by hand."""
+    """Return the motion for outputs set by hand."""
     readings: list[tuple[float, float]] = []
 
     async def measure(ticks: Ticks) -> None:
@@ -141,7 +141,7 @@ async def _by_hand(robot: Robot) -> list[Hold]:
 
 
 async def _by_feedback(robot: Robot) -> list[Hold]:
-    """Return the motion with a board's loops having K_P alone; they get their own gains back."""
+    """Return the motion with K_P alone in a board's loops; their own gains are restored."""
     # s, m/s, rad/s
     readings: list[tuple[float, float, float]] = []
 
@@ -201,13 +201,13 @@ async def _by_feedback(robot: Robot) -> list[Hold]:
 
 
 def identify(holds: Sequence[Hold], period: float = SAMPLING_PERIOD) -> Plant:
-    """The vehicle that explains a drive.
+    """Return the vehicle that explains a drive.
 
     Steady speeds v = K (abs(u) - d) give the gain K and the dead band d as a line. A lag T makes the area between a
     step's end value and its response T times the step, whatever the shape: that gives both lags, dead times included.
     The yaw rate is k v u, its gain k the slope through all steady values.
 
-    With K_P alone the response is that of a shorter lag (`_without_feedback`), after the time that the line takes.
+    With K_P alone the response shows a shorter lag (`_without_feedback`), after the delay of the line.
     """
     straight = [hold for hold in holds if hold.motor and abs(hold.v[0]) < AT_REST]
     counts = np.array([abs(hold.motor) for hold in straight], float)
@@ -238,17 +238,17 @@ def identify(holds: Sequence[Hold], period: float = SAMPLING_PERIOD) -> Plant:
 
 
 def _without_feedback(lag: float, loop_gain: float) -> float:
-    """The lag T of the plant alone, s: in a loop of gain g and delay D it was seen as (T - g D) / (1 + g)."""
+    """Return the lag T of the vehicle alone, s: in a loop of gain g and delay D it was seen as (T - g D) / (1 + g)."""
     return lag * (1.0 + loop_gain) + loop_gain * LOOP_DELAY
 
 
 def _shares(values: Sequence[float], before: float) -> Array:
-    """A response as a share of its step."""
+    """Return a response as a share of its step."""
     return (np.array(values) - before) / (_steady(values) - before)
 
 
 def _delay_and_lag(responses: Sequence[tuple[Sequence[float], Array]], delays: Sequence[float]) -> tuple[float, float]:
-    """The delay and the lag, s, whose first-order response is nearest to all of these, by least squares."""
+    """Return the delay and the lag, s, of the first-order response that fits all of these best, by least squares."""
     times = np.concatenate([each for each, _ in responses])
     shares = np.concatenate([each for _, each in responses])
 
@@ -264,7 +264,7 @@ def _steady(values: Sequence[float]) -> float:
 
 
 def _area(values: Sequence[float], before: float, period: float) -> float:
-    """Area between a response and its end value, per height of the step, s."""
+    """Return the area between a response and its end value, divided by the step, s."""
     after = _steady(values)
     return float(np.sum(after - np.array(values)) * period / (after - before))
 
@@ -272,7 +272,7 @@ def _area(values: Sequence[float], before: float, period: float) -> float:
 def speed_response(
     plant: Plant, gains: Gains, target: float, seconds: float, geometry: Geometry, seed: int, motor_max: float
 ) -> Array:
-    """The speed, m/s, at every tick after a step from rest to `target` m/s, shape (ticks,)."""
+    """Return the speed, m/s, at every tick after a step from rest to `target` m/s, shape (ticks,)."""
     decay = exp(-SAMPLING_PERIOD / plant.time_constant)
     ticks, rng = round(seconds / SAMPLING_PERIOD), np.random.default_rng(seed)
     v, path, counts = 0.0, rng.random() * geometry.count_length, 0
@@ -286,7 +286,7 @@ def speed_response(
         path += v_free * SAMPLING_PERIOD + (v - v_free) * plant.time_constant * (1.0 - decay)
         v = (v_free + (v - v_free) * decay) * (1.0 - bump)
         now = int(path // geometry.count_length)
-        # the controller runs before the encoders are read, so it works on the reading of the tick before
+        # the controller runs before the encoders are read, so it uses the reading of the tick before
         past = pid(past, 1000.0 * (target - measured), gains, SAMPLING_PERIOD, PWM_MAX)
         measured = (now - counts) * geometry.count_length / SAMPLING_PERIOD
         counts = now
@@ -297,7 +297,7 @@ def speed_response(
 def yaw_response(
     plant: Plant, gains: Gains, v: float, before: float, after: float, seconds: float, geometry: Geometry, seed: int
 ) -> Array:
-    """The yaw rate, rad/s, at every tick after a step of its set-point at a speed of `v` m/s, shape (ticks,)."""
+    """Return the yaw rate, rad/s, at every tick after a step of its set-point at `v` m/s, shape (ticks,)."""
     gain = plant.steering_gain * abs(v)
     decay = exp(-SAMPLING_PERIOD / max(plant.steering_lag, 1e-6))
     edge, half_track = geometry.count_length, 0.5 * geometry.track_width

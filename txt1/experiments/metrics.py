@@ -1,7 +1,7 @@
-"""Figures of an experiment: steps, stops, droops, circles, legs.
+"""Measures of an experiment: steps, stops, droops, circles, legs.
 
-Speeds are judged as means over 0.2 s, from the true motion where it is known, else from the way that the encoders add
-up to: it misses no count, though behind a line only two readings in five arrive.
+Speeds are judged as means over 0.2 s, from the true motion if it is known, else from the distance counted by the
+encoders. The distance contains every count, although behind a line only two readings in five arrive.
 """
 
 from collections.abc import Sequence
@@ -16,20 +16,20 @@ from txt1.experiments.recording import Array, Recording, mean_of
 from txt1.experiments.runner import SAFE_END, Leg, Outcome
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
-# s of which means are taken
+# s of a mean
 WINDOW: Final = 0.2
 # share of a step within which a response counts as settled
 BAND: Final = 0.05
-# one encoder count in a tick, m/s and rad/s: no band is narrower
+# an encoder count in a tick, m/s and rad/s: no band is narrower
 QUANTUM: Final = {"v": 0.016, "omega": 0.064}
 # share of a step's time, at its end, that counts as steady
 STEADY: Final = 0.5
-# s after which a circle is a circle
+# s after which a circle is judged
 SETTLE_IN: Final = 2.0
-# m of a leg, from its start, in which the robot is still coming round the corner
+# m of a leg, from its start, in which the robot still comes round the corner
 LEG_START: Final = 2.0
 
-# s by which a run's responses may come later than another's
+# s by which a run's responses may lag behind another's
 DELAYS: Final = np.arange(0.0, 0.2, 0.005)
 DELAY_MAX: Final = float(DELAYS[-1])
 
@@ -37,23 +37,23 @@ Channel = Literal["v", "omega"]
 
 
 class StepMetrics(NamedTuple):
-    """The response to a change of one set-point."""
+    """The response to a change of a set-point."""
 
-    # whose set-point changed
+    # the set-point that changed
     channel: Channel
-    # when, s of the run
+    # time of the change, s of the run
     time: float
     # set-point before, m/s or rad/s
     before: float
     # set-point from then on
     after: float
-    # s from 10 % to 90 % of the step; None: it never came there
+    # s from 10 % to 90 % of the step; None: it never reached 90 %
     rise: float | None
-    # share of the step by which the response exceeds its steady value before; never negative
+    # share of the step by which the response exceeds its steady value before it is steady; never negative
     overshoot: float
-    # its standard error, of repeated runs; None of one, whose noise counts as overshoot
+    # standard error of the overshoot for repeated runs; None for a single run, whose noise counts as overshoot
     overshoot_error: float | None
-    # s until it stays within the band around the steady value; None: it does not
+    # s until it stays within the band around the steady value; None: never
     settling: float | None
     # steady value less the set-point, m/s or rad/s
     steady_error: float
@@ -64,7 +64,7 @@ class StepMetrics(NamedTuple):
 
 
 def smooth(values: Array, times: Array) -> Array:
-    """Means over 0.2 s centred on each sample, shape as `values`; shorter at both ends."""
+    """Return means over 0.2 s centred on each sample, shape as `values`; shorter at both ends."""
     if len(values) < 2:
         return values
     half = round(0.5 * WINDOW / float(np.median(np.diff(times))))
@@ -76,13 +76,15 @@ def smooth(values: Array, times: Array) -> Array:
 
 
 def response(recording: Recording, channel: Channel, first: int = 0, last: int | None = None) -> Array:
-    """The speed (m/s) or the yaw rate (rad/s) of the samples from `first` to before `last`, as means over 0.2 s."""
+    """Return the speed (m/s) or the yaw rate (rad/s) of the samples from `first` to before `last`, as means
+    over 0.2 s.
+    """
     time = recording["time"][first:last]
     if recording.knows_truth:
         return smooth(recording[f"true_{channel}"][first:last], time)
     read, new = np.unique(recording["read"], return_index=True)
     read, way = even(read), recording["way" if channel == "v" else "turn"][new]
-    # a board reads its encoders at 50 Hz and tells of it at 20 Hz: only means over whole 0.1 s are even
+    # a board reads its encoders at 50 Hz and reports at 20 Hz: only means over whole 0.1 s are even
     end = np.minimum(time + 0.5 * WINDOW, min(time[-1], read[-1]))
     begin = np.maximum(end - WINDOW, time[0])
     span = end - begin
@@ -91,12 +93,12 @@ def response(recording: Recording, channel: Channel, first: int = 0, last: int |
 
 
 def even(times: Array) -> Array:
-    """Times at an even pace, some left out, that fit these best: encoders are read evenly, though not heard of so."""
+    """Return times at an even pace, with gaps, that fit these best: readings are even, but arrive unevenly."""
     if len(times) < 3:
         return times
     between = np.diff(times)
     beats = np.concatenate(([0.0], np.cumsum(np.round(between / np.median(between)))))
-    # one beat brings one reading: of two at the same beat the first is late
+    # a beat brings a single reading: of two at the same beat the first is late
     spare = beats - np.arange(len(beats))
     beats = np.minimum.accumulate(spare[::-1])[::-1] + np.arange(len(beats))
     fitted: Array = np.polynomial.Polynomial.fit(beats, times, 1)(beats)
@@ -104,20 +106,20 @@ def even(times: Array) -> Array:
 
 
 def changes(recording: Recording) -> list[tuple[int, int]]:
-    """First and past-the-last sample of every interval of constant set-points."""
+    """Return first and past-the-last sample of every interval of constant set-points."""
     moved = np.nonzero((np.diff(recording["set_v"]) != 0.0) | (np.diff(recording["set_omega"]) != 0.0))[0] + 1
     bounds = [0, *moved.tolist(), len(recording)]
     return [(a, b) for a, b in pairwise(bounds) if b > a]
 
 
 def steps(recording: Recording, *, stops: bool = False) -> list[StepMetrics]:
-    """The responses to every change of a set-point to another value than 0, or of the speed's to 0, in order."""
+    """Return the responses to every change of a set-point to a value other than 0, or of the speed's to 0, in order."""
     found = []
     channels: tuple[Channel, ...] = ("v",) if stops else ("v", "omega")
     for channel in channels:
         set_point = recording[f"set_{channel}"]
         for first, last in changes(recording):
-            # the speed's response goes on while only the yaw rate's set-point changes, but it is disturbed then
+            # the speed's response goes on while only the yaw rate's set-point changes, but is then disturbed
             # a run begins at rest
             before = float(set_point[first - 1]) if first else 0.0
             if set_point[first] != before and bool(set_point[first]) is not stops and last - first >= 10:
@@ -153,7 +155,7 @@ def _step(recording: Recording, channel: Channel, first: int, last: int, before:
 
 
 def settled_after(deviation: Array, band: float, times: Array) -> float:
-    """Return the time, between samples too, from which a deviation stays within its band; infinite for never."""
+    """Return the time from which a deviation stays within its band, also between samples; inf for never."""
     outside = np.nonzero(np.abs(deviation) > band)[0]
     if not len(outside):
         return float(times[0])
@@ -165,7 +167,7 @@ def settled_after(deviation: Array, band: float, times: Array) -> float:
 
 
 def excess(speed: Array, size: float) -> Array:
-    """By how much a response, before its steady part, is beyond its steady value, as a share of the step's size.
+    """Return the overshoot of a response before its steady part, as a share of the step's size.
 
     The peaks of the steady part are noise, and a response that creeps up to its end value has not overshot.
     """
@@ -175,10 +177,10 @@ def excess(speed: Array, size: float) -> Array:
 
 
 def repeated_steps(recordings: Sequence[Recording]) -> list[StepMetrics]:
-    """The responses of the mean of several runs of one profile, each overshoot with its standard error.
+    """Return the responses of the mean of several runs of a profile, each overshoot with its standard error.
 
-    The highest of noisy values is on average too high, in a mean of runs, too. So the first half of the runs tells the
-    time of the peak, and the second half its height at this time; then the halves change roles. The error is that of a
+    The maximum of noisy values is too high on average, even in a mean of runs. So the first half of the runs gives the
+    time of the peak, and the second half its height at this time. Then the halves change roles. The error is that of a
     half: if both halves agree on the time, the two heights are not independent.
     """
     mean = mean_of(recordings)
@@ -200,27 +202,27 @@ def repeated_steps(recordings: Sequence[Recording]) -> list[StepMetrics]:
 class Deviation(NamedTuple):
     """The distance between the responses of two runs of one profile."""
 
-    # what responded
+    # the quantity that responded
     channel: Channel
-    # by which the other's responses to changes come later, s: least and most
+    # delay of the other run's responses to changes, s: least and most
     delay: tuple[float, float]
-    # root mean square of the difference of the responses, that delay apart, m/s or rad/s
+    # root mean square of the difference of the responses after this delay, m/s or rad/s
     rms: float
-    # the largest, m/s or rad/s
+    # largest difference, m/s or rad/s
     largest: float
 
 
 def difference(recording: Recording, other: Recording, channel: Channel) -> Deviation | None:
-    """The difference of two runs' responses; None when their set-points never changed.
+    """Return the difference of two runs' responses; None if their set-points never changed.
 
-    Behind a line everything comes later: each response is moved by the delay with which it fits best, up to 0.2 s.
+    A line delays responses: each response is moved by the delay with which it fits best, up to 0.2 s.
     """
     delays, apart = [], []
     time, until = recording["time"], min(recording["time"][-1], other["time"][-1]) - DELAY_MAX
     here, there = response(recording, channel), response(other, channel)
     for first, last in changes(recording):
         at = time[first:last]
-        # later means look into the next response
+        # later means overlap with the next response
         at = at[at < min(at[-1] - 0.5 * WINDOW, until)]
         if not len(at):
             continue
@@ -236,7 +238,7 @@ def difference(recording: Recording, other: Recording, channel: Channel) -> Devi
 
 
 def paths_apart(recording: Recording, other: Recording) -> tuple[float, float]:
-    """Distance of the places of one run from the path of the other, m: root mean square and largest."""
+    """Return the distance of a run's places from the path of the other, m: root mean square and largest."""
     return _rms_and_largest(_distances(*other.path(), *recording.path()))
 
 
@@ -252,12 +254,12 @@ class Droop(NamedTuple):
     before: float
     # rad/s commanded
     after: float
-    # largest loss of speed, as a share of the set-point; negative: it only rose
+    # largest loss of speed, as a share of the set-point; negative: the speed only rose
     droop: float
 
 
 def droops(recording: Recording) -> list[Droop]:
-    """The loss of speed in the second after each change of the yaw rate at a constant speed."""
+    """Return the loss of speed in the second after each change of the yaw rate at a constant speed."""
     found = []
     time, set_v, set_omega = recording["time"], recording["set_v"], recording["set_omega"]
     speed = response(recording, "v")
@@ -274,20 +276,20 @@ def droops(recording: Recording) -> list[Droop]:
 
 
 class Circle(NamedTuple):
-    """A circle that was driven lap on lap."""
+    """A circle that was driven lap after lap."""
 
-    # of the least-squares circle, m
+    # radius of the least-squares circle, m
     radius: float
     # v / omega of the set-points, m
     asked: float
-    # how many whole ones there were
+    # number of whole laps
     laps: int
-    # largest distance of a point of a lap from the lap before, m; None with one lap
+    # largest distance of a point of a lap from the lap before, m; None for a single lap
     lap_to_lap: float | None
 
 
 def circle(recording: Recording) -> Circle | None:
-    """The circle that was driven at the last set-points; None when it was no circle."""
+    """Return the circle that was driven at the last set-points; None if it was no circle."""
     intervals = [(a, b) for a, b in changes(recording) if recording["set_omega"][a] != 0.0]
     if not intervals:
         return None
@@ -313,7 +315,7 @@ def circle(recording: Recording) -> Circle | None:
 
 
 def _distances(x: Array, y: Array, other_x: Array, other_y: Array) -> Array:
-    """Distance of each point from the line through the others, m."""
+    """Return the distance of each point from the line through the others, m."""
     squares = (x[:, None] - other_x) ** 2 + (y[:, None] - other_y) ** 2
     near = squares.argmin(axis=1)
     near = np.clip(near, 1, len(other_x) - 2)
@@ -324,9 +326,9 @@ def _distances(x: Array, y: Array, other_x: Array, other_y: Array) -> Array:
 
 
 class LegMetrics(NamedTuple):
-    """The robot's distance from a leg, once it was round the corner."""
+    """The robot's distance from a leg, after the corner."""
 
-    # of the leg, m
+    # length of the leg, m
     start: tuple[float, float]
     end: tuple[float, float]  # m
     # cross-track error, m
@@ -335,12 +337,12 @@ class LegMetrics(NamedTuple):
 
 
 def cross_track(recording: Recording, leg: Leg) -> Array:
-    """Distance of every sample's place from the line of a leg, left positive, m."""
+    """Return the distance of every sample's place from the line of a leg, left positive, m."""
     return _on_leg(recording, leg)[1]
 
 
 def _on_leg(recording: Recording, leg: Leg) -> tuple[Array, Array, float]:
-    """Every sample's place along a leg and left of it, and the leg's length, m."""
+    """Return every sample's place along a leg and left of it, and the leg's length, m."""
     x, y = recording.path()
     (x0, y0), (x1, y1) = leg.start, leg.end
     norm = max(float(np.hypot(x1 - x0, y1 - y0)), 1e-9)
@@ -350,7 +352,7 @@ def _on_leg(recording: Recording, leg: Leg) -> tuple[Array, Array, float]:
 
 
 def leg_metrics(recording: Recording, legs: Sequence[Leg]) -> list[LegMetrics]:
-    """The cross-track error of every leg on which there were samples, but the way to the first waypoint."""
+    """Return the cross-track error of every leg with samples, except the way to the first waypoint."""
     found = []
     time = recording["time"]
     for leg, ends in zip(legs[1:], [*(each.time for each in legs[2:]), inf], strict=False):
@@ -362,26 +364,26 @@ def leg_metrics(recording: Recording, legs: Sequence[Leg]) -> list[LegMetrics]:
 
 
 class BatteryMetrics(NamedTuple):
-    """The discharge."""
+    """The discharge of the battery."""
 
-    # of the line through the voltage up to the safe end, V/min
+    # slope of the line through the voltage up to the safe end, V/min
     slope: float
-    # of that line, V
+    # intercept of this line, V
     intercept: float
-    # relative to the thesis's line
+    # deviation from the thesis's line
     slope_error: float
     # likewise
     intercept_error: float
     # minutes until the end
     driven: float
-    # root mean square of the remaining time told less what then remained of the 46 minutes, s
+    # root mean square error of the remaining time, against the 46 minutes, s
     remaining_rms: float
     # the largest of these errors, s
     remaining_worst: float
 
 
 def battery(recording: Recording) -> BatteryMetrics | None:
-    """The discharge line; None when the voltage is not known or the run too short for a line."""
+    """Return the discharge line; None if the voltage is unknown or the run is too short for a line."""
     known = ~np.isnan(recording["voltage"])
     minutes, voltage = recording["time"][known] / 60.0, recording["voltage"][known]
     if len(minutes) < 2 or minutes[-1] - minutes[0] < 0.5:
@@ -396,7 +398,7 @@ def battery(recording: Recording) -> BatteryMetrics | None:
 
 
 def measure(outcome: Outcome, profile: Profile) -> dict[str, Any]:
-    """Everything that can be said about a run, ready for JSON: SI units, minutes for the battery."""
+    """Return all measures of a run, ready for JSON: SI units, minutes for the battery."""
     recording, legs = outcome.recording, outcome.legs
     return {
         "stopped_by": outcome.stopped_by,
@@ -411,7 +413,7 @@ def measure(outcome: Outcome, profile: Profile) -> dict[str, Any]:
 
 
 def judge(recording: Recording, legs: Sequence[Leg], profile: Profile) -> dict[str, Any]:
-    """The part of `measure` that follows from the samples and the legs."""
+    """Return the part of `measure` that follows from the samples and the legs."""
     found: dict[str, Any] = {"judged_by": "true motion" if recording.knows_truth else "encoders"}
     if not len(recording):
         return found

@@ -25,27 +25,27 @@ class ProfileStep(Section):
     """A velocity and how long to command it."""
 
     v: Annotated[float, Field(ge=-1.5, le=1.5)]  # m/s
-    # rad/s; what R_min does not allow at this v is clipped by the safety gate, and counted
+    # rad/s; the safety gate clips what R_min does not allow at this v, and counts it
     omega: float
     seconds: Annotated[float, Field(ge=0.1, le=36000.0)]
 
 
 class Waypoints(Section):
-    """Places to drive to in turn."""
+    """Places to drive to, in order."""
 
     model_config = ConfigDict(ser_json_inf_nan="strings")
 
     # x and y, m
     points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
-    # times round; .inf: until the batteries are empty
+    # number of laps; .inf: until the batteries are empty
     laps: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 1.0
-    # m/s, the fastest
+    # m/s, the largest speed
     speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5
     look_ahead: Positive = 1.0  # m
-    # the robot goes by; "true" in simulation only,
+    # source of the robot's pose; "true" in simulation only,
     pose: Literal["odometry", "true", "fused", "map"] = "odometry"
-    # "fused" by all sensors together (estimation), "map" by the map that it drives in (mapping)
-    # name of the GPS on whose grid the points are, which are latitude and longitude then; empty: m
+    # "fused" from all sensors (estimation), "map" on the map in which it drives (mapping)
+    # name of the GPS on whose grid the points are, in latitude and longitude; empty: m
     earth: str = ""
 
     @model_validator(mode="after")
@@ -63,13 +63,13 @@ class Profile(Section):
 
     # title of its figure
     title: str
-    # 4.3 and 4.4, 4.5 and 4.6, with errors, 3.13
+    # style of the figure: 4.3 and 4.4, 4.5 and 4.6, with errors, 3.13
     figure: Literal["velocities", "path", "waypoints", "battery"]
     # s between two samples
     sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02
-    # velocities to command, in turn
+    # velocities to command, in order
     steps: tuple[ProfileStep, ...] = ()
-    # places to drive to
+    # places to drive to, in order
     waypoints: Waypoints | None = None
 
     @model_validator(mode="after")
@@ -82,7 +82,7 @@ class Profile(Section):
 
     @property
     def duration(self) -> float:
-        """Seconds it takes; for waypoints a guess from the way, and infinite for endless laps."""
+        """Duration in s; for waypoints an estimate from the distance, infinite for endless laps."""
         if self.waypoints is None:
             return sum(step.seconds for step in self.steps)
         points = self.waypoints.points
@@ -91,12 +91,12 @@ class Profile(Section):
 
 
 def names() -> list[str]:
-    """The names of the thesis's experiments."""
+    """Return the names of the thesis's experiments."""
     return sorted(file.stem for file in PROFILES.glob("*.yaml"))
 
 
 def load_profile(name: str) -> Profile:
-    """The profile of that name, or in that file; raises ConfigError: there is none, or it is not valid."""
+    """Return the profile of this name, or in this file; raises ConfigError: there is none, or it is not valid."""
     file = PROFILES / f"{name}.yaml" if "/" not in name and not name.endswith((".yaml", ".yml")) else Path(name)
     try:
         tree = read_yaml(file.read_text(encoding="utf-8"))

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Instant(NamedTuple):
-    """One instant."""
+    """The values of an instant."""
 
     # s of the experiment
     time: float
@@ -29,27 +29,27 @@ class Instant(NamedTuple):
     # measured by the encoders, rad/s
     omega: float = 0.0
     x: float = (
-        # where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with
+        # the robot's believed place, m: by its odometry, or by the pose source of its waypoints
         0.0
     )
     y: float = 0.0  # m
     theta: float = 0.0  # rad
-    # when the encoders were read last, s: behind a line, when their odometry arrived
+    # time of the encoders' last reading, s; behind a line, the arrival of their odometry
     read: float = 0.0
-    # driven by the encoders until then, backward negative, m
+    # distance by the encoders until then, backward negative, m
     way: float = 0.0
-    # by the encoders until then, rad, whole turns and all
+    # turn by the encoders until then, rad, with whole turns
     turn: float = 0.0
-    # mean since the sample before, m/s; NaN, as those below, where the HAL does not know
+    # mean since the sample before, m/s; NaN, like the values below, if the HAL does not know it
     true_v: float = nan
     true_omega: float = nan  # rad/s
-    # in the room, m
+    # place in the room, m
     true_x: float = nan
     true_y: float = nan  # m
     true_theta: float = nan  # rad
-    # of the pack in use, V; NaN while unknown
+    # voltage of the pack in use, V; NaN while unknown
     voltage: float = nan
-    # time left by that voltage, s; NaN while unknown
+    # remaining time by this voltage, s; NaN while unknown
     remaining: float = nan
 
 
@@ -64,17 +64,17 @@ class Recording:
         return int(self.columns.shape[1])
 
     def __getitem__(self, name: str) -> Array:
-        """The column of that name, shape (samples,)."""
+        """Return the column of this name, shape (samples,)."""
         column: Array = self.columns[Instant._fields.index(name)]
         return column
 
     @property
     def knows_truth(self) -> bool:
-        """Whether the true motion is in it: it is of a simulation."""
+        """Whether it contains the true motion, as from a simulation."""
         return len(self) > 0 and not bool(np.isnan(self["true_x"]).all())
 
     def without_truth(self) -> Recording:
-        """The same samples as hardware would have given them."""
+        """Return the same samples as hardware would have given them."""
         copy = Recording(())
         copy.columns = self.columns.copy()
         for name in ("true_v", "true_omega", "true_x", "true_y", "true_theta"):
@@ -82,7 +82,7 @@ class Recording:
         return copy
 
     def path(self) -> tuple[Array, Array]:
-        """Places x and y, true ones where they are known."""
+        """Return places x and y, the true places if they are known."""
         return (self["true_x"], self["true_y"]) if self.knows_truth else (self["x"], self["y"])
 
 
@@ -90,11 +90,11 @@ FILE: Final = "samples.csv"
 
 
 def mean_of(recordings: Sequence[Recording]) -> Recording:
-    """The mean of runs of one profile with other seeds, sample by sample."""
+    """Return the mean of runs of a profile with different seeds, sample by sample."""
     length = min(map(len, recordings))
     mean = Recording(())
     mean.columns = np.mean([recording.columns[:, :length] for recording in recordings], axis=0)
-    # the same in all of them, and no sum may round them
+    # the same in all runs, so no sum may round them
     for name in ("time", "set_v", "set_omega"):
         mean[name][:] = recordings[0][name][:length]
     return mean
@@ -107,7 +107,7 @@ def save(recording: Recording, folder: Path) -> None:
 
 
 def load(folder: Path) -> Recording:
-    """The samples in a folder; raises ConfigError: there are none, or they are not ours."""
+    """Return the samples in a folder; raises ConfigError: there are none, or the columns differ."""
     file = folder / FILE
     try:
         head, *rows = file.read_text().splitlines() or [""]

@@ -1,4 +1,4 @@
-"""The metrics of one run, or of several side by side, as tables for the terminal and for Markdown."""
+"""The metrics of a run, or of several side by side, as tables for the terminal and for Markdown."""
 
 from collections.abc import Callable, Sequence
 from itertools import product
@@ -12,12 +12,12 @@ from txt1.experiments.metrics import QUANTUM, Channel, Deviation, difference, pa
 from txt1.experiments.run_folder import Run
 
 TableRow = list[str]
-# A table's title, its column names and its rows
+# a table's title, its column names and its rows
 Titled = tuple[str, TableRow, list[TableRow]]
 
 
 def show(runs: Sequence[Run], console: Console, *, with_differences: bool = False) -> None:
-    """Print the tables of runs, several side by side, and how far these lie apart where that is asked for."""
+    """Print the tables of runs, several side by side, and their differences if requested."""
     for title, head, rows in [*tables(runs), *(apart(runs) if with_differences else ())]:
         table = Table(title=title, title_justify="left")
         for name in head:
@@ -38,7 +38,7 @@ def show(runs: Sequence[Run], console: Console, *, with_differences: bool = Fals
 
 
 def tables(runs: Sequence[Run]) -> list[Titled]:
-    """Title, column names and rows of every table that the runs have something for."""
+    """Return title, column names and rows of every table for which the runs have values."""
     found: list[Titled] = []
     for title, key, head, cells in _TABLES:
         entries = [_entries(result, key) for result in runs]
@@ -54,7 +54,7 @@ def tables(runs: Sequence[Run]) -> list[Titled]:
 
 
 def apart(runs: Sequence[Run]) -> list[Titled]:
-    """Return the distance of each run's responses and path from those of the first."""
+    """Return the difference between each run's responses and path and those of the first run."""
     first, found = runs[0], list[Titled]()
     channels: tuple[Channel, ...] = ("v", "omega")
     responses = []
@@ -73,7 +73,7 @@ def apart(runs: Sequence[Run]) -> list[Titled]:
 
 
 def difference_cells(each: Deviation) -> TableRow:
-    """Return the channel, the delay, the difference and an encoder count."""
+    """Return the channel, the delay, the difference, and an encoder count for comparison."""
     least, most = (1000.0 * delay for delay in each.delay)
     late = f"{least:.0f} ms" if least == most else f"{least:.0f} to {most:.0f} ms"
     sizes = f"{1000.0 * each.rms:.1f}", f"{1000.0 * each.largest:.1f}", f"{1000.0 * QUANTUM[each.channel]:.0f}"
@@ -88,7 +88,7 @@ def _entries(result: Run, key: str) -> list[Any]:
 
 
 def _over_laps(legs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The legs of one lap, each with its errors in all laps."""
+    """Return the legs of a lap, each with its errors in all laps."""
     laps: dict[str, list[dict[str, Any]]] = {}
     for leg in legs:
         laps.setdefault(f"{leg['start']}{leg['end']}", []).append(leg)
@@ -99,7 +99,7 @@ def _over_laps(legs: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def step_name(step: dict[str, Any]) -> str:
-    """A step in words."""
+    """Return a step in words."""
     return f"{'v' if step['channel'] == 'v' else 'ω'} {step['before']:g} → {step['after']:g}"
 
 
@@ -109,7 +109,7 @@ def _step(step: dict[str, Any]) -> TableRow:
 
 
 def overshoot(step: dict[str, Any]) -> str:
-    """The overshoot of a step, %, with its standard error where runs were repeated."""
+    """Return the overshoot of a step, %, with its standard error for repeated runs."""
     error = step["overshoot_error"]
     return f"{100.0 * step['overshoot']:.1f} {'' if error is None else f'± {100.0 * error:.1f} '}%"
 

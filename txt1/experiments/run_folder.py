@@ -21,15 +21,15 @@ FIGURE: Final = "figure.svg"
 
 
 class Run(NamedTuple):
-    """A run as it is drawn and compared."""
+    """A run for drawing and comparing."""
 
-    # names it in legends and tables
+    # its name in legends and tables
     label: str
-    # what was driven
+    # the profile driven
     profile: Profile
-    # what was measured
+    # the samples
     recording: Recording
-    # `txt1.experiments.metrics.measure`
+    # the result of `txt1.experiments.metrics.measure`
     metrics: dict[str, Any]
 
     @property
@@ -39,7 +39,7 @@ class Run(NamedTuple):
 
 
 def alike(runs: Sequence[Run]) -> list[Run]:
-    """The runs, all judged by their encoders unless the true motion is known of all of them."""
+    """Return the runs; unless the true motion of all is known, all are judged by their encoders."""
     if len({run.recording.knows_truth for run in runs}) == 1:
         return list(runs)
     plain = [run._replace(recording=run.recording.without_truth()) for run in runs]
@@ -47,7 +47,7 @@ def alike(runs: Sequence[Run]) -> list[Run]:
 
 
 def make(folder: Path) -> Path:
-    """The folder, made where there is none; raises ConfigError: nothing can be written there."""
+    """Return the folder, made if it is missing; raises ConfigError if it is not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):
@@ -58,7 +58,7 @@ def make(folder: Path) -> Path:
 
 
 def write(run: Run, folder: Path) -> None:
-    """Write samples and metrics; the figure is drawn by `txt1.experiments.figures`."""
+    """Write samples and metrics; `txt1.experiments.figures` draws the figure."""
     folder.mkdir(parents=True, exist_ok=True)
     recordings.save(run.recording, folder)
     tree = {"label": run.label, "profile": json.loads(run.profile.model_dump_json()), **run.metrics}
@@ -66,7 +66,7 @@ def write(run: Run, folder: Path) -> None:
 
 
 def read(folder: Path) -> Run:
-    """The run in a folder; raises ConfigError: there is none."""
+    """Return the run in a folder; raises ConfigError: there is none."""
     file = folder / METRICS
     try:
         tree = json.loads(file.read_text())

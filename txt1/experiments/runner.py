@@ -1,4 +1,4 @@
-"""Driving an experiment through the Robot API, and measuring meanwhile."""
+"""Drives an experiment through the Robot API, and measures meanwhile."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -19,19 +19,19 @@ from txt1.navigation.waypoints import Point
 from txt1.robot import Robot
 from txt1.tasks.fields import BatteryState
 
-# s between two commands, as in the original's tests
+# s between two commands, as in the original tests
 PUBLISH: Final = 0.1
 
-# m/s below which the vehicle does not move, ...
+# m/s below which the vehicle counts as standing, ...
 STOPPED_V: Final = 0.02
-# ... and s after which a vehicle that does not, though commanded to, ends the experiment.
+# ... and s after which a vehicle that stands although it is commanded to drive ends the experiment
 STOPPED_TIME: Final = 5.0
-# s between two looks at the batteries
+# s between two checks of the batteries
 LOOK: Final = 1.0
 
 
 class Leg(NamedTuple):
-    """A leg between two waypoints and when it began, s of the experiment."""
+    """A leg between two waypoints, and its start, s of the experiment."""
 
     time: float
     start: Point
@@ -41,24 +41,24 @@ class Leg(NamedTuple):
 class Outcome(NamedTuple):
     """The result of an experiment."""
 
-    # what was measured
+    # the samples
     recording: Recording
-    # of waypoints, in order
+    # legs of waypoints, in order
     legs: tuple[Leg, ...]
-    # why it ended: "the end of the profile", or what came before it
+    # reason for its end: "the end of the profile", or an earlier event
     stopped_by: str
-    # when the battery warning came, s of the experiment; None: it did not
+    # time of the battery warning, s of the experiment; None: none came
     warned: float | None
-    # what the robot went by; "" without waypoints
+    # the robot's pose source; "" without waypoints
     pose_source: str
 
     def json(self) -> list[Any]:
-        """The outcome as values that JSON has; `outcome_of` is the way back."""
+        """Return the outcome as JSON values; `outcome_of` is the inverse."""
         return [self.recording.columns.T.tolist(), *self[1:]]
 
 
 def outcome_of(values: Sequence[Any]) -> Outcome:
-    """The outcome that `json` made these values of."""
+    """Return the outcome from the values of `json`."""
     samples, legs, *rest = values
     recording = Recording(Instant(*sample) for sample in samples)
     return Outcome(recording, tuple(Leg(time, tuple(start), tuple(end)) for time, start, end in legs), *rest)
@@ -73,13 +73,13 @@ ANOTHER: Final = "another source of commands,"
 
 @dataclass
 class Experiment:
-    """A profile at work on a robot."""
+    """A profile that is driven by a robot."""
 
     robot: Robot
     profile: Profile
-    # whether the robot stops by itself when no time is left on its batteries
+    # whether the robot stops when no time is left on its batteries
     safe_end: bool = True
-    # told how much of the profile is over, 0 to 1
+    # called with the finished share of the profile, 0 to 1
     progressed: Callable[[float], None] = lambda _: None
 
     def __post_init__(self) -> None:
@@ -89,14 +89,15 @@ class Experiment:
         self._warned: float | None = None
         self._stopped_by = INTERRUPTED
         self._source: PoseSource | None = None
-        # where waypoints find the robot
+        # the pose source for waypoints
         self._believed: Pose | None = None
         self._still_since = inf
 
     async def run(self) -> None:
-        """Drive it, and stop; `outcome` has what was measured, also when this was cancelled on the way.
+        """Drive the profile, and stop; `outcome` has the measurements, even if this was cancelled.
 
-        Raises Overruled: another source of commands drives already; one that takes the wheel later ends the experiment.
+        Raises Overruled: another source of commands drives already. A source that takes the wheel later ends the
+        experiment.
         """
         robot, profile = self.robot, self.profile
         robot.program.begin()
@@ -114,7 +115,7 @@ class Experiment:
                 work.result()
                 self._stopped_by = END_OF_PROFILE
         except NotArmed as error:
-            # without power the encoders are silent, too, so the gate may call it a runaway first
+            # without power the encoders are silent, too, so the gate may report a runaway first
             self._stopped_by = CUT_OFF if self._empty() else f"the safety gate: {error.reason}"
         except Overruled as error:
             self._stopped_by = f"{ANOTHER} '{error.driver}'"
@@ -167,7 +168,7 @@ class Experiment:
         await follow(robot, points, **how, pose_source=self._source, on_leg=on_leg)
 
     async def _watch(self) -> str:
-        """Why the experiment is to end early: the batteries, or a vehicle that does not move."""
+        """Return why the experiment has to end early: the batteries, or a vehicle that does not move."""
         robot = self.robot
         while True:
             await asyncio.sleep(LOOK)
@@ -183,7 +184,7 @@ class Experiment:
                 return CUT_OFF if self._empty() else "a vehicle that does not move"
 
     def _empty(self) -> bool:
-        """Whether the batteries' voltage is where the cut-off circuit opens."""
+        """Return whether the batteries' voltage is so low that the cut-off circuit opens."""
         voltages = [volts for volts in self.robot.battery[:2] if volts]
         return bool(voltages) and max(voltages) < CUT_OFF_V + 0.1
 

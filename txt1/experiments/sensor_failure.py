@@ -1,4 +1,4 @@
-"""Sensors that fail in turn on a driven course: the estimate's error, and how soon it is noticed (thesis 3.4.3)."""
+"""Lets sensors fail in turn on a course, and measures the estimate's error and the time to detection (thesis 3.4.3)."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPERIMENT: Final = "sensor-failure"
-# presets whose sensors fail
+# presets of which each sensor fails
 SETUPS: Final = ("imu-gps", "vicon")
 FAILURES: Final = ("sound", "frozen", "silent", "jumping", "drifting", "not a number", "late by 0.3 s")
 COURSE: Final = [(-1.5, -2.0), (-1.5, 2.0), (1.5, 2.0), (1.5, -2.0)]  # m
 LAPS: Final = 2.5
-# s of the run when the failure begins
+# s of the run at which the failure begins
 BEGIN: Final = 30.0
-# and when it ends
+# s of the run at which it ends
 END: Final = 45.0
 LATE: Final = 0.3  # s
-# m/s; rad/s; m; m
+# jumps in m/s, rad/s, m, m
 JUMPS: Final = {ENCODERS: (0.3, 0.0), "imu": (0.5,), "gps": (20.0, 0.0), "vicon": (0.5, 0.0, 0.0)}
 DRIFTS: Final = {ENCODERS: (0.05, 0.0), "imu": (0.05,), "gps": (2.0, 0.0), "vicon": (0.05, 0.0, 0.0)}
-"""The same in a second."""
-# the GPS's errors are white here: slow ones are no failure
+"""Drifts in the same units, per second."""
+# the GPS's errors are white here: a slow error is no failure
 SETTINGS: Final[dict[str, Any]] = {"slow": 0.0}
 
 Array = NDArray[np.float64]
-# set-up, sensor, failure
+# setup, sensor, failure
 Which = tuple[str, str, str]
 
 
 class Failing:
-    """A sensor that fails from `BEGIN` to `END`, put between the sensors and the filter."""
+    """A sensor that fails from `BEGIN` to `END`; it is put between the sensors and the filter."""
 
     def __init__(self, sensor: str, failure: str, now: Callable[[], float]) -> None:
         self._sensor, self._failure, self._now = sensor, failure, now
@@ -60,7 +60,7 @@ class Failing:
         self._under_way: deque[Measurement] = deque()
 
     def __call__(self, measurement: Measurement) -> Iterable[Measurement]:
-        """The measurements that come through when this one is taken."""
+        """Take a measurement; yield the measurements that come through."""
         if measurement.sensor != self._sensor:
             return (measurement,)
         now = self._now()
@@ -87,7 +87,7 @@ class Failing:
             case "frozen":
                 values = self._held
             case "jumping":
-                # away and back, twice a second
+                # forth and back, twice a second
                 if int(2.0 * now) % 2:
                     values = added(values, JUMPS[self._sensor], 1.0)
             case "drifting":
@@ -98,45 +98,45 @@ class Failing:
 
 
 def added(values: tuple[float, ...], more: tuple[float, ...], times: float) -> tuple[float, ...]:
-    """The values with so many times the others."""
+    """Return the values plus `times` the others."""
     return tuple(value + times * other for value, other in zip(values, more, strict=True))
 
 
 class FailureOutcome(NamedTuple):
-    """A run with one failing sensor."""
+    """A run with a failing sensor."""
 
     setup: str
     sensor: str
     failure: str
-    # largest distance of the fused pose from the true one from the failure on, m
+    # largest distance of the fused pose from the true pose since the failure, m
     error: float
     # largest error of the heading, rad
     heading: float
-    # largest error of x, y or theta as a share of three of its own standard deviations then
+    # largest error of x, y or theta, as a share of three of its standard deviations at that time
     share: float
-    # s until the sensor was believed no longer; infinite: it was believed all the time
+    # s until the sensor was no longer used; infinite: it was used all the time
     detection: float
-    # s from the end of the failure until it was believed again; infinite: it was not
+    # s from the end of the failure until it was used again; infinite: it was not
     recovery: float
-    # why the gate was closed; empty while it stayed open
+    # reason for which the gate was closed; empty while it stayed open
     disarmed: str
     # time (s), distance (m), three times its standard deviation (m), shape (samples, 3)
     trace: Array
 
     def row(self) -> dict[str, object]:
-        """The outcome's row of the table, by column."""
+        """Return the outcome's row of the table, by column."""
         found = self._asdict()
         del found["trace"]
         return {key: None if value == inf else value for key, value in found.items()}
 
 
 def outcome_of(tree: dict[str, Any]) -> FailureOutcome:
-    """An outcome of its fields as JSON has them."""
+    """Return an outcome from its fields in JSON."""
     return FailureOutcome(**tree | {"trace": np.array(tree["trace"])})
 
 
 def config_for(config: Config, setup: str) -> Config:
-    """The configuration with a set-up's sensors fused and the loops closed over them, in an endless room."""
+    """Return the configuration with a setup's sensors fused and the loops closed over them, in an endless room."""
     estimation = config.section(EstimationConfig).model_copy(update={"preset": setup, "sensors": None, "loops": True})
     room = config.sim.room.model_copy(update={"length": inf, "width": inf})
     sim = config.sim.model_copy(update={"room": room})
@@ -147,7 +147,9 @@ def config_for(config: Config, setup: str) -> Config:
 
 
 async def drive(config: Config, setup: str, sensor: str, failure: str) -> FailureOutcome:
-    """Drive the course, steered by the true pose, its velocity loops by the fused odometry, with one failing sensor."""
+    """Drive the course with a failing sensor: steered by the true pose, with the fused odometry in the velocity
+    loops.
+    """
     rows: list[tuple[float, ...]] = []
     lost, again, disarmed = inf, inf, ""
     async with Robot.open(config=config_for(config, setup), arm=True) as robot:
@@ -196,7 +198,7 @@ async def drive(config: Config, setup: str, sensor: str, failure: str) -> Failur
 
 
 def plan(config: Config) -> list[Which]:
-    """Set-up, sensor and failure of every run."""
+    """Return setup, sensor and failure of every run."""
     return [
         (setup, sensor, failure)
         for setup in SETUPS
@@ -207,7 +209,7 @@ def plan(config: Config) -> list[Which]:
 
 
 def table(outcomes: Iterable[FailureOutcome]) -> str:
-    """The outcomes as a table in Markdown."""
+    """Return the outcomes as a table in Markdown."""
     lines = [
         "| set-up | sensor | failure | largest error m | heading deg | of 3 sigma | detected after s "
         "| believed again after s | disarmed |",
@@ -231,7 +233,7 @@ def write(outcomes: list[FailureOutcome], folder: Path) -> None:
 
 
 def draw(outcomes: list[FailureOutcome], file: Path) -> None:
-    """Draw the errors of all runs over time, a panel for each sensor of a set-up, and the band of the sound run."""
+    """Draw the errors of all runs over time, a panel for each sensor of a setup, with the band of the intact run."""
     from matplotlib.figure import Figure
 
     panels = list(dict.fromkeys((each.setup, each.sensor) for each in outcomes))

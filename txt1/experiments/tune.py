@@ -1,4 +1,4 @@
-"""Gains for an identified vehicle, tried on its model: of the speed, and the whole schedule of the yaw rate."""
+"""Gains for an identified vehicle, found on its model: of the speed, and the whole schedule of the yaw rate."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
@@ -14,49 +14,49 @@ from txt1.experiments.metrics import BAND, excess, settled_after, smooth
 from txt1.experiments.recording import Array
 from txt1.model.vehicle import Geometry
 
-# steps of the speed that gains are tried on, m/s
+# steps of the speed on which gains are tested, m/s
 SPEEDS: Final = (0.25, 0.5, 0.75, 1.0)
 # steps of the yaw rate, rad/s
 TURNS: Final = ((0.0, 0.3), (0.3, 0.4), (0.4, 0.6), (0.6, 0.8))
-# m/s at which they are tried; the loop's gain is made the same at every speed
+# m/s at which they are tested; the loop's gain is the same at every speed
 CRUISE: Final = 0.5
 # m/s, the fastest the controller accepts (thesis 4.2)
 V_MAX: Final = 1.5
-# seeds of the trials of the speed
+# seeds of the tests of the speed
 SEEDS: Final = range(16)
-# of the yaw rate: more, as an encoder count is a larger share of a step there
+# seeds of the yaw rate: more, as an encoder count is a larger share of a step there
 TURN_SEEDS: Final = range(32)
-# s of a trial of the speed
+# s of a test of the speed
 TRIAL: Final = 4.0
-# s of a trial of the yaw rate
+# s of a test of the yaw rate
 TURN_TRIAL: Final = 2.5
-# share of the present overshoot allowed in the model, so that the vehicle shows no more than before
+# allowed share of the present overshoot in the model, so that the vehicle shows no more than before
 LESS: Final = 0.9
-# share of a step of the speed that noise makes of a response that does not overshoot
+# overshoot, as a share of the step, that noise adds to a speed response without overshoot
 NO_OVERSHOOT: Final = 0.001
-# likewise of the yaw rate
+# the same for the yaw rate
 TURN_NO_OVERSHOOT: Final = 0.002
-# s that an overshoot of 1 costs, beyond what is allowed; noise, as a share of a step, likewise
+# s, the cost of an overshoot of 1 beyond the allowed; the same for noise, as a share of a step
 EXCESS: Final = 10000.0
-# s by which every step of the speed is to settle sooner in the model, to do so on the vehicle, ..
+# s by which every step of the speed has to settle sooner in the model, to do so on the vehicle, ..
 MARGIN: Final = 0.03
 # ... and every step of the yaw rate
 TURN_MARGIN: Final = 0.06
-# s that each s costs by which one step settles later than before, however soon others do
+# cost of each s by which a step settles later than before, however soon others do
 SLOWER: Final = 50.0
 
-# K_P that is tried, times the speed per count
+# values of K_P to test, times the speed per count
 PROPORTIONAL: Final = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
-# K_I / K_P that is tried, per lag: 1 cancels it
+# values of K_I / K_P to test, times the lag: 1 cancels the lag
 RATES: Final = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 # shares by which the best of these are then changed
 FINER: Final = (0.06, 0.03, 0.015)
-# K_P of the yaw rate, times the yaw rate per count
+# values of K_P of the yaw rate, times the yaw rate per count
 TURN_PROPORTIONAL: Final = (0.0, 0.05, 0.1, 0.15)
-# K_I times that, 1/s: how fast the loop closes
+# values of K_I times the same, 1/s: the closed loop's rate
 TURN_RATES: Final = (4.0, 5.0, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0)
 
-# the number of gains that are tried altogether
+# number of gains tested altogether
 CANDIDATES: Final = len(PROPORTIONAL) * len(RATES) + len(TURN_PROPORTIONAL) * len(TURN_RATES) + 2 * 9 * len(FINER)
 
 # from one set-point to another, m/s or rad/s
@@ -67,7 +67,7 @@ class Quality(NamedTuple):
     """The quality of a response."""
 
     settling: float  # s
-    # as a share of the step
+    # overshoot, as a share of the step
     overshoot: float
     # standard deviation when steady, as a share of the step
     noise: float
@@ -76,7 +76,7 @@ class Quality(NamedTuple):
 def linear_gains(
     plant: Plant, geometry: Geometry, before: Gains, motor_max: float, tried: Callable[[], None] = lambda: None
 ) -> Gains:
-    """The gains with which the speed settles soonest, with no more overshoot and noise than before.
+    """Return the gains with which the speed settles soonest, with no more overshoot and noise than before.
 
     `motor_max` is the safety gate's limit, counts; `tried` is called for each of the `CANDIDATES` of both loops.
     """
@@ -96,14 +96,16 @@ def linear_gains(
 def angular_gains(
     plant: Plant, geometry: Geometry, schedule: Schedule, tried: Callable[[], None] = lambda: None
 ) -> tuple[GainSet, ...]:
-    """The schedule, with the same borders, with which the yaw rate settles soonest with no more overshoot and noise.
+    """Return the schedule, with the same borders, with which the yaw rate settles soonest, with no more
+    overshoot and noise.
 
-    The yaw rate of a count is in proportion to the speed, so gains found at one speed are right at any other when they
-    are divided by it. Each set takes the highest speed it is in force at, because there its loop gain is highest.
+    The yaw rate of a count is proportional to the speed. So gains found at one speed are divided by the ratio of the
+    speeds for another. Each set takes the highest speed at which it is in force, because its loop gain is highest
+    there.
     """
     borders = [gain_set.v_max for gain_set in schedule.sets]
     highest = [_highest(below, v_max, borders) for below, v_max in zip((-V_MAX, *borders), borders, strict=False)]
-    # of the set in force in the trials
+    # of the set in force in the tests
     here = highest[min(bisect_left(borders, CRUISE), len(borders) - 1)]
 
     def respond(gains: Gains, step: Step) -> list[Array]:
@@ -120,7 +122,7 @@ def angular_gains(
 
 
 def _highest(below: float, v_max: float, borders: Sequence[float]) -> float:
-    """The highest speed at which a set is in force, m/s; the first and the last go on to the limit."""
+    """Return the highest speed at which a set is in force, m/s; the first and the last set extend to the limit."""
     return V_MAX if v_max in (borders[0], borders[-1]) else max(abs(below), abs(v_max))
 
 
@@ -133,7 +135,7 @@ def _best(
     no_overshoot: float,
     tried: Callable[[], None],
 ) -> Gains:
-    """The best of the candidates and of gains between them, by their responses to the steps."""
+    """Return the best of the candidates and of gains between them, by their responses to the steps."""
 
     def qualities(gains: Gains) -> list[Quality]:
         return [_quality(respond(gains, step), *step) for step in steps]
@@ -153,7 +155,7 @@ def _best(
 
 
 def _quality(responses: Sequence[Array], before: float, after: float) -> Quality:
-    """Return the quality of the mean of several trials, judged as in `txt1.experiments.metrics`."""
+    """Return the quality of the mean of several tests, judged as in `txt1.experiments.metrics`."""
     shares = (np.array(responses) - before) / (after - before)
     times: Array = np.arange(shares.shape[1], dtype=np.float64) * SAMPLING_PERIOD
     means = smooth(shares.mean(axis=0), times)
@@ -163,7 +165,7 @@ def _quality(responses: Sequence[Array], before: float, after: float) -> Quality
 
 
 def _cost(quality: Quality, bar: Quality, margin: float, no_overshoot: float) -> float:
-    """Settling time, s, and what it costs to be worse than the bar in any way."""
+    """Return the settling time, s, plus the costs of being worse than the bar."""
     more = max(0.0, quality.overshoot - max(LESS * bar.overshoot, no_overshoot)) + max(0.0, quality.noise - bar.noise)
     slower = max(0.0, quality.settling - bar.settling + margin)
     return quality.settling + EXCESS * more + SLOWER * slower

@@ -1,1 +1,1 @@
-"""Calibration: a dialogue with the vehicle's operator that finds out how the vehicle is wired and moves."""
+"""Calibration: a dialogue with the operator that finds the vehicle's wiring and its motion."""

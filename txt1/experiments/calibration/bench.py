@@ -1,4 +1,4 @@
-"""The vehicle that is calibrated, the operator beside it, and the hands that drive it."""
+"""The vehicle under calibration, its operator, and driving by hand."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
@@ -15,37 +15,40 @@ from txt1.robot import Robot
 
 # s between two PWM commands by hand
 HAND_PERIOD: Final = 0.05
-# s after which a vehicle whose motor is in neutral stands
+# s after which a vehicle with its motor in neutral stands
 STAND: Final = 2.5
-# s that the steering gets to arrive
+# s in which the steering arrives
 SETTLE: Final = 0.6
 # counts beyond the dead band at which distances are driven
 CRUISE: Final = 1200
-# s after which a drive ends whatever the operator sees
+# s after which a drive ends even without the operator
 DRIVE_PATIENCE: Final = 60.0
 
 
 class Operator(Protocol):
-    """A person beside the vehicle, or something that answers as one would: by a question's key, its text for people."""
+    """A person beside the vehicle, or a program that answers like a person.
+
+    A question has a key, for programs, and a text, for people.
+    """
 
     def tell(self, text: str) -> None:
         """Say something."""
 
     async def ready(self, key: str, text: str) -> None:
-        """Ask for something to be done, and return when it is: nothing moves before."""
+        """Ask for an action and return when it is done; the vehicle stands meanwhile."""
 
     async def seen(self, key: str, text: str) -> None:
-        """Return as soon as the operator says that he sees this, while the vehicle moves."""
+        """Return as soon as the operator sees something, while the vehicle moves."""
 
     async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
-        """The option that is the operator's answer."""
+        """Return the option that the operator chooses."""
 
     async def number(self, key: str, text: str, unit: str) -> float:
-        """The number that the operator has measured."""
+        """Return the number that the operator has measured."""
 
 
 class Hands:
-    """A robot driven by hand: its PWM as they hold it."""
+    """A robot that is driven by hand, by PWM."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -57,19 +60,22 @@ class Hands:
         self.outputs = (motor, -steering, steering)
 
     async def hold(self, ticks: Ticks) -> None:
-        """Give the outputs again and again."""
+        """Repeat the outputs."""
         async for _ in ticks:
             motor, front, rear = self.outputs
             self.robot.pwm_test(round(motor), round(front), round(rear))
 
     async def wait(self, seconds: float) -> None:
-        """Let time pass; raises NotArmed when the safety gate has closed."""
+        """Let time pass; raises NotArmed if the safety gate has closed."""
         await asyncio.sleep(seconds)
         if not self.robot.armed:
             raise NotArmed(self.robot.reason)
 
     async def until(self, seen: Coroutine[Any, Any, None], limit: float = DRIVE_PATIENCE) -> bool:
-        """Go on until the operator sees it, or for `limit` s; whether he did. Raises NotArmed as `wait`."""
+        """Go on until the operator sees it, at most `limit` s; return whether it was seen.
+
+        Raises NotArmed as `wait`.
+        """
         seeing, ends = asyncio.ensure_future(seen), self.robot.now + limit
         try:
             while not seeing.done() and self.robot.now < ends:
@@ -82,22 +88,21 @@ class Hands:
 
     @property
     def counts(self) -> tuple[int, int] | None:
-        """Counts of the right and left encoder now, where there are some."""
+        """Return the present counts of the right and left encoder; None without encoders."""
         ticks = self.robot.runtime.look().ticks
         hal: Any = self.robot.hal
         return hal.counts if ticks is None and isinstance(hal, Rewired) else ticks
 
 
 class Bench:
-    """A vehicle being calibrated.
+    """A vehicle under calibration.
 
     Args:
-        config: of the vehicle as far as it is known.
-        operator: beside it.
-        opened: makes a running robot of a configuration, whose motion the tasks do not see if that is asked for.
-        keep: told the values that were found, by dotted key, as soon as they are.
-        own_loops: whether its hardware closes the velocity loops, so that nobody drives it by hand.
-
+        config: the configuration of the vehicle as far as it is known.
+        operator: the operator beside it.
+        opened: makes a running robot from a configuration; its flag hides the motion from the tasks.
+        keep: called with found values, by dotted key, at once.
+        own_loops: whether its hardware closes the velocity loops, so that it cannot be driven by hand.
     """
 
     def __init__(
@@ -110,7 +115,7 @@ class Bench:
     ) -> None:
         self.config, self.operator, self.own_loops = config, operator, own_loops
         self.driving = 0.0
-        """Time for which it was ready to move, s."""
+        """Time in which it was ready to move, s."""
         self._opened, self._keep = opened, keep
 
     @property
@@ -120,16 +125,16 @@ class Bench:
 
     @property
     def cruise(self) -> float:
-        """Motor counts at which distances are driven."""
+        """Motor counts for driving distances."""
         return min(self.config.car.dead_band + CRUISE, float(self.config.safety.motor_max))
 
     @property
     def speed(self) -> float:
-        """Speed at which distances are driven by set-points, m/s."""
+        """Set-point for driving distances, m/s."""
         return min(0.5 * self.config.safety.v_max, 0.75)
 
     def found(self, values: Mapping[str, Any]) -> None:
-        """Keep values that were found, by dotted key, and use them from now on."""
+        """Keep found values, by dotted key, and use them from now on."""
         simulated = {f"sim.{key}": value for key, value in values.items() if key.startswith("channels.")}
         # so that the same vehicle is simulated from its file
         values = {**values, **simulated}
@@ -148,7 +153,7 @@ class Bench:
 
     @asynccontextmanager
     async def by_hand(self, changes: Mapping[str, Any] | None = None, unseen: bool = False) -> AsyncIterator[Hands]:
-        """Return the robot in somebody's hands; when they let go, it comes to rest."""
+        """Return the robot for driving by hand; on leaving it comes to rest."""
         async with self.robot(changes, unseen) as robot:
             hands = Hands(robot)
             await robot.set_manual(True)
@@ -159,6 +164,6 @@ class Bench:
 
 
 def own_settings(hal: Hal) -> Any:
-    """The settings of a hardware layer that has its own for motor and servo in place of channels; else None."""
+    """Return the settings of a hardware layer that has its own for motor and servo in place of channels; else None."""
     options = getattr(hal, "options", None)
     return options if hasattr(options, "servo_centre") else None

@@ -1,4 +1,4 @@
-"""Steps on blocks, no wheel on the floor: which way motor, steering and encoders go, and where they are neutral."""
+"""Steps on blocks, with no wheel on the floor: directions of motor, steering and encoders, and their neutrals."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -8,35 +8,35 @@ from txt1.errors import HalError
 from txt1.experiments.calibration.bench import HAND_PERIOD, SETTLE, STAND, Bench, Hands, Operator, own_settings
 from txt1.model.vehicle import PWM_MAX, SIDES, STEERING_MAX
 
-# counts a second by which the motor's output is raised until encoders count
+# counts a second by which the motor's output rises until encoders count
 RAMP: Final = 200.0
-# likewise, until a person sees something turn
+# the same, until a person sees something turn
 SLOW_RAMP: Final = 100.0
-# encoder counts that are no noise
+# encoder counts above the noise
 TURNED: Final = 4
-# counts beyond those at which it begins to turn: it turns surely
+# counts beyond the start of turning at which the wheels surely turn
 BEYOND: Final = 400
-# encoder counts that a wheel makes in the second after that, at least
+# encoder counts of a wheel in the second after that, at least
 WELL_TURNED: Final = 20
 # counts a second by which the steering is turned to its stop
 SWEEP: Final = 1500.0
-# counts from which it is
+# counts at which it begins
 SWEEP_FROM: Final = 3000.0
-# s by which an operator is late to say that wheels have stopped turning
+# s by which an operator is late to report that wheels have stopped turning
 REACTION: Final = 0.7
-# counts more at once, which shows whether they had
+# counts of a jump, which shows whether they had stopped
 FURTHER: Final = 2000.0
 # scale of a steering that may use the whole range of pulses
 WIDEST: Final = PWM_MAX / STEERING_MAX
 
 MOTORS: Final = ("motor",)
 OUTPUTS: Final = ("right", "left")
-# of a channel whose counts go to the wire unchanged
+# settings of a channel that passes counts on unchanged
 AS_IT_IS: Final = {"direction": 1, "trim": 0.0, "scale": 1.0}
 
 
 async def motor(bench: Bench) -> None:
-    """Find direction, neutral and dead band of the motor, or of both sides, and which way the encoders count."""
+    """Find direction, neutral and dead band of the motor, or of both sides, and the encoders' directions."""
     ask = bench.operator
     await ask.ready("blocks", "Put the vehicle on blocks: no wheel may touch the floor.")
     names = OUTPUTS if bench.skids else MOTORS
@@ -70,7 +70,7 @@ async def motor(bench: Bench) -> None:
 
 
 def _give(hands: Hands, name: str, counts: float) -> None:
-    """Put counts on the motor, or on one side alone."""
+    """Put counts on the motor, or on one side only."""
     if name == "motor":
         hands.steer(counts)
     else:
@@ -78,7 +78,7 @@ def _give(hands: Hands, name: str, counts: float) -> None:
 
 
 async def _until_it_turns(hands: Hands, ask: Operator, name: str, sign: int, side: str) -> float:
-    """Raise the output until something turns; the counts at which it does."""
+    """Raise the output until a wheel turns; return the counts at which it does."""
     limit, counts = hands.robot.config.safety.motor_max, 0.0
     before = hands.counts
     seeing = None
@@ -105,10 +105,12 @@ async def _until_it_turns(hands: Hands, ask: Operator, name: str, sign: int, sid
 
 
 def _encoders(turned: Sequence[tuple[int, int]]) -> dict[str, Any]:
-    """Encoders' directions by what they counted while the wheels turned forward: all of them, or one side at a time."""
+    """Return the encoders' directions, from their counts while wheels turned forward: all wheels, or one side
+    at a time.
+    """
     right, left = turned[0][0], turned[0][1]
     swapped = False
-    # the right side alone, the left side alone
+    # the right side alone, then the left side alone
     if len(turned) == 2:
         swapped = abs(turned[0][1]) > abs(turned[0][0])
         right, left = (turned[0][1], turned[1][0]) if swapped else (turned[0][0], turned[1][1])
@@ -123,7 +125,7 @@ def _encoders(turned: Sequence[tuple[int, int]]) -> dict[str, Any]:
 
 
 async def steering(bench: Bench) -> None:
-    """Find direction and range of the steering, and about where straight is."""
+    """Find direction and range of the steering, and roughly its straight position."""
     ask = bench.operator
     axles = ("front", "rear") if bench.config.geometry.steering == "both" else ("front",)
     await ask.ready("blocks", "Put the vehicle on blocks, or hold it up: its wheels are about to steer.")
@@ -155,10 +157,10 @@ async def steering(bench: Bench) -> None:
 
 
 async def _stop(ask: Operator, hands: Hands, axle: str, sign: int, turn: Callable[[Hands, float], None]) -> float:
-    """Turn an axle until it turns no further; the counts on the wire at its stop.
+    """Turn an axle until it turns no further; return the counts on the wire at its stop.
 
-    Wheels that steer by a few degrees in all turn so slowly that people take them to stand. So each answer is tried
-    by a jump, which is plain to see, and the turning goes on where the jump turned them.
+    Wheels that steer by a few degrees turn so slowly that they seem to stand. So each answer is checked by a jump,
+    which is easy to see. If the jump turns the wheels, the turning goes on from there.
     """
     wire = SWEEP_FROM
     while True:
@@ -181,7 +183,9 @@ async def _stop(ask: Operator, hands: Hands, axle: str, sign: int, turn: Callabl
 
 
 async def servo(bench: Bench) -> None:
-    """Find which way motor and steering go, where hardware closes the loops and has settings of its own for that."""
+    """Find the directions of motor and steering, for hardware that closes the loops and has its own settings
+    for them.
+    """
     ask, v = bench.operator, bench.speed
     await ask.ready("blocks", "Put the vehicle on blocks: no wheel may touch the floor.")
     await ask.ready("watch", f"Watch the wheels: they are about to steer, and to turn at {v:g} m/s for six seconds.")

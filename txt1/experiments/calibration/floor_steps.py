@@ -1,4 +1,4 @@
-"""Steps on the floor: how far it goes, where straight ahead is, and how tightly it turns."""
+"""Steps on the floor: distance, straight ahead, and turning radius."""
 
 import asyncio
 from math import asin, atan, cos, degrees, hypot, radians, sin, sqrt, tan
@@ -10,25 +10,25 @@ from txt1.experiments.calibration.bench import DRIVE_PATIENCE, SETTLE, STAND, Be
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX
 
-# s of turning in place: a guess of the angle is wrong by degrees, however long it takes
+# s of turning in place: the error of a guessed angle is some degrees, whatever the time
 TURNING: Final = 16.0
-# m that are driven straight
+# m to drive straight
 DISTANCE: Final = 3.0
-# rad of heading lost in a metre that are straight enough
+# rad of heading lost per metre that count as straight
 DRIFT: Final = radians(0.3)
-# share of the other axle's angle at full lock that an axle has at least
+# smallest share of the other axle's angle that an axle has at full lock
 UNLIKE: Final = 0.5
-# drives at most until it is
+# largest number of drives
 TRIES: Final = 4
 LINE: Final = f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it."
 OFF: Final = "How far left of the line is it (right: negative)?"
 
-# of the right and left encoder, where there are some
+# counts of the right and left encoder; None without encoders
 Counts = tuple[int, int] | None
 
 
 async def straight(bench: Bench) -> None:
-    """Find the trim with which it goes straight, and with encoders the metres of a count."""
+    """Find the trim for driving straight, and with encoders the metres of a count."""
     ask, geometry = bench.operator, bench.config.geometry
     if bench.skids and not geometry.counts_per_rev:
         await _even_sides(bench)
@@ -54,11 +54,11 @@ async def straight(bench: Bench) -> None:
             circumference = bench.config.geometry.circumference * hypot(ahead, off) / shown
             bench.found({"geometry.circumference": round(circumference, 5)})
         if bench.skids:
-            # the loops see to it
+            # the loops correct this
             return
         if max(abs(tan(angle)) for angle in angles.values()) < DRIFT * geometry.lever:
             return
-        # a tape tells a heading over a short wheelbase badly: what two axles lack is averaged over the drives
+        # a tape measures the heading over a short wheelbase poorly: the error of two axles is averaged over the drives
         weight = 1.0 / (1 + number) if geometry.steering == "both" else 1.0
         for axle, angle in angles.items():
             channel = getattr(bench.config.channels, axle)
@@ -68,7 +68,7 @@ async def straight(bench: Bench) -> None:
 
 
 async def _length(ask: Operator, key: str, text: str) -> float:
-    """Return a length in m that is more than 0, asking again for one that is not; raises HalError: there is none."""
+    """Return a positive length in m; ask again for any other answer. Raises HalError after that."""
     for _ in range(TRIES):
         length = await ask.number(key, text, "m")
         if length > 0.0:
@@ -78,7 +78,7 @@ async def _length(ask: Operator, key: str, text: str) -> float:
 
 
 async def _even_sides(bench: Bench) -> None:
-    """Find scales and trims with which both sides run at one speed: forward and backward, as they are two unknowns."""
+    """Find scales and trims with which both sides have the same speed: two unknowns, so forward and backward."""
     ask, geometry, band = bench.operator, bench.config.geometry, bench.config.car.dead_band
     for _ in range(TRIES):
         bends, more = [], []
@@ -87,7 +87,7 @@ async def _even_sides(bench: Bench) -> None:
             await _go_straight(bench, sign * bench.cruise)
             ahead = await _length(ask, "ahead", "How far did it come along the line?")
             bends.append(_arc(ahead, await ask.number("off", OFF, "m"))[0])
-            # the counts by which the right side has more than the left one
+            # counts by which the right side exceeds the left
             more.append(bends[-1] * sign * (bench.cruise - band) * geometry.track_width)
         if max(map(abs, bends)) < DRIFT:
             return
@@ -104,7 +104,7 @@ async def _even_sides(bench: Bench) -> None:
 
 
 async def _go_straight(bench: Bench, by_hand: float | None = None) -> float | None:
-    """Drive straight by hand, or where that takes the loops by these; the way that the odometry shows ahead, m."""
+    """Drive straight, by hand or by the hardware's loops; return the distance ahead by the odometry, m."""
     if bench.skids and bench.config.geometry.counts_per_rev:
         v = bench.speed
         async with bench.robot() as robot:
@@ -126,13 +126,13 @@ async def _go_straight(bench: Bench, by_hand: float | None = None) -> float | No
 
 
 def _shown(begin: Odometry, end: Odometry) -> float:
-    """The way from one pose to another, m; less than 0 when it is backward."""
+    """Return the distance from one pose to another, m; negative if it is backward."""
     x, y = end.x - begin.x, end.y - begin.y
     return hypot(x, y) * (1.0 if x * cos(begin.theta) + y * sin(begin.theta) > 0.0 else -1.0)
 
 
 async def scale(bench: Bench) -> None:
-    """Find how far it goes, where hardware closes the loops, and where a servo of its own points straight ahead."""
+    """Find the scale of distances, for hardware that closes the loops, and the straight position of its servo."""
     ask, v, geometry = bench.operator, bench.speed, bench.config.geometry
     for _ in range(TRIES):
         await ask.ready("line", LINE)
@@ -158,14 +158,16 @@ async def scale(bench: Bench) -> None:
 
 
 def _arc(ahead: float, off: float) -> tuple[float, float]:
-    """The curvature, 1/m, and the length, m, of an arc that begins along the line and ends so far ahead and left."""
+    """Return curvature, 1/m, and length, m, of an arc that begins along the line and ends `ahead` and `off` to
+    the left.
+    """
     chord = hypot(ahead, off)
     bend = 2.0 * off / (chord * chord)
     return bend, chord if abs(bend) < 1e-6 else 2.0 / bend * asin(max(-1.0, min(1.0, 0.5 * bend * chord)))
 
 
 async def circle(bench: Bench) -> None:
-    """Find the turning radius at full lock, and with encoders the track width and which of them is which."""
+    """Find the turning radius at full lock, and with encoders the track width and which encoder is which."""
     ask, geometry = bench.operator, bench.config.geometry
     bends, shares, locks = [], [], []
     for sign, way in ((1, "left"), (-1, "right")):
@@ -189,7 +191,7 @@ async def circle(bench: Bench) -> None:
     bench.found({"geometry.radius_min": round(1.0 / bend, 4)})
     if shares:
         channels, share = bench.config.channels, 0.5 * (shares[0] + shares[1])
-        # the outer wheel seems to go the shorter way
+        # the outer wheel seems to travel less
         if share < 0.0:
             bench.found(
                 {
@@ -207,14 +209,13 @@ def _locks(front: float, rear: float, lever: float) -> tuple[float, float, float
 
     Args:
         front: radius of the circle of the front axle's middle, m.
-        rear: likewise of the rear axle's; the car's own middle runs on R, R**2 = (front**2 + rear**2) / 2 - lever**2.
+        rear: the same of the rear axle's; the car's own middle runs on R, R**2 = (front**2 + rear**2) / 2 - lever**2.
         lever: half of the wheelbase, m.
 
     Its nose points out of the curve by beta, sin(beta) = (front**2 - rear**2) / (4 R lever), and by the bicycle model
     tan(front) = lever / (R cos(beta)) + tan(beta), tan(rear) = lever / (R cos(beta)) - tan(beta), both into the curve.
 
     Raises HalError: there is no such circle.
-
     """
     squared = 0.5 * (front * front + rear * rear) - lever * lever
     radius = sqrt(max(squared, 0.0))
@@ -230,7 +231,9 @@ def _locks(front: float, rear: float, lever: float) -> tuple[float, float, float
 
 
 def _compare(ask: Operator, front: float, rear: float) -> None:
-    """Tell what the axles steer at full lock, degrees; raises HalError: one of them does much less than the other."""
+    """Tell the axles' steering angles at full lock, degrees; raises HalError if an axle steers much less than
+    the other.
+    """
     told = f"at full lock the front wheels steer {front:.1f} degrees, and the rear ones {rear:.1f}"
     less, more = sorted((front, rear))
     if less < UNLIKE * more:
@@ -240,7 +243,7 @@ def _compare(ask: Operator, front: float, rear: float) -> None:
 
 
 async def _go_round(bench: Bench, sign: int) -> tuple[Counts, Counts]:
-    """Drive a circle at full lock, by hand or where that takes the hardware's loops by these; `sign`: 1 is left."""
+    """Drive a circle at full lock, by hand or by the hardware's loops; `sign`: 1 is left."""
     point = (
         "the middles of both axles go" if bench.config.geometry.steering == "both" else "the rear axle's middle goes"
     )
@@ -270,7 +273,7 @@ async def _go_round(bench: Bench, sign: int) -> tuple[Counts, Counts]:
 
 
 async def turn(bench: Bench) -> None:
-    """Find the track width by which a vehicle that turns in place turns."""
+    """Find the effective track width of a vehicle that turns in place."""
     ask, geometry = bench.operator, bench.config.geometry
     omega = min(1.5, bench.config.safety.omega_max)
     turned = []
@@ -287,6 +290,6 @@ async def turn(bench: Bench) -> None:
         apart = ((after[0] - before[0]) - (after[1] - before[1])) * geometry.count_length
         bench.found({"geometry.track_width": round(apart / turned[1], 4)})
     else:
-        # by what half of the time adds, as starting and stopping are the same in both
+        # the angle added by half of the time, as starting and stopping are the same in both
         rate = (turned[1] - turned[0]) / (0.5 * TURNING)
         bench.found({"geometry.track_width": round(geometry.track_width * omega / rate, 4)})

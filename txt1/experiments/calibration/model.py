@@ -1,4 +1,4 @@
-"""Steps that find the model of the vehicle's motion: the speeds that motor counts make, and the loops' gains."""
+"""Steps that find the model of the vehicle's motion: the speeds for motor counts, and the loops' gains."""
 
 import asyncio
 from itertools import pairwise
@@ -11,16 +11,16 @@ from txt1.experiments.calibration.bench import SETTLE, Bench
 from txt1.experiments.identify import identify, try_out
 from txt1.experiments.tune import angular_gains, linear_gains
 
-# shares of the largest speed that the speed map has, in this order
+# shares of the largest speed for the speed map, in this order
 LEVELS: Final = (1.0, 0.3, 0.6, -0.3, -0.8)
-# share of it by which two of them differ at least
+# smallest difference of two of them, as a share of the largest speed
 TOO_NEAR: Final = 0.15
-# s after which a vehicle has nearly its speed
+# s after which a vehicle is nearly at its speed
 ACCELERATED: Final = 1.3
 
 
 async def speeds(bench: Bench) -> None:
-    """Find the speeds that motor counts make, each by the distance that some seconds more of it add."""
+    """Find the speeds for motor counts, each from the distance of some additional seconds."""
     v_max = bench.config.safety.v_max
     measured: list[tuple[float, float]] = []
     for share in (None, *LEVELS):
@@ -58,7 +58,10 @@ async def speeds(bench: Bench) -> None:
 
 
 async def _speed_at(bench: Bench, counts: float, wanted: float) -> float:
-    """The speed at motor counts, m/s: it is driven twice from rest, and the way there and to rest again cancels out."""
+    """Return the speed for motor counts, m/s.
+
+    It is driven twice from rest, so that starting and stopping cancel out.
+    """
     ask, longer = bench.operator, min(max(1.5, 1.5 / abs(wanted)), 5.0)
     way = "forward" if counts > 0.0 else "backward"
     gone = []
@@ -75,7 +78,7 @@ async def _speed_at(bench: Bench, counts: float, wanted: float) -> float:
 
 
 async def tune(bench: Bench) -> None:
-    """Find gains of the velocity loops, on a model of the vehicle that a drive of a minute gives."""
+    """Find gains of the velocity loops on a model of the vehicle, which a drive of a minute gives."""
     await bench.operator.ready(
         "line", "Put the vehicle on a dozen metres of free floor: it drives to and fro, and turns."
     )

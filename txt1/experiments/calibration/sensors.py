@@ -1,6 +1,6 @@
-"""What one drive tells of the sensors' mounts, clocks and scales: a recording is run again, and its filter asked.
+"""Learns the sensors' mounts, clocks and scales from a drive: a recording is run again with a filter that learns them.
 
-`txt1.estimation.calibration` has the filter that learns them.
+`txt1.estimation.calibration` has the filter.
 """
 
 from collections.abc import Iterator
@@ -24,24 +24,24 @@ QUANTITIES: Final = {
     "scale": ("too much, by the gyro", "%", 100.0),
     "bias": ("told by a gyro that stands", "rad/s", 1.0),
 }
-"""What is learned: in words, its unit, and how many of them are one in SI units."""
-# of its sigma before the drive, below which a drive has shown a quantity; chosen
+"""The learned quantities: in words, the unit, and the number of units in an SI unit."""
+# share of its sigma before the drive below which the drive has shown a quantity; chosen
 SHOWN: Final = 0.7
 
 
 class SensorFindings(NamedTuple):
-    """What a drive tells of the sensors."""
+    """The findings of a drive about the sensors."""
 
     lines: list[str]
-    """In words, each quantity with its standard deviation."""
+    """Each quantity with its standard deviation, in words."""
     settings: dict[str, dict[str, Any]]
-    """What contradicts the settings of the recording, as `estimation.settings`."""
+    """Settings that differ from the recording's, as `estimation.settings`."""
 
 
 def learned(recording: Path, robot: str | None) -> SensorFindings:
-    """What a recorded drive tells of the sensors of a robot; None: of the first.
+    """Return the findings of a recorded drive about the sensors of a robot; None: the first robot.
 
-    Raises RecordingError: it cannot be run again. Raises ConfigError: nothing in it measures positions.
+    Raises RecordingError: it cannot be run again. Raises ConfigError: it has no sensor of positions.
     """
     runtimes: list[Runtime] = []
     verify(recording, robot_in(recording, robot), runtimes.append)
@@ -71,7 +71,7 @@ def _told(calibration: Calibration) -> Iterator[str]:
 
 
 def _settings(estimator: Estimator, name: str, calibration: Calibration, gyros: list[str]) -> dict[str, dict[str, Any]]:
-    """The settings that a drive refutes, as they should be."""
+    """Return corrected values for the settings that a drive refutes."""
     right, given = calibration.corrections, estimator.settings
     found: dict[str, dict[str, Any]] = {}
     if hypot(right.x, right.y):

@@ -1,4 +1,4 @@
-"""Cars to practise calibration on: simulated ones that nobody knows yet, each with an operator beside it."""
+"""Cars to practise calibration on: simulated unknown cars, each with a simulated operator."""
 
 import asyncio
 import csv
@@ -22,28 +22,28 @@ from txt1.sim.vehicle import Vehicle
 
 # s between two looks of an operator at the car
 LOOK: Final = 0.05
-# standard deviation of a measurement by tape, m
+# standard deviation of a measurement with a tape, m
 TAPE: Final = 0.005
-# of the heading with which the car is put on the line, rad
+# standard deviation of the heading with which the car is placed on the line, rad
 ALIGNED: Final = radians(0.2)
-# s from seeing something to saying so: at least, at most
+# reaction time of an operator, s: at least, at most
 REACTION: Final = (0.15, 0.35)
-# m that a tyre turns before an operator sees it
+# m that a tyre has to turn before an operator sees it
 STIRS: Final = 0.004
-# rad that wheels steer before an operator sees it
+# rad that wheels have to steer before an operator sees it
 TURNS: Final = radians(0.2)
-# s for which they have not
+# s after which wheels that steer less seem to stand
 STOPPED: Final = 0.5
-# rad that it has turned when an operator ends a drive that was to be straight
+# rad of turn at which an operator ends a drive that should be straight
 ASKEW: Final = 1.2
-# m that it is to go
+# m that it should go
 GONE: Final = 3.0
-# standard deviation of a turn in place, degrees
+# standard deviation of a measured turn in place, degrees
 COUNTED: Final = 3.0
 
-# s after which a car is judged
+# s of driving before a car is judged
 UP_TO_SPEED: Final = 3.0
-# s for which it is, at least; a turn in place stays below half a turn
+# s for which it is judged, at least; a turn in place stays below half a turn
 JUDGED: Final = 2.0
 
 # m/s, free speed at which the smallest circle is driven
@@ -52,12 +52,14 @@ SLOWLY: Final = 0.5
 STEP: Final = 0.02
 
 STEERING: Final = ("front", "rear")
-# wheelbases in R_min of a car that steers with both: 0.4 to 1.5 m of a TXT-1
+# wheelbases in R_min of a car that steers both axles: 0.4 to 1.5 m for a TXT-1
 BOTH_AXLES: Final = (1.18, 4.41)
 
 
 def unknown_car(config: Config, seed: int) -> Config:
-    """A car of the configured kind as it may come off somebody's bench: wired, trimmed and built at random."""
+    """Return a car of the configured kind as an unknown builder may have made it: random wiring, trims and
+    dimensions.
+    """
     rng = np.random.default_rng(seed)
 
     def times(low: float, high: float, value: float) -> float:
@@ -68,10 +70,10 @@ def unknown_car(config: Config, seed: int) -> Config:
 
     body, car = config.geometry, config.sim.vehicle
     band = times(0.7, 1.5, car.dead_band)
-    # else it would roll off in neutral
+    # otherwise it would drive off in neutral
     values: dict[str, Any] = {
         "sim.vehicle.dead_band": band,
-        # other people's models hold to a speed that is not far above the usual one
+        # other physics are valid up to a speed a little above the usual
         "sim.vehicle.speed_gain": times(0.6, 1.6 if config.sim.physics == "plain" else 1.5, car.speed_gain),
         "sim.vehicle.speed_time_constant": times(0.7, 1.3, car.speed_time_constant),
         "sim.vehicle.coast_friction": times(0.7, 1.5, car.coast_friction),
@@ -99,43 +101,43 @@ def unknown_car(config: Config, seed: int) -> Config:
 
 
 class SimulatedOperator:
-    """An operator for a simulated car: sees it as it truly is, with a tape's errors and a person's reaction.
+    """An operator for a simulated car, who sees its true motion, with the errors of a tape and a person's
+    reaction time.
 
     Args:
-        hal: of the car.
-        seed: repeats his errors.
-        tell: what he does with what he is told.
-
+        hal: the car's hardware layer.
+        seed: repeats the errors.
+        tell: called with each text for the operator.
     """
 
     def __init__(self, hal: SimHal, seed: int, tell: Callable[[str], None] = lambda text: None) -> None:
         self._vehicle = hal.vehicle
         self._rng = np.random.default_rng(seed)
         self.tell = tell
-        # by the right and left wheels when he was last told to watch, m
+        # distances rolled by the right and left wheels at the last request to watch, m
         self._rolled = (0.0, 0.0)
-        # farthest from its mark in a circle: pose, middle of front and rear axle, m
+        # farthest places from its mark in a circle: pose, middle of front and rear axle, m
         self._widest: tuple[float, ...] = (
             0.0,
             0.0,
             0.0,
         )
-        # angle that wheels had when he last said that they turn no further, rad
+        # angle of the wheels when the operator last reported that they turn no further, rad
         self._seen = 0.0
-        # rad since it was put down
+        # rad turned since it was put down
         self._turned = 0.0
 
     async def ready(self, key: str, text: str) -> None:
         """Do it at once."""
         self._rolled = self._vehicle.motion[6:8]
-        # ours steers and drives on the floor as it does on blocks; a car with weight on its tyres does not
+        # the simulated car steers and drives on the floor as on blocks; a real car's tyres carry weight
         if key != "watch" and (lift := getattr(self._vehicle.physics, "lift", None)) is not None:
             lift(key == "blocks")
         if key in ("line", "line_end", "circle"):
             self._vehicle.place(0.0, 0.0, self._rng.normal(0.0, ALIGNED))
 
     async def seen(self, key: str, text: str) -> None:
-        """Look again and again until it is to be seen, and be a little late."""
+        """Look until the event is visible, and report it a little late."""
         angle, still, turned, heading = self._steered(key), 0.0, 0.0, self._vehicle.pose[2]
         marks = self._points()
         self._widest = (0.0, 0.0, 0.0)
@@ -145,7 +147,7 @@ class SimulatedOperator:
             gone = (dist(point, mark) for point, mark in zip(self._points(), marks, strict=True))
             self._widest = tuple(map(max, self._widest, gone))
             turned, heading = turned + wrap_angle(theta - heading), theta
-            # what moves slowly is seen to move once that has added up
+            # slow motion becomes visible when it has added up
             still += LOOK
             if abs(self._steered(key) - angle) > TURNS:
                 angle, still = self._steered(key), 0.0
@@ -158,7 +160,7 @@ class SimulatedOperator:
                 return await asyncio.sleep(self._rng.uniform(*REACTION))
 
     async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
-        """Tell which way wheels turned or point, or whether they have turned further."""
+        """Return how wheels turned or point, or whether they have turned further."""
         if key.endswith("_further"):
             return options[0 if abs(self._steered(key) - self._seen) > TURNS else 1]
         if key == "turned":
@@ -168,7 +170,7 @@ class SimulatedOperator:
         return options[0 if self._steered(key) > 0.0 else 1]
 
     async def number(self, key: str, text: str, unit: str) -> float:
-        """Measure it."""
+        """Return the measurement."""
         x, y, theta = self._vehicle.pose
         half = 0.5 * self._vehicle.body.wheelbase
         if key == "turned":
@@ -188,7 +190,7 @@ class SimulatedOperator:
         return float(truth + self._rng.normal(0.0, TAPE))
 
     def _points(self) -> tuple[tuple[float, float], ...]:
-        """The pose, and the middles of the front and of the rear axle of a car that steers with both, m."""
+        """Return the pose, and the middles of the front and rear axle of a car that steers both, m."""
         x, y, theta = self._vehicle.pose
         half = 0.5 * self._vehicle.body.wheelbase
         return tuple((x + ahead * cos(theta), y + ahead * sin(theta)) for ahead in (0.0, half, -half))
@@ -203,20 +205,20 @@ class SimulatedOperator:
 
 
 class DrivingVerdict(NamedTuple):
-    """How a calibrated car drives, by its true motion; None for figures that a car of its kind does not have."""
+    """The driving of a calibrated car, by its true motion; None for figures that its kind does not have."""
 
-    # largest error of the speed at the set-points tried, as a share of it
+    # largest relative error of the speed at the tested set-points
     speed: float
-    # degrees of heading lost in a metre of driving straight, the most
+    # largest heading lost in a metre of driving straight, degrees
     drift: float
-    # error of R_min, as a share of it
+    # relative error of R_min
     radius: float | None
-    # error of the yaw rate of a turn in place, as a share of it
+    # relative error of the yaw rate of a turn in place
     turn: float | None
 
 
 def passes(verdict: DrivingVerdict, driving: float) -> bool:
-    """Whether a car drives as a calibrated one should, found out in so many seconds of driving."""
+    """Return whether a car drives well enough, given the seconds of driving that its calibration took."""
     shares = verdict.speed, verdict.radius or 0.0, verdict.turn or 0.0
     return max(shares) <= 0.05 and verdict.drift <= 1.0 and driving <= 600.0
 
@@ -226,17 +228,17 @@ class Practised(NamedTuple):
 
     seed: int
     verdict: DrivingVerdict
-    # s of driving that it took
+    # s of driving that the calibration took
     driving: float
 
     @property
     def passes(self) -> bool:
-        """Whether it drives as a calibrated one should."""
+        """Return whether it drives as a calibrated car should."""
         return passes(self.verdict, self.driving)
 
 
 def worst(cars: Sequence[Practised]) -> Iterator[str]:
-    """The largest of each error, and the longest time of driving, a line each."""
+    """Yield a line for the largest of each error, and for the longest time of driving."""
     yield f"speed {100.0 * max(car.verdict.speed for car in cars):.1f} %"
     yield f"straight {max(car.verdict.drift for car in cars):.2f} degrees per metre"
     for name, errors in (
@@ -253,9 +255,9 @@ COLUMNS: Final = ("vehicle", "seed", *DrivingVerdict._fields, "driving")
 
 
 def read_practised(file: Path, vehicle: str) -> list[Practised]:
-    """The cars of this kind in a table that `write_practised` began; none when there is no such file.
+    """Return the cars of this kind in a table from `write_practised`; none if there is no such file.
 
-    Raises ConfigError: it is another table, or of another kind.
+    Raises ConfigError: it is another table, or has another kind of car.
     """
     if not file.exists():
         return []
@@ -270,7 +272,7 @@ def read_practised(file: Path, vehicle: str) -> list[Practised]:
 
 
 def write_practised(file: Path, vehicle: str, car: Practised) -> None:
-    """Add a car to a table, which is begun where there is none."""
+    """Add a car to a table; the table is made if it is missing."""
     new = not file.exists()
     with file.open("a", encoding="utf-8", newline="") as lines:
         table = csv.writer(lines, lineterminator="\n")
@@ -316,9 +318,9 @@ async def judge(
 
 
 def smallest_circle(vehicle: Vehicle) -> float:
-    """The radius of the circles that a simulated car drives at full lock and half a metre a second, m.
+    """Return the radius of a simulated car's circles at full lock and 0.5 m/s, m.
 
-    In other people's physics it is not that of the geometry: tyres scrub, and the steering gives way.
+    In other physics it differs from the geometry's: tyres scrub, and the steering gives way.
     """
     if vehicle.physics is None:
         return vehicle.body.radius_min
@@ -337,6 +339,6 @@ def smallest_circle(vehicle: Vehicle) -> float:
 
 
 def _reach(hal: SimHal, config: Config) -> float:
-    """The speed that the motor's limit surely allows, m/s."""
+    """Return the speed that the motor's limit surely allows, m/s."""
     car = hal.vehicle.parameters
     return 0.9 * car.speed_gain * (config.safety.motor_max - car.dead_band)

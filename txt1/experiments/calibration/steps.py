@@ -1,7 +1,7 @@
-"""The steps of the calibration, in order, and the way through them.
+"""The steps of the calibration, in order, and the run through them.
 
 A step asks the operator to put the vehicle somewhere, drives it a little, and asks for an observation or a measurement.
-Its result is kept at once. So an operator who breaks the calibration off goes on at the same step later.
+Its result is kept at once. So an operator who stops the calibration can resume at the same step later.
 """
 
 from collections.abc import Awaitable, Callable, Sequence
@@ -23,7 +23,7 @@ class CalibrationStep(NamedTuple):
 
     @property
     def about(self) -> str:
-        """What it finds, in words."""
+        """What the step finds, in words."""
         return (self.does.__doc__ or "").rstrip(".")
 
 
@@ -54,12 +54,12 @@ STEPS: Final[dict[str, CalibrationStep]] = {
 
 
 def steps(config: Config, hal: Hal) -> list[str]:
-    """The names of the steps that a vehicle's calibration has, in order."""
+    """Return the names of the steps of a vehicle's calibration, in order."""
     return [name for name, step in STEPS.items() if step.applies(config, hal)]
 
 
 async def calibrate(bench: Bench, names: Sequence[str]) -> None:
-    """Go through these steps, each marked as done when it is."""
+    """Do these steps, and mark each as done."""
     for number, name in enumerate(names, 1):
         bench.operator.tell(f"-- {number} of {len(names)}, {name}: {STEPS[name].about}")
         await STEPS[name].does(bench)

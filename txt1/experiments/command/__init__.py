@@ -1,1 +1,1 @@
-"""The commands of measuring, calibrating and tuning."""
+"""Commands for measuring, calibrating and tuning."""

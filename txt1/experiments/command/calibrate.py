@@ -1,4 +1,4 @@
-"""`txt1 calibrate`: a dialogue that finds out how a vehicle is wired and moves, and writes its file."""
+"""`txt1 calibrate`: a dialogue that finds a vehicle's wiring and motion, and writes its file."""
 
 import argparse
 import asyncio
@@ -41,7 +41,7 @@ SENSORS: Final = "# Found by txt1 calibrate --sensors of a drive; use it with --
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `calibrate` takes."""
+    """Add the arguments of `calibrate`."""
     add(
         parser,
         ROBOT
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Calibrate a vehicle in a dialogue, or its sensors by a drive; the exit code."""
+    """Calibrate a vehicle in a dialogue, or its sensors from a drive; return the exit code."""
     if arguments.sensors is not None:
         return _sensors(arguments)
     if arguments.practice is not None:
@@ -116,7 +116,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _sensors(arguments: argparse.Namespace) -> int:
-    """Tell what a drive shows of the sensors, and write it."""
+    """Print the findings of a drive about the sensors, and write them."""
     file: Path | None = arguments.write
     if file is not None and file.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"--write {file}: --config takes files that end in .yaml; name it {file.stem}.yaml")
@@ -141,7 +141,7 @@ def _sensors(arguments: argparse.Namespace) -> int:
 
 
 def _at_the_vehicle(arguments: argparse.Namespace, base: str, config: Config) -> tuple[Hal, Operator]:
-    """Return the vehicle and the operator beside it; a simulated car is an unknown one of the kind `base`."""
+    """Return the vehicle and its operator; a simulated car is an unknown car of the kind `base`."""
     hal = create(config)
     if isinstance(hal, SimHal):
         kind = loaded(argparse.Namespace(**vars(arguments) | {"vehicle": base}), ENDLESS).config
@@ -155,7 +155,7 @@ def _at_the_vehicle(arguments: argparse.Namespace, base: str, config: Config) ->
 
 
 def _practise(arguments: argparse.Namespace) -> int:
-    """Calibrate unknown cars, the seeds counted from the given one; 1 when one of them does not drive as it should."""
+    """Calibrate unknown cars, with seeds counted from the given seed; return 1 if a car does not drive as it should."""
     file: Path | None = arguments.write
     if file is not None and file.suffix != ".csv":
         raise ConfigError(f"--write {file}: --practice writes a table of all cars; name it {file.stem}.csv")
@@ -188,7 +188,7 @@ def _practise(arguments: argparse.Namespace) -> int:
 
 
 def practised(told: Sequence[Any]) -> list[Any]:
-    """Calibrate an unknown car; how it drives then, and the s of driving that it took. JSON values both."""
+    """Calibrate an unknown car; return its driving afterwards, and the s of driving. JSON values both."""
     tree, speed, names, seed = told
     config = Config.model_validate(tree).model_copy(update={"seed": seed})
     hal = create(simulated_operator.unknown_car(config, seed))
@@ -208,7 +208,9 @@ def practised(told: Sequence[Any]) -> list[Any]:
 
 
 def _opener(app: App, hal: Hal) -> Any:
-    """Return the function that makes a running robot: on this simulated car, else on hardware as then configured."""
+    """Return the function that makes a running robot: on this simulated car, else on the hardware as then
+    configured.
+    """
 
     @asynccontextmanager
     async def opened(config: Config, unseen: bool) -> AsyncIterator[Robot]:
@@ -222,7 +224,7 @@ def _opener(app: App, hal: Hal) -> Any:
 
 
 def changes(before: Config, after: Config) -> list[str]:
-    """Return what differs between two configurations, a short line each."""
+    """Return the differences between two configurations, a short line each."""
     old, new = dict(flatten(before)), dict(flatten(after))
     keys = [key for key in new if not key.startswith(("calibrated", "sim.")) and old.get(key) != new[key]]
     width = max(map(len, keys), default=0)
@@ -231,14 +233,14 @@ def changes(before: Config, after: Config) -> list[str]:
 
 
 def _short(value: Any) -> str:
-    """Return a value as YAML in a line; of a table, such as the gains by speed, its length: the file shows it."""
+    """Return a value as a line of YAML; for a table, such as the gains by speed, its length, as the file shows it."""
     if isinstance(value, list) and value and isinstance(value[0], dict):
         return f"{len(value)} rows"
     return yaml.safe_dump(value, default_flow_style=True, width=10_000).removesuffix("...\n").strip()
 
 
 def _tree(vehicle: str) -> dict[str, Any]:
-    """Return what a vehicle's file says."""
+    """Return the content of a vehicle's file."""
     file = vehicle_file(vehicle)
     tree = None if file is None else read_yaml(file.read_text(encoding="utf-8"))
     return tree if isinstance(tree, dict) else {}
@@ -252,17 +254,17 @@ def _set(tree: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _write(file: Path, tree: Mapping[str, Any], head: str = HEAD) -> None:
-    """Write the file at once or not at all."""
+    """Write the file in a single step."""
     part = file.with_name(f".{file.name}.part")
     part.write_text(head + yaml.safe_dump(dict(tree), sort_keys=False, default_flow_style=None), encoding="utf-8")
     os.replace(part, file)
 
 
 class Person:
-    """The operator at the terminal, whose answers come by lines."""
+    """The operator at the terminal, who answers by lines."""
 
     def tell(self, text: str) -> None:
-        """Print it."""
+        """Print the text."""
         print(text, flush=True)
 
     async def ready(self, key: str, text: str) -> None:
@@ -274,7 +276,7 @@ class Person:
         await self._answer(f"{text} ")
 
     async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
-        """Ask until the answer begins one of the options."""
+        """Ask until the answer is the beginning of an option."""
         while True:
             answer = (await self._answer(f"{text} [{'/'.join(options)}] ")).lower()
             fitting = [option for option in options if answer and option.startswith(answer)]

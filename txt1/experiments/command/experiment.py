@@ -1,4 +1,4 @@
-"""`txt1 experiment`: drive one of the thesis's tests and measure it, or compare runs."""
+"""`txt1 experiment`: drives a test of the thesis and measures it, or compares runs."""
 
 import argparse
 import json
@@ -30,7 +30,7 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `experiment` takes."""
+    """Add the arguments of `experiment`."""
     known = ", ".join([*names(), sensor_failure.EXPERIMENT])
     kinds = f"{known}; a file of your own, {EXAMPLE}; or compare, with the folders of two to four runs"
     add(
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def configure(arguments: argparse.Namespace) -> tuple[Config, Speed]:
-    """Return the configuration of the robot, without walls if nobody asked for some, and the speed of its time."""
+    """Return the robot's configuration, without walls unless they are set, and the speed of its time."""
     config = loaded(arguments)
     if not any(key.startswith("sim.room") for key in config.origins):
         config = loaded(arguments, ENDLESS)
@@ -63,7 +63,7 @@ def configure(arguments: argparse.Namespace) -> tuple[Config, Speed]:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Drive an experiment, or compare runs; the exit code."""
+    """Drive an experiment, or compare runs; return the exit code."""
     if arguments.what == "compare":
         return _compare(arguments)
     if arguments.what == sensor_failure.EXPERIMENT:
@@ -72,7 +72,7 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"{arguments.runs[0]}: only 'compare' takes folders; --out says where the results go")
     profile = load_profile(arguments.what)
     if not arguments.no_figure:
-        # said before the robot has driven for 46 minutes
+        # reported before the robot has driven for 46 minutes
         figures.available()
     config, speed = configure(arguments)
     name = Path(arguments.what).stem
@@ -95,7 +95,7 @@ def main(arguments: argparse.Namespace) -> int:
     label = arguments.label or ("sim" if config.hal == "sim" else f"{config.hal} {config.serial.port or ''}".strip())
     result = repeated(label, profile, outcomes)
     run_folder.write(result, folder)
-    # of a run before
+    # from an earlier run
     (folder / FIGURE).unlink(missing_ok=True)
     if not arguments.no_figure:
         figures.draw([result], folder / FIGURE)
@@ -109,7 +109,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _sensor_failure(arguments: argparse.Namespace) -> int:
-    """Let every sensor fail in every way, in simulation, and tell how the estimate bears it."""
+    """Let every sensor fail in every way, in simulation, and show the estimate's errors."""
     if not arguments.no_figure:
         figures.available()
     config, speed = configure(arguments)
@@ -135,7 +135,7 @@ def _sensor_failure(arguments: argparse.Namespace) -> int:
 
 
 def failed(told: Sequence[Any]) -> dict[str, Any]:
-    """Drive one run with a sensor that fails, and return its outcome; JSON values both."""
+    """Drive a run with a failing sensor, and return its outcome; JSON values both."""
     config, speed, *which = told
     outcomes: list[sensor_failure.FailureOutcome] = []
 
@@ -178,10 +178,10 @@ def drive(
     log: Path | None = None,
     bar: str = "",
 ) -> tuple[Outcome | None, int]:
-    """Drive an experiment and return its outcome, None when nothing was measured, and the exit code.
+    """Drive an experiment; return its outcome, None if nothing was measured, and the exit code.
 
-    A signal ends it and keeps what was measured; `safe_end`: it ends by itself when no time is left on its batteries.
-    None for `arm` leaves it to ``safety.auto_arm``. `bar` names a progress bar on a terminal; none when empty.
+    A signal ends it; the measurements are kept. `safe_end`: it ends by itself when no time is left on its batteries.
+    `arm` None leaves arming to ``safety.auto_arm``. `bar` names a progress bar on a terminal; none when empty.
     """
     app = App(speed)
     experiment: Experiment | None = None
@@ -194,7 +194,7 @@ def drive(
             await experiment.run()
 
     with progress(bar, 1.0, TaskProgressColumn(), TimeElapsedColumn()) as shown:
-        # written to by itself: the robot waits for no lock either
+        # a task writes it, so the robot does not wait for a lock
         (task,) = shown.tasks
         code = app.run(work())
     if experiment is None:
@@ -217,9 +217,10 @@ def drive_all(
     arm: bool | None = None,
     bar: str = "",
 ) -> tuple[list[Outcome], int]:
-    """Drive an experiment with each of these seeds and return the outcomes, up to the first bad exit code, and that.
+    """Drive an experiment with each of these seeds; return the outcomes up to the first bad exit code, and the
+    exit code.
 
-    They are in the order of the seeds, wherever they were driven. A signal ends it.
+    Outcomes are in the order of the seeds. A signal ends it.
     """
     done: dict[int, tuple[Outcome | None, int]] = {}
     if machines.many:
@@ -245,7 +246,7 @@ def drive_all(
 
 
 def driven(told: Sequence[Any]) -> list[Any]:
-    """Drive an experiment in simulation as fast as possible; its outcome and exit code. JSON values both."""
+    """Drive an experiment in simulation as fast as possible; return its outcome and exit code. JSON values both."""
     profile, config, safe_end, arm, seed = told
     seeded = Config.model_validate(config).model_copy(update={"seed": seed})
     outcome, code = drive(seeded, Profile.model_validate(profile), "max", safe_end=safe_end, arm=arm)
@@ -253,7 +254,7 @@ def driven(told: Sequence[Any]) -> list[Any]:
 
 
 def repeated(label: str, profile: Profile, outcomes: Sequence[Outcome]) -> Run:
-    """Several runs of a profile as one: their mean, and what its steps look like."""
+    """Return several runs of a profile as a single run: their mean, and the statistics of its steps."""
     if len(outcomes) == 1:
         return Run(label, profile, outcomes[0].recording, metrics.measure(outcomes[0], profile))
     recordings = [outcome.recording for outcome in outcomes]

@@ -1,4 +1,4 @@
-"""`txt1 sweep`: a command with every combination of some settings, on many processors, into one table."""
+"""`txt1 sweep`: runs a command with every combination of some settings, on many processors; the result is a table."""
 
 import argparse
 import csv
@@ -21,21 +21,21 @@ from txt1.trials.provenance import provenance
 from txt1.trials.run import Rows, run
 from txt1.trials.workers import OPTIONS, workers_of
 
-# among a trial's words: a folder of its own, whose metrics.json is its result
+# in a trial's words it stands for a folder of its own, whose metrics.json is the result
 OUT: Final = "{out}"
-# of the processor's time: never the same
+# the processor's times, which never repeat
 MEASURED: Final = ("wall", "run_time", "lateness", "tasks.")
-# what all of a sweep have in common stands in sweep.json
+# common to all trials; sweep.json has it
 TOLD_ONCE: Final = ("provenance.", "settings.")
 # results as they come
 ROWS: Final = "rows.jsonl"
-# all of them in order, at the end
+# all results in order, at the end
 TABLE: Final = "table.csv"
 ABOUT: Final = "sweep.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `sweep` takes."""
+    """Add the arguments of `sweep`."""
     parser.epilog = (
         f"For example: txt1 sweep seed=1..100 control.linear.kp=9,11 -- run --json --drive 0.5,0 --duration 10, or "
         f"txt1 sweep seed=1..1000 -- learn --trials 1 --jobs 1 --out {OUT}. {parser.epilog}"
@@ -57,12 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Do all trials that are missing, and write the table."""
+    """Do all missing trials, and write the table."""
     given = list(itertools.takewhile(lambda word: "=" in word, arguments.words))
     command = arguments.words[len(given) :]
     if not given or not command:
         raise ConfigError("sweep: give settings with their values, then --, then a command; see 'txt1 sweep --help'")
-    # a mistake in it is told once, and before anything is made
+    # a mistake in the command is reported once, before any file is made
     parsed([word.replace(OUT, "out") for word in command])
     trials = dict(enumerate(combinations(dict(map(_setting, given)))))
     about = {"settings": given, "command": command, **provenance()}
@@ -91,7 +91,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def trial(words: Sequence[str]) -> dict[str, Any]:
-    """Do a command of these words, and return its exit code and what it printed or measured."""
+    """Run a command of these words; return its exit code, and its output or measurements."""
     with TemporaryDirectory() as folder, redirect_stdout(StringIO()) as printed:
         out = Path(folder, "out")
         code = execute([word.replace(OUT, str(out)) for word in words])
@@ -105,13 +105,13 @@ def trial(words: Sequence[str]) -> dict[str, Any]:
 
 
 def combinations(settings: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
-    """Every combination of the values of some settings, the last setting changing fastest."""
+    """Yield every combination of the values of some settings; the last setting changes fastest."""
     for values in itertools.product(*settings.values()):
         yield dict(zip(settings, values, strict=True))
 
 
 def _setting(word: str) -> tuple[str, list[str]]:
-    """A setting's key and its values; raises ConfigError."""
+    """Return a setting's key and its values; raises ConfigError."""
     key, _, text = word.partition("=")
     first, dots, last = text.partition("..")
     if dots and first.lstrip("-").isdecimal() and last.lstrip("-").isdecimal():
@@ -124,7 +124,7 @@ def _setting(word: str) -> tuple[str, list[str]]:
 
 
 def _begun(folder: Path, about: Mapping[str, Any], resume: bool) -> dict[int, dict[str, Any]]:
-    """The results that there are already; raises ConfigError: the folder is taken, or holds another sweep."""
+    """Return the existing results; raises ConfigError: the folder is taken, or holds another sweep."""
     file = folder / ABOUT
     if file.exists():
         if not resume:
@@ -137,7 +137,7 @@ def _begun(folder: Path, about: Mapping[str, Any], resume: bool) -> dict[int, di
 
 
 def write_table(file: Path, trials: Mapping[int, Mapping[str, str]], done: Mapping[int, Mapping[str, Any]]) -> None:
-    """A row for each trial that is done, by number: settings, exit code, every number of its result that repeats."""
+    """Write a row for each finished trial, by number: settings, exit code, every number of its result that repeats."""
     rows = [{"trial": n, **trials[n], "code": done[n]["code"], **dict(_flat(done[n]["result"]))} for n in sorted(done)]
     columns = dict.fromkeys(name for row in rows for name in row)
     with file.open("w", newline="", encoding="utf-8") as out:

@@ -1,4 +1,4 @@
-"""`txt1 tune`: identify the vehicle, propose gains, and try them on the drive tests."""
+"""`txt1 tune`: identifies the vehicle, proposes gains, and tests them on the drive tests."""
 
 import argparse
 from functools import partial
@@ -23,12 +23,12 @@ from txt1.kernel.loop import Speed
 from txt1.trials.run import progress
 from txt1.trials.workers import OPTIONS, Workers, workers_of
 
-# on which gains are compared
+# tests on which gains are compared
 TESTS: Final = ("linear-steps", "angular-steps")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `tune` takes."""
+    """Add the arguments of `tune`."""
     add(
         parser,
         ROBOT
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Identify the vehicle, propose gains, compare them with the old ones; the exit code."""
+    """Identify the vehicle, propose gains, compare them with the old gains; return the exit code."""
     config, speed = configure(arguments)
     machines = workers_of(arguments, alone=config.hal != "sim" or speed != "max")
     if arguments.out is not None:
@@ -85,7 +85,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _proposed(plant: Plant, config: Config) -> ControlConfig:
-    """The gains that do best on the model of the vehicle, beginning with the configured ones."""
+    """Return the best gains on the model of the vehicle; the search begins with the configured gains."""
     old, motor_max = config.control, config.safety.motor_max
     with progress("trying gains on its model", CANDIDATES) as bar:
         tried = partial(bar.advance, bar.task_ids[0])
@@ -100,7 +100,7 @@ def _proposed(plant: Plant, config: Config) -> ControlConfig:
 def _compared(
     config: Config, new: ControlConfig, test: str, speed: Speed, arguments: argparse.Namespace, machines: Workers
 ) -> int | None:
-    """Drive a test with the configured gains and with new ones, and show both; the exit code when interrupted."""
+    """Drive a test with the configured and the new gains, and show both; return an exit code if interrupted."""
     runs = []
     for label, control in (("old gains", config.control), ("new gains", new)):
         driven = _repeated(config.model_copy(update={"control": control}), test, speed, label, arguments, machines)
@@ -119,7 +119,9 @@ def _compared(
 def _repeated(
     config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace, machines: Workers
 ) -> Run | int:
-    """Several runs of a test as one, their seeds differing as the floor does; an exit code when interrupted."""
+    """Return several runs of a test as a single run, with seeds that differ like the floor; or an exit code if
+    interrupted.
+    """
     profile, seeds = load_profile(test), range(config.seed, config.seed + arguments.repeats)
     outcomes, code = drive_all(config, profile, speed, seeds, machines, arm=arguments.arm, bar=f"{test}, {label}")
     for outcome in outcomes:
@@ -132,7 +134,7 @@ def _repeated(
 
 
 def gains_file(control: ControlConfig) -> str:
-    """Gains as a configuration file."""
+    """Return gains as a configuration file."""
     linear, sets = control.linear, control.angular
     angular = (f"    - {{v_max: {s.v_max:g}, kp: {s.kp:g}, ki: {s.ki:g}, kd: {s.kd:g}}}\n" for s in sets)
     first = f"control:\n  linear: {{kp: {linear.kp:g}, ki: {linear.ki:g}, kd: {linear.kd:g}}}\n  angular:\n"
