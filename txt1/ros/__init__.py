@@ -1,1 +1,1 @@
-"""The bridges to ROS: the robot's end, and the nodes, which run under the Python that has ROS."""
+"""The bridges to ROS: the robot's end, and the nodes, which run under the Python of ROS."""

@@ -18,17 +18,17 @@ from txt1.ros.publisher import Told, Transforms
 from txt1.ros.python import RosPython, home, ros1, ros2
 
 ASKED: Final = {"map": fused_pose, "room": true_pose}
-"""What a frame above odom is told by; NotCapable where the robot does not know it."""
+"""Sources of the frame above odom; NotCapable if the robot does not know it."""
 NODE: Final = "txt1.ros.ros2:main"
 RosNode = Callable[[Robot], AbstractAsyncContextManager[Any]]
-"""Makes a robot a node of ROS as long as the block is at work."""
+"""Makes a robot a node of ROS until the block is left."""
 BoardNode = Callable[[Board], AbstractAsyncContextManager[Any]]
-"""The same of a board."""
+"""The same for a board."""
 
 
 @asynccontextmanager
 async def beside(robot: Robot, nodes: Sequence[RosNode]) -> AsyncIterator[None]:
-    """Be the nodes as long as the block is at work."""
+    """Run the nodes until the block is left."""
     async with AsyncExitStack() as stack:
         for node in nodes:
             await stack.enter_async_context(node(robot))
@@ -36,7 +36,9 @@ async def beside(robot: Robot, nodes: Sequence[RosNode]) -> AsyncIterator[None]:
 
 
 def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
-    """Return what makes the robot a node of ROS 2, if it is to be one; raises ConfigError where there is no ROS 2."""
+    """Return the function that makes the robot a node of ROS 2, None if not requested; raises ConfigError
+    without ROS 2.
+    """
     if not arguments.ros2:
         return None
     from txt1.ros.robot_end import Ros2RobotEnd
@@ -67,7 +69,9 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
 
 
 def board_node(arguments: argparse.Namespace) -> BoardNode | None:
-    """Return what makes a virtual board a node of ROS 2, if it is to be one; raises ConfigError without ROS 2."""
+    """Return the function that makes a virtual board a node of ROS 2, None if not requested; raises ConfigError
+    without ROS 2.
+    """
     if not arguments.ros2:
         if arguments.ros2_namespace or arguments.ros2_best_effort:
             raise ConfigError("--ros2-namespace, --ros2-best-effort: there is no node; add --ros2")
@@ -90,7 +94,7 @@ def board_node(arguments: argparse.Namespace) -> BoardNode | None:
 
 
 def ros2_python() -> RosPython:
-    """Return the Python for a node of ROS 2, and say which; raises ConfigError."""
+    """Return the Python for a node of ROS 2, and print it; raises ConfigError."""
     python = ros2()
     say(f"the node runs under {python.where}")
     if python.ours and outdated(home()):
@@ -99,7 +103,9 @@ def ros2_python() -> RosPython:
 
 
 def ros1_node(arguments: argparse.Namespace) -> RosNode | None:
-    """Return what makes the robot the original's node of ROS 1, if it is to be; raises ConfigError without ROS 1."""
+    """Return the function that makes the robot the original's node of ROS 1, or None; raises ConfigError
+    without ROS 1.
+    """
     if not arguments.ros1:
         return None
     from txt1.ros.original import Ros1Desk

@@ -1,6 +1,6 @@
-"""A virtual board's end of its node of ROS 2: it tells everything, and takes what somebody at the board could do.
+"""A virtual board's end of its node of ROS 2: it sends all telemetry, and takes actions of a person at the board.
 
-It takes no velocities: those come from the host at its line.
+It takes no velocities: they come from the host on its line.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from txt1.sidecar import Request
 
 
 class BoardDesk:
-    """Hands out messages, and does what is asked for."""
+    """Sends messages, and carries out requests."""
 
     offers = ("arm", "disarm", "stop", "manual", "power_esc", "place")
-    """What the node serves."""
+    """Services of the node."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -42,11 +42,11 @@ class BoardDesk:
         }
 
     def telemetry(self) -> bytes | None:
-        """All messages since the last time, and answers; None when there is nothing."""
+        """Return all messages since the last call, and answers; None if there are none."""
         return self._feed.line({"answers": self._calls.take()})
 
     def request(self, request: Request) -> None:
-        """Do what is asked for, or tell why not."""
+        """Carry out a request, or tell why not."""
         do = self._requests.get(request.name)
         try:
             if do is not None:
@@ -54,7 +54,7 @@ class BoardDesk:
         except Txt1Error as error:
             self.say(f": {error}")
         except Exception as error:
-            # whatever it asks for, the node lives on
+            # no request ends the node
             self.say(f": request '{request.name}' failed: {type(error).__name__}: {error}")
 
     def say(self, text: str) -> None:
@@ -62,7 +62,7 @@ class BoardDesk:
         self._board.tell(f"ROS{text}")
 
     def lost(self) -> None:
-        """The node has gone: collect nothing."""
+        """Note that the node has gone, and collect nothing."""
         self._feed.end()
         self._calls.clear()
 

@@ -1,4 +1,4 @@
-"""What a node asks the robot to do, with an answer: both ends."""
+"""Calls of a node to the robot, with an answer: both ends."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ ANSWER_PATIENCE: Final = 10.0
 
 
 class Calls:
-    """The robot's end: does what is asked for, and keeps the answers until they are sent."""
+    """The robot's end: carries out calls, and keeps their answers until they are sent."""
 
     def __init__(self, functions: Mapping[str, Callable[..., object]]) -> None:
         self.answers: list[tuple[int, bool, str]] = []
-        """Of which call, whether it was done, and if not why, else what it returned."""
+        """Answers: number of the call, whether it succeeded, and its result, or the reason for its failure."""
         self._functions = functions
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
     def take(self) -> list[tuple[int, bool, str]]:
-        """The answers since the last time."""
+        """Return the answers since the last call of this method."""
         answers, self.answers = self.answers, []
         return answers
 
     def call(self, id: int, name: str, fields: Mapping[str, Any]) -> None:
-        """Do something, and answer when it is done: the request of this name."""
+        """Carry out a call, and answer when it is done; the request of this name."""
         task = self._tasks[id] = asyncio.ensure_future(self._answer(id, name, fields))
         task.add_done_callback(lambda _: self._tasks.pop(id, None))
 
     def cancel(self, id: int) -> None:
-        """End what is still being done, answered with False: the request of this name."""
+        """Cancel a call, which is answered with False; the request of this name."""
         if id in self._tasks:
             self._tasks[id].cancel()
 
     def clear(self) -> None:
-        """Nobody waits for answers any more."""
+        """Discard all answers: the node has gone."""
         for task in tuple(self._tasks.values()):
             task.cancel()
         self.answers.clear()
@@ -58,7 +58,7 @@ class Calls:
         except Txt1Error as error:
             self.answers.append((id, False, str(error)))
         except Exception as error:
-            # whatever a node asks for does not end the run
+            # an error in a call does not end the run
             self.answers.append((id, False, f"{type(error).__name__}: {error}"))
         except asyncio.CancelledError:
             self.answers.append((id, False, CANCELLED))
@@ -66,7 +66,7 @@ class Calls:
 
 
 class Caller:
-    """The node's end; a thread that takes the robot's messages hands answers to `answered`."""
+    """The node's end. The thread that receives the robot's messages passes answers to `answered`."""
 
     def __init__(self, robot: Connection) -> None:
         self._robot = robot
@@ -74,15 +74,15 @@ class Caller:
         self._waiting: dict[int, tuple[threading.Event, list[Any]]] = {}
 
     def ask(self, name: str, **fields: Any) -> None:
-        """Have the robot do something, and wait for no answer."""
+        """Send the robot a call without waiting for the answer."""
         self._robot.request("call", id=next(self._ids), name=name, fields=fields)
 
     def call(self, name: str, **fields: Any) -> tuple[bool, str]:
-        """Have the robot do something; whether it did, and if not why, else what it says."""
+        """Call the robot; return whether it succeeded, and its result or the reason for its failure."""
         return self._call(name, fields, ANSWER_PATIENCE, None)
 
     def watched(self, name: str, look: float, ends: Callable[[], bool], **fields: Any) -> tuple[bool, str]:
-        """As `call`, for what takes long: every `look` s `ends` is asked whether it is to be cancelled."""
+        """Call as `call`, for long actions: every `look` s `ends` is asked whether to cancel."""
         return self._call(name, fields, look, ends)
 
     def _call(
@@ -102,7 +102,7 @@ class Caller:
             del self._waiting[number]
 
     def answered(self, answers: Sequence[tuple[int, bool, str]]) -> None:
-        """Hand answers to those who wait for them."""
+        """Pass answers to the waiting calls."""
         for number, done, text in answers:
             waiting = self._waiting.get(number)
             if waiting is not None:

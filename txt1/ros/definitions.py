@@ -1,4 +1,4 @@
-"""The robot's own messages, services and actions, as files that ROS makes types of."""
+"""The robot's own messages, services and actions, as files from which ROS makes types."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from txt1.telemetry.messages import DEFINITIONS
 from txt1.version import __version__
 
 OWNERS: Final = ("txt1.robot", "txt1.sensors.readings", "txt1.learning.task")
-"""Modules that define messages of their own."""
+"""Modules that define their own messages."""
 SERVICES: Final = {
     "Place": "float64 x\nfloat64 y\nfloat64 theta\n---\nbool success\nstring message\n",
 }
-"""``place`` puts a simulated robot down: m and rad in the room."""
+"""``place`` places a simulated robot: m and rad in the room."""
 ACTIONS: Final = {
     "DriveTo": (
         "geometry_msgs/PoseStamped pose\nfloat64 speed\n---\nbool arrived\nstring message\n"
         "geometry_msgs/Pose2D reached\n---\nfloat64 distance\ngeometry_msgs/Pose2D pose\n"
     ),
 }
-"""``drive_to`` drives to a pose of odom, map or room, no faster than `speed` m/s (0: 0.4)."""
+"""``drive_to`` drives to a pose of odom, map or room, at most at `speed` m/s (0: 0.4)."""
 TF2: Final = {"msg/TFMessage.msg": f"{DEFINITIONS['tf2_msgs/TFMessage']}\n"}
-"""The package tf2_msgs, as far as it is needed: the wheels have none."""
+"""The necessary part of the package tf2_msgs, which the wheels lack."""
 
 _MANIFEST: Final = """\
 <?xml version="1.0"?>
@@ -58,7 +58,7 @@ ament_package()
 
 
 def own() -> dict[str, str]:
-    """The package txt1_msgs: by the files' names what is in them."""
+    """Return the files of the package txt1_msgs, by name."""
     for module in OWNERS:
         import_module(module)
     messages = {name.partition("/")[2]: text for name, text in DEFINITIONS.items() if name.startswith("txt1_msgs/")}
@@ -70,7 +70,7 @@ def own() -> dict[str, str]:
 
 
 def write_package(folder: Path, name: str, files: dict[str, str], about: str) -> Path:
-    """Write a package of definitions, as colcon finds and builds it; its folder."""
+    """Write a package of definitions that colcon finds and builds; return its folder."""
     package = folder / name
     manifest = {
         "package.xml": _MANIFEST.format(name=name, version=__version__, about=about),

@@ -1,4 +1,4 @@
-"""A ROS 2 of our own: the wheels in a virtual environment, and the types that they lack."""
+"""An own ROS 2: wheels in a virtual environment, and the types that they lack."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from txt1.ros.definitions import TF2, own, write_package
 from txt1.ros.python import clean
 
 INTERFACES: Final = Path(__file__).with_name("interfaces.py")
-# the definitions that types were made of
+# the definitions from which types were made
 STATE: Final = "txt1_msgs.txt"
 
 _MESSAGES: Final = ("std", "geometry", "nav", "sensor", "diagnostic")
@@ -33,13 +33,13 @@ WHEELS: Final = {
         "9.1.2", "9.3.3", "5.5.1", ros_rosgraph_msgs="2.3.0", ros_builtin_interfaces="2.3.0", ros_rosidl_adapter="4.9.5"
     ),
 }
-"""The wheels of a distribution that go together."""
-# which the wheels of the generators forget to name
+"""Wheels of a distribution that fit together."""
+# a dependency that the generators' wheels do not declare
 GENERATING: Final = ("catkin-pkg",)
 
 
 def install(place: Path, distribution: str) -> None:
-    """Make the environment, or bring its types up to date; raises ConfigError where it cannot be had."""
+    """Make the environment, or update its types; raises ConfigError if that is impossible."""
     if sys.platform != "linux" or os.uname().machine != "x86_64":
         raise ConfigError("txt1 ros2 install: there are wheels for Linux on x86-64 alone; install ROS 2 itself here")
     python = place / "bin" / "python"
@@ -58,12 +58,12 @@ def install(place: Path, distribution: str) -> None:
 
 
 def state(definitions: dict[str, str]) -> str:
-    """The definitions in one text, to be compared."""
+    """Return the definitions as text, for comparison."""
     return "".join(f"== {name}\n{text}" for name, text in definitions.items())
 
 
 def outdated(place: Path) -> bool:
-    """Whether the types there were made of other definitions than ours are now."""
+    """Return whether the types there were made from other definitions than the present."""
     made = place / STATE
     return not made.exists() or made.read_text() != state(own())
 

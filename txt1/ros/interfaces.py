@@ -1,4 +1,4 @@
-"""Makes ROS 2's types of definitions: run by a Python that has ROS's generators, as the wheels bring them.
+"""Makes ROS 2's types from definitions. It is run by a Python with ROS's generators, as in the wheels.
 
 ``python interfaces.py FOLDER PACKAGE...``: below FOLDER lie ``PACKAGE/msg/Name.msg``, ``srv/Name.srv``,
 ``action/Name.action``. Each package becomes a library and an extension module beside ROS's own, by gcc and g++ alone.
@@ -13,7 +13,7 @@ from typing import Final
 
 KINDS: Final = ("msg", "srv", "action")
 SUPPORTS: Final = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
-"""What the middleware asks a type for: to put it into bytes, and to tell its fields."""
+"""Middleware support of a type: serialisation, and introspection of its fields."""
 
 
 def make(folder: Path, package: str) -> None:
@@ -41,7 +41,7 @@ def make(folder: Path, package: str) -> None:
         output_path=work / "idl",
     )
     place = {"package_name": package, "interface_files": idl, "include_paths": [str(share)]}
-    # each in a folder of its own: some files have the same names
+    # each in a folder of its own, because some files have the same names
     c, fast, told, dispatch, python = (work / name / package for name in ("c", "fast", "told", "dispatch", "python"))
     hashes = generate_type_hashes(**place, output_path=c)
     GenerateC("c").generate(**place, output_path=c, type_description_files=hashes)
@@ -70,7 +70,7 @@ def _compile(package: str, generated: list[Path], work: Path, prefix: Path, site
         *sorted(path for path in include.iterdir() if path.is_dir()),
     ]
     flags = [f"-I{path}" for path in includes]
-    # those for Python, and all others
+    # generators for Python, and all others
     objects: dict[bool, list[str]] = {True: [], False: []}
     for source in sources:
         language = ["gcc", "-std=gnu11"] if source.suffix == ".c" else ["g++", "-std=c++17"]
@@ -89,7 +89,7 @@ def _compile(package: str, generated: list[Path], work: Path, prefix: Path, site
     whole = library / f"lib{package}__{SUPPORTS[0]}.so"
     link = ["g++", "-shared", "-Wl,--as-needed", f"-Wl,-rpath,{library}"]
     _run(*link, "-o", str(whole), *objects[False], *others)
-    # found by these names
+    # names by which they are found
     for same in (SUPPORTS[1], "rosidl_typesupport_c", "rosidl_generator_c"):
         alias = library / f"lib{package}__{same}.so"
         alias.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""A node of ROS beside a robot or a board, under the Python that has ROS."""
+"""A node of ROS beside a robot or a board, under the Python of ROS."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from txt1.runtime import Runtime
 from txt1.sidecar import TELEMETRY_PERIOD, Request, Sidecar
 
 START: Final = Path(__file__).with_name("start.py")
-# behind the telemetry's task, so that what a cycle tells is sent in the same one
+# after the telemetry's task, so that a cycle's values are sent in the same cycle
 NODE_PRIORITY: Final = -110
 
 
@@ -21,16 +21,16 @@ class NodeDesk(Protocol):
     """The near end of a node."""
 
     def telemetry(self) -> bytes | None:
-        """A line to send to the node now; None: there is none."""
+        """Return a line for the node; None if there is none."""
 
     def request(self, request: Request) -> None:
-        """Do what is asked for."""
+        """Carry out a request."""
 
     def say(self, text: str) -> None:
         """Add a line about the node to the event log."""
 
     def lost(self) -> None:
-        """The node has gone."""
+        """Note that the node has gone."""
 
 
 @asynccontextmanager
@@ -41,9 +41,9 @@ async def node_beside(
     python: RosPython,
     options: Mapping[str, object],
 ) -> AsyncIterator[Sidecar]:
-    """A node at work until the block is left.
+    """Run a node until the block is left.
 
-    `target` is its function, ``module:function``; `options` are keyword arguments for it.
+    `target` is its function, as ``module:function``; `options` are keyword arguments for it.
     """
     beside = Sidecar(
         target,
@@ -63,7 +63,7 @@ async def node_beside(
         node = target.rpartition(":")[0].rpartition(".")[2]
         with warning(runtime, f"bridge '{node}'", beside):
             async with beside:
-                # an IMU tells 100 a second
+                # an IMU sends 100 readings a second
                 runtime.add_task(f"bridge {node}", NODE_PRIORITY, 0.5 * TELEMETRY_PERIOD, beside.serve)
                 yield beside
     finally:

@@ -1,4 +1,4 @@
-"""The options by which a robot, or a board, is a node of ROS."""
+"""Options that make a robot, or a board, a node of ROS."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ONLY_OF_ROS2: Final = ("ros2_namespace", "ros2_best_effort", "ros2_tf", "ros2_pr
 
 
 def asked(arguments: Namespace, config: Config) -> Sequence[RosNode] | None:
-    """Return what makes the robot a node, of each ROS that was asked for; raises ConfigError where there is none."""
+    """Return the functions that make the robot a node of each requested ROS; raises ConfigError if there is none."""
     given = [f"--{name.replace('_', '-')}" for name in ONLY_OF_ROS2 if getattr(arguments, name)]
     if given and not arguments.ros2:
         raise ConfigError(f"{', '.join(given)}: there is no node of ROS 2; add --ros2")

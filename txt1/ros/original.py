@@ -1,6 +1,6 @@
-"""The robot's end of the original's node (thesis 3.4.3): odometry 20 times and batteries once a second, and answers.
+"""The robot's end of the original's node (thesis 3.4.3): sends odometry 20 times a second, batteries once, and answers.
 
-Sensors' readings go with them, as trees (`txt1.ros.tree`).
+Sensors' readings are sent with them, as trees (`txt1.ros.tree`).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from txt1.ros.tree import SensorFeed
 ODOMETRY: Final = 0.05
 # s between two battery messages
 BATTERY: Final = 1.0
-# numbers of a set of angular gains: v_max, kp, ki, kd
+# numbers in a set of angular gains: v_max, kp, ki, kd
 SETS: Final = 4
-# of all sets
+# numbers in all sets
 NUMBERS_MAX: Final = 56
 
 
 class Ros1Desk(RobotEnd):
-    """Tells odometry and batteries, and does what is asked for under the name "ros1"."""
+    """Sends odometry and batteries, and carries out requests under the name "ros1"."""
 
     def __init__(self, robot: Robot) -> None:
         self._calls = Calls(
@@ -58,13 +58,13 @@ class Ros1Desk(RobotEnd):
             },
         )
         self._readings = SensorFeed(robot.runtime)
-        # where the sensors sit, for a node that has begun
+        # places of the sensors, for a node that has started
         self._frames: list[dict[str, Any]] = []
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._odometry_due = self._battery_due = 0.0
 
     def parameters(self) -> dict[str, Any]:
-        """The node's private parameters, unless the parameter server has others."""
+        """The node's private parameters, if the parameter server has no others."""
         config = self.robot.config
         loops = config.loops()
         return {
@@ -77,7 +77,7 @@ class Ros1Desk(RobotEnd):
         }
 
     def telemetry(self) -> bytes | None:
-        """A line of the values that are due, and of answers; None when there is nothing."""
+        """Return a line with the values that are due, and answers; None if there are none."""
         robot, now = self.robot, self.robot.now
         told: dict[str, object] = {}
         epoch = robot.config.section(RecordConfig).epoch if self._virtual else seconds(wall_ns()) - now
@@ -100,7 +100,7 @@ class Ros1Desk(RobotEnd):
         return f"{json.dumps(told)}\n".encode("ascii")
 
     def lost(self) -> None:
-        """The node has gone: let go of the wheel."""
+        """Note that the node has gone, and release the wheel."""
         self._calls.clear()
         self._readings.end()
         self.let_go()

@@ -1,4 +1,4 @@
-"""A recording's messages as topics of ROS 2, with their times as ``/clock``."""
+"""Plays a recording's messages as topics of ROS 2, with their times as ``/clock``."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from txt1.tasks.controller import PWM
 from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.topics import Topic
 
-# s between two looks at whether something is due
+# s between two checks for messages that are due
 BEAT: Final = 0.01
-# after which a line is long enough
+# messages after which a line is full
 BYTES_MAX: Final = 1 << 19
-# s that what was sent last has to arrive
+# s that the last messages have to arrive
 LAST: Final = 1.0
 
 
 class Playback:
-    """Hands out what is due of a recording, `speed` times as fast as it was, from `start` s of the run on.
+    """Sends the messages of a recording at `speed` times its pace, from `start` s of the run on.
 
-    Beside what was recorded there are the robot's description, its static transforms, and its wheels. `say` is told of
-    messages that ROS has no type for. RecordingError: there is no such robot in the file.
+    In addition it sends the robot's description, its static transforms, and its wheels. `say` is called for messages
+    without a type in ROS. Raises RecordingError: there is no such robot in the file.
     """
 
     def __init__(
         self, file: Path, robot: str | None, speed: float, start: float | None, loop: bool, say: Callable[[str], None]
     ) -> None:
-        # of the topics' qualities of service
+        # by the topics' qualities of service
         for module in OWNERS:
             import_module(module)
         self.over = asyncio.Event()
@@ -55,13 +55,13 @@ class Playback:
         self._geometry = checked(Geometry, config.get("geometry", {}), "geometry")
         self._name = config.get("name", "")
         self._clock = RealClock()
-        # ns of the clock; None: there is no node yet
+        # ns of the clock; None while there is no node
         self._began: int | None = None
-        # of the clock: when the next line is
+        # of the clock: time of the next line
         self._due_ns = 0
 
     def request(self, request: Request) -> None:
-        """Begin when the node is there; tell what it lacks."""
+        """Start when the node is there; tell which types it lacks."""
         if request.name == "begin":
             self._places: dict[int, tuple[str, Quality] | None] = {}
             self._numbers: dict[int | str, int] = {}
@@ -78,10 +78,12 @@ class Playback:
         self._began = self._clock.now_ns()
 
     def _due(self) -> Iterator[Item]:
-        """The messages from the start on, and before them the last of each kind that is kept for late comers."""
+        """Yield the messages from the start on, and before them the last of each kind that is kept for late
+        subscribers.
+        """
         reading = FilePass(self._file, self._robot)
         kept: dict[int, Item] = {}
-        # time of the recording at the beginning, ns
+        # time of the recording at the start, ns
         self._first: int | None = None
         for item in reading:
             if self._start is not None and (run := reading.run_time(item)) < self._start:
@@ -103,7 +105,7 @@ class Playback:
         return self._places[item.channel.id]
 
     def telemetry(self) -> bytes | None:
-        """A line of the messages that are due now; None when there are none."""
+        """Return a line with the messages that are due now; None if there are none."""
         if self._began is None or self._clock.now_ns() < self._due_ns:
             return None
         self._due_ns = self._clock.now_ns() + nanoseconds(BEAT)
@@ -150,7 +152,10 @@ class Playback:
 
 
 async def publish(playback: Playback, python: RosPython, namespace: str) -> None:
-    """Publish a recording until it is over; raises HalError when the node fails, RecordingError for a damaged file."""
+    """Publish a recording until its end.
+
+    Raises HalError when the node fails, RecordingError for a damaged file.
+    """
     async with Sidecar(
         "txt1.ros.ros2:main",
         playback.telemetry,

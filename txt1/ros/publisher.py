@@ -1,4 +1,4 @@
-"""What a robot or a board tells, as lines of ready CDR bytes for the node of ROS 2."""
+"""Telemetry of a robot or a board, as lines of CDR bytes for the node of ROS 2."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from txt1.tasks.encoder import ODOMETRY, POSE, TRANSFORM, origin
 from txt1.tasks.on_map import MapInUse
 from txt1.telemetry.topics import Rule, Topic
 
-# messages that wait for the node; the oldest go first
+# messages that wait for the node; the oldest are dropped
 EVENTS_MAX: Final = 3000
 # s by which the time of day may drift before stamps follow it
 STEPPED: Final = 0.05
@@ -47,9 +47,9 @@ DESCRIPTION: Final = Topic("/robot_description", str, "", "std_msgs/String", Rul
 def line_of(
     now: int, new: Sequence[tuple[int, str, str, str]], messages: Iterable[tuple[int, int, bytes]], **more: object
 ) -> bytes:
-    """A line for the node: the time in ns, channels that are new, messages, and whatever more there is.
+    """Return a line for the node: time in ns, new channels, messages, and further fields.
 
-    A channel is its number, name, message and quality of service; a message its channel, its time in ns and its bytes.
+    A channel consists of number, name, message and quality of service; a message of channel, time in ns and bytes.
     """
     told = [(number, time, b64encode(data).decode("ascii")) for number, time, data in messages]
     rest = {name: value for name, value in {"new": new, "messages": told, **more}.items() if value}
@@ -57,14 +57,14 @@ def line_of(
 
 
 class WheelJoints:
-    """The joints of the wheels, moved on by the odometry's speed and the steering's PWM counts."""
+    """The joints of the wheels, moved by the odometry's speed and the steering's PWM counts."""
 
     def __init__(self, geometry: Geometry) -> None:
         self._geometry = geometry
         self._angle, self._read_at = 0.0, 0.0
 
     def joints(self, v: float, front: int, rear: int, now: float) -> Joints:
-        """Where they are at `now` s, `v` in m/s."""
+        """Return the joints at `now` s, for `v` in m/s."""
         rate = v * tau / self._geometry.circumference
         self._angle += rate * max(0.0, now - self._read_at)
         self._read_at = now
@@ -73,7 +73,7 @@ class WheelJoints:
 
 
 def description(name: str, geometry: Geometry, kinds: Iterable[type]) -> Iterator[tuple[Publication, Any]]:
-    """Where everything sits on a robot with sensors of these types of readings, and its URDF."""
+    """Yield the static transforms of a robot with sensors of these types of readings, and its URDF."""
     links = links_of(kinds)
     yield Publication("tf_static", "latched", fixed(links)), None
     yield Publication("robot_description", "latched", DESCRIPTION), robot_description(name, geometry, links)
@@ -83,50 +83,51 @@ JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
 
 
 Transforms = Literal["auto", "map", "room", "odom", "none"]
-"""Which moving transforms a node tells.
+"""The moving transforms that a node publishes.
 
-auto: odom -> base_footprint, and the frame above odom until another program tells it. This frame is map, by the robot's
-place on its map (none while the robot is lost); without a map it is map by the estimate; else it is room by the
-simulation. map, room: this frame above odom, even if another program tells a different one. odom: no frame above odom.
-none: no moving transform at all.
+auto: odom -> base_footprint, and a frame above odom until another program publishes one. This frame is map if the robot
+has a place on a map (none while it is lost), or an estimate; else it is room in a simulation. map, room: this frame
+above odom, even if another program publishes a different frame. odom: no frame above odom. none: no moving transform.
 """
 
 
 class Told(NamedTuple):
-    """How a node tells what it tells."""
+    """Settings of a node's messages."""
 
     transforms: Transforms = "auto"
     prefix: str = ""
-    """Stands before the names of frames."""
+    """Prefix of the names of frames."""
     owner: str = ""
-    """Whose diagnostics they are, where several robots tell theirs."""
+    """Robot of the diagnostics, if several robots publish theirs."""
 
 
 PLAIN: Final = Told()
 
 
 class Publisher:
-    """Collects what a runtime tells from `begin` to `end`, and hands it out as lines; `say` tells the operator."""
+    """Collects the telemetry of a runtime from `begin` to `end`, and returns it as lines; `say` informs the
+    operator.
+    """
 
     def __init__(self, runtime: Runtime, say: Callable[[str], None], told: Told = PLAIN) -> None:
         self._runtime, self._say, self._how = runtime, say, told
-        # another program tells where odom is
+        # another program publishes the transform of odom
         self._yields = False
         self.virtual: Final = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
-        """Whether ROS is to have the robot's time instead of the time of day."""
+        """Whether ROS gets the robot's time instead of the time of day."""
         self._leave: Callable[[], None] = lambda: None
         self._events: deque[Message] = deque(maxlen=EVENTS_MAX)
-        # messages that the node has no type for, and their topics' names
+        # messages without a type in the node, and their topics' names
         self._lacking: dict[str, list[str]] = {}
-        # topics of which a value was no message
+        # topics with a value that could not become a message
         self._refused: set[Topic[Any]] = set()
         self._wheels = WheelJoints(runtime.config.geometry)
-        # channels that the node was told of
+        # channels announced to the node
         self._told = 0
         self._forget()
 
     def begin(self) -> None:
-        """A node has started, which knows nothing."""
+        """Start: a new node knows nothing yet."""
         self.end()
         self._lacking.clear()
         self._forget()
@@ -151,7 +152,7 @@ class Publisher:
         self._events.clear()
 
     def parent(self, frame: str, nodes: str) -> None:
-        """Give way to another program: it tells the transform from `frame` to odom."""
+        """Give way to another program, which publishes the transform from `frame` to odom."""
         if not self._yields and self._how.transforms == "auto":
             self._yields = True
             self._say(
@@ -159,7 +160,7 @@ class Publisher:
             )
 
     def missing(self, message: str, name: str) -> None:
-        """The node has no type for a message."""
+        """Note that the node has no type for a message."""
         first = message not in self._lacking
         self._lacking.setdefault(message, []).append(name)
         self._publications.clear()
@@ -167,7 +168,7 @@ class Publisher:
             self._say(f": ROS has no type {message} here, so {name} is not told; 'txt1 ros2 install' makes it")
 
     def line(self, more: Mapping[str, object]) -> bytes | None:
-        """All messages since the last time, channels that are new, and more; None when there is nothing."""
+        """Return all messages since the last call, new channels, and `more`; None if there is nothing."""
         if not self._events and not any(more.values()):
             return None
         if not self.virtual and abs(self._offset() - self._epoch) > STEPPED:
@@ -192,7 +193,7 @@ class Publisher:
         try:
             return self._encoder.block(events).messages()
         except RecordingError as error:
-            # one of them is no message; the others are
+            # a single value is no message; the others are
             if len(events) > 1:
                 return (each for event in events for each in self._encoded([event]))
             if events[0][1] not in self._refused:
@@ -201,13 +202,13 @@ class Publisher:
             return ()
 
     def _offset(self) -> float:
-        """Time of day at the run's start; in virtual time that of recordings."""
+        """Return the time of day at the run's start; in virtual time that of recordings."""
         return (
             self._runtime.config.section(RecordConfig).epoch if self.virtual else seconds(wall_ns()) - self._runtime.now
         )
 
     def _forget(self) -> None:
-        """Begin anew: nobody knows any channel."""
+        """Start again: no channel is announced."""
         self._epoch = self._offset()
         self._encoder = Encoder(self._epoch)
         self._numbers: dict[Topic[Any], int] = {}
@@ -250,7 +251,7 @@ class Publisher:
             self._events.append((time, publication.topic, value))
 
     def _tell_frames(self, odometry: Odometry, now: float) -> None:
-        """Tell where odometry began on the map or in the room, and how the wheels stand."""
+        """Publish the odometry's origin on the map or in the room, and the positions of the wheels."""
         bus, frame = self._runtime.bus, "" if self._yields else self._how.transforms
         estimate, pose, control = bus.read(FILTERED), bus.read(POSE), bus.read(SETPOINT)
         on_map = self._runtime.part(MapInUse)

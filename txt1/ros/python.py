@@ -1,4 +1,4 @@
-"""The Python that has ROS: an installed ROS 2 first, else the virtual environment that `txt1 ros2 install` makes."""
+"""The Python of ROS: an installed ROS 2 first, else the virtual environment of `txt1 ros2 install`."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ SYSTEM: Final = "/usr/bin/python3"
 INSTALLED: Final = Path("/opt/ros")
 # newest first; older ones have an older Python
 DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy")
-# whose Python or rclpy cannot run the node
+# versions whose Python or rclpy cannot run the node
 OLDER: Final = ("foxy", "galactic", "humble", "iron")
 OWN: Final = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
-"""Variables of our own environment that another Python must not see."""
+"""Variables of this program's environment that another Python must not see."""
 REMEDY: Final = "install ROS 2 Jazzy or later, or 'txt1 ros2 install' for one of its own (Linux on x86-64)"
 
 
 class RosPython(NamedTuple):
-    """A Python that has ROS, its environment, and where it comes from, for people."""
+    """A Python of ROS, its environment, and its origin, for people."""
 
     program: tuple[str, ...]
     environment: Mapping[str, str]
@@ -34,13 +34,13 @@ class RosPython(NamedTuple):
 
 
 def home() -> Path:
-    """Where `txt1 ros2 install` puts its environment."""
+    """Return the folder in which `txt1 ros2 install` makes its environment."""
     data = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
     return Path(os.environ.get("TXT1_ROS2_HOME") or Path(data) / "txt1" / "ros2")
 
 
 def clean(environment: Mapping[str, str]) -> dict[str, str]:
-    """An environment without what belongs to our own Python: with its folder in PATH, python3 would be that one."""
+    """Return an environment without this program's Python, whose folder in PATH would otherwise come first."""
     kept = {name: value for name, value in environment.items() if name not in OWN}
     if sys.prefix != sys.base_prefix and "PATH" in kept:
         ours = f"{sys.prefix}/bin"
@@ -49,8 +49,8 @@ def clean(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def ros2() -> RosPython:
-    """The Python for ROS 2; raises ConfigError with what to do where there is none."""
-    # the user has sourced a set-up, perhaps with a workspace on top
+    """Return the Python for ROS 2; raises ConfigError, with the remedy, if there is none."""
+    # the user has sourced a setup, perhaps with a workspace on top
     if os.environ.get("AMENT_PREFIX_PATH"):
         if (name := os.environ.get("ROS_DISTRO")) in OLDER:
             raise ConfigError(f"--ros2: this shell's is {name}: source Jazzy or later, or use a shell without it")
@@ -67,7 +67,7 @@ def ros2() -> RosPython:
 
 
 def ros1() -> RosPython:
-    """The Python for ROS 1: Debian's own; raises ConfigError with what to do where there is none."""
+    """Return the Python for ROS 1, Debian's own; raises ConfigError, with the remedy, if there is none."""
     found = (
         subprocess.run(  # noqa: S603
             [SYSTEM, "-c", "import rospy, genpy"], env=clean(os.environ), capture_output=True, check=False
@@ -83,7 +83,7 @@ def ros1() -> RosPython:
 
 
 def _sourced(setup: Path) -> dict[str, str]:
-    """The environment as ROS's own set-up leaves it."""
+    """Return the environment that ROS's own setup makes."""
     script = f". {shlex.quote(str(setup))} >&2 && env -0"
     done = subprocess.run(  # noqa: S603
         ["/bin/bash", "-c", script], env=clean(os.environ), capture_output=True, check=False

@@ -1,4 +1,4 @@
-"""The robot's end of its node of ROS 2: what it tells, and answers to what it is asked for."""
+"""The robot's end of its node of ROS 2: sends telemetry, and carries out requests."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from txt1.tasks.on_map import MapInUse
 
 # s between two reports on the way to a goal
 FEEDBACK: Final = 0.2
-# m/s to a goal that says none
+# m/s for a goal without a speed
 SPEED: Final = 0.4
 _SWITCHES: Final = {"atx": Switch.ATX, "esc": Switch.ESC}
 
 
 class Ros2RobotEnd(RobotEnd):
-    """Hands out messages, and does what is asked for under the name "ros"."""
+    """Sends messages, and carries out requests under the name "ros"."""
 
     offers = (
         "drive",
@@ -43,7 +43,7 @@ class Ros2RobotEnd(RobotEnd):
         "power_esc",
         "place",
     )
-    """What the node takes and serves."""
+    """Subscriptions and services of the node."""
 
     def __init__(self, robot: Robot, told: Told = PLAIN) -> None:
         self._config = config = robot.config
@@ -85,26 +85,26 @@ class Ros2RobotEnd(RobotEnd):
         self._feedback_due = 0.0
 
     def telemetry(self) -> bytes | None:
-        """All messages since the last time, and answers; None when there is nothing."""
+        """Return all messages since the last call, and answers; None if there are none."""
         return self._feed.line({"answers": self._calls.take(), "feedback": self._feedback()})
 
     # -- requests ----------------------------------------------------------------------------------------------
 
     def lost(self) -> None:
-        """The node has gone: let go of the wheel, and collect nothing."""
+        """Note that the node has gone: release the wheel, and collect nothing."""
         self._feed.end()
         self._calls.clear()
         self.let_go()
 
     def _drive(self, v: float, omega: float, age: float = 0.0) -> None:
         if self._goal is not None and (v or omega):
-            # whoever steers by hand has the wheel
+            # a person who steers has the wheel
             self._goal.cancel()
         limited = clip(v, self._v_max) if v == v else v
         self.drive(limited, omega * limited / v if v and limited != v else omega, age)
 
     async def _drive_to(self, frame: str, x: float, y: float, theta: float, speed: float) -> str:
-        """Drive to a pose (m, rad) in odom, room or map; how it ended, as JSON. One goal at a time: the newest."""
+        """Drive to a pose (m, rad) in odom, room or map; return the result as JSON. A new goal replaces the last."""
         robot, config, frame = self.robot, self._config, frame.removeprefix(self._prefix)
         on_map = robot.runtime.part(MapInUse) is not None
         sources = {"odom": wheel_pose, "room": true_pose, "map": map_pose if on_map else fused_pose}
@@ -134,7 +134,7 @@ class Ros2RobotEnd(RobotEnd):
         return json.dumps({"arrived": arrival.arrived, "reached": arrival.pose, "told": told})
 
     async def _goal_pose(self, frame: str, x: float, y: float, theta: float) -> None:
-        """Drive to a pose as `_drive_to`, for somebody who waits for no answer: how it ends is an event."""
+        """Drive to a pose as `_drive_to`, for a caller without an answer: the result is an event."""
         try:
             x, y, theta = finite("pose", x=x, y=y, theta=theta)
             told = json.loads(await self._drive_to(frame, x, y, theta, 0.0))["told"]
@@ -143,7 +143,7 @@ class Ros2RobotEnd(RobotEnd):
         self.robot.tell(f"/goal_pose: {told}")
 
     def _initial_pose(self, frame: str, x: float, y: float, theta: float) -> None:
-        """Say where the robot is on its map, m and rad; why that is not taken is an event."""
+        """Set the robot's pose on its map, m and rad; a refusal is an event."""
         there, frame = self.robot.runtime.part(MapInUse), frame.removeprefix(self._prefix)
         try:
             if there is None:
@@ -155,7 +155,9 @@ class Ros2RobotEnd(RobotEnd):
             self.robot.tell(f"/initialpose: {error}")
 
     def _feedback(self) -> tuple[float, ...] | None:
-        """The distance (m) from the goal and the pose (m, rad), five times a second while there is one."""
+        """Return the distance (m) from the goal and the pose (m, rad), five times a second during a drive; else
+        None.
+        """
         now = self.robot.now
         if self._aim is None or now < self._feedback_due:
             return None
@@ -171,7 +173,7 @@ class Ros2RobotEnd(RobotEnd):
     # -- parameters --------------------------------------------------------------------------------------------
 
     def parameters(self) -> dict[str, tuple[Any, bool]]:
-        """The parameters by their names: values, and whether they may be set."""
+        """Return the parameters by name: values, and whether they may be set."""
         loops, config = self._config.loops(), self._config
         linear = {f"control.linear.{name}": (value, True) for name, value in loops.linear.gains()._asdict().items()}
         angular = [number for s in loops.angular for number in (s.v_max, s.kp, s.ki, s.kd)]
@@ -184,7 +186,7 @@ class Ros2RobotEnd(RobotEnd):
         }
 
     async def _set(self, values: Mapping[str, Any]) -> None:
-        """Set parameters, all or none; raises ConfigError."""
+        """Set all parameters or none; raises ConfigError."""
         changed = dict(values)
         v_max = changed.pop("v_max", self._v_max)
         highest = self.robot.config.safety.v_max

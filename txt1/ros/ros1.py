@@ -1,7 +1,7 @@
 """The original's node of ROS 1, ``txt1_node`` of ``txt_driver``: its topics, services, parameters, frames and rates.
 
-Runs under the Python that has rospy. The types are made at run time of the definitions below, with the original's md5
-sums. A master that was restarted is told anew what there is here.
+It runs under the Python of rospy. Types are made at run time from the definitions below, with the original's md5 sums.
+The node registers again at a master that was restarted.
 """
 
 import signal
@@ -28,11 +28,11 @@ from txt1.ros.txt_driver import MESSAGES, SERVICES
 from txt1.sidecar import Connection
 
 NODE_NAME: Final = "txt1_node"
-# s between two combined odometries that are handed on
+# s between two combined odometries that are passed on
 COMBINED: Final = 0.02
-# s within which two programs drive at the same time
+# s within which commands of two programs count as simultaneous
 TOGETHER: Final = 1.0
-# s between two looks at the master
+# s between two checks of the master
 LOOK: Final = 0.5
 _HEADER: Final = "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 
@@ -43,19 +43,19 @@ STD_SRVS: Final = {
 }
 """Request and response of services of std_srvs, which not every machine has."""
 UNSURE: Final = {0: 1.0, 7: 1.0, 14: 99999.0, 21: 99999.0, 28: 99999.0, 35: 2.0}
-"""The covariance of its poses, as the original told it."""
+"""The covariance of its poses, as in the original's messages."""
 END_MIN: Final = 50.0
-"""Minutes under full load after which a pack is empty, as the original counts them; the robot itself counts fewer."""
+"""Minutes under full load after which a pack is empty for the original node; the robot itself counts fewer."""
 
 
 def message(name: str, text: str, package: str = "txt_driver") -> type:
-    """The type of a message."""
+    """Return the type of a message."""
     whole = text + (_HEADER if "Header" in text else "")
     return genpy.dynamic.generate_dynamic(f"{package}/{name}", whole)[f"{package}/{name}"]  # type: ignore[no-any-return]
 
 
 def service(name: str, package: str = "txt_driver") -> type:
-    """The type of a service of txt_driver or std_srvs."""
+    """Return the type of a service of txt_driver or std_srvs."""
     request, response = (SERVICES if package == "txt_driver" else STD_SRVS)[name]
     context = genmsg.MsgContext.create_default()
     spec = genmsg.msg_loader.load_srv_from_string(context, f"{request}---\n{response}", f"{package}/{name}")
@@ -76,9 +76,9 @@ PWM: Final = message("Pwm", MESSAGES["Pwm"])
 
 
 def fill(told: Any, tree: dict[str, Any], place: str) -> Any:
-    """Put a tree of values into a message, and return it; frames' names begin with `place`."""
+    """Put a tree of values into a message, and return it; the names of frames begin with `place`."""
     for name, value in tree.items():
-        # what are small letters in ROS 2 are large ones here, as CameraInfo's
+        # some fields in small letters in ROS 2 are in capitals here, as CameraInfo's
         name = name if hasattr(told, name) else name.upper()
         there = getattr(told, name)
         if name in ("frame_id", "child_frame_id"):
@@ -98,23 +98,23 @@ def fill(told: Any, tree: dict[str, Any], place: str) -> Any:
 
 
 class OriginalNode:
-    """Everything that the node serves; names begin with `place`, which is / or that of the robot's namespace."""
+    """All services and topics of the node. Names begin with `place`: / or the robot's namespace."""
 
     def __init__(self, robot: Connection, virtual: bool, parameters: dict[str, Any], place: str = "/") -> None:
         self._place = place
         self._robot, self._virtual, self._parameters = robot, virtual, parameters
         self._caller = Caller(robot)
         self._combined_at = 0.0
-        # by name when each program sent its last command
+        # time of each program's last command, by name
         self._drivers: dict[str, float] = {}
-        # those that drove at the same time
+        # programs that commanded simultaneously
         self._together: list[str] = []
         self._services: list[Any] = []
         self._odom = rospy.Publisher(f"{place}odom", Odometry, queue_size=5)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=20)
         self._battery = rospy.Publisher(f"{place}battery", BATTERY, queue_size=2)
         self._static = rospy.Publisher("/tf_static", TFMessage, queue_size=2, latch=True)
-        # publishers by name; () where there is no type
+        # publishers by name; () for a topic without a type
         self._sensors: dict[str, Any] = {}
         self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if virtual else None
         self._set_parameters()
@@ -133,10 +133,10 @@ class OriginalNode:
         self._services.append(rospy.Service(f"{place}manual", service("SetBool", "std_srvs"), self._manual))
 
     def publish(self) -> None:
-        """Publish what the robot sends until its process ends."""
+        """Publish the robot's messages until its process ends."""
         self._robot.request("begin")
         for telemetry in self._robot:
-            # received: the next may come
+            # acknowledged: the next may come
             self._robot.request("")
             stamp = rospy.Time(*divmod(telemetry["now"], 10**9))
             if self._clock is not None:
@@ -172,7 +172,7 @@ class OriginalNode:
         self._battery.publish(told)
 
     def _tell_frames(self, stamp: Any, transforms: list[dict[str, Any]]) -> None:
-        """Tell once where everything sits on the robot."""
+        """Publish once the places of everything on the robot."""
         told = TFMessage([fill(TransformStamped(), each, self._place) for each in transforms])
         for each in told.transforms:
             each.header.stamp = stamp
@@ -187,7 +187,7 @@ class OriginalNode:
             except (ImportError, AttributeError):
                 self._robot.request("tell", text=f"ROS has no type {kind} here, so {name} is not told")
                 found = None
-            # without one it is asked for once only
+            # without a stamp it is requested only once
             publisher = None if found is None else rospy.Publisher(f"{self._place}{name}", found, queue_size=5)
             self._sensors[name] = publisher or ()
         if not publisher:
@@ -196,7 +196,7 @@ class OriginalNode:
         told.header.stamp = rospy.Time(*divmod(time, 10**9))
         publisher.publish(told)
 
-    # -- what it is asked for ----------------------------------------------------------------------------------
+    # -- requests -------------------------------------------------------------------------------------------------
 
     def _drive(self, twist: Any) -> None:
         self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z)
@@ -240,7 +240,7 @@ class OriginalNode:
         return self._call("switched_pwr", source=asked.source, on=asked.on)
 
     def _trigger(self, name: str) -> Any:
-        """Return what serves a Trigger, by the robot's function of that name."""
+        """Return the handler of a Trigger, for the robot's function of this name."""
         return lambda _: self._caller.call(name)
 
     def _manual(self, asked: Any) -> tuple[bool, str]:
@@ -259,18 +259,18 @@ class OriginalNode:
             rospy.set_param("/use_sim_time", True)
 
     def watch(self) -> None:
-        """Look after the master: one that was restarted knows nothing of this node."""
+        """Watch the master: a restarted master does not know this node."""
         while not rospy.is_shutdown():
             time.sleep(LOOK)
             if rospy.is_shutdown():
-                # the master has just forgotten this node, and is not to be told again
+                # the master has just removed this node, which must not register again
                 return
             master = rosgraph.Master(rospy.get_name())
             try:
                 if master.lookupNode(rospy.get_name()) == rospy.get_node_uri():
                     continue
             except rosgraph.MasterError:
-                # it is there, and does not know us
+                # the master runs and does not know this node
                 pass
             except OSError:
                 # it is away
@@ -296,7 +296,7 @@ class OriginalNode:
 
 
 def taken(robot: Connection, name: str) -> str:
-    """Return where another node of this full name answers; "" where none does."""
+    """Return the address of another node of this full name; "" if there is none."""
     try:
         uri = rosgraph.Master(name).lookupNode(name)
         xmlrpc.client.ServerProxy(uri).getPid(name)
@@ -308,7 +308,7 @@ def taken(robot: Connection, name: str) -> str:
 def main(
     robot: Connection, *, virtual: bool, parameters: dict[str, Any], namespace: str = "", name: str = NODE_NAME
 ) -> None:
-    """Serve until the robot's process ends; beside another node of the same name wait until that one has gone."""
+    """Serve until the robot's process ends. If another node has the same name, wait until it has gone."""
     told = ""
     while not rosgraph.is_master_online() or (where := taken(robot, f"/{namespace}/{name}".replace("//", "/"))):
         if rosgraph.is_master_online() and where != told:
@@ -316,7 +316,7 @@ def main(
             robot.request(
                 "tell", text=f"{name} is on this master already, at {where}; end it, or give --ros1-namespace NS"
             )
-        # a sign of life
+        # a heartbeat
         robot.receive(LOOK)
     rospy.init_node(name, disable_signals=True, disable_rosout=False)
     node = OriginalNode(robot, virtual, parameters, f"/{namespace}/" if namespace else "/")

@@ -1,5 +1,6 @@
-"""The node of ROS 2: it publishes ready bytes, and hands requests on to the robot. Runs under the Python that has
-rclpy.
+"""The node of ROS 2: it publishes serialised messages, and passes requests on to the robot.
+
+It runs under the Python of rclpy.
 
 The main thread takes commands, a second thread publishes the robot's messages, and further threads serve requests that
 wait for the robot.
@@ -34,25 +35,25 @@ from txt1.ros.calls import Caller
 from txt1.ros.stamps import Publishers, Stamps
 from txt1.sidecar import Connection
 
-# s between two looks at whether a goal is to be cancelled
+# s between two checks whether a goal is cancelled
 LOOK: Final = 0.1
-# s between two reports about the node itself
+# s between two reports about the node
 SECOND: Final = 1.0
-# s in which what came meanwhile is thrown away, once this process has stood still
+# s for which messages are discarded after this process stood still
 DEAF: Final = 0.1
 # Linux's request for an interface's flags
 SIOCGIFFLAGS: Final = 0x8913
 # ... and for its address
 SIOCGIFADDR: Final = 0x8915
-# the flag that it is at work
+# the flag of an interface that is up
 IFF_RUNNING: Final = 0x40
-# s that a thread has before others have theirs: a command does not wait for a camera's picture
+# s of a thread's turn: a command must not wait for a camera's picture
 TURN: Final = 5e-4
-# transforms of its own that a node knows again
+# number of its own transforms that a node recognises
 OWN: Final = 256
 # bytes before a message, which the middleware may change
 HEAD: Final = 4
-# s without a sign of life of the main thread, after which this process ends
+# s without a sign of life from the main thread after which this process ends
 HUNG: Final = 5.0
 
 _BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
@@ -65,14 +66,15 @@ QUALITIES: Final = {
 
 
 def heading(turn: Any) -> float:
-    """The heading of a quaternion, rad."""
+    """Return the heading of a quaternion, rad."""
     return atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
 
 
 class Bridge:
-    """The node with everything that it `offers`; `stale` is the age in s at which a command is.
+    """The node with everything that it `offers`; `stale` is the age in s at which a command is stale.
 
-    Its diagnostics are those of `owner`. Where another program tells in what the frame `child` is, the robot is told.
+    Its diagnostics are those of `owner`. If another program publishes the parent of the frame `child`, the robot is
+    told.
     """
 
     def __init__(
@@ -90,35 +92,35 @@ class Bridge:
     ) -> None:
         self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
         self._owner, self._child, self._best_effort = owner, child, best_effort
-        # listens to transforms, while other programs tell some
+        # subscribes to transforms while other programs publish some
         self._others: Any = None
-        # the newest transforms of this node, without the head
+        # the newest transforms of this node, without the header
         self._own: deque[bytes] = deque(maxlen=OWN)
         self.over = False
-        """Whether the node is to end and begin anew: ROS looks at the network when it begins, and never again."""
+        """Whether the node has to end and start again, because ROS looks at the network only when it starts."""
         self.wake: Callable[[], None] = lambda: None
         """Wakes the main thread."""
         self._network = addresses()
         self._publishers: dict[int, tuple[Any, str]] = {}
         self._by_name: dict[str, Any] = {}
         self._clock: Any = None
-        # the robot's time stamp of now, ns
+        # the robot's present time stamp, ns
         self._now = 0
         self._caller = Caller(robot)
-        # on the way to a goal: when, and what
+        # state on the way to a goal: time, and feedback
         self._feedback: tuple[int, list[float]] | None = None
         self._counts = {"commands": 0, "publishers": 0}
         self._alive = time.monotonic()
-        # when the robot's last message came
+        # time of the robot's last message
         self._heard = self._alive
-        # until when commands are not taken
+        # time until which commands are refused
         self._deaf = 0.0
         self._names: tuple[str, ...] = ()
         self._stamps, self._order = Stamps(stale), Publishers()
         self._commands: Any = None
         self._group = ReentrantCallbackGroup()
         self.driving = MutuallyExclusiveCallbackGroup()
-        """What comes as a message, and the look at oneself: nothing that waits."""
+        """Group of subscriptions and self-checks: callbacks that never wait."""
         self._serve(offers)
         self._diagnostics: Any = None
         if "drive" in offers:
@@ -129,18 +131,18 @@ class Bridge:
             self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(SECOND, self._report, callback_group=self.driving)
 
-    # -- the robot's messages ----------------------------------------------------------------------------------
+    # -- the robot's messages -------------------------------------------------------------------------------------
 
     def publish(self) -> None:
-        """Publish whatever the robot sends, until its process ends; in a thread of its own."""
+        """Publish the robot's messages until its process ends; in a thread of its own."""
         self._robot.request("begin")
         for telemetry in self._robot:
-            # received: the next may come
+            # acknowledged: the next may come
             self._robot.request("")
             if self.over:
                 return
             if time.monotonic() - self._alive > HUNG:
-                # the main thread hangs, and so does this heartbeat
+                # the main thread hangs, so this heartbeat stops
                 return
             now = time.monotonic()
             if now - self._heard > self._stale:
@@ -197,7 +199,7 @@ class Bridge:
             self._subscribe_to_commands(TwistStamped if self._stamped else Twist)
 
         self._stamped = stamped
-        # another executor than the subscription's own must not destroy it
+        # only the subscription's own executor may destroy it
         self._changed = self._node.create_guard_condition(subscribe, callback_group=self.driving)
         subscribe()
         self._node.create_subscription(
@@ -212,12 +214,12 @@ class Bridge:
             self._node.create_subscription(kind, topic, take, 10, callback_group=self.driving)
 
     def _subscribe_to_commands(self, kind: type) -> None:
-        """Take commands of this type: a topic has one."""
+        """Subscribe to commands of this type: a topic has a single type."""
         if self._commands is not None:
             self._node.destroy_subscription(self._commands)
         self._stamps, self._order = Stamps(self._stale), Publishers()
         take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take
-        # goes together with publishers of both kinds
+        # compatible with publishers of both kinds
         quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)
         self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self.driving)
 
@@ -226,7 +228,7 @@ class Bridge:
         self._order.take(info.get("publication_sequence_number"))
         now = time.monotonic()
         if now < self._deaf or now - self._heard > self._stale:
-            # this process stood still: nobody knows how old it is
+            # this process stood still: the age of the command is unknown
             return
         self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z, age=age)
 
@@ -246,7 +248,7 @@ class Bridge:
             self._robot.request("servos", pwm4=message.data[0], pwm5=message.data[1])
 
     def _posed(self, name: str, message: Any) -> None:
-        """Hand on a pose that was clicked, stamped or with a covariance, too, which is not used."""
+        """Pass on a clicked pose, stamped or with a covariance; the covariance is not used."""
         pose = getattr(message.pose, "pose", message.pose)
         frame = message.header.frame_id.lstrip("/")
         self._caller.ask(name, frame=frame, x=pose.position.x, y=pose.position.y, theta=heading(pose.orientation))
@@ -266,7 +268,7 @@ class Bridge:
         services = {name: (Trigger, trigger(name)) for name in ("arm", "disarm", "stop", "load_gains")}
         services |= {f"power_{which}": (SetBool, switch("power", switch=which)) for which in ("atx", "esc")}
         services["manual"] = SetBool, switch("manual")
-        # types of our own
+        # txt1's own types
         with suppress(ImportError):
             from txt1_msgs.srv import Place
 
@@ -375,7 +377,7 @@ class Bridge:
             self._report_commands()
 
     def _look_for_others(self) -> None:
-        """Listen to transforms as long as other programs tell some: their names are not in the messages."""
+        """Subscribe to transforms while other programs publish some: messages do not contain the publisher's name."""
         name = self._node.get_name()
         found = self._node.get_publishers_info_by_topic("tf")
         nodes = sorted(each.node_name for each in found if self._child and each.node_name != name)
@@ -396,7 +398,7 @@ class Bridge:
             self._others = None
 
     def _hear(self, message: Any, nodes: str) -> None:
-        """Tell the robot when one of these nodes says in what its frame is."""
+        """Tell the robot if a node in `nodes` publishes the parent of its frame."""
         for each in message.transforms:
             if self._child and each.child_frame_id.lstrip("/") == self._child:
                 self._child = ""
@@ -436,30 +438,30 @@ class Bridge:
 
 
 class Driving(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is known to another Python only
-    """Serves one callback group of a node: it takes a message much sooner than an executor of many threads."""
+    """Serves a callback group of a node. It takes a message much sooner than an executor with many threads."""
 
     def __init__(self, bridge: Bridge, node: Node) -> None:
         super().__init__()
         self._group, self._node = bridge.driving, node
 
     def get_nodes(self) -> list[Node]:
-        """The node, which belongs to the other executor."""
+        """Return the node, which belongs to the other executor."""
         return [self._node]
 
     def can_execute(self, entity: Any) -> bool:
-        """Whether it is of the group, and ready."""
+        """Return whether the entity belongs to the group, and is ready."""
         return entity.callback_group is self._group and bool(super().can_execute(entity))
 
 
 class Serving(MultiThreadedExecutor):  # type: ignore[misc]  # as above
-    """Serves all others, which may wait for the robot."""
+    """Serves all other groups, which may wait for the robot."""
 
     def __init__(self, bridge: Bridge) -> None:
         super().__init__(num_threads=4)
         self._group = bridge.driving
 
     def can_execute(self, entity: Any) -> bool:
-        """Whether it is of another group, and ready."""
+        """Return whether the entity belongs to another group, and is ready."""
         return entity.callback_group is not self._group and bool(super().can_execute(entity))
 
 
@@ -524,12 +526,12 @@ def _publish(bridge: Bridge, ends: threading.Event) -> None:
 
 
 def addresses() -> frozenset[tuple[int, str]]:
-    """The network's interfaces at work, by number, and their IPv4 addresses."""
+    """Return the network interfaces that are up, by number, and their IPv4 addresses."""
     found = set()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         for number, name in socket.if_nameindex():
             given = struct.pack("256s", name.encode()[:15])
-            # it has no address
+            # the interface has no address
             with suppress(OSError):
                 if fcntl.ioctl(asking, SIOCGIFFLAGS, given)[16] & IFF_RUNNING:
                     found.add((number, socket.inet_ntoa(fcntl.ioctl(asking, SIOCGIFADDR, given)[20:24])))

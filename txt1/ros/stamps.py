@@ -1,4 +1,4 @@
-"""The age of a stamped command, by its stamp alone: the clocks of the two ends need not agree."""
+"""The age of a stamped command, from its stamp alone: the clocks of the two ends need not agree."""
 
 from collections import Counter, deque
 from typing import Final
@@ -7,30 +7,31 @@ from typing import Final
 WINDOW: Final = 10.0
 # s by which a stamp may be earlier than the offset allows
 AHEAD: Final = 0.1
-# stamps ahead by the same time after which the other end's clock was set
+# number of stamps ahead by the same time after which the other end's clock counts as reset
 AGREEING: Final = 5
 # s by which the clocks may differ when the first command comes
 FIRST: Final = 60.0
 
 
 class Stamps:
-    """The stamps of one publisher's commands; `stale` is the age in s at which one is refused.
+    """The stamps of a publisher's commands; `stale` is the age in s at which a command is refused.
 
     The offset between the clocks is the least of receive minus stamp: the message that was the fastest had no delay.
     """
 
     def __init__(self, stale: float) -> None:
         self.refused: Counter[str] = Counter()
-        """Commands refused, by why: "past" or "future"."""
+        """Commands refused, by reason: "past" or "future"."""
         self._stale = stale
-        # when received, and receive minus stamp
+        # time of arrival, and arrival minus stamp
         self._seen: deque[tuple[float, float]] = deque()
         self._ahead: deque[float] = deque(maxlen=AGREEING)
 
     def age(self, stamp: float, received: float) -> float | None:
-        """The age (s) of a command with a stamp, both times in s; None when it is from the past or the future.
+        """Return the age (s) of a command, for its stamp and its arrival, in s; None if it is from the past or
+        the future.
 
-        A stamp of 0 means that it has none: it is as old as its arrival.
+        A stamp of 0 means no stamp: the age is then counted from its arrival.
         """
         if stamp == 0.0:
             return 0.0
@@ -46,7 +47,7 @@ class Stamps:
         if delay < offset - AHEAD:
             self._ahead.append(delay)
             if len(self._ahead) == AGREEING and max(self._ahead) - min(self._ahead) < AHEAD:
-                # the other end's clock was set
+                # the other end's clock was reset
                 self._seen.clear()
                 self._ahead.clear()
                 self._seen.append((received, delay))
@@ -63,17 +64,17 @@ class Stamps:
 
 
 class Publishers:
-    """Whether one publisher or several command, by the numbers that each gives its own messages."""
+    """Detects whether several publishers command, from the numbers that each gives its messages."""
 
     def __init__(self) -> None:
         self._last = 0
         self.lost = 0
-        """Messages of a single publisher that did not arrive."""
+        """Messages of a single publisher that were lost."""
         self.mixed = 0
-        """Numbers out of turn: several publish at the same time."""
+        """Numbers out of order: several publishers command at the same time."""
 
     def take(self, number: int | None) -> None:
-        """Take the number of the next message; None where the middleware has none."""
+        """Take the number of the next message; None if the middleware has no numbers."""
         if not number:
             return
         if number <= self._last:

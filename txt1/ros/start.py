@@ -1,6 +1,6 @@
-"""Begins a node under another Python: of this package only modules are imported that need the standard library alone.
+"""Starts a node under another Python: only modules of this package that need just the standard library are imported.
 
-The package is found behind everything that the other Python has of its own.
+The package comes last in the other Python's search path.
 """
 
 import sys

@@ -1,7 +1,7 @@
-"""The names, messages and qualities of service under which ROS 2 finds the robot's topics.
+"""The names, messages and qualities of service of the robot's topics in ROS 2.
 
-What consumers know by a name of theirs has it (``odom``, ``imu/data``, ``scan``); every other topic of the table stands
-below the node's own name, ``~/``.
+Topics with a conventional name have it (``odom``, ``imu/data``, ``scan``). Every other topic of the table is below the
+node's own name, ``~/``.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import TOPICS, Rule, Topic
 
 Quality = Literal["default", "sensor", "latched", "clock"]
-"""Reliable; best effort, for sensors' data; kept for who comes late; the newest only."""
+"""Reliable; best effort, for sensors' data; kept for late subscribers; the newest only."""
 
 
 class Publication(NamedTuple):
-    """A ROS topic: its name, relative to the namespace, how it is served, and the topic that makes its messages."""
+    """A ROS topic: its name, relative to the namespace, its quality of service, and the topic that makes its
+    messages.
+    """
 
     name: str
     quality: Quality
@@ -41,7 +43,7 @@ STANDARD: Final[dict[str, tuple[str, Quality]]] = {
     "/estimation": ("/diagnostics", "default"),
     "/rosout": ("/rosout", "latched"),
 }
-"""Topics of the table that have a name of ROS's own."""
+"""Topics of the table with a conventional name in ROS."""
 
 NOT_TOLD: Final = frozenset(
     {
@@ -57,9 +59,9 @@ NOT_TOLD: Final = frozenset(
         "/cmd_vel",
     }
 )
-"""Topics for recordings and the live view alone.
+"""Topics for recordings and the live view only.
 
-``/tf_room`` and similar topics: a node itself tells at most a single frame above odom, with each odometry.
+``/tf_room`` and similar topics: the node itself publishes at most one frame above odom, with each odometry.
 ``/cmd_vel``: the commanded velocities came from ROS, or are in ``~/setpoint``. ``/markers``: RViz has the description
 of the robot, and some versions of ROS lack the message.
 """
@@ -93,7 +95,7 @@ _FORWARD: Final = tuple(
 
 
 def parent(frame: str) -> Topic[tuple[float, float, float]]:
-    """The transform from `frame`, map or room, to odom: of poses (m, rad) of the odometry's origin in it."""
+    """Return the topic of the transform from `frame`, map or room, to odom: poses (m, rad) of the odometry's origin."""
     return Topic(
         f"/tf_{frame}",
         tuple,
@@ -108,7 +110,7 @@ def parent(frame: str) -> Topic[tuple[float, float, float]]:
 
 
 def fixed(links: dict[str, tuple[str, float, float, float]]) -> Topic[object]:
-    """The static transforms of links: by their names the parent, and where they are in it, m."""
+    """Return the topic of the static transforms of links: by name, the parent and the place in it, m."""
     transforms = [
         {
             "header": {"frame_id": above},
@@ -136,7 +138,7 @@ _FRAMES: Final = ("frame_id", "child_frame_id")
 
 
 def in_namespace(topic: Topic[Any], prefix: str, owner: str) -> Topic[Any]:
-    """Return a topic whose frames' names begin with `prefix`, and whose diagnostics are of `owner`; "" changes none."""
+    """Return a topic whose frames' names begin with `prefix`, with diagnostics of `owner`; "" changes nothing."""
 
     def prefixed(value: Any) -> Any:
         if isinstance(value, Mapping):
@@ -192,7 +194,7 @@ AXLES: Final = {"both": (True, True), "front": (True, False), "skid": (False, Fa
 
 
 def turned(front: int, rear: int, geometry: Geometry) -> tuple[float, float]:
-    """The front's and the rear's steering angle (rad, left positive) for PWM counts of the two channels."""
+    """Return the front's and the rear's steering angle (rad, left positive) for PWM counts of the two channels."""
     axles = AXLES[geometry.steering]
     unit = -geometry.steering_max / STEERING_MAX
     return unit * front * axles[0], unit * rear * axles[1]
@@ -204,7 +206,7 @@ def turned(front: int, rear: int, geometry: Geometry) -> tuple[float, float]:
 def _nav_sat_fix(value: FixReading) -> dict[str, Any]:
     known = value.sigma_x is not None and value.sigma_y is not None
     east, north = value.sigma_x or 0.0, value.sigma_y or 0.0
-    # a receiver that does not say is about twice as wrong in height
+    # the height of a receiver without an estimate has about twice its error
     up = 4.0 * max(east, north) ** 2
     return {
         "status": {"status": 0 if value.mode >= 2 else -1, "service": 1},
@@ -229,7 +231,7 @@ FIX: Final = Topic(
 
 
 def _info(image: Image | DepthImage) -> dict[str, Any]:
-    """A pinhole camera; all zero where nobody has calibrated it."""
+    """Return the model of a pinhole camera; all zero if it is not calibrated."""
     found = {"height": image.height, "width": image.width, "distortion_model": "plumb_bob"}
     if isinstance(image, Image):
         return found
@@ -265,7 +267,7 @@ _KINDS: Final[dict[type, str]] = {
 
 
 def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
-    """The publications of a sensor's topic; the first of its kind has the name that programs look for."""
+    """Return the publications of a sensor's topic; the first sensor of its kind has the conventional name."""
     name = topic.name.removeprefix("/sensors/")
     known = _KINDS.get(topic.type)
     if known is None:
@@ -295,13 +297,13 @@ _RECORDED: Final = {
     "sensor_msgs/CompressedImage": "camera/image_raw/compressed",
     "sensor_msgs/Image": "camera/depth/image_raw",
 }
-"""Where a recorded sensor's messages are looked for, by their type."""
+"""Places of a recorded sensor's messages, by type."""
 
 
 def recorded(name: str, message: str, taken: Container[str]) -> tuple[str, Quality] | None:
-    """The name and quality of service of a recorded topic; None for those that are not told.
+    """Return the name and quality of service of a recorded topic; None for topics that are not published.
 
-    The name that programs look for is left to others when it is `taken`.
+    If the conventional name is `taken`, the topic gets another.
     """
     if name in ("/tf_room", "/tf_room_below", "/tf_map"):
         return "tf", "default"
@@ -314,7 +316,7 @@ def recorded(name: str, message: str, taken: Container[str]) -> tuple[str, Quali
 
 
 def of_the_table(topic: Topic[Any]) -> Publication:
-    """The publication of any other topic of the table."""
+    """Return the publication of any other topic of the table."""
     if topic.name in STANDARD:
         name, quality = STANDARD[topic.name]
         return Publication(name, quality, topic)

@@ -1,4 +1,4 @@
-"""Sensors' messages as trees of names and values, which the node of ROS 1 puts into messages of its own."""
+"""Sensors' messages as trees of names and values; the node of ROS 1 turns them into its own messages."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from txt1.ros.urdf import links_of
 from txt1.runtime import Runtime
 from txt1.telemetry.topics import Topic
 
-# messages that wait for the node; the oldest go first
+# messages that wait for the node; the oldest are dropped
 READINGS_MAX: Final = 500
-# messages that ROS 1 has not
+# messages that ROS 1 does not have
 OWN: Final = "txt1_msgs/"
 Told = tuple[str, str, int, dict[str, Any]]
 """A message: the topic's name, its type, its time in ns, and its tree."""
 
 
 class SensorFeed:
-    """Collects sensors' readings from `begin` to `end`, and hands them out."""
+    """Collects sensors' readings from `begin` to `end`, and returns them."""
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
@@ -33,7 +33,7 @@ class SensorFeed:
         self._leave: Callable[[], None] = lambda: None
 
     def begin(self) -> list[dict[str, Any]]:
-        """Begin to collect; the transforms of where the sensors sit."""
+        """Begin to collect; return the transforms of the sensors' places."""
         self.end()
         for polled in self._runtime.sensors.values():
             self._first.setdefault(polled.sensor.topic.type, polled.sensor.topic)
@@ -48,7 +48,7 @@ class SensorFeed:
         self._waiting.clear()
 
     def take(self, epoch: float) -> list[Told]:
-        """The messages since the last time, their times of day with the run's start at `epoch`, s."""
+        """Return the messages since the last call, with times of day for a run that started at `epoch`, s."""
         waiting, self._waiting = self._waiting, deque(maxlen=READINGS_MAX)
         return [
             (name, topic.message, round((epoch + time) * NS_PER_S), tree(topic, value))
@@ -64,7 +64,7 @@ class SensorFeed:
 
 
 def tree(topic: Topic[Any], value: Any) -> dict[str, Any]:
-    """A message's values by their names, nested; some of an array's by their places; bytes as {"base64": text}."""
+    """Return a message's values by name, nested; some values of an array by their places; bytes as {"base64": text}."""
     made: Any = topic.make(value)
     if not topic.paths:
         return {**topic.constants, **{name: _plain(each) for name, each in made.items()}}

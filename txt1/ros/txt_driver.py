@@ -1,4 +1,4 @@
-"""The original's package txt_driver: its messages and services, by our own definitions with the original's md5 sums."""
+"""The original's package txt_driver: its messages and services, defined here, with the original's md5 sums."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SERVICES: Final = {
     "SwitchedPwr": ("uint8 SOURCE_ATX=0\nuint8 SOURCE_ESC=1\nuint8 source\nbool on\n", "bool result\n"),
     "Shutdown": ("bool request\n", "bool result\n"),
 }
-"""Request and response of each; the node serves all but Pid, which programs in C++ include."""
+"""Request and response of each service; the node serves all but Pid, which programs in C++ include."""
 
 _MANIFEST: Final = """\
 <?xml version="1.0"?>
@@ -77,8 +77,8 @@ os.execvp("txt1", ["txt1", "run", "--headless", "--ros1", *words])
 
 
 def gains() -> str:
-    """Return the file of gains that launch files load as parameters of the node: the robot's own."""
-    # not where ROS 1's Python imports this module
+    """Return the file of gains that launch files load as parameters of the node: the robot's own gains."""
+    # imported here, because ROS 1's Python cannot import it
     from txt1.config import Config
 
     config = Config()
@@ -90,7 +90,7 @@ def gains() -> str:
 
 
 def write_package(folder: Path) -> Path:
-    """Write the package for a catkin workspace, for rostopic, rosservice and programs; its folder."""
+    """Write the package for a catkin workspace, for rostopic, rosservice and programs; return its folder."""
     package = folder / "txt_driver"
     messages = {f"msg/{name}.msg": text for name, text in MESSAGES.items()}
     services = {f"srv/{name}.srv": f"{asked}---\n{answer}" for name, (asked, answer) in SERVICES.items()}

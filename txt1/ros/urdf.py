@@ -1,4 +1,4 @@
-"""The robot as URDF: simple shapes, wheels that turn and steer, and every sensor in its place."""
+"""The robot as URDF: simple shapes, wheels that turn and steer, and every sensor at its place."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from txt1.ros.topics import AXLES, WHEELS
 from txt1.sensors.readings import BASE, OPTICAL, DepthImage, FixReading, Image, ImuReading, Scan
 
 Links = dict[str, tuple[str, float, float, float]]
-"""Of links without joints by their names: the one above, and where they are in it, m; none but `OPTICAL` is turned."""
+"""Links without joints, by name: the parent, and the place in it, m; only `OPTICAL` is turned."""
 
 MOUNTS: Final[Mapping[str, tuple[float, float, float]]] = {
     "base_laser_link": (0.1905, 0.0, 0.1435),
@@ -19,7 +19,7 @@ MOUNTS: Final[Mapping[str, tuple[float, float, float]]] = {
     "base_imu_link": (-0.1016, 0.0, 0.3187),
     "base_gps_link": (-0.0762, 0.0, 0.3492),
 }
-"""Where the sensors of the original are in base_link, m."""
+"""Places of the original's sensors in base_link, m."""
 _LINK: Final[Mapping[type, str]] = {
     Scan: "base_laser_link",
     Image: "base_camera_link",
@@ -35,13 +35,13 @@ _SIZES: Final = {
 }
 # width of a tyre, m
 TYRE: Final = 0.085
-# of the body, m
+# height of the body, m
 HEIGHT: Final = 0.14
 BODY_DENSITY: Final = (
-    # kg/m^3, of the body's box; assumed: an F1TENTH, whose mass of 3.74 kg is published, gets 4.1
+    # kg/m^3 of the body's box; assumed: an F1TENTH, whose published mass is 3.74 kg, gets 4.1
     300.0
 )
-# kg/m^3, of a tyre's cylinder; assumed
+# kg/m^3 of a tyre's cylinder; assumed
 TYRE_DENSITY: Final = 150.0
 # kg; assumed: a simulator leaves out a link without a mass, and the wheel with it
 HUB: Final = 0.05
@@ -70,7 +70,7 @@ _JOINT: Final = """\
 
 
 def links_of(kinds: Iterable[type]) -> Links:
-    """The links of a robot with sensors of these types of readings."""
+    """Return the links of a robot with sensors of these types of readings."""
     wanted = {_LINK[kind] for kind in kinds if kind in _LINK}
     sensors: Links = {name: ("base_link", *place) for name, place in MOUNTS.items() if name in wanted}
     if "base_camera_link" in sensors:
@@ -79,7 +79,7 @@ def links_of(kinds: Iterable[type]) -> Links:
 
 
 def robot_description(name: str, geometry: Geometry, links: Links) -> str:
-    """The robot as URDF; ROS 2's robot_state_publisher moves its joints by ``joint_states``."""
+    """Return the robot as URDF; ROS 2's robot_state_publisher moves its joints by ``joint_states``."""
     parts: list[str] = []
     for link, (above, x, y, z) in links.items():
         ahead, turned = 0.0, "0 0 0"
@@ -96,7 +96,7 @@ def robot_description(name: str, geometry: Geometry, links: Links) -> str:
             parts.append(_BODY.format(link, place, box, colour, mass))
         parts.append(_JOINT.format(f"{link}_joint", "fixed", above, link, _origin((x, y, z), turned), ""))
     radius, lock = geometry.circumference / tau, geometry.steering_max
-    # the pose is on that car's rear axle
+    # the pose of this car is on its rear axle
     rear = 0.0 if geometry.steering == "front" else -0.5 * geometry.wheelbase
     tyre = f'<cylinder radius="{radius:.6f}" length="{TYRE:g}"/>'
     # a cylinder stands along z, a wheel turns about y
@@ -104,7 +104,7 @@ def robot_description(name: str, geometry: Geometry, links: Links) -> str:
     weight = TYRE_DENSITY * tau / 2 * radius**2 * TYRE
     across = weight * (3.0 * radius**2 + TYRE**2) / 12.0
     wheel_mass = _INERTIAL.format(lying, weight, across, across, 0.5 * weight * radius**2)
-    # of a cube as wide as the tyre
+    # inertia of a cube as wide as the tyre
     hub_mass = _INERTIAL.format("", HUB, *(HUB * TYRE**2 / 6.0,) * 3)
     limits = f'<axis xyz="0 0 1"/><limit lower="-{lock:.6f}" upper="{lock:.6f}" effort="2" velocity="7"/>'
     for wheel in WHEELS:

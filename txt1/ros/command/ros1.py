@@ -1,4 +1,4 @@
-"""`txt1 ros1`: what programs of ROS 1 need to know of the robot's node."""
+"""`txt1 ros1`: files that programs of ROS 1 need for the robot's node."""
 
 from __future__ import annotations
 

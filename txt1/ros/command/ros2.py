@@ -1,4 +1,4 @@
-"""`txt1 ros2`: the ROS 2 that the robot's node runs under."""
+"""`txt1 ros2`: the ROS 2 for the robot's node."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def install(arguments: argparse.Namespace) -> int:
 
 
 def show(arguments: argparse.Namespace) -> int:
-    """Print which ROS 2 the node runs under."""
+    """Print the ROS 2 under which the node runs."""
     from txt1.ros.python import ros2
 
     print(ros2().where)
@@ -58,7 +58,7 @@ def package(arguments: argparse.Namespace) -> int:
 
 
 def urdf(arguments: argparse.Namespace) -> int:
-    """Print the description of the robot that is configured, with all of the original's sensors."""
+    """Print the URDF of the configured robot, with all of the original's sensors."""
     from txt1.ros.urdf import links_of, robot_description
     from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
 
