@@ -1,1 +1,1 @@
-"""The obstacle stop: the laser's say in the safety gate."""
+"""The obstacle stop: a guard of the safety gate with a laser scanner."""

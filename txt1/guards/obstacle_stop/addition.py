@@ -1,4 +1,4 @@
-"""The obstacle stop as an addition: without being asked for, it is there where sensors are."""
+"""The obstacle stop as an addition; it takes part by itself if there are sensors."""
 
 from txt1.additions import Addition
 

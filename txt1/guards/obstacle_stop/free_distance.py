@@ -1,4 +1,4 @@
-"""How far a vehicle may drive along an arc before its body touches something, and how fast it may be for that."""
+"""The distance that a vehicle may drive along an arc before its body touches something, and the speed for it."""
 
 from math import copysign, hypot, inf, pi, sqrt
 from typing import Final
@@ -14,7 +14,8 @@ Floats = NDArray[np.float64]
 
 
 def free_distance(points: Floats, curvature: float, length: float, width: float, margin: float = 0.0) -> float:
-    """Metres that a body's centre may go forward along an arc before the body touches a point; inf if it never does.
+    """Return the distance in m that a body's centre may go forward along an arc before the body touches a
+    point; inf if none.
 
     In the body's frame a point goes backwards on the circle around the arc's centre (0, 1 / curvature); it is touched
     where that circle first meets an edge of the rectangle.
@@ -24,8 +25,7 @@ def free_distance(points: Floats, curvature: float, length: float, width: float,
         curvature: of the arc, 1/m, left positive.
         length: of the body along x, m.
         width: of the body, m.
-        margin: kept on all sides, m; a point that is nearer than this already counts with the bare body.
-
+        margin: distance kept on all sides, m; a point that is already nearer counts for the body without margin.
     """
     x, y = points[:, 0], points[:, 1]
     near = (np.abs(x) < 0.5 * length + margin) & (np.abs(y) < 0.5 * width + margin)
@@ -34,7 +34,7 @@ def free_distance(points: Floats, curvature: float, length: float, width: float,
 
 
 def _along(points: Floats, curvature: float, front: float, side: float) -> float:
-    """The same for a rectangle of half the lengths `front` and `side`; 0 for a point inside it."""
+    """Return the same for a rectangle with half lengths `front` and `side`; 0 for a point inside it."""
     x, y = points[:, 0], points[:, 1]
     if not len(x):
         return inf
@@ -56,7 +56,7 @@ def _along(points: Floats, curvature: float, front: float, side: float) -> float
             reach = np.sqrt(rho2 - (edge - radius) ** 2)
             meets += [(reach, np.full_like(x, edge)), (-reach, np.full_like(x, edge))]
         for at_x, at_y in meets:
-            # NaN where it does not meet
+            # NaN if the circle does not meet the edge
             on = (np.abs(at_x) <= front + 1e-9) & (np.abs(at_y) <= side + 1e-9)
             if on.any():
                 angle = np.arctan2(at_y[on] - radius, at_x[on])
@@ -66,6 +66,8 @@ def _along(points: Floats, curvature: float, front: float, side: float) -> float
 
 
 def stopping_speed(distance: float, reaction: float, deceleration: float) -> float:
-    """The speed (m/s) from which one stands within a distance (m): v reaction + v^2 / (2 deceleration) = distance."""
+    """Return the speed (m/s) that allows a stop within a distance (m): v reaction + v^2 / (2 deceleration) =
+    distance.
+    """
     t = deceleration * reaction
     return hypot(t, sqrt(2.0 * deceleration * max(distance, 0.0))) - t

@@ -1,4 +1,4 @@
-"""A guard of the safety gate that lowers the speed to what the laser's free distance allows."""
+"""A guard of the safety gate that lowers the speed to one that the laser's free distance allows."""
 
 from collections import deque
 from collections.abc import Callable
@@ -17,19 +17,19 @@ from txt1.sensors.base import Reading
 from txt1.sensors.readings import Scan
 from txt1.tasks.state import State
 
-# poses of the past, one a cycle, 1 s
+# past poses, one a cycle, for 1 s
 MEMORY: Final = 50
-# m/s below which a measured curvature says nothing
+# m/s below which a measured curvature means nothing
 SLOW: Final = 0.05
 
 Pose = tuple[float, float, float]
 
 
 class LaserGuard:
-    """Keeps along the commanded arc, and along the one it drives on, to the speed from which it can stop.
+    """Keeps the speed such that the robot can stop, along the commanded arc and along the present arc.
 
-    The points of the newest scan are brought to where the vehicle is now by the odometry since their time, so the
-    laser's delay costs no distance but that of what it has not seen yet.
+    The odometry since the newest scan moves its points into the vehicle's present frame. So the laser's delay costs no
+    distance, except for things that it has not seen yet.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class LaserGuard:
         self._nearest = inf
 
     def __call__(self, v: float, omega: float, now: float) -> tuple[float, float]:
-        """The set-point with its speed lowered, on the same arc."""
+        """Return the set-point with its speed lowered, on the same arc."""
         odometry = self._state.odometry
         self._past.append((now, (odometry.x, odometry.y, odometry.theta)))
         if v == 0.0:
@@ -73,12 +73,12 @@ class LaserGuard:
         return "something is ahead" if self._fresh(now) is not None else "the laser is silent"
 
     def _fresh(self, now: float) -> Reading[Scan] | None:
-        """The newest scan, unless it is too old."""
+        """Return the newest scan; None if it is too old."""
         reading = self._scan()
         return None if reading is None or now - reading.time > self._parameters.timeout else reading
 
     def _ahead(self, v: float, commanded: float, now: float) -> float:
-        """The largest speed forward for a commanded speed and curvature, m/s; inf where that may be had."""
+        """Return the largest speed forward for a commanded speed and curvature, m/s; inf if that speed is safe."""
         reading = self._fresh(now)
         if reading is None:
             return 0.0
@@ -88,7 +88,7 @@ class LaserGuard:
         if points is None:
             return inf
         curvatures = [commanded]
-        # it takes a while to turn the wheels
+        # turning the wheels takes a while
         if odometry.v > SLOW and isfinite(odometry.omega):
             driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
             curvatures.append(min(max(driven, -most), most))
@@ -96,7 +96,7 @@ class LaserGuard:
         return stopping_speed(free, p.reaction, p.deceleration) if free < inf else inf
 
     def _here(self, reading: Reading[Scan], reach: float) -> Floats | None:
-        """The points of a scan within reach (m), in the frame of the vehicle as it stands now, m; None: none is."""
+        """Return the points of a scan within reach (m), in the vehicle's present frame, m; None if there are none."""
         if reading is not self._reading:
             self._reading, self._points = reading, reading.value.points
             self._radii = np.hypot(self._points[:, 0], self._points[:, 1])
@@ -117,7 +117,9 @@ class LaserGuard:
 
 
 async def prepare(runtime: Runtime, given: ObstacleStop) -> None:
-    """Let the laser scanner lower the speed in the safety gate, as configured; raises ConfigError: there is none."""
+    """Let the laser scanner lower the speed in the safety gate, as configured; raises ConfigError: there is no
+    scanner.
+    """
     scanners = [name for name, polled in runtime.sensors.items() if issubclass(polled.sensor.topic.type, Scan)]
     if given.enabled == "never" or (given.enabled == "auto" and not scanners):
         return

@@ -7,19 +7,21 @@ from txt1.units import NotNegative, Positive
 
 
 class ObstacleStop(Section):
-    """The laser's say in the safety gate: the speed from which the vehicle stands before it touches anything."""
+    """The obstacle stop: with its speed the vehicle can stop before it touches anything that the laser sees."""
 
     enabled: Literal["auto", "always", "never"] = "auto"
-    """"auto" is on where a laser scanner is among the sensors."""
+    """"auto" is on if a laser scanner is among the sensors."""
     sensor: str = ""
     """Name of the laser scanner; empty: the only one."""
     margin: NotNegative = 0.08
-    """Kept round the body, m: the rear corners swing out by 0.042 in the narrowest curve, and a range has noise."""
+    """Distance kept round the body, m: the rear corners swing out by 0.042 in the narrowest curve, and ranges
+    have noise.
+    """
     reaction: NotNegative = 0.15
-    """From a lower set-point to a lower speed, s."""
+    """Time from a lower set-point to a lower speed, s."""
     deceleration: Positive = 1.0
-    """With which it brakes, m/s^2."""
+    """Deceleration of braking, m/s^2."""
     reverse: NotNegative = 0.3
-    """Largest speed backwards, where it sees nothing, m/s."""
+    """Largest speed backwards, where the laser sees nothing, m/s."""
     timeout: Positive = 0.5
-    """Age of a scan at which it stands still, s."""
+    """Age of a scan at which the robot has to stand, s."""

@@ -1,1 +1,1 @@
-"""The roll-over guard: the IMU's say in the safety gate."""
+"""The roll-over guard: a guard of the safety gate with an IMU."""

@@ -1,4 +1,4 @@
-"""The roll-over guard: how fast a curve may be taken, by a quasi-static model of a car that leans.
+"""The roll-over guard: limits the speed in curves, by a quasi-static model of a car that leans.
 
 A car whose wheels stand W apart and whose centre of gravity is h high lifts its inner wheels where the force on it
 points outside of them (T. D. Gillespie, *Fundamentals of Vehicle Dynamics*, SAE 1992, chapter 9):
@@ -9,8 +9,8 @@ Roll is positive with the left side up, and a left turn leans the car likewise, 
 body, so it is the ground's and, on soft springs, `roll_gradient` v omega. The guard has to know the gradient before the
 curve: seen by the IMU, it comes too late.
 
-While the IMU is silent, the ground may be as steep as it likes. Then curves are taken with the lateral acceleration of
-a car that crawls through its narrowest one, the least that is left on any ground.
+While the IMU is silent, the slope of the ground is unknown. Then the lateral acceleration is limited to that of a car
+that crawls through its narrowest curve, the least limit on any ground.
 """
 
 from collections.abc import Callable
@@ -21,24 +21,25 @@ from txt1.guards.roll_guard.settings import RollGuard
 from txt1.model.kinematics import yaw_rate_max
 
 GRAVITY: Final = 9.80665  # m/s^2
-# m/s, the least speed that is left
+# m/s, the least speed that is always allowed
 CRAWL: Final = 0.1
 
 
 def lean(roll: float, v: float, omega: float) -> float:
-    """How far the force on the car leans from its upright, rad."""
+    """Return the angle between the force on the car and the car's upright, rad."""
     return roll + atan(v * omega / GRAVITY)
 
 
 def tipping(track_width: float, gravity_height: float) -> float:
-    """The lean at which the inner wheels lift, rad."""
+    """Return the lean at which the inner wheels lift, rad."""
     return atan(0.5 * track_width / gravity_height)
 
 
 def sideways_max(largest: float, roll: float, gradient: float = 0.0) -> float:
-    """The lateral acceleration, m/s^2, that with a roll to the bad side comes to a lean; 0 where the roll is enough.
+    """Return the lateral acceleration, m/s^2, that reaches a lean with a roll to the bad side; 0 if the roll
+    alone reaches it.
 
-    With springs a little less, as atan(x) is taken for x.
+    With springs it is a little less, as atan(x) is replaced by x.
     """
     left = max(largest - roll, 0.0)
     return left / (gradient + 1.0 / GRAVITY) if gradient else GRAVITY * tan(left)
@@ -48,12 +49,11 @@ class Guard:
     """A guard of the safety gate: lowers speed and yaw rate together, so that the curve stays the same.
 
     Args:
-        parameters: of the guard.
+        parameters: the guard's parameters.
         track_width: m.
         radius_min: m.
-        measured: returns roll (rad) and lateral acceleration (m/s^2) now; the roll is None while nobody measures it.
+        measured: returns the present roll (rad) and lateral acceleration (m/s^2); the roll is None while it is unknown.
         tell: called with a line for the event log, and the time in s.
-
     """
 
     def __init__(
@@ -70,12 +70,12 @@ class Guard:
         self._measured, self._tell = measured, tell
         self._blind = CRAWL * yaw_rate_max(CRAWL, radius_min)
         self._told = False
-        # the largest of late, rad
+        # largest recent roll, rad
         self._roll = 0.0
         self._time = 0.0
 
     def __call__(self, v: float, omega: float, now: float) -> tuple[float, float]:
-        """The set-point that the ground allows."""
+        """Return the set-point that the ground allows."""
         roll, sideways = self._measured(now)
         fading = exp(-(now - self._time) / self.parameters.memory)
         self._time = now
@@ -88,7 +88,7 @@ class Guard:
             self._roll = max(self._roll, abs(roll - gradient * sideways))
             allowed = sideways_max(self._largest, self._roll, gradient)
             self._told = False
-        # what it does now counts, too: the wheels take a while to turn
+        # the present motion counts, too: turning the wheels takes a while
         wanted = max(abs(v * omega), min(abs(sideways), abs(v) * yaw_rate_max(v, self._radius_min)))
         if wanted <= allowed:
             return v, omega

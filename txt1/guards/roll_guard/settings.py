@@ -19,10 +19,10 @@ class RollGuard(Section):
     sensor: str = "imu"
     """Name of the IMU."""
     gravity_height: Positive = 0.15
-    """Of the centre of gravity, m: half of the body's; assumed."""
+    """Height of the centre of gravity, m: half of the body's; assumed."""
     roll_gradient: NotNegative = 0.0
-    """How far the body leans outwards on its springs in a curve, rad per m/s^2 of lateral acceleration; 0: stiff."""
+    """Roll of the body outwards on its springs in a curve, rad per m/s^2 of lateral acceleration; 0: stiff."""
     share: Annotated[float, Gt(0.0), Le(1.0)] = 0.75
-    """Share of the way to lifting wheels that is used; chosen."""
+    """Share of the lean at which wheels lift that is used; chosen."""
     memory: Positive = 3.0
     """Time for which a roll is remembered, s; chosen."""

@@ -1,4 +1,4 @@
-"""The roll-over guard's eyes: roll by the IMU, lateral acceleration by the odometry."""
+"""The inputs of the roll-over guard: roll from the IMU, lateral acceleration from the odometry."""
 
 from collections.abc import Callable
 from math import asin, atan2
@@ -12,17 +12,17 @@ from txt1.sensors.base import Reading
 from txt1.sensors.readings import ImuReading
 from txt1.tasks.state import State
 
-# s, the age up to which a reading counts
+# s, the age up to which a reading is used
 FRESH: Final = 0.2
-# share of a new reading where the device tells no attitude and its accelerometer shakes
+# weight of a new reading from a device without attitude, as its accelerometer shakes
 SMOOTH: Final = 0.1
 
 
 def roll_of(reading: ImuReading) -> float:
-    """The roll of a reading, rad, left side up: by its orientation, else by gravity, with which turning mixes."""
+    """Return the roll of a reading, rad, left side up: by its orientation, else by gravity, which turning distorts."""
     if reading.orientation is not None:
         x, y, z, w = reading.orientation
-        # of the left side over the horizon
+        # elevation of the left side over the horizon
         return asin(max(-1.0, min(1.0, 2.0 * (y * z + w * x))))
     _, left, up = reading.acceleration
     return atan2(left, up)
@@ -31,7 +31,7 @@ def roll_of(reading: ImuReading) -> float:
 def watching(
     last: Callable[[], Reading[ImuReading] | None], state: State
 ) -> Callable[[float], tuple[float | None, float]]:
-    """The function that returns roll (rad) and lateral acceleration (m/s^2) at a time.
+    """Return a function that returns roll (rad) and lateral acceleration (m/s^2) at a time.
 
     Without a fresh reading the roll is None.
     """
