@@ -1,1 +1,1 @@
-"""Physics of other people under the simulated vehicles: commonroad-vehicle-models and MuJoCo (extra ``physics``)."""
+"""Others' physics for the simulated vehicles: commonroad-vehicle-models and MuJoCo (extra ``physics``)."""

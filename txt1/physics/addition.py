@@ -1,4 +1,4 @@
-"""Other people's vehicles as an addition."""
+"""Others' physics as an addition."""
 
 from txt1.additions import Addition
 

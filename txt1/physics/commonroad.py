@@ -1,27 +1,27 @@
-"""The drift and the multi-body model of commonroad-vehicle-models as small cars, by a rule of scale.
+"""The drift and the multi-body model of commonroad-vehicle-models, scaled down to small cars.
 
-The models: M. Althoff and G. Würsching, *CommonRoad: Vehicle models*, 2020; package ``commonroad-vehicle-models``.
-Their equations are called as they are installed, compiled by numba. The car is the package's vehicle 2, a BMW 320i, to
-whose tyre the public F1TENTH simulator goes back, too.
+The models: M. Althoff and G. Würsching, *CommonRoad: Vehicle models*, 2020; package ``commonroad-vehicle-models``. The
+installed equations are called, compiled by numba. The car is the package's vehicle 2, a BMW 320i. The public F1TENTH
+simulator's tyre is derived from this car's, too.
 
-**The rule of scale** (Froude's, for gravity is the same): lengths are as the wheelbases, s = wheelbase / (a + b). Then
-times and speeds are as the root of s, masses as s^3, moments of inertia as s^5, and angles and accelerations stay, so a
-tyre that holds 1 g holds 1 g. Scaling the parameters and scaling the results is the same in this rule, and the models
-have speeds in their code at which they change over, so the full-size car is driven and its motion is scaled. Their
-parameters are unchanged, except those of driver and engine, whose work our simulated servo and motor do. The limits of
-their driver and engine (steering angle and rate, acceleration, power, `steering` and `longitudinal`) are lifted, and
-the simulated servo and motor stand for them (`txt1.physics.foreign`).
+**The rule of scale** (Froude's, because gravity is the same): lengths scale with the wheelbase, by s = wheelbase / (a +
+b). Times and speeds scale with the root of s, masses with s^3, moments of inertia with s^5. Angles and accelerations do
+not change: a tyre that holds 1 g still holds 1 g. In this rule scaling the parameters and scaling the results are
+equivalent. The models have fixed speeds in their code at which they switch, so the full-size car is driven and its
+motion is scaled. Its parameters are unchanged, except for the limits of driver and engine (steering angle and rate,
+acceleration, power, `steering` and `longitudinal`). These limits are removed, and the simulated servo and motor replace
+driver and engine (`txt1.physics.foreign`).
 
-**Wheels and encoders.** The motor and the encoders turn with the driven wheels, by the package's torque split those of
-the rear axle. The model's track is as narrow as the full-size car's, so the difference of its wheels counts as that of
-wheels that are as far apart as the configuration says.
+**Wheels and encoders.** The motor and the encoders turn with the driven wheels, which are at the rear axle by the
+package's torque split. The model has the full-size car's narrow track. So the difference of its wheels is converted to
+the configured track.
 
-**Slowly and backwards.** The multi-body model takes the wheels' slip for 0 below 0.1 m/s and forbids wheels to turn
-backwards. There the package's kinematic model drives, and above 0.1 m/s the package's `init_mb` puts the rest into its
-place. The drift model fades into the kinematic one by itself; a car that stands has no yaw rate left.
+**Slowly and backwards.** The multi-body model sets the wheels' slip to 0 below 0.1 m/s, and its wheels cannot turn
+backwards. There the package's kinematic model drives; above 0.1 m/s the package's `init_mb` sets the other states. The
+drift model fades into the kinematic model by itself; a standing car has no yaw rate.
 
-**Sides.** The multi-body model's axes are the SAE's, y to the right: seen from above it is the mirror image of ours. So
-its left wheels are our right ones, and its roll has the other sign.
+**Sides.** The multi-body model has the SAE's axes, with y to the right: seen from above it is the mirror image of this
+package's. So its left wheels are the car's right wheels, and its roll has the opposite sign.
 
 **Steps.** Heun's method, at most 1 ms of the full-size car. A wheel's speed settles at the rate R^2 K / (I v), which
 decides the step at low speed; steps of less than half are Euler's.
@@ -52,13 +52,13 @@ from txt1.sim.dynamics import Motion
 
 VEHICLE: Final = 2
 """The package's number of the BMW 320i."""
-# as the models have it, m/s^2
+# gravity in the models, m/s^2
 GRAVITY: Final = 9.81
-# of the full-size car's steps, s
+# longest step of the full-size car, s
 LONGEST: Final = 1e-3
-# of a step times the wheels' rate at rest; 2 is the limit of both methods
+# largest step times the wheels' rate at rest; 2 is the limit of both methods
 STABLE: Final = 1.3
-# below this the multi-body model has no slip, m/s of the full-size car
+# below this speed the multi-body model has no slip, m/s of the full-size car
 KINEMATIC: Final = 0.1
 
 
@@ -66,12 +66,12 @@ def _elsewhere(*_: Any) -> Any:
     raise NotImplementedError
 
 
-# stand for the package's functions, which `Models` compiles into the movers in their places
+# placeholders for the package's functions, which `Models` compiles into the movers
 kinematics = init = multi_body_rates = drift_rates = _elsewhere
 
 
 def _values(name: str, keys: str) -> Any:
-    """A class of parameters at module level, so that what numba compiled for it can be kept on the disk."""
+    """Return a class of parameters at module level, so that numba can keep the code compiled for it on the disk."""
     return namedtuple(name, keys.split())
 
 
@@ -91,7 +91,7 @@ KINDS: Final = {"SteeringParameters": Steering, "LongitudinalParameters": Longit
 
 
 def _numbers(parameters: Any) -> Any:
-    """The package's parameters as named tuples of floats, which a compiler reads."""
+    """Return the package's parameters as named tuples of floats, which the compiler can read."""
     kind = KINDS.get(type(parameters).__name__, Car)
     given = {each.name: getattr(parameters, each.name) for each in fields(parameters)}
     values = {key: given[key] for key in kind._fields}
@@ -100,7 +100,7 @@ def _numbers(parameters: Any) -> Any:
 
 @cache
 def car() -> Any:
-    """Vehicle 2 of the package, as it is installed, without the limits of its driver and engine."""
+    """Return vehicle 2 of the installed package, without the limits of its driver and engine."""
     from vehiclemodels.vehicle_parameters import setup_vehicle_parameters
 
     p = _numbers(setup_vehicle_parameters(VEHICLE))
@@ -122,7 +122,7 @@ def move_multi_body(
     loss: float,
     p: Any,
 ) -> None:
-    """Move the multi-body model by `dt`, all of the full-size car: state `x` and the paths of right and left wheel."""
+    """Move the multi-body model by `dt`, in the full-size car's units: state `x`, and paths of right and left wheel."""
     stiff = p.R_w * p.R_w * p.tire.p_kx1 * GRAVITY * p.m / (2.0 * p.I_y_w) * max(p.a, p.b) / (p.a + p.b)
     wheelbase = p.a + p.b
     u = np.zeros(2)
@@ -154,7 +154,7 @@ def move_multi_body(
                 x[3] = 0.0
             slip = atan(tan(x[2]) * p.b / wheelbase)
             yaw_rate = x[3] * cos(slip) * tan(x[2]) / wheelbase
-            # the speed at the centre of gravity becomes the one forwards when the whole model takes over
+            # the speed at the centre of gravity becomes the forward speed when the whole model takes over
             path, turned = 0.5 * h * (v + x[3]) * cos(slip), 0.5 * p.T_r * (x[4] - turned)
             rolled[0] += path + turned
             rolled[1] += path - turned
@@ -192,7 +192,7 @@ def move_drift(
     loss: float,
     p: Any,
 ) -> None:
-    """Move the drift model by `dt`, all of the full-size car: state `x` and the paths of right and left wheel."""
+    """Move the drift model by `dt`, in the full-size car's units: state `x`, and paths of right and left wheel."""
     stiff = p.R_w * p.R_w * p.tire.p_kx1 * GRAVITY * p.m / p.I_y_w * max(p.a, p.b) / (p.a + p.b)
     wheelbase = p.a + p.b
     u = np.zeros(2)
@@ -200,7 +200,7 @@ def move_drift(
     while remaining > 0.0:
         rolls = x[3] < 0.1
         v = x[3] * cos(x[6]) if rolls else p.R_w * (p.T_se * x[7] + (1.0 - p.T_se) * x[8])
-        # the shares of the two models, 0.2 and 0.05 m/s being the model's own
+        # weights of the two models; 0.2 and 0.05 m/s are the model's own
         dynamic = 0.5 * (tanh((x[3] - 0.2) / 0.05) + 1.0)
         settling = dynamic * stiff / max(x[3], 0.1) + (1.0 - dynamic) * 50.0
         h = min(remaining, LONGEST, STABLE / settling)
@@ -230,7 +230,7 @@ def move_drift(
 
 
 class Models:
-    """The two movers, compiled, and the package's own beginnings of their states."""
+    """The two movers, compiled, and the package's functions for initial states."""
 
     def __init__(self) -> None:
         import numba
@@ -247,7 +247,7 @@ class Models:
             try:
                 return compiled(function, calls=globals_of, cache=True)
             except (OSError, RuntimeError):
-                # there is no folder to keep it in
+                # there is no folder for the compiled code
                 return compiled(function, calls=globals_of)
 
         options: Any = numba.config
@@ -281,7 +281,7 @@ class Models:
 
 
 def _kept_in() -> Path:
-    """The folder for what numba compiled, of this version of the package: numba looks at each file by itself."""
+    """Return the folder for compiled code of this version of the package: numba checks each file only by itself."""
     from importlib.metadata import version
 
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -292,9 +292,9 @@ models: Final = cache(Models)
 
 
 class CommonRoad(Foreign):
-    """One of the package's models as a small car.
+    """A model of the package as a small car.
 
-    Raises ConfigError: the car is none whose front wheels steer, or it is faster than the model holds.
+    Raises ConfigError: the car does not steer by its front wheels only, or it is faster than the model allows.
     """
 
     def __init__(self, name: str, config: Config) -> None:
@@ -328,11 +328,13 @@ class CommonRoad(Foreign):
         self._models = models()
 
     def beginning(self, state: list[float]) -> list[float]:
-        """The model's state for position, steering, speed, heading, yaw rate and sideslip at the centre of gravity."""
+        """Return the model's state for position, steering, speed, heading, yaw rate and sideslip at the centre
+        of gravity.
+        """
         raise NotImplementedError
 
     def settled(self, motion: Motion) -> Array:
-        """The full-size car's state, rolling without slip."""
+        """Return the full-size car's state, rolling without slip."""
         x, y, theta, v, phi, *_ = motion
         p = self.car
         slip = atan(tan(phi) * p.b / (p.a + p.b))
@@ -366,11 +368,11 @@ class CommonRoad(Foreign):
         raise NotImplementedError
 
     def forwards(self, state: Array) -> float:
-        """The speed along the heading, m/s."""
+        """Return the speed along the heading, m/s."""
         raise NotImplementedError
 
     def holds(self, state: Array) -> bool:
-        """Whether the model holds in a state."""
+        """Return whether the model is valid in a state."""
         return True
 
 
@@ -378,16 +380,16 @@ class SingleTrackDrift(CommonRoad):
     """The single-track drift model: two wheels on the middle line, with tyres that slide."""
 
     def beginning(self, state: list[float]) -> list[float]:
-        """The package's."""
+        """Return the package's initial state."""
         begun: list[float] = self._models.begin_drift(state, self.car)
         return [*begun[:7], max(begun[7], 0.0), max(begun[8], 0.0)]
 
     def move(self, *arguments: Any) -> None:
-        """Move it."""
+        """Move the model."""
         self._models.drift(*arguments)
 
     def forwards(self, state: Array) -> float:
-        """The speed along the heading, m/s."""
+        """Return the speed along the heading, m/s."""
         return float(state[3] * cos(state[6]))
 
 
@@ -395,24 +397,24 @@ class MultiBody(CommonRoad):
     """The multi-body model: four wheels with tyres, springs and dampers, a body that rolls, pitches and bounces."""
 
     def beginning(self, state: list[float]) -> list[float]:
-        """The package's."""
+        """Return the package's initial state."""
         begun: list[float] = self._models.begin_multi_body(state, self.car)
         return [*begun[:23], *(max(wheel, 0.0) for wheel in begun[23:27]), *begun[27:]]
 
     def move(self, *arguments: Any) -> None:
-        """Move it."""
+        """Move the model."""
         self._models.multi_body(*arguments)
 
     def forwards(self, state: Array) -> float:
-        """The speed along the heading, m/s."""
+        """Return the speed along the heading, m/s."""
         return float(state[3])
 
     def leaning(self, hidden: Array) -> tuple[float, float]:
-        """Roll, left side up, and pitch, nose down."""
+        """Return roll, left side up, and pitch, nose down."""
         return -float(hidden[6]), -float(hidden[8])
 
     def pressing(self, hidden: Array) -> tuple[float, ...]:
-        """The tyres' springs, in their equations (F_z)."""
+        """Return the tyres' loads, from their springs in the equations (F_z)."""
         p = self.car
         loads = []
         for bounce, roll, track, arm in ((16, 13, p.T_f, p.b), (21, 18, p.T_r, p.a)):
@@ -422,25 +424,25 @@ class MultiBody(CommonRoad):
         return tuple(loads)
 
     def rising(self, hidden: Array) -> tuple[float, ...]:
-        """What a tyre's spring would have to pull for its load, which is no load any more."""
+        """Return the heights of the tyres over the floor; a lifted tyre's spring would have to pull."""
         p = self.car
         static = 0.25 * p.m * GRAVITY
         return tuple(self.scale * max(0.0, -load * static / p.K_zt) for load in self.pressing(hidden))
 
     def holds(self, state: Array) -> bool:
-        """Whether a wheel of each side stands on the floor."""
+        """Return whether a wheel of each side stands on the floor."""
         loads = self.pressing(state)
         return max(loads[0], loads[2]) > 0.0 and max(loads[1], loads[3]) > 0.0
 
 
 def single_track_drift(config: Config) -> SingleTrackDrift:
-    """The physics ``single-track-drift``."""
+    """Make the physics ``single-track-drift``."""
     _import("single-track-drift")
     return SingleTrackDrift("single-track-drift", config)
 
 
 def multi_body(config: Config) -> MultiBody:
-    """The physics ``multi-body``."""
+    """Make the physics ``multi-body``."""
     _import("multi-body")
     return MultiBody("multi-body", config)
 

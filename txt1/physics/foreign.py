@@ -1,14 +1,14 @@
-"""What physics of other people have in common: memory, the motor and the steering servo, and what is refused.
+"""The common part of others' physics: memory, the motor and the steering servo, and refusals.
 
-How it works. A `txt1.sim.vehicle.Vehicle` calls its physics with its motion, eight numbers, and takes eight back.
-Other people's models have more: speeds sideways, angular rates, suspensions. This *hidden* state is remembered here
-for each motion that was given back since the vehicle moved on last, because the world asks what a motion would be
-before it decides that it comes to pass. A motion that is not remembered was made elsewhere: the vehicle was put down,
-ran into something, or was pushed. Then the hidden state is made anew, at rest but for the motion itself (`settled`).
+How it works. A `txt1.sim.vehicle.Vehicle` calls its physics with its motion, eight numbers, and gets eight back.
+Others' models have more: sideways speeds, angular rates, suspensions. This *hidden* state is stored here for each
+motion returned since the vehicle last moved on, because the world computes possible motions before it chooses one. A
+motion without a stored state was made elsewhere: the vehicle was placed, ran into something, or was pushed. Then the
+hidden state is made anew, at rest except for the motion itself (`settled`).
 
 The motor and the steering servo are those of `txt1.sim.dynamics` in every physics. Under power the motor pulls the
 wheels towards its free speed w with the acceleration (w - (1 + drag) v) / tau, v being the speed at which the driven
-wheels roll; coasting, (v + friction) / tau slows them. What the car does of that is the model's.
+wheels roll; coasting, (v + friction) / tau slows them. The model computes the car's response.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from txt1.model.vehicle import STEERING_MAX
 from txt1.sim.dynamics import Motion
 
 OWN: Final = ("slip", "understeer", "grip", "cornering", "skid")
-"""Parameters of our vehicle for which other people's models have tyres of their own."""
+"""Parameters of the package's vehicle that others' models do not use, as they have tyres of their own."""
 LEVEL: Final = (0.0, 0.0)
-# s: shorter times are what is left of rounding
+# s: shorter times are rounding errors
 INSTANT: Final = 1e-9
-# motions whose hidden state is remembered; the world weighs fewer before it decides
+# number of motions whose hidden state is stored; the world considers fewer before it chooses
 KEPT: Final = 8
 
 
 class MotorDrive(NamedTuple):
-    """What the motor does, held for a while."""
+    """The motor's action, held for a while."""
 
-    # else it coasts
+    # otherwise it coasts
     driven: bool
-    # the free speed, m/s; where it coasts the speed of its dry friction
+    # the free speed, m/s; while coasting the speed of its dry friction
     free: float
     tau: float  # s
     # 1 + the floor's drag
@@ -44,11 +44,11 @@ class MotorDrive(NamedTuple):
 
 
 class Foreign:
-    """Somebody else's physics for one vehicle.
+    """Others' physics for a vehicle.
 
     Args:
-        name: of the setting.
-        config: of the vehicle.
+        name: the setting's value.
+        config: the vehicle's configuration.
 
     Raises ConfigError: a setting would have no effect.
     """
@@ -57,7 +57,7 @@ class Foreign:
         self.name = name
         self.body = config.geometry
         self.vehicle = config.sim.vehicle
-        # what the vehicle's own file says of its tyres is nobody's mistake
+        # the tyre settings in the vehicle's own file are not the user's mistake
         usual = load(None, [f"vehicle={config.vehicle}"], {}, {}).config.sim.vehicle
         without = [
             f"sim.vehicle.{key}={getattr(self.vehicle, key):g}"
@@ -76,10 +76,10 @@ class Foreign:
         self._failed = False
 
     def __call__(self, motion: Motion, motor: float, front: float, rear: float, dt: float, drag: float) -> Motion:
-        """Return the motion `dt` seconds later; raises HalError where the model has lost its way."""
+        """Return the motion `dt` seconds later; raises HalError if the model has failed."""
         before = motion
         if self._failed:
-            # so that whoever stops the robot gets neutral outputs through
+            # so that neutral outputs still pass when the robot is stopped
             return (*motion[:3], 0.0, *motion[4:])
         if dt < INSTANT:
             return motion
@@ -93,12 +93,12 @@ class Foreign:
             raise self.lost(before, "its numbers grow beyond all bounds")
         self._hidden[after] = self._last = hidden
         if len(self._hidden) > KEPT:
-            # one that is held at a wall looks ahead again and again from where it stands
+            # a vehicle at a wall is moved again and again from the same motion
             del self._hidden[next(each for each in self._hidden if each != before)]
         return after
 
     def drive(self, motor: float, drag: float) -> MotorDrive:
-        """What the motor does at so many counts, as `txt1.sim.dynamics.move` has it."""
+        """Return the motor's action for these counts, as in `txt1.sim.dynamics.move`."""
         p = self.vehicle
         if abs(motor) <= p.dead_band:
             return MotorDrive(False, p.coast_friction, p.coast_time_constant, 1.0 + drag)
@@ -106,12 +106,12 @@ class Foreign:
         return MotorDrive(True, p.speed_gain * beyond, p.speed_time_constant, 1.0 + drag)
 
     def angle(self, counts: float) -> float:
-        """The steering angle that a servo goes for, rad, left positive; counts are as in `Outputs`."""
+        """Return the steering angle that a servo aims for, rad, left positive; counts as in `Outputs`."""
         limit = float(STEERING_MAX)
         return -self.body.steering_max * min(max(counts, -limit), limit) / limit
 
     def lost(self, motion: Motion, why: str) -> HalError:
-        """The error of a model that has lost its way; the car stays where it is from then on."""
+        """Return the error of a failed model; the car stays where it is from then on."""
         self._failed = True
         return HalError(
             f"sim.physics: {self.name} fails at {motion[3]:.2f} m/s with {motion[4]:+.2f} rad of steering: {why}; "
@@ -119,50 +119,53 @@ class Foreign:
         )
 
     def attitude(self, pose: tuple[float, float, float]) -> tuple[float, float]:
-        """Roll (left side up) and pitch (nose down positive) of the body now, rad."""
+        """Return the present roll (left side up) and pitch (nose down positive) of the body, rad."""
         return LEVEL if self._last is None else self.leaning(self._last)
 
     def loads(self) -> tuple[float, ...]:
-        """What the wheels press on the floor with now, as shares of what they do at rest; none where unknown.
+        """Return the wheels' present loads, as shares of their loads at rest; empty if unknown.
 
-        In the order front left, front right, rear left, rear right.
+        The order is front left, front right, rear left, rear right.
         """
         return () if self._last is None else self.pressing(self._last)
 
     def heights(self) -> tuple[float, ...]:
-        """How high the wheels are over the floor now, m, 0 where they touch it; none where unknown. As `loads`."""
+        """Return the present heights of the wheels over the floor, m, 0 on the floor; empty if unknown.
+
+        Order as `loads`.
+        """
         return () if self._last is None else self.rising(self._last)
 
     def lift(self, up: bool) -> None:
-        """Put the car on blocks, where its wheels turn and steer freely, or down again, as an operator does."""
+        """Put the car on blocks, where its wheels turn and steer freely, or on the floor again."""
 
     # -- the model's own ---------------------------------------------------------------------------------------
 
     def settled(self, motion: Motion) -> Any:
-        """The hidden state of a vehicle in this motion that does nothing else."""
+        """Return the hidden state of a vehicle in this motion and otherwise at rest."""
         raise NotImplementedError
 
     def step(
         self, motion: Motion, hidden: Any, drive: MotorDrive, front: float, rear: float, dt: float
     ) -> tuple[Motion, Any]:
-        """Return motion and hidden state `dt` seconds later; front and rear: the steering angles gone for, rad."""
+        """Return motion and hidden state `dt` seconds later; `front` and `rear` are the target steering angles, rad."""
         raise NotImplementedError
 
     def leaning(self, hidden: Any) -> tuple[float, float]:
-        """Roll and pitch in a hidden state, rad."""
+        """Return roll and pitch in a hidden state, rad."""
         return LEVEL
 
     def pressing(self, hidden: Any) -> tuple[float, ...]:
-        """The wheels' loads in a hidden state."""
+        """Return the wheels' loads in a hidden state."""
         return ()
 
     def rising(self, hidden: Any) -> tuple[float, ...]:
-        """The wheels' heights over the floor in a hidden state, m."""
+        """Return the wheels' heights over the floor in a hidden state, m."""
         return ()
 
 
 def needed(name: str, load: Callable[[], Any]) -> Any:
-    """Return what is imported; raises MissingExtra where a package is not installed."""
+    """Return the imported module; raises MissingExtra if a package is not installed."""
     try:
         return load()
     except ImportError as error:

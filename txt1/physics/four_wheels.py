@@ -1,11 +1,12 @@
 """The TXT-1 in MuJoCo: E. Todorov, T. Erez, Y. Tassa, *MuJoCo: A physics engine for model-based control*, IROS 2012.
 
 The car is `txt1.physics.mjcf`. The motor's torque goes to the four wheels in equal parts, as through open
-differentials, and the motor sees their mean speed. Coasting, the dry part of the friction is MuJoCo's dry friction in
-the wheels' joints, so that a car that stands does not creep; one slower than `STANDS` is left where it is.
-The encoder wheels are the front ones.
+differentials, and the motor sees their mean speed. While coasting, the dry part of the friction is MuJoCo's dry
+friction in the wheels' joints, so that a standing car does not creep. A car slower than `STANDS` stays where it is. The
+encoders are at the front wheels.
 
-Steps are parts of the time asked for, at most `mjcf.STEP` long. MuJoCo repeats to the last bit on the same machine.
+Steps are equal parts of the requested time, at most `mjcf.STEP` long. MuJoCo repeats to the last bit on the same
+machine.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ from txt1.physics.settings import PhysicsSettings
 from txt1.sim.batch import Array
 from txt1.sim.dynamics import Motion
 
-# m/s: what coasts more slowly, stands
+# m/s: a slower coasting car stands
 STANDS: Final = 1e-3
 # s on the springs before the first drive
 SETTLING: Final = 2.0
-# of a wheel's turn in a step, rad
+# largest turn of a wheel in a step, rad
 FASTEST: Final = 0.5
-# N s/m and N m s/rad: of a body on blocks
+# N s/m and N m s/rad: damping of a body on blocks
 HELD: Final = 1e4
 # rad of roll or pitch: the car lies on its side
 OVER: Final = 1.2
@@ -41,7 +42,7 @@ OVER: Final = 1.2
 class FourWheels(Foreign):
     """The car in MuJoCo.
 
-    Raises ConfigError: not both axles steer, or the geometry makes no car.
+    Raises ConfigError: an axle does not steer, or the geometry is impossible.
     """
 
     def __init__(self, config: Config) -> None:
@@ -83,7 +84,7 @@ class FourWheels(Foreign):
 
         self._mujoco: Any = mujoco
         self.model: Any = mujoco.MjModel.from_xml_string(mjcf(body, settings))
-        """MuJoCo's model, for a look of your own."""
+        """MuJoCo's model, for inspection."""
         self.data: Any = mujoco.MjData(self.model)
         """MuJoCo's data, in the state of the last step."""
         self._state = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -103,7 +104,9 @@ class FourWheels(Foreign):
         self._servo = (0.0, 0.0)
 
     def settled(self, motion: Motion) -> Array:
-        """The car on its springs, rolling straight on without slip; the servos are where its wheels point."""
+        """Return the state of the car on its springs, rolling straight on without slip, with servos as its
+        wheels point.
+        """
         x, y, theta, v, front, rear, right, left = motion
         data, radius, qpos = self.data, self.radius, self._rest.copy()
         self._mujoco.mj_resetData(self.model, data)
@@ -178,7 +181,7 @@ class FourWheels(Foreign):
         return atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
 
     def lift(self, up: bool) -> None:
-        """Take floor and weight away, and hold the body; put down, it stands on its springs where it was."""
+        """Take floor and weight away, and hold the body; put down again, it stands on its springs at the same place."""
         option, no_contact = self.model.opt, int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
         option.disableflags = option.disableflags | no_contact if up else option.disableflags & ~no_contact
         option.gravity[2] = 0.0 if up else -GRAVITY
@@ -187,14 +190,14 @@ class FourWheels(Foreign):
         self._before = None
 
     def leaning(self, hidden: Array) -> tuple[float, float]:
-        """Roll, left side up, and pitch, nose down, of the body as it is now."""
+        """Return the body's present roll, left side up, and pitch, nose down."""
         w, i, j, k = self.data.qpos[3:7].tolist()
         return atan2(2.0 * (w * i + j * k), 1.0 - 2.0 * (i * i + j * j)), asin(
             min(max(2.0 * (w * j - k * i), -1.0), 1.0)
         )
 
     def pressing(self, hidden: Array) -> tuple[float, ...]:
-        """The contacts' normal forces now."""
+        """Return the present normal forces of the contacts."""
         loads, force = [0.0] * 4, np.zeros(6)
         for number in range(self.data.ncon):
             contact = self.data.contact[number]
@@ -205,7 +208,7 @@ class FourWheels(Foreign):
         return tuple(loads)
 
     def rising(self, hidden: Array) -> tuple[float, ...]:
-        """The lowest points of the tyres now."""
+        """Return the present heights of the tyres' lowest points."""
         heights = []
         for name in WHEELS:
             geom, (radius, _, half) = self.data.geom(name), self.model.geom(name).size
@@ -215,6 +218,6 @@ class FourWheels(Foreign):
 
 
 def create(config: Config) -> FourWheels:
-    """The physics ``mujoco``."""
+    """Make the physics ``mujoco``."""
     needed("mujoco", partial(import_module, "mujoco"))
     return FourWheels(config)

@@ -2,15 +2,16 @@
 
     python -m txt1.physics.mjcf > txt1.xml        # for MuJoCo's own viewer
 
-A wheel hangs on three joints: it slides up and down on its spring, turns about its king pin, and rolls. The linkage
-turns both wheels of an axle alike. The wheels' middles are `geometry.track_width` apart, their radius follows from
-`geometry.circumference`. There is no slip angle and no flexible carcass.
+A wheel has three joints: it slides up and down on its spring, turns about its king pin, and rolls. The linkage turns
+both wheels of an axle by the same angle. The wheels' middles are `geometry.track_width` apart. Their radius follows
+from `geometry.circumference`. There is no slip angle and no flexible carcass.
 
-A tyre is crowned: an ellipsoid, which touches the floor in one point, with dry friction alike in every direction. A
-cylinder touches it with its two edges alone, and those roll by different ways in a curve, so they stick and slip
-against each other; a real tyre's patch lies between. A wheel that turns about its king pin meets MuJoCo's torsional
+A tyre is crowned: an ellipsoid, which touches the floor at a point, with the same dry friction in every direction. A
+cylinder would touch the floor only at its two edges. In a curve the edges would roll different distances, so they would
+stick and slip against each other. A real tyre's patch lies in between. A wheel that turns about its king pin meets
+MuJoCo's torsional
 friction (condim 4): 2/3 of the friction times the radius of a round patch with even pressure (V. L. Popov, *Contact
-Mechanics and Friction*, 2010). The patch is taken for half as wide as the tyre; assumed.
+Mechanics and Friction*, 2010). The patch is assumed to be half as wide as the tyre.
 """
 
 from math import pi
@@ -20,26 +21,27 @@ from txt1.model.vehicle import Geometry
 from txt1.physics.settings import PhysicsSettings
 
 GRAVITY: Final = 9.81  # m/s^2
-# the longest of the integration, s
+# longest step of the integration, s
 STEP: Final = 0.001
 WHEELS: Final = ("front_left", "front_right", "rear_left", "rear_right")
-# radius of the tyre's patch on the floor, of the tyre's width; assumed
+# radius of the tyre's patch on the floor, as a share of the tyre's width; assumed
 PATCH: Final = 0.25
-# of a wheel up and down from where it is at rest, m
+# travel of a wheel up and down from rest, m
 TRAVEL: Final = 0.04
-# N m/rad a wheel: the stiffness of servo and linkage, which no floor turns back; assumed
+# N m/rad a wheel: stiffness of servo and linkage, which no floor turns back; assumed
 LINKAGE: Final = 40.0
 
 
 def wheel_radius(body: Geometry) -> float:
-    """The radius of a wheel, m."""
+    """Return the radius of a wheel, m."""
     return body.circumference / (2.0 * pi)
 
 
 def roll_gradient(body: Geometry, settings: PhysicsSettings) -> float:
-    """How far the body leans in a curve, rad per m/s^2: a moment m a h against springs and the weight that leans, too.
+    """Return how far the body leans in a curve, rad per m/s^2: the moment m a h against the springs and the
+    leaning weight.
 
-    The springs' stiffness in roll is m (2 pi f)^2 (track_width / 2)^2, that of the weight -m g h.
+    The springs' stiffness in roll is m (2 pi f)^2 (track_width / 2)^2; the weight's is -m g h.
     """
     stiffness = (pi * settings.suspension * body.track_width) ** 2 - GRAVITY * settings.gravity_height
     return settings.gravity_height / stiffness
@@ -50,7 +52,7 @@ def mjcf(body: Geometry, settings: PhysicsSettings) -> str:
     radius = wheel_radius(body)
     sprung = settings.mass - 4.0 * settings.wheel_mass
     height = settings.gravity_height
-    # the springs carry the body where its frequency is 2 pi f = sqrt(4 k / m)
+    # the body's frequency on the springs is 2 pi f = sqrt(4 k / m)
     bounce = 2.0 * pi * settings.suspension
     stiffness = 0.25 * sprung * bounce**2
     damping = 0.25 * 2.0 * settings.damping * sprung * bounce

@@ -13,22 +13,22 @@ if TYPE_CHECKING:
 
 
 class PhysicsSettings(Section):
-    """The car in MuJoCo: what the geometry does not say of it."""
+    """The car in MuJoCo: parameters that the geometry does not have."""
 
     mass: Positive = 8.0
-    """Of the whole car, kg: chassis 4.5, computer 1.4, plate 0.6, two packs 1.0, inverter 0.5; assumed."""
+    """Mass of the whole car, kg: chassis 4.5, computer 1.4, plate 0.6, two packs 1.0, inverter 0.5; assumed."""
     gravity_height: Positive = 0.15
-    """Of the body's centre of gravity, m: half of the body's height, as the roll-over guard has it; assumed."""
+    """Height of the body's centre of gravity, m: half of the body's height, as for the roll-over guard; assumed."""
     friction: Annotated[float, Gt(0.0), Le(2.0)] = 1.0489
-    """Of a tyre on the floor: that of the tyre of commonroad-vehicle-models (p_dy1)."""
+    """Friction of a tyre on the floor: as of the tyre of commonroad-vehicle-models (p_dy1)."""
     tyre_width: Positive = 0.1
-    """m; assumed."""
+    """Width of a tyre, m; assumed."""
     wheel_mass: Positive = 0.35
-    """Of one wheel with its tyre, kg, part of the mass; assumed."""
+    """Mass of a wheel with its tyre, kg, a part of `mass`; assumed."""
     suspension: Positive = 3.0
     """Frequency at which the body bounces on its springs, Hz; assumed."""
     damping: Positive = 0.4
-    """Of that, as a share of critical damping; assumed."""
+    """Damping of this motion, as a share of critical damping; assumed."""
 
 
 async def prepare(runtime: "Runtime", settings: PhysicsSettings) -> None:
