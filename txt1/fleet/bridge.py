@@ -27,9 +27,9 @@ from txt1.sidecar import LINE_MAX, Connection
 
 FLEET_RATE: Final = 20.0  # Hz
 TOPICS: Final = ["/said", "/member", "/fleet_order", "/fleet_stops"]
-# once a second
+# messages a second about the robot itself
 SELDOM: Final = ["/learned"]
-# s from one table of a robot to its next that is passed on
+# s between two tables of a robot that are passed on
 PASSED: Final = 0.8
 # tables that are passed on at a time
 AT_ONCE: Final = 5
@@ -160,7 +160,7 @@ class ReportedGate:
 
 
 def _stop(peer: Peer) -> str:
-    """How the last stop of all that this robot gave stands, once there was time to answer; "" after a minute."""
+    """Return the progress of this robot's last stop of all, once there was time to answer; "" after a minute."""
     standing, age = peer.standing() or (Standing(), inf)
     return str(standing) if age < SHOWN and (standing.complete or age > ANSWERED) else ""
 
@@ -176,7 +176,7 @@ def fitting(values: Iterable[T]) -> Iterator[T]:
 
 
 def _state(topics: dict[str, Any]) -> dict[str, Any]:
-    """The part of the robot's telemetry that is told to the others."""
+    """Return the part of the robot's telemetry for the others."""
     said, member = topics.get("/said") or {}, topics.get("/member") or {}
     told = ("armed", "reason", "driver", "battery", "silent", "stuck", "hand")
     return {**{key: value for key, value in said.items() if key != "time"}, **{key: member.get(key) for key in told}}

@@ -244,7 +244,9 @@ async def _lines(fleet: Fleet) -> None:
 
 
 def line(fleet: Fleet) -> str:
-    """A fleet in one line: how many robots are armed, how many move, and the smallest distance between two centres."""
+    """Sum up a fleet in a line: numbers of armed and of moving robots, and the smallest distance between two
+    centres.
+    """
     robots = list(fleet.robots.values())
     armed = sum(robot.armed for robot in robots)
     moving = sum(abs(robot.odometry.v) > STILL[0] or abs(robot.odometry.omega) > STILL[1] for robot in robots)

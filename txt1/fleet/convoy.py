@@ -1,4 +1,4 @@
-"""A convoy: each robot follows the robot ahead, by the odometry that the robot ahead tells.
+"""A convoy: each robot follows the robot ahead, by the odometry that the robot ahead sends.
 
 Along the path: v = v_ahead + k (s - d - h v), with s the distance to the car ahead along its track. The spacing d + h v
 grows with the speed by the time headway h. For a vehicle whose speed follows its set-point with a time constant tau,
@@ -47,7 +47,7 @@ TRACK_MAX: Final = 1000
 CATCHING_UP: Final = 2.0 / 3.0
 # share of the slowest car's top speed at which the leader drives if no speed is given
 LEADING: Final = 1.0 / 3.0
-# share of the slowest car's top speed that the leader never exceeds, so that the others can catch up
+# share of the slowest car's top speed that the leader never exceeds, so that the other cars can catch up
 RESERVE: Final = 0.6
 # the leader's smallest circle, in turning circles of the least agile car
 WIDER: Final = 1.1

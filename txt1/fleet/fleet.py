@@ -28,7 +28,7 @@ class Fleet:
 
     def __init__(self, plan: FleetPlan, robots: Mapping[str, Robot], world: World) -> None:
         self.plan = plan
-        """The plan, as it was written down."""
+        """The plan, as written."""
         self.robots = robots
         """The robots by name, in the order of the plan."""
         self.world = world
@@ -100,7 +100,7 @@ class Fleet:
                 raise HalError(f"{name}: its gains were not acknowledged; check control.linear and control.angular")
 
     def begin_tasks(self) -> list[asyncio.Task[None]]:
-        """Start every robot's own task, or the common one; return the tasks that are sources of commands.
+        """Start every robot's own task, or the common task; return the tasks that are sources of commands.
 
         Raises ConfigError: there is no source of commands of that name, or no such law.
         """

@@ -18,13 +18,14 @@ and a margin. As dh/dt = s n (dq_i/dt - dq_j/dt) with s <= 1, each car keeps
 by itself and without asking the other. (With s on the left, cars that are hardly moving apart would be allowed
 anything.) So h shrinks by twice this rate at most, and never becomes negative. To stand is always allowed, and safe as
 long as the others keep the rule or stand. A wall does not move: its h is the distance that is left between it and the
-body's circle, at p or at q. A car that others heard late is taken to be nearer by the way that it has driven since.
+body's circle, at p or at q. A car whose last message is old counts as nearer by the distance that it may have driven
+since.
 
 This is a control barrier function whose backup is to brake (E. Squires, P. Pierpaoli and M. Egerstedt, "Constructive
 barrier certificates with applications to fixed-wing aircraft collision avoidance", IEEE CCTA 2018), of which each car
 keeps its part by itself (L. Wang, A. D. Ames and M. Egerstedt, "Safety barrier certificates for collisions-free
-multirobot systems", IEEE T-RO 33, 2017). The relative motion that it looks along is that of velocity obstacles (P.
-Fiorini and Z. Shiller, IJRR 17, 1998).
+multirobot systems", IEEE T-RO 33, 2017). It looks along the relative motion, as velocity obstacles do (P. Fiorini and
+Z. Shiller, IJRR 17, 1998).
 
 Limits: the guard knows the four walls and the robots that it hears, and no obstacles. `LAG` and the margin are the same
 for all cars; both have to be larger for a car that brakes more slowly. Steering lags too, and the margin has to cover

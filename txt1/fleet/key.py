@@ -1,4 +1,4 @@
-"""The key of a fleet: it decides whose messages are heard and where; it is kept in a file.
+"""The key of a fleet, in a file: it decides whose messages are heard, and where.
 
 A fleet is a name and a key. HMAC-SHA256 makes from both:
 
@@ -39,7 +39,7 @@ MADE: Final = ("space", "signature", "password")
 
 
 class FleetKey:
-    """A fleet's name and secret, and all that is made from them; raises ConfigError: the name is not valid."""
+    """A fleet's name and secret, and everything derived from them; raises ConfigError: the name is not valid."""
 
     def __init__(self, secret: str, fleet: str = FLEET_NAME) -> None:
         if not is_name(fleet):

@@ -44,7 +44,7 @@ QUIET: Final = 1.0
 
 
 class FleetLink:
-    """The medium of a `txt1.fleet.cooperation.Cooperation` and the exchange of a `txt1.learning.sharing.Sharing`."""
+    """The medium of a `txt1.fleet.cooperation.Cooperation`, and the exchange of a `txt1.learning.sharing.Sharing`."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -53,13 +53,13 @@ class FleetLink:
         self._said: Said | None = None
         self._cooperation: Cooperation | None = None
         self._joined = asyncio.Event()
-        # when it joined the fleet, s of the loop
+        # time at which it joined the fleet, s of the loop
         self._since = inf
         # last message of the bridge about the others, s of the loop
         self._took = -inf
         # identities of stops of all
         self._obeyed: deque[str] = deque(maxlen=STOPS_MAX)
-        # how the last stop of all that this robot gave stands
+        # progress of the last stop of all that this robot gave
         self._standing = ""
         self._learned: Learned | None = None
         # rows learned by the others, and when they came
@@ -92,7 +92,7 @@ class FleetLink:
         self._cooperation.begin()
 
     def unfinished(self) -> str:
-        """Say that the robot is stuck, and what holds it; "" where nothing does."""
+        """Return that the robot is stuck, and what blocks it; "" if it is not stuck."""
         part = self._cooperation
         return f"the robot is stuck; in its way: {part.stuck}" if part is not None and part.stuck else ""
 
@@ -121,16 +121,16 @@ class FleetLink:
         return {who: learned for who, (learned, time) in self._taught.items() if time >= since}
 
     async def joined(self) -> None:
-        """Wait until the others have had time to tell what they have learned, at most `BRIDGE_PATIENCE` and `TOLD`."""
+        """Wait until the others have had time to send what they have learned, at most `BRIDGE_PATIENCE` and `TOLD`."""
         with suppress(TimeoutError):
             async with asyncio.timeout(BRIDGE_PATIENCE):
                 await self._joined.wait()
                 await asyncio.sleep(TOLD)
 
-    # -- what the bridge asks for ------------------------------------------------------------------------------
+    # -- requests of the bridge ------------------------------------------------------------------------------------
 
     def _take(self, members: list[list[Any]], heard: Mapping[str, list[Any]], stop: str = "") -> None:
-        """Take the others' states, whose times are given as ages, s, and how our stop of all stands."""
+        """Take the others' states, with their ages in s, and the progress of this robot's stop of all."""
         self._joined.set()
         self._took = now = asyncio.get_running_loop().time()
         self._since = min(self._since, now)
@@ -144,7 +144,9 @@ class FleetLink:
         self._members = tuple(_member(each) for each in members)
 
     def _stop(self, who: str = "somebody", stop: str = "") -> None:
-        """Obey another's stop, once for each identity: a stop is repeated, and a repetition must not undo an arming."""
+        """Obey another robot's stop, once for each identity: a stop is repeated, and a repetition must not undo
+        an arming.
+        """
         if stop and stop in self._obeyed:
             return
         self._robot.stop()
@@ -153,7 +155,7 @@ class FleetLink:
             self._obeyed.append(stop)
 
     def _hear(self, who: str, learned: Mapping[str, Any] | None, age: float = 0.0, why: str = "") -> None:
-        """Take the rows that another learned `age` s ago; None: they are refused, and `why` is reported once."""
+        """Take the rows that another robot learned `age` s ago; None: they are refused, and `why` is reported once."""
         if learned is not None:
             self._taught[who] = learned_of(learned), asyncio.get_running_loop().time() - age
             return
@@ -180,7 +182,7 @@ class FleetLink:
 
 
 def _member(told: Sequence[Any]) -> Member:
-    """Return a member from the lists that JSON has made of it."""
+    """Return a member from its lists in JSON."""
     one = Member._make(told)
     pose = None if one.pose is None else (one.pose[0], one.pose[1], one.pose[2])
     return one._replace(pose=pose, hand=None if one.hand is None else Hand(*one.hand))

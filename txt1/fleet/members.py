@@ -1,4 +1,4 @@
-"""A fleet as it is shown: one line for each robot."""
+"""The fleet for the screens: a line for each robot."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ FLEET_STOP: Final = declare(
 
 
 def member_of(robot: Robot, silent: str = "", stuck: str = "") -> Member:
-    """A robot's own line now; `silent` names the robot that it waits for, `stuck` what blocks it."""
+    """Return a robot's own line now; `silent` names the robot that it waits for, `stuck` what blocks it."""
     odometry = robot.odometry
     pose = robot.pose or (odometry.x, odometry.y, odometry.theta)
     return Member(
@@ -73,11 +73,11 @@ def member_of(robot: Robot, silent: str = "", stuck: str = "") -> Member:
 
 
 def _stop_of(robot: Robot) -> str:
-    """How the robot's last stop goes; "standing" only if it was seen to stand and still stands."""
+    """Return the progress of the robot's last stop; "standing" only if it was seen to stand and still stands."""
     if robot.runtime.stands(robot.now) and not robot.hal.capabilities.blind:
         return Stop.STANDING
     seen = robot.stop_state
-    # the watch was not asked since
+    # the watch has not been asked since
     if seen is Stop.STANDING:
         return Stop.SLOWING
     if robot.hal.capabilities.blind:

@@ -15,24 +15,24 @@ from txt1.fleet.body import DEFAULT_BODY, Body
 
 # bytes of the longest message that is read
 MESSAGE_SIZE: Final = 1 << 15
-# of a robot or a console
+# longest name of a robot or a console
 MEMBER_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")
-# of a number: m, rad, m/s, rad/s, V
+# largest number: m, rad, m/s, rad/s, V
 LARGEST: Final = 1e6
 # numbers of a law
 DATA_MAX: Final = 16
-# of a car's lengths and speeds: m, m/s, rad/s
+# largest length and speed of a car: m, m/s, rad/s
 SIZE_MAX: Final = 100.0
 # letters of a reason; the rest of a longer reason is cut off
 TEXT_MAX: Final = 100
-# ns of a clock
+# longest time on a clock, ns
 TIME_MAX: Final = 1 << 63
-# the identity of a stop of all
+# longest identity of a stop of all
 STOP: Final = re.compile(r"[0-9a-f]{32}")
 
 
 class MemberState(NamedTuple):
-    """What a robot tells of itself: pose (m, rad), velocities (m/s, rad/s), numbers of its law, and its condition."""
+    """A robot's message about itself: pose (m, rad), velocities (m/s, rad/s), numbers of its law, and its condition."""
 
     x: float
     y: float
@@ -79,7 +79,7 @@ def is_name(name: object) -> bool:
 
 
 def state_of(message: Mapping[str, Any]) -> MemberState:
-    """Return what a robot tells of itself."""
+    """Return the content of a robot's message about itself."""
     data = message.get("data", ())
     if not isinstance(data, list | tuple) or len(data) > DATA_MAX:
         raise ValueError(f"data: give at most {DATA_MAX} numbers")
@@ -103,7 +103,7 @@ def state_of(message: Mapping[str, Any]) -> MemberState:
 
 
 def body_of(told: object) -> Body:
-    """Return the body that a robot tells; an older robot tells none and counts as a TXT-1."""
+    """Return the body in a robot's message; an older robot sends none and counts as a TXT-1."""
     if not isinstance(told, dict):
         return DEFAULT_BODY
     radius, v_max, reach = (_size(told, name) for name in ("radius", "v_max", "reach"))
@@ -165,7 +165,7 @@ def number(message: Mapping[str, Any], name: str) -> float:
 
 
 def text(message: Mapping[str, Any], name: str) -> str:
-    """Return a field of text in one line, without control characters of a terminal; "" if it is absent."""
+    """Return a text field as a single line, without control characters of a terminal; "" if it is absent."""
     value = message.get(name)
     if value is None:
         return ""

@@ -23,14 +23,14 @@ repeated for another second, in case a robot joins meanwhile. With a share p of 
 missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3. Every robot obeys each stop that it hears, even a
 stop that is not signed. After a second in which not all have answered, it is said through a new session, too.
 
-**Names** are unique. The peer that joined later leaves, and so does one that hears its own name in use. A peer looks
+**Names** are unique. The peer that joined later leaves, and so does a peer that hears its own name in use. A peer looks
 for its name when it joins. On a busy computer the others may not be found by then. So for another half minute it also
 leaves when a peer that joined earlier sends a state under the same name. After that no message makes it leave.
 
 **Clocks.** The ping with the shortest round trip among the last pings counts: offset = theirs - (sent + received) / 2,
-wrong by half of the round trip at most (as in NTP). A velocity carries the instant at which the key was pressed, in the
-clock of the robot that it drives. This instant is told earlier by the possible error of the offset. So the command
-never seems younger than it is, wherever it waited.
+with an error of at most half of the round trip (as in NTP). A velocity carries the instant at which the key was
+pressed, in the clock of the robot that it drives. The possible error of the offset is subtracted from this instant. So
+the command never seems younger than it is, wherever it waited.
 
 **Where.** On loopback a peer listens on 127.0.0.1; with a named interface it listens on that interface only, and Zenoh
 asks for a password, which is made from the key.
@@ -75,7 +75,7 @@ HUNG: Final = 300
 REPEAT: Final = 0.02
 # s for which a stop is repeated after all have answered
 LONGER: Final = 1.0
-# s after which a stop waits no longer for an answer
+# s after which a stop no longer waits for an answer
 STOP_FOR: Final = 30.0
 # s after the last gate has closed; a robot that was not seen to stand by then is given up
 SETTLED: Final = 5.0
@@ -93,17 +93,17 @@ PING_LEAST: Final = 0.05
 PINGS: Final = 10
 # s; a peer that joins looks this long whether its name is taken
 LOOK: Final = 0.6
-# s; a namesake in the fleet longer than we are by more than this was certainly there first
+# s; a namesake that has been in the fleet longer by more than this was certainly there first
 EARLIER: Final = 0.5
-# s; a namesake up to this much younger than we are may have been first: then the IDs decide
+# s; a namesake that is younger by up to this much may have been first: then the IDs decide
 AS_EARLY: Final = 1.5
-# s; a longer time in the fleet is told as this
+# s; longer times in the fleet are sent as this
 UP_MAX: Final = 1e5
 # s by which a command may seem to come from the future, as clocks drift between two pings
 AHEAD: Final = 0.01
 # s after which the answer to a ping is ignored
 PING_MAX: Final = 10.0
-# number of our own last stops that are recognised when they come back
+# number of this peer's last stops that are recognised when they come back
 SAID_MAX: Final = 20
 # largest number of peers that are remembered
 OTHERS_MAX: Final = 200
@@ -114,13 +114,13 @@ STRANGER: Final = "somebody"
 
 @dataclass
 class _Other:
-    """What is known here of another peer; times are s of our clock."""
+    """What this peer knows of another peer; times are s of this computer's clock."""
 
-    # of its liveliness tokens
+    # IDs of its liveliness tokens
     ids: set[str] = field(default_factory=set)
     heard: float = 0.0
     state: MemberState | None = None
-    # the last message, and when it came
+    # the last message, and its arrival
     learned: tuple[Mapping[str, Any], float] | None = None
     # round trip and offset, s
     pings: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=PINGS))
@@ -147,8 +147,9 @@ def configuration(interface: str = "", key: FleetKey | None = None, dictionary: 
     """Zenoh's configuration; `key` and `dictionary`, the file of its password, are for an interface beyond loopback.
 
     Two peers that connect to each other in the same instant may end up with a session that carries messages one way
-    only. So on loopback a peer connects to what is there as it joins, and again every few seconds to what was too busy
-    to answer, and is introduced to nobody; on an interface the peer with the greater ID connects.
+    only. So on loopback only the joining peer connects to the peers that are there; every few seconds it tries again
+    those that were too busy to answer. Peers do not introduce each other. On an interface the peer with the greater ID
+    connects.
     """
     zenoh = need_zenoh()
     config = zenoh.Config()
@@ -185,17 +186,17 @@ def need_zenoh() -> Any:
 
 
 class Peer:
-    """One of a fleet on a network.
+    """A member of a fleet on a network.
 
     Args:
-        name: its own, unique in the fleet.
-        interface: of the network; empty for loopback.
-        key: file with the password that all share; None: the user's own, on loopback only.
-        hooks: called with what is received.
+        name: its name, unique in the fleet.
+        interface: network interface; empty for loopback.
+        key: file with the common password; None: the user's own, on loopback only.
+        hooks: called with received messages.
         loss: share of the messages that it loses, sending and receiving, for tests.
         fleet: name of the fleet; fleets with another name or key are not heard.
         console: it has no robot: it is not listed, its answer is not awaited, and its name need not be unique.
-        clock: of this computer.
+        clock: this computer's clock.
 
     Raises ConfigError: the name is taken, the key is not valid, or the network cannot be used; MissingExtra.
     """
@@ -264,14 +265,14 @@ class Peer:
         """Time of this computer's clock, s."""
         return self._clock.now_ns() / NS_PER_S
 
-    # -- telling -----------------------------------------------------------------------------------------------
+    # -- sending ---------------------------------------------------------------------------------------------------
 
     def tell(self, state: Mapping[str, Any]) -> None:
-        """Tell the others this robot's state."""
+        """Send the others this robot's state."""
         self._put(f"state/{self.name}", {**state, "up": min(self.now - self.began, UP_MAX)})
 
     def teach(self, learned: Mapping[str, Any]) -> None:
-        """Tell the others what this robot has learned; the message may be lost."""
+        """Send the others what this robot has learned; the message may be lost."""
         self._put(f"learned/{self.name}", learned)
 
     def drive(self, name: str, v: float, omega: float, age: float = 0.0) -> None:
@@ -328,7 +329,9 @@ class Peer:
             ends.set()
 
     def _say_anew(self, stop: StopOfAll, ends: threading.Event) -> None:
-        """Say a stop through a new session, too: it meets everybody anew, whatever is wrong with the old one."""
+        """Send a stop through a new session, too: it connects to all peers again, whatever is wrong with the
+        old session.
+        """
         try:
             with suppress(ConfigError, self._zenoh.ZError), self._open(self._interface) as session:
                 session.declare_subscriber(f"{self._space}/stopped/{self.name}", self._checked(self._take_answer))
@@ -342,7 +345,7 @@ class Peer:
         """Wait for `duration` s."""
         self._closing.wait(duration)
 
-    # -- knowing -----------------------------------------------------------------------------------------------
+    # -- received state --------------------------------------------------------------------------------------------
 
     def heard(self) -> Mapping[str, Said]:
         """Pose and motion of each peer that has told them, with times of this computer's clock."""
@@ -360,7 +363,7 @@ class Peer:
             return dict(self._refused)
 
     def taught(self) -> Mapping[str, tuple[Mapping[str, Any], float]]:
-        """The rows that each robot present has learned, unchecked, and when they came by our clock."""
+        """The rows that each present robot has learned, unchecked, and their arrival by this computer's clock."""
         with self._lock:
             return {name: one.learned for name, one in self._others.items() if one.alive and one.learned is not None}
 
@@ -371,7 +374,7 @@ class Peer:
             return tuple(_member(name, other, now) for name, other in sorted(self._others.items()) if other.heard)
 
     def standing(self) -> tuple[Standing, float] | None:
-        """How the last stop from here stands, and its age in s; None: no stop was given here."""
+        """Progress of the last stop that was given here, and its age in s; None: none was given here."""
         with self._lock:
             return None if self._stop is None else (self._stop.standing(), self.now - self._stop.began)
 
@@ -400,7 +403,7 @@ class Peer:
         return str(sample.key_expr).removeprefix(f"{self._space}/")
 
     def _read(self, sample: Any) -> dict[str, Any] | None:
-        """Return a message from another peer; None for our own, a lost message, and text that is no message.
+        """Return a message from another peer; None for this peer's own, a lost message, and malformed text.
 
         Raises ValueError: it is not signed with the fleet's key.
         """
@@ -439,7 +442,7 @@ class Peer:
         return listen
 
     def _meet_double(self, message: dict[str, Any]) -> None:
-        """Leave if another robot of our name was there before, unless we have been there for long."""
+        """Leave if another robot of the same name was there before, unless this robot has been there for long."""
         if self._console or "up" not in message:
             return
         if not gives_way(self.now - self.began, number(message, "up"), self.id, str(message.get("id"))):
@@ -559,7 +562,9 @@ class Peer:
 
 
 def theirs(time: float, there_and_back: float, offset: float) -> float:
-    """Convert a time of our clock to a peer's clock, s; earlier by the largest error of the ping, never later."""
+    """Convert a time of this computer's clock to a peer's clock, s; earlier by the largest error of the ping,
+    never later.
+    """
     return time + offset - 0.5 * there_and_back
 
 

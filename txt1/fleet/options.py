@@ -21,7 +21,7 @@ NETWORK: Final = {
 
 
 class Joining(NamedTuple):
-    """How a robot joins a fleet."""
+    """The way in which a robot joins a fleet."""
 
     bridge: Mapping[str, object]
     """Options of the bridge to its network."""

@@ -1,8 +1,8 @@
 """The web page of a fleet on a network: the page's server on one side, a peer without a robot on the other.
 
-The page shows what each robot tells the others 20 times a second: pose, velocities, whether it may drive and which
-source drives it. A stop is a stop of all, repeated until all have answered. Driving goes to the robot that the page
-shows. All else is done at the robot itself.
+The page shows the state that each robot sends 20 times a second: pose, velocities, whether it may drive and which
+source drives it. A stop is a stop of all, repeated until all have answered. Driving commands go to the robot that the
+page shows. Everything else is done at the robot itself.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # looks a second
 FLEET_PAGE_RATE: Final = 20.0
-# without a meaning here
+# requests without a meaning here
 QUIET: Final = ("", "subscribe", "request", "halt")
 # s after a command during which a robot that "fleet" drives counts as driven from this page
 HELD: Final = 0.5
@@ -36,7 +36,7 @@ class Network:
     def __init__(self, peer: Peer) -> None:
         self._peer = peer
         self._began = peer.now
-        # when each robot was driven from here
+        # time at which each robot was last driven from here
         self._drove: dict[str, float] = {}
         self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
@@ -72,7 +72,7 @@ class Network:
         return json.dumps(told).encode()
 
     def request(self, name: str, /, **fields: object) -> None:
-        """Do what a page asks for; raises CommandRefused: it cannot be done from here."""
+        """Carry out a page's request; raises CommandRefused if it is impossible from here."""
         if name == "stop":
             self._peer.stop_all()
         elif name == "drive":
@@ -85,7 +85,9 @@ class Network:
             raise CommandRefused(f"a fleet's page stops and drives; '{name}' is done at the robot or on its own page")
 
     def _seen(self, one: Member) -> Member:
-        """A robot that this page drives is shown as driven by "web"; a robot of another console stays at "fleet"."""
+        """Return a robot that this page drives as driven by "web"; a robot driven by another console stays at
+        "fleet".
+        """
         ours = one.driver == "fleet" and self._peer.now - self._drove.get(one.name, -inf) < HELD
         return one._replace(driver="web") if ours else one
 

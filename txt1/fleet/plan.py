@@ -1,4 +1,4 @@
-"""A fleet as it is written down: the robots' names, starts and tasks, and the settings of each.
+"""The file of a fleet: the robots' names, starts and tasks, and the settings of each.
 
 ::
 
@@ -78,7 +78,7 @@ class FleetPlan(Section):
 
 
 def _of_another(base: Config, own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a different vehicle's values: its file's, and defaults for the values that only the others' file sets."""
+    """Return a different vehicle's values: its file's, and defaults for values that only the file of `base` sets."""
     name = own.get("vehicle", base.vehicle)
     if name == base.vehicle or not isinstance(name, str):
         return {}

@@ -1,8 +1,8 @@
-"""What robots tell one another, and which robots hear it.
+"""The states that robots send to each other, and which robots receive them.
 
-Each robot tells its pose and velocities twenty times a second, and hears some of the others. Cooperation needs no more.
-`Radio` connects robots of one process, with a range and losses if wanted. `txt1.fleet.network.Peer` connects robots
-over a network. Both are a `Medium`.
+Each robot sends its pose and velocities twenty times a second, and receives those of some other robots. Cooperation
+needs no more. `Radio` connects robots of one process, with a range and losses if wanted. `txt1.fleet.network.Peer`
+connects robots over a network. Both are a `Medium`.
 """
 
 from collections.abc import Mapping

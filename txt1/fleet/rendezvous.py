@@ -10,10 +10,10 @@ rules", IEEE TAC 48, 2003; L. Moreau, IEEE TAC 50, 2005; R. Olfati-Saber, J. A. 
 2007). If hearing is always mutual, they become the mean of the starts.
 
 Cars have a size, so they meet in slots on a circle around the middle. Each car claims the nearest free slot. A slot is
-taken if a car stands in it or a car of higher rank has claimed it, as far as was ever heard. Each car remembers the
-last claim of every other, so it does not matter who is heard just now. The first car of the team loses its slot only to
-a car that stands there. So each claim changes a finite number of times (an auction in which rank is the price, after M.
-Zavlanos, L. Spesivtsev and G. Pappas, "A distributed auction algorithm for the assignment problem", CDC 2008).
+taken if a car stands in it, or if a car of higher rank was ever heard to claim it. Each car remembers the last claim of
+every other car, so it does not matter which cars are heard at the moment. The first car of the team loses its slot only
+to a car that stands there. So each claim changes a finite number of times (an auction in which rank is the price, after
+M. Zavlanos, L. Spesivtsev and G. Pappas, "A distributed auction algorithm for the assignment problem", CDC 2008).
 
 The way leads along a lane inside or outside of the slots, and from there into the car's own slot. The slots are so far
 apart that a car passes between two standing cars, so there always is a way. If the way has not become shorter for long,
@@ -46,7 +46,7 @@ SPACING: Final = 4.0 * DEFAULT_BODY.reach + 2.0 * MARGIN + PASSING
 ROUND: Final = 0.55
 # of the fastest; the TXT-1's 0.3 m/s
 SPEED_SHARE: Final = 0.2
-# numbers that each robot tells
+# numbers in each robot's message
 TOLD: Final = 6
 # m beyond the circle of the slots at which a car changes from one lane to the other
 LANES: Final = 0.1
@@ -69,7 +69,7 @@ ARRIVED: Final = 0.1
 REACH_MAX: Final = 2.0
 
 Point = tuple[float, float]
-# length and width, m
+# length and width of the room, m
 Room = tuple[float, float]
 
 
@@ -113,11 +113,11 @@ class Rendezvous:
         body: Body = DEFAULT_BODY,
     ) -> None:
         self._number, self._count = sorted(team).index(name), len(team)
-        # only the team's members claim slots: with more there would be too few
+        # only members of the team claim slots: there are no more slots
         self._team = frozenset(team)
         self._speed, self._given, self._body = body.speed(SPEED_SHARE, speed), spacing, body
         self._room = room if room is not None and all(map(isfinite, room)) else None
-        # largest of all bodies that were told, m
+        # largest of all bodies heard, m
         self._largest = body.reach
         self.middle: Point | None = None
         """Its estimate of the middle, m."""
@@ -126,7 +126,7 @@ class Rendezvous:
         self.parked = False
         """Whether it stands in its slot."""
         self._enters = self._inside = False
-        # slot, shortest way there so far (m), steps since then
+        # slot, shortest way to it so far (m), steps since then
         self._way: tuple[int | None, float, int] = None, 0.0, 0
         # the last numbers of each other robot
         self._claims: dict[str, tuple[float, ...]] = {}
@@ -175,7 +175,7 @@ class Rendezvous:
         if self.slot is not None and self.slot not in taken:
             return self.slot
         middle = self._among_walls()
-        # one at least, as n - 1 are others
+        # at least one, for n - 1 other cars
         free = [number for number in range(self._count) if number not in taken]
         places = {number: slot(middle, number, self._count, self.spacing) for number in free}
         return min(free, key=lambda number: hypot(places[number][0] - me.x, places[number][1] - me.y))

@@ -5,9 +5,9 @@ the measured bearing, at the distance that an inverse-square law gives for a lam
 the brightest report that they have heard (source seeking by shared measurements, after P. Ogren, E. Fiorelli and N. E.
 Leonard, "Cooperative control of mobile sensor networks", IEEE TAC 49, 2004, with one report, no gradient).
 
-There is no room at the light for all. So a robot stands further away for each robot that is nearer to the light, by
-half a body each. Robots that come from one side would block one another before that; so a robot also stands where it
-has come up to another one that stands there by these rules.
+There is not enough room at the light for all robots. So a robot stands farther away by half a body for each robot that
+is nearer to the light. Robots that come from the same side would block each other on the way. So a robot also stops
+when it reaches another robot that stands by these rules.
 
 Limits: there is one light, and all robots report truly.
 """
@@ -29,7 +29,7 @@ LAMP: Final = 135.0  # lux at 1 m
 FOUND: Final = 0.5
 # of the top speed; 0.3 m/s for the TXT-1
 SPEED_SHARE: Final = 0.2
-# m beyond the guard's margin within which a robot has come up to another one
+# m beyond the guard's margin at which a robot has reached another
 UP_TO: Final = 0.15
 
 
