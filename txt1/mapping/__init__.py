@@ -1,1 +1,1 @@
-"""Mapping: maps of rooms from a laser's scans, and where the robot is on them."""
+"""Mapping: maps of rooms from a laser's scans, and the robot's pose on them."""

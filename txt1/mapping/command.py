@@ -1,4 +1,4 @@
-"""`txt1 map`: a map from a recorded drive."""
+"""`txt1 map`: makes a map from a recorded drive."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the drive, the map's name, and how it is made."""
+    """Add the drive, the map's name, and settings."""
     add(
         parser,
         {
@@ -46,15 +46,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class ScanLog(NamedTuple):
-    """What a map is made of."""
+    """The scans for a map."""
 
     sweeps: list[Sweep]
     laser: str
-    """Words on the laser and its mount."""
+    """Description of the laser and its mount."""
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Make a map, or extend one, and tell what it is like."""
+    """Make a map, or extend a map, and describe it."""
     need("txt1 map", "mapping", "scipy")
     from txt1.mapping import stored
 
@@ -101,7 +101,7 @@ def _source(arguments: argparse.Namespace) -> ScanLog:
 
 
 def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[str]]:
-    """Return a new mapper, or that of the map that is there, and the drives that it knows."""
+    """Return a new mapper, or the mapper of an existing map, and the drives in it."""
     from txt1.mapping import stored
     from txt1.mapping.mapper import Mapper
 
@@ -143,7 +143,7 @@ def _shown(items: list[T], text: str) -> Iterable[T]:
 
 
 def write(files: dict[Path, bytes]) -> None:
-    """Write a map's files; raises ConfigError: one cannot be written, and what was there stays."""
+    """Write a map's files; raises ConfigError if a file cannot be written, and then the old files stay."""
     from txt1.mapping.drawing import put
 
     try:
@@ -154,7 +154,7 @@ def write(files: dict[Path, bytes]) -> None:
 
 
 def compared(files: dict[Path, bytes]) -> int:
-    """Print which files are as they were made, and return FAULT where one is not."""
+    """Print which files are as they were made; return FAULT if a file differs."""
     different = 0
     for file, content in files.items():
         same = file.exists() and file.read_bytes() == content

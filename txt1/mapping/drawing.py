@@ -19,22 +19,22 @@ Array = NDArray[np.float64]
 RESOLUTION: Final = 0.05
 """m."""
 SOLID: Final = 0.4
-"""Share of the rays through a cell that end in it from which on it is a wall; grazing rays pass walls, too."""
+"""Share of the rays through a cell that end in it, from which the cell is a wall; grazing rays pass walls, too."""
 MARGIN: Final = 0.5
-"""m round what was seen."""
+"""m round the floor that was seen."""
 CELLS_MAX: Final = 16_000_000
-"""Of a map, as `txt1.maps.files` reads at most."""
+"""Largest number of cells of a map, as for `txt1.maps.files`."""
 
 
 def grid_of(clouds: Sequence[Cloud], poses: Array, loops: Kernels, resolution: float = RESOLUTION) -> Grid:
-    """Return the floor as clouds saw it from these poses (m, rad): walls, free, and unknown where no ray came.
+    """Return the floor as clouds saw it from these poses (m, rad): walls, free cells, and cells that no ray reached.
 
-    Raises ValueError: it would have more than `CELLS_MAX` cells.
+    Raises ValueError: the grid would have more than `CELLS_MAX` cells.
     """
     ends = [placed(pose, cloud.points) for cloud, pose in zip(clouds, poses, strict=True)]
     low = np.min([each.min(axis=0) for each in (*ends, poses[:, :2])], axis=0) - MARGIN
     high = np.max([each.max(axis=0) for each in (*ends, poses[:, :2])], axis=0) + MARGIN
-    # whole cells from 0 on, so a map that grows keeps its cells
+    # whole cells from 0 on, so that a growing map keeps its cells
     left, bottom = (floor(each / resolution) for each in low)
     columns, rows = (floor(each / resolution) + 1 - first for each, first in zip(high, (left, bottom), strict=True))
     if rows * columns > CELLS_MAX:
@@ -49,14 +49,14 @@ def grid_of(clouds: Sequence[Cloud], poses: Array, loops: Kernels, resolution: f
 
 
 def occupancy(hits: NDArray[np.int32], passes: NDArray[np.int32]) -> NDArray[np.int8]:
-    """Return the cells of a grid from how many rays end in each and how many pass it."""
+    """Return the cells of a grid, from the numbers of rays that end in each and that pass it."""
     seen = hits + passes
     solid = hits >= SOLID * np.maximum(seen, 1)
     return np.where(seen == 0, UNKNOWN, np.where(solid, OCCUPIED, FREE)).astype(np.int8)
 
 
 def picture(grid: Grid) -> bytes:
-    """Return a grid as a PGM, as map_server reads and writes it: walls 0, unknown 205, free 254, the last row first."""
+    """Return a grid as a PGM for map_server: walls 0, unknown 205, free 254, the last row first."""
     grey = np.where(grid.cells >= OCCUPIED // 2, 0, np.where(grid.cells < FREE, 205, 254)).astype(np.uint8)[::-1]
     rows, columns = grey.shape
     return f"P5\n{columns} {rows}\n255\n".encode() + grey.tobytes()
@@ -72,7 +72,7 @@ def description(grid: Grid, image: str) -> str:
 
 
 def drawing(grid: Grid, ways: Iterable[tuple[str, Array]] = ()) -> str:
-    """Return an SVG of a grid, a rectangle for each run of walls in a row, and of ways over it: (colour, poses)."""
+    """Return an SVG of a grid, with a rectangle for each run of walls in a row, and paths over it: (colour, poses)."""
     rows, columns = grid.cells.shape
     scale = 100.0 * grid.resolution
     x0, y0, _ = grid.origin
@@ -98,7 +98,7 @@ def drawing(grid: Grid, ways: Iterable[tuple[str, Array]] = ()) -> str:
 
 
 def contents(grid: Grid, name: str, ways: Iterable[tuple[str, Array]] = ()) -> dict[str, bytes]:
-    """Return the contents of a map's files by their suffixes; last the .yaml, which names the picture."""
+    """Return the contents of a map's files by suffix; the .yaml, which names the picture, is last."""
     return {
         ".pgm": picture(grid),
         ".svg": drawing(grid, ways).encode(),
@@ -109,7 +109,7 @@ def contents(grid: Grid, name: str, ways: Iterable[tuple[str, Array]] = ()) -> d
 def save(grid: Grid, name: Path, ways: Iterable[tuple[str, Array]] = ()) -> list[Path]:
     """Write NAME.pgm, NAME.svg and NAME.yaml; each file is whole or the old one.
 
-    Raises OSError: the disk is full, or the folder cannot be written; what was there stays.
+    Raises OSError: the disk is full, or the folder cannot be written; the old files stay.
     """
     files = {name.with_name(name.name + suffix): text for suffix, text in contents(grid, name.name, ways).items()}
     put(files)
@@ -117,9 +117,9 @@ def save(grid: Grid, name: Path, ways: Iterable[tuple[str, Array]] = ()) -> list
 
 
 def put(files: Mapping[Path, bytes]) -> None:
-    """Write files beside themselves, and put them in their places when all are whole.
+    """Write files under temporary names, and rename them when all are complete.
 
-    Raises OSError: one cannot be written, and all that were there stay.
+    Raises OSError: a file cannot be written; all old files stay.
     """
     new = {file.with_name(file.name + ".new"): file for file in files}
     try:

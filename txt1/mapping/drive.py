@@ -1,4 +1,4 @@
-"""Scans and odometry of a drive, put together: each scan without the bend that the robot's motion gave it."""
+"""Combines the scans and the odometry of a drive: each scan without the distortion by the robot's motion."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ from txt1.sensors.readings import Mount, Scan
 Array = NDArray[np.float64]
 
 KEPT: Final = 2.0
-"""s of odometry that are kept for scans to come."""
+"""s of odometry that are kept for later scans."""
 STRAIGHT: Final = 0.05
-"""rad: a step that turns less tells where the laser looks."""
+"""rad: a step that turns less shows the laser's direction."""
 LEAST_WAY: Final = 3.0
-"""m of straight steps from which on the laser's direction is told."""
+"""m of straight steps after which the laser's direction is estimated."""
 AWRY: Final = 4.0
-"""Degrees from which on the laser's direction is told to be wrong."""
+"""Degrees from which the laser's direction is reported as wrong."""
 
 
 class Sweep(NamedTuple):
-    """A scan as a mapper takes it."""
+    """A scan for a mapper."""
 
     time: float
-    """s, of its middle."""
+    """s, the middle of the scan."""
     points: Array
-    """(n, 2), m, as the laser saw them from its pose at this time."""
+    """(n, 2), m, in the laser's frame at this time."""
     odometry: Array
     """The laser's pose by odometry: x, y, theta (m, rad)."""
 
 
 class Sweeper:
-    """Puts odometry and scans together, as both come in."""
+    """Combines odometry and scans as they come in."""
 
     def __init__(self) -> None:
         self._odometry: deque[tuple[float, float, float, float]] = deque()
         self._waiting: deque[tuple[float, Scan]] = deque()
 
     def moved(self, time: float, x: float, y: float, theta: float) -> Iterator[Sweep]:
-        """Take a pose by odometry, and return the scans that are complete with it."""
+        """Take a pose of the odometry; yield the scans that are complete with it."""
         before = self._odometry
         if before and time <= before[-1][0]:
             return
@@ -61,7 +61,7 @@ class Sweeper:
             before.popleft()
 
     def seen(self, time: float, scan: Scan) -> None:
-        """Take a scan whose first beam left at this time, s."""
+        """Take a scan; its first beam left at `time`, s."""
         self._waiting.append((time, scan))
 
     def _complete(self, time: float, scan: Scan) -> Sweep:
@@ -96,9 +96,9 @@ class LaserDrive(NamedTuple):
 
 
 def read(path: Path, robot: str, sensor: str | None = None) -> LaserDrive:
-    """Return the scans of a recorded robot's drive, and how its laser sat.
+    """Return the scans of a recorded robot's drive, and the laser's mount.
 
-    Raises RecordingError: it has no scans, or none that are exact, or it cannot be read; ConfigError: no such laser.
+    Raises RecordingError: it has no exact scans, or cannot be read; ConfigError: there is no such laser.
     """
     from txt1.record.reading import Decoding, FilePass, trusting
     from txt1.tasks.encoder import ODOMETRY
@@ -120,7 +120,7 @@ def read(path: Path, robot: str, sensor: str | None = None) -> LaserDrive:
                 if report.kind != "reading" or b"angle_min" not in bytes(report.data):
                     continue
                 scan = exact.decode(Scan, bytes(report.data))
-                # the task that reads it is "sensor NAME"
+                # the task that reads the laser is "sensor NAME"
                 name = report.source.removeprefix("sensor ")
                 lasers.setdefault(name, scan.mount)
                 if sensor is None:
@@ -139,12 +139,12 @@ def read(path: Path, robot: str, sensor: str | None = None) -> LaserDrive:
 
 
 def awry(poses: Array, odometry: Array) -> float | None:
-    """Return by how many degrees the laser looks farther to the left than its mount says; None: too little is known.
+    """Return by how many degrees the laser looks farther to the left than its mount states; None: not enough data.
 
-    Where the robot drives straight on, matched steps and those by odometry have one direction, both as the laser sees
-    them. A mount that is wrong turns them apart.
+    While the robot drives straight, a matched step and the odometry's step have the same direction in the laser's
+    frame. A wrong mount makes the directions differ.
     """
-    # several scans make a step, so noise of the match is small beside it
+    # several scans make a step, so that the noise of the match is small beside it
     apart = np.arange(0, len(poses), 5)
     ours, theirs = (
         difference(poses[apart[:-1]], poses[apart[1:]]),

@@ -1,14 +1,14 @@
-"""The pose graph: poses as nodes, what was measured between them as edges, and the poses that fit all edges best.
+"""The pose graph: nodes are poses, edges are measured differences of poses; finds the poses that fit all edges best.
 
 How it works
 ------------
 
-An edge from i to j holds the pose of j as seen from i, and its information matrix. Its error is what the present poses
-differ from that. Gauss-Newton minimises the sum of squares; the normal equations are sparse, and SciPy's SuperLU solves
-them. An edge that closes a loop may be wrong: a corridor looks like the next one. So its square is bent by Geman and
-McClure's function, weight (c / (c + chi^2))^2: the more it contradicts all others, the less it says. Before a long loop
-is closed, a right edge contradicts all others, too. So c begins large and shrinks, round by round (graduated
-non-convexity, Yang 2020). Edges from one scan to the next are not bent.
+An edge from i to j holds the pose of j as seen from i, and its information matrix. Its error is the difference of the
+present poses from that. Gauss-Newton minimises the sum of squares; the normal equations are sparse, and SciPy's SuperLU
+solves them. An edge that closes a loop may be wrong, because corridors look alike. So its square has Geman and
+McClure's weight (c / (c + chi^2))^2: the more the edge contradicts all others, the less it counts. Before a long loop
+is closed, a correct edge contradicts the others, too. So c begins large and shrinks round by round (graduated
+non-convexity, Yang 2020). Edges between consecutive scans have no such weight.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from txt1.mapping.poses import difference, wrapped
 Array = NDArray[np.float64]
 
 BENT: Final = 20.0
-"""Chi-square of three numbers from which on an edge that closes a loop says less; 16.3 is the 99.9 % quantile."""
+"""Chi-square of three numbers from which an edge that closes a loop counts less; 16.3 is the 99.9 % quantile."""
 
 
 SHRINKS: Final = 3.0
-"""Factor by which the bend shrinks in a round, down to `BENT`."""
+"""Factor by which c shrinks in a round, down to `BENT`."""
 STILL: Final = 1e-4
-"""m and rad: poses that move less have arrived."""
+"""m and rad: iteration ends when poses move less."""
 
 EDGE: Final = np.dtype(
     [
@@ -40,10 +40,10 @@ EDGE: Final = np.dtype(
         ("loop", bool),
     ]
 )
-"""Of what was measured between two nodes.
+"""A measured difference of two nodes' poses.
 
-`step` is the second node as seen from the first: x, y, theta (m, rad); its information is in 1 / m^2 and 1 / rad^2;
-`loop` says whether the edge closes a loop.
+`step` is the second node as seen from the first: x, y, theta (m, rad). Its information is in 1 / m^2 and 1 / rad^2.
+`loop`: the edge closes a loop.
 """
 
 
@@ -57,7 +57,7 @@ class Graph:
 
     @property
     def poses(self) -> Array:
-        """Of the nodes, a row each (m, rad)."""
+        """Poses of the nodes, a row each (m, rad)."""
         return self._poses[: self._nodes]
 
     @property
@@ -83,14 +83,14 @@ class Graph:
         return float(error[0] @ information @ error[0])
 
     def _errors(self, edges: NDArray[Any]) -> tuple[Array, Array]:
-        """Return the second nodes as seen from the first ones, and what that differs from the edges."""
+        """Return the second nodes as seen from the first nodes, and their differences from the edges."""
         seen = difference(self.poses[edges["first"]], self.poses[edges["second"]])
         error = seen - edges["step"]
         error[:, 2] = wrapped(error[:, 2])
         return seen, error
 
     def optimise(self, rounds: int = 20) -> None:
-        """Move the poses to where they fit all edges best; the first pose stays."""
+        """Move the poses so that they fit all edges best; the first pose stays."""
         from scipy.sparse import csc_matrix
         from scipy.sparse.linalg import splu
 

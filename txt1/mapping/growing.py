@@ -1,4 +1,6 @@
-"""The occupancy grid of a map in the making: each keyframe is added to it, and all anew where a loop has moved them."""
+"""The occupancy grid of a map in the making: new keyframes are added; after a loop has moved them all are drawn
+again.
+"""
 
 from __future__ import annotations
 
@@ -13,27 +15,27 @@ from txt1.mapping.poses import Array, difference, placed
 from txt1.maps.grid import Grid
 
 ROOM: Final = 2.0
-"""m by which the grid grows at once, so that it is seldom copied."""
+"""m by which the grid grows at a time, so that it is seldom copied."""
 SHIFTED: Final = 0.02
-"""m that a keyframe may have moved before everything is drawn anew."""
+"""m that a keyframe may move before everything is drawn again."""
 TURNED: Final = radians(0.3)
-"""rad likewise."""
+"""rad, the same."""
 
 
 class GrowingGrid:
-    """Counts of rays, cell by cell, of the keyframes so far."""
+    """Counts of rays in each cell, for the keyframes so far."""
 
     def __init__(self, resolution: float = RESOLUTION) -> None:
         self._resolution = resolution
         self._poses = np.empty((0, 3))
-        # of the lower left cell, in cells
+        # indices of the lower left cell
         self._left = self._bottom = 0
         self._hits = self._passes = np.zeros((0, 0), np.int32)
         self.full = False
-        """Whether the map has grown too large to be told."""
+        """Whether the map has become too large to be published."""
 
     def update(self, mapper: Mapper) -> Grid | None:
-        """Return the grid of a mapper's keyframes; None where it is as before, or too large."""
+        """Return the grid of a mapper's keyframes; None if it is unchanged, or too large."""
         poses = mapper.graph.poses.copy()
         known = len(self._poses)
         steps = difference(self._poses, poses[:known])
@@ -56,7 +58,7 @@ class GrowingGrid:
         return Grid(occupancy(self._hits, self._passes), self._resolution, origin)
 
     def _make_room(self, points: list[Array]) -> None:
-        """Have the grid reach all points, m."""
+        """Enlarge the grid so that it contains all points, m."""
         found = [each for each in points if len(each)]
         low = (np.min([each.min(axis=0) for each in found], axis=0) - MARGIN) / self._resolution
         high = (np.max([each.max(axis=0) for each in found], axis=0) + MARGIN) / self._resolution

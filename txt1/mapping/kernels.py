@@ -1,7 +1,7 @@
-"""The loops of the matcher over points and cells, one at a time, as numba compiles them; `plain` is their numpy form.
+"""The matcher's loops over points and cells, as numba compiles them; `plain` is their numpy form.
 
 Arrays of points are (n, 2) in m, of normals (n, 2) of length 1, or 0 where the surface is unknown. A normal points to
-the laser that saw the surface, so the two sides of a wall are never taken for each other.
+the laser that saw the surface, so the two sides of a wall are never confused.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 
 NARROW = 2
 WIDE = 8
-"""Cells of a block's side in the search."""
+"""Cells on the side of a block in the search."""
 
 
 def thin(points: Any, gap: float, broken: float) -> Any:
-    """Return points at least `gap` apart and their normals; the points come in the beams' order, seen from (0, 0).
+    """Return points at least `gap` apart and their normals; the points are in the order of the beams from (0, 0).
 
-    Neighbouring points are put together as their mean. The normal is that of the line through up to five points in
-    turn (total least squares); a surface ends where the next point is farther away than `broken` or 8 % of its range.
+    Neighbouring points are replaced by their mean. The normal is that of the line through up to five points in turn
+    (total least squares); a surface ends where the next point is farther away than `broken` or 8 % of its range.
     """
     count = points.shape[0]
     thinned = np.empty((count, 2))
@@ -88,14 +88,12 @@ def thin(points: Any, gap: float, broken: float) -> Any:
 
 
 def stamp(field: Any, points: Any, x0: float, y0: float, cell: float, table: Any) -> None:
-    """Raise the field round each point to a bell's values there.
+    """Raise the field round each point to a bell's values.
 
     Args:
         field: uint8, (rows, columns).
-        points: m.
-        x0, y0, cell: of the field.
+        points: m. x0, y0, cell: corner and cell of the field.
         table: uint8, (n, n, w, w), from `bell`: the bell for each of n x n places of a point within its cell.
-
     """
     parts, reach = table.shape[0], table.shape[2] // 2
     rows, columns = field.shape
@@ -124,24 +122,24 @@ def search(
     costs: Any,
     at_least: float,
 ) -> Any:
-    """Return (score, dx in cells, dy in cells, number of the angle): where the points lie highest on the field.
+    """Return (score, dx in cells, dy in cells, number of the angle) of the pose at which the points lie highest
+    on the field.
 
-    The score is the mean of the field over the points, 1 at best, minus the costs of what lies far from the middle:
-    costs[0] a cell^2 and costs[1] an angle step^2. Branch and bound: `middle` and `coarse` hold the highest of blocks
-    of cells of `fine`, so a block of offsets cannot be better than its corner on them (Olson 2009, Hess 2016).
+    The score is the mean of the field over the points, 1 at best, minus the costs of the distance from the middle:
+    costs[0] a cell^2 and costs[1] an angle step^2. Branch and bound: `middle` and `coarse` hold the maxima of blocks of
+    cells of `fine`. So no offset of a block is better than the block's value there (Olson 2009, Hess 2016).
 
     Args:
         fine: the field, uint8.
-        middle: a cell for 2 x 2 of these, the highest of the `NARROW` + 2 a side right and up of them.
-        coarse: a cell for 4 x 4, the highest of the `WIDE` + 4 a side.
-        points: as seen from the middle of rotation.
-        x0, y0: m from the middle of rotation to the field's corner, negative within.
+        middle: a cell for 2 x 2 cells: the maximum of `NARROW` + 2 cells a side, to the right and up.
+        coarse: a cell for 4 x 4 cells: the maximum of `WIDE` + 4 cells a side.
+        points: points relative to the centre of rotation. x0, y0: m from the centre of rotation to the field's corner,
+            negative within.
         cell: m.
-        angles: rad, to be tried, around the angle in the middle.
-        reach: cells to each side.
-        costs: of a cell^2 and of an angle step^2.
-        at_least: a score below it does not count; then the number of the angle is -1.
-
+        angles: rad, the angles to try, around the middle angle.
+        reach: offsets to try, cells to each side.
+        costs: costs of a cell^2 and of an angle step^2.
+        at_least: lower scores do not count; without a better score the number of the angle is -1.
     """
     count = points.shape[0]
     rows, columns = fine.shape
@@ -165,7 +163,7 @@ def search(
                 score = 0
                 for i in range(count):
                     x, y = xs[k, i] + ox, ys[k, i] + oy
-                    # a block may begin outside and reach in: its corner is then moved to the edge
+                    # a block may begin outside and reach inside: its corner is then moved to the edge
                     if x > -wide and y > -wide and x < columns and y < rows:
                         score += coarse[max(y, 0) >> 2, max(x, 0) >> 2]
                 bounds[n] = score * scale - costs[1] * (k - total // 2) ** 2
@@ -204,7 +202,7 @@ def search(
 
 
 def listed(points: Any, x0: float, y0: float, cell: float, rows: int, columns: int) -> Any:
-    """Return (first, following): the number of each cell's first point, and of each point the next one; -1 ends."""
+    """Return (first, following): the number of each cell's first point, and of the point after each point; -1: none."""
     first = np.full((rows, columns), -1, np.int32)
     following = np.full(points.shape[0], -1, np.int32)
     for k in range(points.shape[0]):
@@ -230,9 +228,9 @@ def pairs(
     cell: float,
     near: float,
 ) -> Any:
-    """Return the number of the map's point that belongs to each point at this pose, -1 where there is none.
+    """Return the number of the map's point for each point at this pose, -1 for none.
 
-    It is the nearest one closer than `near` (at most `cell`) that has a normal within 45 degrees of the point's own.
+    It is the nearest point of the map closer than `near` (at most `cell`), with a normal within 45 degrees.
     """
     rows, columns = first.shape
     c, s = cos(theta), sin(theta)
@@ -274,23 +272,21 @@ def align(
     near: Any,
     scale: float,
 ) -> Any:
-    """Return (pose, information, share of points that fit, rms of these): the points laid onto the map's lines.
+    """Return (pose, information, share of points that fit, their rms): the points aligned with the map's lines.
 
-    Gauss-Newton on the distances from the points to the lines of the map's points that belong to them (Censi 2008),
-    each weighted by 1 / (1 + (r / scale)^2), which is Cauchy's; `prior` holds the information of the centre, which
-    keeps the pose where the lines say nothing, as along a corridor. The information, of x, y and theta, is the lines'
-    alone, in 1 / m^2 for points of 1 m deviation.
+    Gauss-Newton on the distances from the points to the lines through their partners on the map (Censi 2008). Each has
+    Cauchy's weight 1 / (1 + (r / scale)^2). `prior` is the information of the centre: it holds the pose in a direction
+    that the lines do not determine, as along a corridor. The returned information of x, y and theta is that of the
+    lines alone, in 1 / m^2 for points of 1 m deviation.
 
     Args:
         start: x, y, theta (m, rad), where the search begins.
-        centre: x, y, theta, which the prior is about.
-        prior: (3, 3), for points of 1 m deviation.
-        points, normals: as seen from the pose.
-        there, there_normals: of the map; `first` and `following` list them by cells, as `listed` does.
-        x0, y0, cell: of these cells.
-        near: m that a pair may be apart, in each round; at most the cell.
-        scale: m, of the weights.
-
+        centre: x, y, theta, the centre of the prior.
+        prior: (3, 3), for points of 1 m deviation. points, normals: the cloud in the pose's frame. there,
+        there_normals: points and normals of the map; `first` and `following` list them by cells, as from `listed`. x0,
+            y0, cell: corner and side of these cells.
+        near: largest distance of a pair in each round, m; at most `cell`.
+        scale: scale of the weights, m.
     """
     pose = start.copy()
     information = np.zeros((3, 3))
@@ -338,7 +334,7 @@ def align(
 
 
 def carve(hits: Any, passes: Any, points: Any, x: float, y: float) -> None:
-    """Count on a grid the cells that rays from (x, y) pass and those in which they end; all in cells.
+    """Count on a grid the cells that rays from (x, y) pass, and the cells in which they end; all in cells.
 
     A ray counts a cell once, from line to line of the grid (Amanatides and Woo 1987), up to the cell in which it ends.
     """

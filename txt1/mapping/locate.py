@@ -1,25 +1,26 @@
-"""Where the robot is on a map: a particle filter, which notices that it is lost and finds itself again.
+"""The robot's pose on a map: a particle filter, which notices that it is lost and finds itself again.
 
 How it works
 ------------
 
-*Particles.* Each is a pose that the laser may have. Odometry moves them, with noise; a scan weighs them: rays are cast
-from each of them, and what they should measure is compared with what was measured. Where few particles carry most of
-the weight, they are drawn anew (low-variance resampling; Thrun, Burgard, Fox, *Probabilistic Robotics* 2005, 8.3).
+*Particles.* Each particle is a possible pose of the laser. Odometry moves the particles, with noise. A scan weighs
+them: rays are cast from each particle, and the expected ranges are compared with the measured ranges. If few particles
+carry most of the weight, the particles are drawn again (low-variance resampling; Thrun, Burgard, Fox, *Probabilistic
+Robotics* 2005, 8.3).
 
-*Rays.* A ray leaps by the distance to the nearest wall, which the grid knows for each cell (`Grid.clear`; sphere
-tracing, Hart 1996), and ends soon after the measured range. This is exact to a cell. It is several times as quick as
-`txt1.maps.rays`, which goes line by line, is exact, and makes arrays of all rays; here only sums are needed.
+*Rays.* A ray leaps by the distance to the nearest wall, which the grid has for each cell (`Grid.clear`; sphere tracing,
+Hart 1996). It ends soon after the measured range. This is exact to a cell, and only sums are needed. It is several
+times as fast as `txt1.maps.rays`, which goes line by line, is exact, and makes arrays of all rays.
 
-*Lost.* At the true pose, the scan's rays end where the map has walls, or before, at people; few go through walls. If
-too many do at the mean of the particles, for a while, the filter is lost.
+*Lost.* At the true pose the scan's rays end at walls of the map, or earlier, at people. Few rays go through walls. If
+too many rays go through walls at the particles' mean, for a while, the filter is lost.
 
-*Found again.* From the first scan that does not fit, and at the start, the scans make a small map of their own
-(`mapper`), as odometry alone bends the last metres. Its points are matched with the walls of the whole map, in each
-tile and each sector of headings (`matcher.LocalMap.search`). One place may look like another. So the rays of several of
-these scans are cast from each pose that was found, which also tells where floor is free, and particles are put at the
-likely ones. As long as nothing fits for a while, the answer is: lost. A map of a larger room, in which all that is seen
-might be people, is told from the true one only in part.
+*Found again.* At the start, and from the first scan that does not fit, the scans make a small map of their own
+(`mapper`), because odometry alone distorts the last metres. Its points are matched with the walls of the whole map, in
+each tile and each sector of headings (`matcher.LocalMap.search`). Places may look alike. So the rays of several of
+these scans are cast from each pose found, which also uses the free floor. Particles are placed at the likely poses. If
+nothing fits for a while, the result is: lost. A limit: on a map of a larger room, everything seen might be people, so a
+wrong map is not always noticed.
 """
 
 from __future__ import annotations
@@ -41,52 +42,54 @@ from txt1.sim.batch import compiled
 Array = NDArray[np.float64]
 
 COUNT: Final = 2500
-"""Particles."""
+"""Number of particles."""
 RAYS: Final = 61
-"""Of a scan that are compared."""
+"""Number of a scan's rays that are compared."""
 NOISE: Final = 0.06
-"""m, standard deviation of a range against the map: the laser's, and a cell."""
+"""m, standard deviation of a range on the map: of the laser, and of a cell."""
 RANDOM: Final = 0.1
-"""Share of ranges that may be anything: people, glass."""
+"""Share of ranges that may have any value: people, glass."""
 TOGETHER: Final = 0.25
-"""By what the sum of logarithms of a scan is multiplied: rays beside one another err together."""
+"""Factor on the sum of logarithms of a scan: the errors of neighbouring rays are not independent."""
 TELLS: Final = 0.15
-"""m that a range may differ by and still fits."""
+"""m by which a range may differ and still fit."""
 LOSES: Final = 0.75
-"""Share of rays that fit below which the filter is lost, in time."""
+"""Share of fitting rays below which the filter is lost after a while."""
 FINDS: Final = 0.92
-"""Share from which on it is found, in time."""
+"""Share from which it is found after a while."""
 LEAST: Final = 0.25
-"""Share of a scan's rays that are not too short, at least; with fewer, nothing is told."""
+"""Smallest share of a scan's rays that are not too short; with fewer, the scan decides nothing."""
 LOST_AFTER: Final = 1.0
-"""s for which scans do not fit until the filter is lost, and fit until it is found."""
+"""s without a fitting scan until the filter is lost, and of fitting scans until it is found."""
 AGAIN: Final = 1.0
-"""s from one look at the whole map to the next, each of which may take some tenths of a second."""
+"""s between two searches of the whole map, which may take some tenths of a second each."""
 TRAIL: Final = 16
-"""Keyframes of the small map, the newest, that are matched with the whole map; with three times as many, it is new."""
+"""Newest keyframes of the small map that are matched with the whole map; with three times as many, it is renewed."""
 ENOUGH: Final = 0.4
-"""Score of that match from which on a pose is compared by rays."""
+"""Score of this match from which a pose is compared by rays."""
 TILE: Final = 3.0
-"""m to each side of a tile's middle in which one pose is found for each sector of headings."""
+"""m to each side of a tile's middle; a tile gives a pose for each sector of headings."""
 SECTORS: Final = 24
-"""Of headings."""
+"""Number of sectors of headings."""
 COMPARED: Final = 6
-"""Scans whose rays are cast from the poses that were found."""
+"""Number of scans whose rays are cast from the poses found."""
 LIKELY: Final = 50
-"""Poses, the best by that, round which particles are put."""
+"""Number of the best of these poses, round which particles are placed."""
 RIVAL: Final = 4.0
-"""The largest difference of logarithms between the best place and another place that may still be the true place, for a
-single scan. For n scans it is this number times the root of n."""
+"""For a single scan: largest difference of logarithms at which a place other than the best may still be the true place.
+
+For n scans it is this number times the root of n.
+"""
 ELSEWHERE: Final = 0.5
-"""m, or rad; poses that differ by more are different places."""
+"""m, or rad; poses with a larger difference are different places."""
 BEHIND: Final = 0.4
-"""m behind a measured range where a ray ends: it is too short, whatever it would meet."""
+"""m beyond a measured range at which a ray ends: the range is too short, whatever the ray would meet."""
 STEP: Final = 0.02
-"""m of the table of weights."""
+"""m, step of the table of weights."""
 
 
 class Located(NamedTuple):
-    """Where the laser is."""
+    """The result of a scan: the laser's pose."""
 
     time: float
     """s."""
@@ -95,30 +98,32 @@ class Located(NamedTuple):
     covariance: Array
     """(3, 3), m^2 and rad^2."""
     fit: float
-    """Share of the scan's rays that end at the map's walls, of those that are not too short for it."""
+    """Share of the scan's rays that end at the map's walls, among those that are not too short."""
     lost: bool
-    """Whether the pose is not to be used."""
+    """Whether the pose must not be used."""
     alike: bool = False
-    """Whether it is lost because another place is as likely."""
+    """Whether it is lost because another place is equally likely."""
 
 
 def _rays_of(points: Array) -> tuple[Array, Array]:
-    """Return ranges (m) and angles (rad) of the rays that are compared."""
+    """Return ranges (m) and angles (rad) of the rays to compare."""
     chosen = points[np.linspace(0, len(points) - 1, min(RAYS, len(points))).astype(int)]
     return np.hypot(chosen[:, 0], chosen[:, 1]), np.arctan2(chosen[:, 1], chosen[:, 0])
 
 
 def _are_one(poses: Array, logs: Array, count: int, pose: Array) -> bool:
-    """Whether all poses that are likely, by the sums of logarithms of so many scans, are one place with a pose."""
+    """Return whether all poses that are likely, by the sums of logarithms of `count` scans, are the same place
+    as `pose`.
+    """
     off = difference(pose, poses)
     here = (np.hypot(off[:, 0], off[:, 1]) < ELSEWHERE) & (np.abs(off[:, 2]) < ELSEWHERE)
     return bool(here[logs > logs.max() - RIVAL * sqrt(count)].all())
 
 
 def _table() -> Array:
-    """Return logarithms of the weights by what was measured less what was expected, from -4 m to 4 m in steps of STEP.
+    """Return the logarithms of the weights, for measured minus expected range from -4 m to 4 m in steps of STEP.
 
-    A range that is too short is a person or a box; one that goes through a wall is less likely.
+    A range that is too short is from a person or a box. A range through a wall is less likely.
     """
     off = np.arange(-4.0, 4.0 + STEP / 2.0, STEP)
     random = np.where(off < 0.0, RANDOM, 0.3 * RANDOM)
@@ -128,18 +133,17 @@ def _table() -> Array:
 def _weigh(
     clear: Any, u: Any, v: Any, theta: Any, cosines: Any, sines: Any, ranges: Any, cell: float, table: Any, out: Any
 ) -> None:
-    """Write the sum of the logarithms of each particle's weights; plain loops, for numba.
+    """Write the sum of the logarithms of each particle's weights. Plain loops, for numba.
 
     Args:
-        clear: quarters of cells to the nearest wall, uint8, in a frame of walls.
-        u, v: the particles' columns and rows there.
-        theta: their headings in the grid's axes, rad.
-        cosines, sines: of the rays' angles, as seen from the laser.
-        ranges: measured, m.
-        cell: m.
-        table: of the weights, from `_table`.
-        out: the sums.
-
+        clear: quarters of cells to the nearest wall, uint8, in a frame of walls. u, v: the particles' columns and rows
+        in this array.
+        theta: their headings in the grid's axes, rad. cosines, sines: cosines and sines of the rays' angles in the
+            laser's frame.
+        ranges: measured ranges, m.
+        cell: side of a cell, m.
+        table: logarithms of the weights, from `_table`.
+        out: the sums, written here.
     """
     rows, columns = clear.shape
     middle = (table.shape[0] - 1) // 2
@@ -153,7 +157,7 @@ def _weigh(
             x[k], y[k], t[k], measured[k] = u[p], v[p], 0.0, ranges[k] / cell
         inside = u[p] >= 0.0 and v[p] >= 0.0 and u[p] < columns and v[p] < rows
         total, left = 0.0, count
-        # the rays leap in turn, so that the processor need not wait for one of them; those at their end make room
+        # the rays leap in turn, so that the processor need not wait for one of them; finished rays are removed
         while left > 0:
             k = 0
             while k < left:
@@ -177,7 +181,7 @@ def _weigh(
 def weigh_plain(
     clear: Any, u: Any, v: Any, theta: Any, cosines: Any, sines: Any, ranges: Any, cell: float, table: Any, out: Any
 ) -> None:
-    """Do what `_weigh` does with NumPy's arrays: all rays leap together."""
+    """Do the work of `_weigh` with NumPy's arrays: all rays leap together."""
     rows, columns = clear.shape
     c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
     dx, dy = (c * cosines - s * sines).ravel(), (s * cosines + c * sines).ravel()
@@ -207,7 +211,7 @@ def weigh_plain(
 
 @cache
 def weigher(form: str) -> Callable[..., None]:
-    """Return what weighs particles, as "numba" or "numpy"."""
+    """Return the function that weighs particles, as "numba" or "numpy"."""
     return compiled(_weigh, cache=True, nogil=True) if form == "numba" else weigh_plain
 
 
@@ -235,16 +239,16 @@ class Locator:
         self._changes, self._next = 0.0, 0.0
 
     def place(self, pose: Any, spread: tuple[float, float] = (0.2, radians(8.0))) -> None:
-        """Put the particles round a pose that somebody tells, with standard deviations in m and rad."""
+        """Place the particles round a given pose, with standard deviations in m and rad."""
         self.particles, self._logs = self._round(np.asarray(pose), spread), np.zeros(self._count)
         self._lost = self._doubts = self._alike = False
 
     def _round(self, poses: Array, spread: tuple[float, float]) -> Array:
-        """Return poses for the particles round a pose, or each round one of its own."""
+        """Return poses for the particles round a pose, or for each round its own pose."""
         return np.asarray(poses + self._rng.standard_normal((self._count, 3)) * (spread[0], spread[0], spread[1]))
 
     def update(self, time: float, points: Array, odometry: Any) -> Located:
-        """Take a scan: points (n, 2) as seen from the laser (m), and the laser's pose by odometry (m, rad)."""
+        """Take a scan: points (n, 2) in the laser's frame (m), and the laser's pose by odometry (m, rad)."""
         odometry = np.asarray(odometry, dtype=np.float64)
         step = np.zeros(3) if self._before is None else difference(self._before, odometry)
         self._before = odometry
@@ -278,7 +282,7 @@ class Locator:
         self._trail.add(time, points, odometry)
 
     def _moved(self, step: Array) -> None:
-        """Move the particles by odometry, each with errors of its own."""
+        """Move the particles by odometry, each with its own errors."""
         way, turn = hypot(step[0], step[1]), abs(float(step[2]))
         count = len(self.particles)
         noise = self._rng.standard_normal((count, 3))
@@ -303,11 +307,11 @@ class Locator:
         mean = np.array([x, y, float(theta)])
         off = self.particles - mean
         off[:, 2] = wrapped(off[:, 2])
-        # a cell is as fine as the map knows
+        # the map is no finer than a cell
         return mean, (weights[:, None] * off).T @ off + np.diag([0.01, 0.01, radians(0.3)]) ** 2
 
     def _fit(self, pose: Array, ranges: Array, angles: Array) -> float:
-        """Return the share of rays that end where the map has a wall."""
+        """Return the share of rays that end at a wall of the map."""
         from txt1.maps.rays import cast
 
         expected = cast(self.grid, pose[0], pose[1], pose[2] + angles)
@@ -320,7 +324,7 @@ class Locator:
         mean, covariance = self._mean()
         sure = float(np.sqrt(covariance[0, 0] + covariance[1, 1])) < 0.5
         if (not sure or fit < LOSES) if not self._lost else (sure and fit >= FINDS):
-            # this may be a change, and is one if it lasts
+            # this may be a change; it counts if it lasts
             if time - self._changes >= LOST_AFTER:
                 self._alike = self._lost and not self._is_alone(mean)
                 self._lost, self._changes = not self._lost or self._alike, time
@@ -329,7 +333,7 @@ class Locator:
         return Located(time, mean, covariance, fit, self._lost or not sure, self._alike)
 
     def _searched(self, time: float) -> bool:
-        """Look for the small map on the whole one; whether particles could be put there."""
+        """Search the whole map for the small map; return whether particles could be placed."""
         if time < self._next or self._trail is None:
             return False
         self._next = time + AGAIN
@@ -342,16 +346,16 @@ class Locator:
         return True
 
     def _is_alone(self, pose: Array) -> bool:
-        """Whether no other place than that of a pose is likely for the small map."""
+        """Return whether no other place than a pose's is likely for the small map."""
         found = None if self._trail is None else self._likely(self._trail)
         if found is None:
             return True
         return _are_one(*found, pose)
 
     def _likely(self, trail: Mapper) -> tuple[Array, Array, int] | None:
-        """Return poses at which the small map lies on the whole one, their logarithms, and of how many scans they are.
+        """Return poses of the small map on the whole map, their logarithms, and the number of scans compared.
 
-        None: there are none.
+        Returns None if there are no such poses.
         """
         keys = trail.keys[-TRAIL:]
         back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
@@ -363,19 +367,21 @@ class Locator:
             (keys[k].cloud.points, back[k]) for k in np.unique(np.linspace(0, len(keys) - 1, COMPARED, dtype=int))
         ]
         best = np.argsort(-self._logs_of(places, compared), kind="stable")[:LIKELY]
-        # places are as coarse as cells and sectors: what is near each of them is compared, too
+        # places are as coarse as cells and sectors, so poses near them are compared, too
         poses = self._round(places[best[np.arange(self._count) % len(best)]], (0.07, radians(1.5)))
         return poses, self._logs_of(poses, compared), len(compared)
 
     def _logs_of(self, poses: Array, compared: list[tuple[Array, Array]]) -> Array:
-        """Return sums of logarithms by some scans: the points of each, and where it was seen from, as seen from now."""
+        """Return sums of logarithms over scans, each given by its points and the pose at which it was seen,
+        relative to now.
+        """
         logs = np.zeros(len(poses))
         for points, back in compared:
             logs += TOGETHER * self.weights(composed(poses, back), *_rays_of(points))
         return logs
 
     def _matches(self, query: Cloud) -> Array:
-        """Return the poses, a row each, at which a cloud lies on the map's walls: of each tile and sector the best."""
+        """Return the poses, a row each, at which a cloud lies on the map's walls: the best of each tile and sector."""
         low, high = self._free.min(axis=0), self._free.max(axis=0) + 1
         size = self.grid.resolution
         rows, columns = (max(1, ceil(float(each) * size / (2.0 * TILE))) for each in high - low)
@@ -391,7 +397,7 @@ class Locator:
         return np.array(found)
 
     def _resampled(self) -> None:
-        """Draw the particles anew where few of them carry the weight."""
+        """Draw the particles again if few of them carry the weight."""
         self._logs -= self._logs.max()
         weights = np.exp(self._logs)
         weights /= weights.sum()

@@ -1,6 +1,6 @@
-"""Logs of lasers that others recorded: CARMEN's, plain or gzip, and those of the small rover with a URG-04LX.
+"""Logs of lasers, recorded by others: CARMEN's, plain or gzip, and those of a small rover with a URG-04LX.
 
-Both become a `Log`: the scans with the odometry at each of them, and the reference poses where the log has any.
+Both become a `Log`: the scans, the odometry at each scan, and reference poses if the log has them.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ Array = NDArray[np.float64]
 
 GZIP: Final = b"\x1f\x8b"
 TICKS: Final = 2000
-"""Of the rover's wheels a turn."""
+"""Ticks of the rover's wheels per turn."""
 WHEEL: Final = 0.077
-"""m, their radius."""
+"""Radius of the wheels, m."""
 HALF_AXLE: Final = 0.165
-"""m."""
+"""Half the distance between the wheels, m."""
 AHEAD: Final = 0.145
-"""m that its laser sits ahead of the axle."""
+"""Distance of its laser ahead of the axle, m."""
 SWEEP: Final = 0.1 * 682 / 1024
-"""s from its laser's first beam to the last one: ten turns of 1024 steps a second."""
+"""s from its laser's first beam to the last: ten turns of 1024 steps a second."""
 LATE: Final = 0.15
-"""s that a line's ranges are older than its ticks: where the turning rates of both agree best."""
+"""s by which a line's ranges are older than its ticks: the delay at which the turning rates of both agree best."""
 SHORTEST: Final = 0.05
-"""m; a shorter range is none."""
+"""m; a shorter range counts as none."""
 LONGEST: Final = 30.0
-"""m; what is farther away says little of where one is."""
+"""m; things farther away tell little about the pose."""
 
 
 class LogError(Txt1Error):
@@ -44,50 +44,50 @@ class LogError(Txt1Error):
 
 
 class LaserScan(NamedTuple):
-    """A scan as a log has it, from the laser's pose by odometry."""
+    """A scan of a log, from the laser's pose by odometry."""
 
     time: float
     """s."""
     ranges: Array
-    """m; NaN, inf and 0 where there is none."""
+    """m; NaN, inf or 0 for no range."""
     angles: Array
     """rad, counter-clockwise from straight ahead."""
     odometry: tuple[float, float, float]
     """x, y, theta (m, rad)."""
     reference: tuple[float, float, float] | None
-    """The pose that others found, None where the log has none."""
+    """The reference pose by others, None if the log has none."""
     swept: Array | None = None
-    """(n, 3): where the laser was at each beam, as seen from the pose (m, rad); None: the log does not say."""
+    """(n, 3): the laser's pose at each beam, relative to `odometry` (m, rad); None: unknown."""
 
 
 class Log(NamedTuple):
-    """The scans of a log, and what they have in common."""
+    """The scans of a log, and their common properties."""
 
     name: str
     scans: list[LaserScan]
 
     @property
     def odometry(self) -> Array:
-        """Poses by odometry, a row a scan (m, rad)."""
+        """Poses by odometry, a row for each scan (m, rad)."""
         return np.array([scan.odometry for scan in self.scans])
 
     @property
     def reference(self) -> Array | None:
-        """Reference poses, a row a scan (m, rad); None: it has none."""
+        """Reference poses, a row for each scan (m, rad); None if there are none."""
         if any(scan.reference is None for scan in self.scans):
             return None
         return np.array([scan.reference for scan in self.scans])
 
     @property
     def longest(self) -> float:
-        """The longest range, m, which lasers put down where there is none."""
+        """The range, m, that the laser logs when it sees nothing: the longest in the log."""
         return max(float(np.max(scan.ranges, where=np.isfinite(scan.ranges), initial=0.0)) for scan in self.scans)
 
 
 def points_of(ranges: Array, angles: Array, longest: float, swept: Array | None = None) -> Array:
-    """Return where beams ended, (n, 2) in m, as seen from the pose that `swept` is seen from, in their order.
+    """Return the ends of the beams, (n, 2) in m, in the frame of `swept`, in their order.
 
-    A range that is NaN, infinite, below `SHORTEST`, from `longest` on, or beyond `LONGEST` is none.
+    Ranges that are NaN, infinite, below `SHORTEST`, at least `longest`, or beyond `LONGEST` are left out.
     """
     with np.errstate(invalid="ignore"):
         good = (ranges > SHORTEST) & (ranges < min(longest, LONGEST))
@@ -98,7 +98,7 @@ def points_of(ranges: Array, angles: Array, longest: float, swept: Array | None 
 
 
 def read(path: Path) -> Log:
-    """Return the log in this file; raises LogError: it has no scans, or a broken line, which is named."""
+    """Return the log in this file; raises LogError: it has no scans, or a broken line, which the error names."""
     try:
         with path.open("rb") as file:
             packed = file.read(2) == GZIP
@@ -147,7 +147,7 @@ def _flaser(words: list[str]) -> LaserScan:
     count = int(words[1])
     if count < 1 or len(words) < count + 9:
         raise ValueError(f"it says {count} ranges and is {len(words)} words long")
-    # an odd number of beams has one on each side's end, an even number leaves the last out
+    # an odd number of beams has a beam at each end, an even number leaves the last out
     step = pi / (count - count % 2) if count > 1 else 0.0
     rest = words[2 + count :]
     return LaserScan(
@@ -193,7 +193,7 @@ class _Rover:
         self._lines.append((float(words[0]) * 1e-6, _numbers(words[24:]) / 1000.0))
 
     def scans(self) -> Iterator[LaserScan]:
-        """Return the scans: each from the laser's pose in the middle of its sweep."""
+        """Yield the scans, each from the laser's pose in the middle of its sweep."""
         if not self._lines:
             return
         times, poses = np.array([time for time, _ in self._lines]), np.array(self._poses)
@@ -211,20 +211,20 @@ class _Rover:
 
 
 def drifted(odometry: Array, seed: int, scale: float = 0.05, noise: float = radians(2.0), track: float = 0.4) -> Array:
-    """Return odometry with an error of its own: one wheel's scale is wrong by `scale`, and the heading wanders.
+    """Return odometry with an additional error: a wheel's scale is wrong by `scale`, and the heading wanders.
 
     Args:
-        odometry: poses, a row a scan (m, rad).
-        seed: of the heading's noise.
-        scale: of the right wheel's way.
-        noise: rad that the heading wanders in a metre (a random walk, so with the square root of the way).
-        track: m between the wheels.
-
+        odometry: poses, a row for each scan (m, rad).
+        seed: seed of the heading's noise.
+        scale: relative error of the right wheel's distance.
+        noise: rad by which the heading wanders in a metre (a random walk: it grows with the root of the distance).
+        track: distance between the wheels, m.
     """
     rng = np.random.default_rng(seed)
     steps = difference(odometry[:-1], odometry[1:])
     way = steps[:, 0]
-    # the right wheel goes way + theta track / 2; what it says too much moves the middle by half and turns by the rest
+    # the right wheel travels distance + theta track / 2; half of its excess moves the middle, and the excess turns the
+    # robot
     extra = scale * (way + steps[:, 2] * track / 2.0)
     steps[:, 0] += extra / 2.0
     steps[:, 2] += extra / track + noise * np.sqrt(np.hypot(way, steps[:, 1])) * rng.standard_normal(len(steps))

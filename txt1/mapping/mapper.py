@@ -1,18 +1,18 @@
-"""Makes a map from scans and odometry: scan after scan is matched, and a pose graph closes the loops.
+"""Makes a map from scans and odometry: consecutive scans are matched, and a pose graph closes loops.
 
 How it works
 ------------
 
 *Matching.* Odometry since the scan before predicts the pose. The scan is matched with a local map, the clouds of the
-last keyframes (`matcher`), in a window as large as odometry may be wrong. Where the robot has moved or turned enough,
+last keyframes (`matcher`), in a window as large as odometry's possible error. If the robot has moved or turned enough,
 the scan becomes a keyframe: a node of the graph, with an edge from the keyframe before.
 
-*Loops.* The keyframes behind the robot are put together in chunks. Whenever some keyframes are new, they are matched,
-together, with the nearest chunks, in a window as large as the way through the graph between the two allows. Several
-scans in one cloud are far harder to mistake than a single one. What fits well becomes an edge that closes a loop, and
-the graph is optimised (`graph`), if the edge contradicts it.
+*Loops.* The older keyframes are joined in chunks. Whenever there are some new keyframes, they are joined and matched
+with the nearest chunks, in a window that grows with the distance through the graph. A cloud of several scans is far
+harder to mistake than a single scan. A good match becomes an edge that closes a loop. If the edge contradicts the
+graph, the graph is optimised (`graph`).
 
-*Poses.* A scan that is no keyframe keeps its pose as seen from its keyframe, so all poses follow the graph.
+*Poses.* Every other scan keeps its pose relative to its keyframe, so all poses follow the graph.
 """
 
 from __future__ import annotations
@@ -32,26 +32,28 @@ from txt1.mapping.poses import composed, difference, placed, wrapped
 Array = NDArray[np.float64]
 
 FLOOR: Final = np.diag([0.01, 0.01, radians(0.15)]) ** 2
-"""Variance that no match undercuts, m^2 and rad^2: rounding of clouds, and that points of a wall err together."""
+"""Smallest variance of a match, m^2 and rad^2: from rounding, and because the errors of a wall's points are
+dependent.
+"""
 
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """How wrong odometry may be, as standard deviations of a step."""
+    """Possible errors of odometry, as standard deviations of a step."""
 
     position: float = 0.02
-    """m, whatever the step."""
+    """m, for every step."""
     angle: float = radians(1.0)
-    """rad, whatever the step."""
+    """rad, for every step."""
     way: float = 0.1
-    """m a metre."""
+    """m per metre."""
     bend: float = radians(5.0)
-    """rad a metre."""
+    """rad per metre."""
     turn: float = 0.1
-    """rad a rad turned."""
+    """rad per rad turned."""
 
     def deviation(self, step: Array) -> tuple[float, float]:
-        """Return standard deviations of position (m) and angle (rad) after this step."""
+        """Return the standard deviations of position (m) and angle (rad) after a step."""
         way = hypot(step[0], step[1])
         return self.position + self.way * way, self.angle + self.bend * way + self.turn * abs(float(step[2]))
 
@@ -65,62 +67,62 @@ class Matching:
     key_turn: float = radians(15.0)
     """rad after which a scan becomes a keyframe."""
     local: int = 16
-    """Keyframes in the local map."""
+    """Number of keyframes in the local map."""
     lose: float = 0.2
-    """Score below which a match with the local map does not count, and odometry stands."""
+    """Score below which a match with the local map does not count, and odometry is used."""
     noise: float = 0.05
-    """m, standard deviation of a point, as far as points of a wall err independently."""
+    """m, standard deviation of a point, as far as a wall's points have independent errors."""
     chunk: int = 8
-    """Keyframes in a chunk that loops are closed with."""
+    """Number of keyframes in a chunk for closing loops."""
     query: int = 6
-    """Keyframes that are matched with a chunk together."""
+    """Number of keyframes that are joined and matched with a chunk."""
     every: int = 2
-    """Keyframes from one look for loops to the next."""
+    """Number of keyframes between two searches for loops."""
     apart: int = 24
-    """Keyframes that a loop has at least."""
+    """Smallest number of keyframes in a loop."""
     range: float = 3.0
-    """m from a chunk within which a loop is looked for, besides what the graph may be wrong by."""
+    """m from a chunk within which a loop is searched for, in addition to the graph's possible error."""
     share: float = 0.025
-    """m a metre through the graph that poses may be wrong by."""
+    """Possible error of positions in the graph, m per metre of distance through it."""
     anywhere: float = 4.0
-    """m from a chunk within which a drive looks for its place on the map of earlier ones."""
+    """m from a chunk within which a drive searches for its place on the map of earlier drives."""
     bend: float = radians(0.4)
-    """rad a metre through the graph that poses may be wrong by."""
+    """Possible error of angles in the graph, rad per metre of distance through it."""
     close: float = 0.25
-    """Score from which on a chunk may close a loop, in a window without any width."""
+    """Score from which a chunk may close a loop, for a window without width."""
     wide: float = 0.04
-    """What that score rises by with each m of the window: the more poses, the easier does one fit by chance."""
+    """Increase of this score per m of the window: among more poses one fits more easily by chance."""
     known: float = 0.35
-    """Share of the points where the chunk's rays came from which on it may."""
+    """Smallest share of the points on cells that the chunk's rays have reached."""
     near: float = 0.85
-    """Share of these that lie by points of the chunk from which on it closes a loop."""
+    """Share of these points near points of the chunk from which a loop is closed."""
 
 
 NOTHING: Final = 1e-6 * np.eye(3)
-"""Information of an edge that says nothing."""
+"""Information of an edge without a measurement."""
 
 
 class KeyScan(NamedTuple):
     """A keyframe."""
 
     number: int
-    """Of its scan; -1: of an earlier drive."""
+    """Number of its scan; -1: of an earlier drive."""
     time: float
     """s."""
     cloud: Cloud
 
 
 class Match(NamedTuple):
-    """What became of a scan."""
+    """The result of a scan."""
 
     pose: Array
     """x, y, theta (m, rad) on the map so far."""
     score: float
-    """Of the match, 0 to 1; 0 where there was none."""
+    """Score of the match, 0 to 1; 0 without a match."""
     key: bool
-    """Whether it became a keyframe."""
+    """Whether the scan became a keyframe."""
     closed: int
-    """Loops that it closed."""
+    """Number of loops that it closed."""
 
 
 class Mapper:
@@ -145,10 +147,12 @@ class Mapper:
         self._old, self._found = 0, False
         self._seen: Array | None = None
         self.covariance = FLOOR.copy()
-        """Of the newest pose against the map round it, (3, 3), m^2 and rad^2: along a corridor it grows."""
+        """Covariance of the newest pose on the map round it, (3, 3), m^2 and rad^2: along a corridor it grows."""
 
     def resume(self, keys: list[KeyScan], poses: Array, edges: Iterable[Any]) -> None:
-        """Go on with the keyframes of earlier drives; where the next drive begins is found when it fits somewhere."""
+        """Continue with the keyframes of earlier drives; the start of the next drive is found when it fits
+        somewhere.
+        """
         self.keys = list(keys)
         for pose in poses:
             self.graph.add(pose)
@@ -158,7 +162,7 @@ class Mapper:
 
     @property
     def placed(self) -> bool:
-        """Whether this drive has its place on the map: it has none to find, or has found it."""
+        """Whether this drive's place on the map is known, or no place is needed."""
         return self._old == 0 or self._found
 
     @property
@@ -167,7 +171,9 @@ class Mapper:
         return composed(self.graph.poses[self._owners], np.array(self._steps))
 
     def add(self, time: float, points: Array, odometry: Any) -> Match:
-        """Take a scan: points (n, 2) in m, in the order of the beams, and odometry at its time, both of the laser."""
+        """Take a scan: points (n, 2) in m, in the order of the beams, and odometry at its time, both in the
+        laser's frame.
+        """
         odometry = np.asarray(odometry, dtype=np.float64)
         cloud = cloud_of(points, self.loops)
         if self._before is None:
@@ -192,14 +198,14 @@ class Mapper:
         return self._keyed(time, cloud, since, score, information)
 
     def finish(self) -> None:
-        """Look for loops once more and optimise."""
+        """Search for loops once more and optimise."""
         self._look()
         self.graph.optimise()
         self._pose = composed(self.graph.poses[self._owners[-1]], self._steps[-1])
         self._rebuild()
 
     def try_loop(self) -> None:
-        """Compare the newest keyframes with the oldest, and link nothing: so that all loops are compiled."""
+        """Compare the newest keyframes with the oldest without linking them, so that all loops are compiled."""
         new = len(self.keys) - 1
         query = sparse(self._cloud(range(max(0, new - self._matching.query + 1), new + 1), self.graph.poses[new]), 200)
         self._closed(0, query, 9.0)
@@ -208,7 +214,7 @@ class Mapper:
         self._pose = odometry
         new = self.graph.add(odometry)
         if self._old:
-            # anywhere: it holds the graph together, and says nothing
+            # an edge to an arbitrary place: it connects the graph without a measurement
             step = difference(self.graph.poses[new - 1], odometry)
             self.graph.link(new - 1, new, step, NOTHING, False)
         self._looked = new
@@ -224,7 +230,7 @@ class Mapper:
     def _matched(
         self, cloud: Cloud, predicted: Array, deviation: tuple[float, float]
     ) -> tuple[float, Array, Array | None]:
-        """Return score, pose and information of a scan on the local map; no information where it does not match."""
+        """Return score, pose and information of a scan on the local map; no information without a match."""
         assert self._local is not None
         matching = self._matching
         centre = difference(self._origin, predicted)
@@ -248,7 +254,7 @@ class Mapper:
         return score, composed(self._origin, pose), (information + prior) / matching.noise**2
 
     def _spread(self, deviation: tuple[float, float]) -> None:
-        """Let the covariance grow by a step, and shrink by what the scan said of each direction."""
+        """Let the covariance grow by a step, and shrink by the scan's information on each direction."""
         position, angle = deviation
         self.covariance = self.covariance + np.diag([position, position, angle]) ** 2
         if self._seen is not None:
@@ -258,7 +264,7 @@ class Mapper:
             self.covariance = np.asarray(np.linalg.inv(seen) + FLOOR)
 
     def _keyed(self, time: float, cloud: Cloud, since: Array, score: float, information: Array | None) -> Match:
-        """Make the scan a keyframe, and look for loops."""
+        """Make the scan a keyframe, and search for loops."""
         if information is None:
             position, angle = self._odometry.deviation(since)
             information = np.diag([position**-2.0, position**-2.0, angle**-2.0])
@@ -273,9 +279,9 @@ class Mapper:
         return Match(self._pose, score, True, closed)
 
     def _rebuild(self) -> None:
-        """Make the local map of the last keyframes anew, as seen from the last one."""
+        """Make a new local map of the last keyframes, in the frame of the last."""
         self._origin = self.graph.poses[-1].copy()
-        # a drive that has not found its place yet has nothing to do with those before
+        # a drive without a place on the map does not use the earlier drives
         first = 0 if self.placed else self._old
         self._local = self._map(range(max(first, len(self.keys) - self._matching.local), len(self.keys)), self._origin)
 
@@ -284,12 +290,12 @@ class Mapper:
         return LocalMap(cloud, self.loops) if len(cloud.points) >= 10 else None
 
     def _cloud(self, numbers: Any, origin: Array) -> Cloud:
-        """Return the clouds of these keyframes in one, as seen from `origin`."""
+        """Return the clouds of these keyframes as a single cloud, in the frame of `origin`."""
         poses = difference(origin, self.graph.poses[list(numbers)])
         return joined([moved(self.keys[k].cloud, pose) for k, pose in zip(numbers, poses, strict=True)])
 
     def _look(self) -> int:
-        """Look for loops with the last keyframes; return how many were closed."""
+        """Search for loops with the last keyframes; return the number of closed loops."""
         matching = self._matching
         new = len(self.keys) - 1
         self._looked = new
@@ -324,7 +330,7 @@ class Mapper:
         return closed
 
     def _place(self) -> int:
-        """Look everywhere on the map of earlier drives for the last keyframes; return how many edges that gave."""
+        """Search the map of earlier drives for the last keyframes; return the number of new edges."""
         new, size = len(self.keys) - 1, self._matching.chunk
         if new - self._old < self._matching.query:
             return 0
@@ -339,7 +345,7 @@ class Mapper:
         if best is None:
             return 0
         middle = min(size * best[1] + size // 2, self._old - 1)
-        # the whole drive so far is carried there at once, which Gauss-Newton could not do from afar
+        # the whole drive so far is moved there at once; from far away Gauss-Newton would not converge
         there = composed(self.graph.poses[middle], best[2][0])
         poses = self.graph.poses
         poses[self._old :] = composed(there, difference(poses[new].copy(), poses[self._old :]))
@@ -349,18 +355,17 @@ class Mapper:
         return 1
 
     def _seam(self) -> int:
-        """Return the number of the edge between the drives before and this one."""
+        """Return the number of the edge between the earlier drives and this drive."""
         edges = self.graph.edges
         return int(np.flatnonzero((edges["first"] == self._old - 1) & (edges["second"] == self._old))[0])
 
     def _closed(self, chunk: int, query: Cloud, way: float | None) -> tuple[Array, Array, float] | None:
-        """Return step, information and score by which the query closes a loop with a chunk, None where it does not fit.
+        """Return step, information and score with which the query closes a loop with a chunk, None if it does not fit.
 
         Args:
             chunk: its number.
-            query: the cloud of the last keyframes, as seen from the last one.
+            query: the cloud of the last keyframes, in the frame of the last.
             way: m through the graph between the two; None: the query may be anywhere.
-
         """
         matching = self._matching
         size = matching.chunk
@@ -400,7 +405,7 @@ class Mapper:
         return np.array([pose[0], pose[1], wrapped(pose[2])]), information, score
 
     def _ways(self, new: int) -> Array:
-        """Return the shortest way from a node to each other through the graph, m."""
+        """Return the shortest distance from a node to each other through the graph, m."""
         from scipy.sparse import csr_matrix
         from scipy.sparse.csgraph import dijkstra
 
@@ -421,5 +426,5 @@ class Mapper:
 
 
 def _floored(information: Array) -> Array:
-    """Return an information matrix whose covariance has `FLOOR` more."""
+    """Return an information matrix whose covariance is larger by `FLOOR`."""
     return np.asarray(np.linalg.inv(np.linalg.inv(information) + FLOOR))

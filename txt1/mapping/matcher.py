@@ -1,4 +1,4 @@
-"""Finds the pose from which a cloud of points lies on a map of points.
+"""Finds the pose at which a cloud of points lies on a map of points.
 
 How it works
 ------------
@@ -6,17 +6,18 @@ How it works
 *Clouds.* A scan becomes a cloud: points at least 5 cm apart as seen from the robot, and the normal of the surface at
 each of them (`kernels.thin`).
 
-*A local map* is the points of several clouds in one frame. Its field says of each cell of 5 cm how near a point is, as
-255 exp(-d^2 / 2 sigma^2).
+*A local map* has the points of several clouds in a common frame. Its field has cells of 5 cm with the value 255
+exp(-d^2 / 2 sigma^2), for the distance d to the nearest point.
 
 *Search.* All poses of a window are compared: the mean of the field over the points. Branch and bound leaves out blocks
 of poses that cannot be the best (`kernels.search`; Olson 2009, Hess 2016). So a match is found even if the prediction
 is wrong by more than any gradient could mend.
 
-*Alignment.* From the best pose on, the cloud is laid onto the lines of the map (`kernels.align`; point-to-line ICP,
-Censi 2008). This is exact to a few mm, and says how well each direction is known: along a corridor, it is not.
+*Alignment.* From the best pose on, the cloud is aligned with the lines of the map (`kernels.align`; point-to-line ICP,
+Censi 2008). This is exact to a few mm. It also gives the information on each direction, which is none along a corridor.
 
-numba compiles the loops; without it their numpy form (`plain`) does the same, slowly and not equal to the last bit.
+numba compiles the loops. Without numba their numpy form (`plain`) is used, which is slower and not equal to the last
+bit.
 """
 
 from __future__ import annotations
@@ -36,25 +37,27 @@ from txt1.sim.batch import compiled
 Array = NDArray[np.float64]
 
 CELL: Final = 0.05
-"""m, of the field."""
+"""m, side of the field's cells."""
 SIGMA: Final = 0.06
-"""m, of the field: the laser's noise and half a cell."""
+"""m, width of the field's bells: the laser's noise and half a cell."""
 LIST_CELL: Final = 0.3
-"""m, of the cells in which points are looked up; no pair is farther apart."""
+"""m, side of the cells in which points are looked up; the largest distance of a pair."""
 NEAR: Final = np.array([0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.1, 0.1])
-"""m that a pair may be apart, round by round."""
+"""m, largest distance of a pair in each round."""
 SCALE: Final = 0.05
-"""m, of the weights in the alignment."""
+"""m, scale of the weights in the alignment."""
 SEEN_CELL: Final = 0.1
-"""m, of the cells in which rays are noted."""
+"""m, side of the cells in which rays are noted."""
 GAP: Final = 0.05
 """m between points of a cloud."""
 BROKEN: Final = 0.3
-"""m between points that are on different surfaces."""
+"""m between points on different surfaces."""
 
 
 def _bell(parts: int) -> NDArray[np.uint8]:
-    """Return 255 exp(-d^2 / 2 SIGMA^2) on the cells round a point, for each of parts x parts places within its cell."""
+    """Return 255 exp(-d^2 / 2 SIGMA^2) on the cells round a point, for parts x parts places of the point in its
+    cell.
+    """
     reach = int(2.5 * SIGMA / CELL) + 1
     along = np.arange(-reach, reach + 1) + 0.5
     within = (np.arange(parts) + 0.5) / parts
@@ -74,7 +77,7 @@ class Cloud(NamedTuple):
 
 
 class Kernels(NamedTuple):
-    """The loops, in one of their forms."""
+    """The loops in one of their forms."""
 
     form: str
     thin: Callable[..., Any]
@@ -87,9 +90,9 @@ class Kernels(NamedTuple):
 
 @cache
 def kernels_of(form: str = "") -> Kernels:
-    """Return the loops as "numba" or "numpy"; "" is numba where it is installed.
+    """Return the loops as "numba" or "numpy"; "" is numba if it is installed.
 
-    Raises ImportError: numba is asked for and is not there.
+    Raises ImportError: numba is requested and not installed.
     """
     if form != "numpy":
         try:
@@ -109,7 +112,7 @@ def kernels_of(form: str = "") -> Kernels:
 
 
 class LocalMap:
-    """A map of points to match with; `cloud` is in the frame in which poses are found."""
+    """A map of points for matching; `cloud` is in the frame of the poses found."""
 
     def __init__(self, cloud: Cloud, loops: Kernels) -> None:
         self.cloud = cloud
@@ -128,16 +131,15 @@ class LocalMap:
     def search(
         self, cloud: Cloud, pose: Array, reach: float, turn: float, loose: tuple[float, float], at_least: float
     ) -> tuple[float, Array]:
-        """Return the score (0 to 1; `at_least` where none is better) and the best pose of a window around a pose.
+        """Return the score (0 to 1; `at_least` if none is better) and the best pose of a window around a pose.
 
         Args:
-            cloud: seen from the pose.
+            cloud: points in the frame of the pose.
             pose: x, y, theta (m, rad), in the middle of the window.
             reach: m to each side.
             turn: rad to each side.
-            loose: m and rad by which a pose may be off before it costs 0.1 of the score.
+            loose: m and rad of difference from the pose that cost 0.1 of the score.
             at_least: a lower score does not count.
-
         """
         points = cloud.points
         far = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 75))
@@ -161,11 +163,11 @@ class LocalMap:
         return score, np.array([pose[0] + dx * CELL, pose[1] + dy * CELL, angles[number]])
 
     def near(self, points: Array) -> NDArray[np.bool_]:
-        """Whether each point lies within 2.5 `SIGMA` of one of the map's."""
+        """Return whether each point lies within 2.5 `SIGMA` of a point of the map."""
         return np.asarray(_looked_up(self._fields[0], points, self._corner, CELL) > 0)
 
     def align(self, cloud: Cloud, start: Array, centre: Array, prior: Array) -> tuple[Array, Array, float, float]:
-        """Return (pose, information, share that fits, rms in m), as `kernels.align` does."""
+        """Return (pose, information, share that fits, rms in m), as `kernels.align`."""
         found: tuple[Array, Array, float, float] = self._loops.align(
             start,
             centre,
@@ -183,10 +185,10 @@ class LocalMap:
 
 
 class SeenWalls:
-    """Where rays from several poses came, in cells of `SEEN_CELL`."""
+    """The cells, of `SEEN_CELL`, that rays from several poses have reached."""
 
     def __init__(self, clouds: list[Cloud], poses: Array, loops: Kernels) -> None:
-        """Note the rays of clouds, each seen from its pose."""
+        """Note the rays of clouds, each from its pose."""
         ends = [placed(pose, cloud.points) for cloud, pose in zip(clouds, poses, strict=True)]
         every = np.concatenate((*ends, poses[:, :2]))
         low, high = every.min(axis=0), every.max(axis=0)
@@ -198,7 +200,7 @@ class SeenWalls:
         self._field, self._corner = hits + passes, (float(low[0]), float(low[1]))
 
     def known(self, points: Array) -> NDArray[np.bool_]:
-        """Whether a ray came to the cell of each point."""
+        """Return whether a ray reached the cell of each point."""
         return np.asarray(_looked_up(self._field, points, self._corner, SEEN_CELL) > 0)
 
 
@@ -210,7 +212,7 @@ def _looked_up(field: Any, points: Array, corner: tuple[float, float], cell: flo
 
 
 def _halved(field: Any) -> Any:
-    """Return the highest of each 2 x 2 cells."""
+    """Return the maximum of each 2 x 2 cells."""
     rows, columns = field.shape
     even = np.zeros((rows + rows % 2, columns + columns % 2), field.dtype)
     even[:rows, :columns] = field
@@ -219,7 +221,7 @@ def _halved(field: Any) -> Any:
 
 
 def _spread(field: Any, more: int) -> Any:
-    """Return the highest of blocks of 1 + `more` cells a side, each right and up of its cell."""
+    """Return the maximum of blocks of 1 + `more` cells a side, each to the right and up of its cell."""
     found = field.copy()
     for by in range(1, more + 1):
         np.maximum(found[:, :-by], field[:, by:], out=found[:, :-by])
@@ -230,22 +232,22 @@ def _spread(field: Any, more: int) -> Any:
 
 
 def cloud_of(points: Array, loops: Kernels) -> Cloud:
-    """Return the cloud of points that are in the order of the beams, as seen from the laser, m."""
+    """Return the cloud of points in the order of the beams, in the laser's frame, m."""
     return Cloud(*loops.thin(np.ascontiguousarray(points), GAP, BROKEN))
 
 
 def moved(cloud: Cloud, pose: Any) -> Cloud:
-    """Return a cloud, as seen from a pose, in the pose's frame."""
+    """Return a cloud, given in the frame of a pose, in the pose's own frame of reference."""
     return Cloud(placed(pose, cloud.points), placed((0.0, 0.0, pose[2]), cloud.normals))
 
 
 def joined(clouds: list[Cloud]) -> Cloud:
-    """Return several clouds as one."""
+    """Return several clouds as a single cloud."""
     return Cloud(np.concatenate([each.points for each in clouds]), np.concatenate([each.normals for each in clouds]))
 
 
 def sparse(cloud: Cloud, most: int) -> Cloud:
-    """Return at most so many of the cloud's points, one of each cell of a grid that is as fine as that allows."""
+    """Return at most `most` of the cloud's points, one from each cell of a sufficiently coarse grid."""
     cell = GAP
     while len(cloud.points) > most:
         cell *= 1.5

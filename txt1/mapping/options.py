@@ -1,4 +1,4 @@
-"""`txt1 run --map room`, `--in room --at X,Y,THETA`: short for settings, so that a recording holds them."""
+"""`txt1 run --map room`, `--in room --at X,Y,THETA`: short forms of settings, so that a recording holds them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class SetWithMap(Action):
-    """Sets ``mapping.<const>`` as --set would."""
+    """Sets ``mapping.<const>`` like --set."""
 
     def __call__(
         self,
@@ -23,7 +23,7 @@ class SetWithMap(Action):
         values: str | Sequence[Any] | None,
         option: str | None = None,
     ) -> None:
-        """Take the word behind the option."""
+        """Take the word after the option."""
         namespace.set = [*namespace.set, f"mapping.{self.const}={values}"]
 
 
@@ -42,7 +42,7 @@ def _pose(text: str) -> str:
 
 
 def asked(arguments: Namespace, config: Config) -> object | None:
-    """Compile what is needed, before a robot starts; its section is what asks for the addition.
+    """Compile the loops before a robot starts. The addition itself is requested by its section.
 
     Raises ConfigError: a setting is wrong; MissingExtra.
     """

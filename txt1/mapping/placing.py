@@ -3,11 +3,11 @@
 How it works
 ------------
 
-The laser's readings and odometry go to a `Sweeper`, which makes scans of them. A process beside the robot (`worker`)
-works on the scans: a filter finds the robot on a map, or a mapper makes a map. The result of a scan is `MapNews`, a
-reading of the sensor ``mapping``. In virtual time it comes a fixed time after the scan, on the real clock when it is
-ready. The sensor ``map`` has the pose alone, like other sensors of poses. While the robot is lost, it has no reading,
-so nothing drives by it.
+The laser's readings and odometry go to a `Sweeper`, which combines them into scans. A process beside the robot
+(`worker`) works on the scans: a filter finds the robot on a map, or a mapper makes a map. The result of a scan is
+`MapNews`, a reading of the sensor ``mapping``. In virtual time it comes a fixed time after the scan; on the real clock
+it comes when it is ready. The sensor ``map`` has the pose alone, like other sensors of poses. While the robot is lost,
+it has no reading, so the robot does not drive by it.
 
 News are readings of a sensor. So a recording holds each of them with its time, and a replay repeats them without
 computing them. The rest follows from them in the same step (`OnMap`): the map, the transform, the topics.
@@ -58,31 +58,34 @@ from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_
 
 POSE: Final = "map"
 NEWS: Final = "mapping"
-"""The sensors' names."""
+"""Name of the sensor of results."""
 FRESH: Final = 0.5
-"""s for which a scan counts."""
+"""s for which a scan is used."""
 NEAR: Final = 1.5
-"""m from the laser within which it does: farther off, an error of the heading would put walls on free floor."""
+"""m from the laser within which it is used: farther away, an error of the heading would put walls on free floor."""
 UNKNOWN_NEAR: Final = 0.35
-"""m from free floor at which a robot may stand where the map knows nothing."""
+"""m from free floor at which a robot may stand on unknown cells."""
 SHOWN_RAYS: Final = 90
-"""Of a scan, on screens."""
+"""Number of a scan's rays on screens."""
 JUMP: Final = 0.3
-"""m; a larger correction of the pose means another place, so the floor seen from the old place counts no more."""
+"""m; a larger correction of the pose means another place, so the floor seen from the old place is discarded."""
 
 
 def may_stand(grid: Grid, x: float, y: float) -> bool:
-    """Whether a robot may stand at a place on a map, m: where a drive began, the laser may not have seen the floor."""
+    """Return whether a robot may stand at a place on a map, m.
+
+    At the start of a drive the laser may not have seen the floor below the robot.
+    """
     column, row = (int(np.floor(each)) for each in grid.to_cells(x, y))
     rows, columns = grid.depth.shape
     if not (0 < column < columns - 1 and 0 < row < rows - 1) or grid.cells[row - 1, column - 1] >= OCCUPIED_FROM:
         return False
-    # as deep in the unknown as is told apart
+    # as deep in unknown cells as the grid distinguishes
     return bool(grid.depth[row, column] > -UNKNOWN_NEAR)
 
 
 def checked(settings: MappingConfig) -> None:
-    """Look whether the settings fit one another; raises ConfigError: they do not, or there is no such map."""
+    """Check the settings; raises ConfigError: they contradict each other, or there is no such map."""
     if settings.room is not None and settings.make is not None:
         raise ConfigError("mapping.make, mapping.room (--map, --in): a map is made, or driven in; give one of them")
     if settings.at is not None:
@@ -104,9 +107,9 @@ def checked(settings: MappingConfig) -> None:
 
 
 class NewsSensor:
-    """The work on scans as a sensor; `connect` gives it its laser and odometry."""
+    """The work on scans as a sensor; `connect` gives it the laser and the odometry."""
 
-    # at each cycle it notes odometry; news come as often as scans
+    # it notes odometry in each cycle; results come as often as scans
     period, simulated = 0.02, True
 
     def __init__(self, setup: Setup) -> None:
@@ -124,12 +127,12 @@ class NewsSensor:
         self._last = -1.0
 
     def connect(self, odometry: Any) -> Callable[[Reading[Scan]], None]:
-        """Take a function that returns odometry and its time; return the function to call with the laser's readings."""
+        """Take a function that returns odometry and its time; return the function that takes the laser's readings."""
         self._odometry = odometry
         return self._seen
 
     def place(self, pose: Pose) -> None:
-        """Begin anew at a pose on the map, with the next scan; theta nan: any."""
+        """Start again at a pose on the map, with the next scan; theta nan: any heading."""
         self._place = pose
 
     def _seen(self, reading: Reading[Scan]) -> None:
@@ -137,7 +140,7 @@ class NewsSensor:
         self._sweeper.seen(reading.time, reading.value)
 
     async def open(self) -> None:
-        """Begin to work: in virtual time here, else in a process of its own, which is waited for."""
+        """Start the work: in virtual time in the event loop, else in a process of its own, which is waited for."""
         settings = self._settings
         checked(settings)
         if isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
@@ -158,15 +161,15 @@ class NewsSensor:
         return Mapping(Path(settings.make or ""), settings.resolution)
 
     async def close(self) -> None:
-        """Do nothing: a map takes its time to be written, so `finish` does it."""
+        """Do nothing: writing a map takes time, so `finish` does it."""
 
     async def finish(self) -> list[str]:
-        """End the work, and return what is to be told."""
+        """End the work, and return lines for the event log."""
         worker, self._worker = self._worker, None
         return [] if worker is None else await worker.finish()
 
     def read(self, now: float) -> Reading[MapNews] | None:
-        """Return the oldest news that are due, None where there are none."""
+        """Return the oldest result that is due, None if there is none."""
         worker = self._worker
         if worker is None:
             return None
@@ -187,7 +190,7 @@ class NewsSensor:
 
 
 class MapSensor:
-    """The pose on the map as a sensor; it is told the news."""
+    """The pose on the map as a sensor; it gets the results."""
 
     period, simulated = 0.02, True
 
@@ -199,18 +202,18 @@ class MapSensor:
         self._news: deque[MapNews] = deque(maxlen=1)
 
     async def open(self) -> None:
-        """Have nothing to open."""
+        """Do nothing; the sensor holds no resources."""
 
     async def close(self) -> None:
-        """Have nothing to close."""
+        """Do nothing; the sensor holds no resources."""
 
     def heard(self, reading: Reading[MapNews]) -> None:
-        """Take news."""
+        """Take a result."""
         if not reading.value.lost:
             self._news.append(reading.value)
 
     def read(self, now: float) -> Reading[TrackerReading] | None:
-        """Return the newest pose, None where there is no new one or the robot is lost."""
+        """Return the newest pose, None if there is no new pose or the robot is lost."""
         del now
         if not self._news:
             return None
@@ -225,15 +228,15 @@ class MapSensor:
 
 
 class OnMap(MapInUse):
-    """The robot on its map: found by `Runtime.part`."""
+    """The robot on its map, found by `Runtime.part`."""
 
     def __init__(self, runtime: Runtime, making: bool, sensor: NewsSensor | None) -> None:
         self._runtime, self._sensor = runtime, sensor
         self.making = making
         self.news: MapNews | None = None
-        """The newest."""
+        """The newest result."""
         self.sheet: MapSheet | None = None
-        """The map; None: none is known yet."""
+        """The map; None while it is unknown."""
         self._trouble = ""
         self._floor: tuple[MapSheet, Room] | None = None
         self._seen: SeenFloor | None = None
@@ -256,13 +259,13 @@ class OnMap(MapInUse):
         bus.offer(
             PARTICLES_ON_MAP, lambda: None if self.news is None else tuple(each[:2] for each in self.news.particles)
         )
-        # a replay has no scans, but what was made of them
+        # a replay has no scans, but their results
         if sensor is not None:
             bus.offer(SCAN_ON_MAP, self._scan)
         bus.offer(PARTICLES, lambda: (self.news.particles or None) if self.news is not None else None)
 
     def heard(self, reading: Reading[MapNews]) -> None:
-        """Take news, and tell what follows from them."""
+        """Take a result, and publish the values that follow from it."""
         runtime, before, news = self._runtime, self.news, reading.value
         bus, time = runtime.bus, reading.time
         self.news = news
@@ -287,7 +290,7 @@ class OnMap(MapInUse):
         runtime.state.tell(runtime.now, text)
 
     def pose(self) -> MapPose | None:
-        """Return where the robot is now, by the last scan and odometry since; None before the first."""
+        """Return the present pose, from the last scan and the odometry since then; None before the first scan."""
         news = self.news
         if news is None:
             return None
@@ -296,7 +299,7 @@ class OnMap(MapInUse):
         return MapPose(x, y, theta, sigma, sqrt(news.covariance[8]), news.fit, news.lost)
 
     def _look(self, before: MapNews | None) -> None:
-        """Take note of what the newest scan has seen of the floor, and where the robot stands."""
+        """Note the floor seen by the newest scan, and the floor below the robot."""
         news, sensor, room, pose = self.news, self._sensor, self._walls(), self.pose()
         if sensor is None or room is None or self.sheet is None or news is None or pose is None:
             return
@@ -312,12 +315,12 @@ class OnMap(MapInUse):
         self._seen.stand(pose[:3], self._runtime.config.geometry)
 
     def floor(self) -> Room | None:
-        """Return the map that the robot drives in, with what it has seen; None: it is not known yet, or being made."""
+        """Return the map in which the robot drives, with the floor it has seen; None: unknown, or being made."""
         room, seen = self._walls(), self._seen
         return room if room is None or seen is None else seen.floor(np.reshape(self.seen(), (-1, 2)))
 
     def seen(self) -> Sequence[tuple[float, float]]:
-        """Return what the laser's newest scan has near the robot that is no wall of the map, m on the map."""
+        """Return places near the robot that the newest scan shows and the map does not, m on the map."""
         news, room, sensor = self.news, self._walls(), self._sensor
         sweep = None if sensor is None else sensor.newest
         if news is None or news.lost or room is None or room.walls is None or sweep is None:
@@ -329,7 +332,7 @@ class OnMap(MapInUse):
         return [(x, y) for x, y in on_map if room.walls.distance(x, y) > OFF_WALLS]
 
     def _scan(self) -> tuple[tuple[float, float], ...]:
-        """Return where some rays of the newest scan end, m on the map; nothing while the robot is lost."""
+        """Return the ends of some rays of the newest scan, m on the map; empty while the robot is lost."""
         news, sweep = self.news, None if self._sensor is None else self._sensor.newest
         if news is None or news.lost or sweep is None:
             return ()
@@ -345,7 +348,9 @@ class OnMap(MapInUse):
         return self._floor[1]
 
     def place(self, x: float, y: float, theta: float | None) -> None:
-        """Say where the robot is on the map, m and rad (None: any); raises CommandRefused: there is no free floor."""
+        """Set the robot's place on the map, m and rad (None: any heading); raises CommandRefused: there is no
+        free floor.
+        """
         if self.making or self._sensor is None:
             raise CommandRefused("the map is in the making, and begins where the robot began: no place can be given")
         if self.sheet is not None and not may_stand(self.sheet.grid, x, y):
@@ -354,13 +359,13 @@ class OnMap(MapInUse):
 
 
 def _apart(before: MapNews, after: MapNews) -> float:
-    """Return by how many metres a correction moves a robot."""
+    """Return the distance in m by which a correction moves a robot."""
     there = composed(before.origin, difference(after.origin, after.pose))
     return float(np.hypot(there[0] - after.pose[0], there[1] - after.pose[1]))
 
 
 async def prepare(runtime: Runtime, settings: MappingConfig) -> OnMap | None:
-    """Open the sensors, and give them the laser; None where there is no map.
+    """Open the sensors, and connect them with the laser; return None without a map.
 
     Raises ConfigError: there is no laser.
     """
@@ -375,7 +380,7 @@ async def prepare(runtime: Runtime, settings: MappingConfig) -> OnMap | None:
     await runtime.open_sensor(NEWS, SensorConfig(driver="map_news"))
     await runtime.open_sensor(POSE, SensorConfig(driver="map"))
     news, pose = (runtime.sensors[name].sensor for name in (NEWS, POSE))
-    # in a replay the readings of both are given again
+    # in a replay the recorded readings of both are used
     real = news if isinstance(news, NewsSensor) else None
     there = OnMap(runtime, settings.make is not None, real)
     runtime.sensors[NEWS].listeners.append(there.heard)
@@ -389,7 +394,7 @@ async def prepare(runtime: Runtime, settings: MappingConfig) -> OnMap | None:
 
 @asynccontextmanager
 async def watch(runtime: Runtime, settings: MappingConfig) -> AsyncIterator[None]:
-    """When all is over, end the work: a map is written then, which may take its time."""
+    """End the work after the run; writing a map may take time."""
     del settings
     try:
         yield
@@ -401,10 +406,10 @@ async def watch(runtime: Runtime, settings: MappingConfig) -> AsyncIterator[None
 
 
 def create_news(setup: Setup) -> NewsSensor:
-    """Return the sensor ``mapping``."""
+    """Make the sensor ``mapping``."""
     return NewsSensor(setup)
 
 
 def create(setup: Setup) -> MapSensor:
-    """Return the sensor ``map``."""
+    """Make the sensor ``map``."""
     return MapSensor(setup)

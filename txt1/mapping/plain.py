@@ -1,6 +1,6 @@
-"""The loops of `kernels` as NumPy and SciPy do them, for where there is no numba: slower, not equal to the last bit.
+"""The loops of `kernels` in NumPy and SciPy, for use without numba: slower, and not equal to the last bit.
 
-`thin` and `carve` go over a single scan, so they stay as they are, not compiled.
+`thin` and `carve` go over a single scan, so the same code runs uncompiled.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ thin, carve = kernels.thin, kernels.carve
 
 
 def stamp(field: Any, points: Any, x0: float, y0: float, cell: float, table: Any) -> None:
-    """Raise the field round each point to a bell's values there; as `kernels.stamp`."""
+    """Raise the field round each point to a bell's values; as `kernels.stamp`."""
     parts, width = table.shape[0], table.shape[2]
     reach = width // 2
     place = (points - (x0, y0)) / cell
@@ -81,7 +81,7 @@ def search(
 
 
 def listed(points: Any, x0: float, y0: float, cell: float, rows: int, columns: int) -> Any:
-    """Return a tree of the points, and nothing; `align` takes both."""
+    """Return a tree of the points, and nothing else; `align` takes both."""
     from scipy.spatial import cKDTree
 
     return cKDTree(points), None

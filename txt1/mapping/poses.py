@@ -1,4 +1,4 @@
-"""Poses in the plane as arrays (..., 3) of x, y, theta (m, rad): put together, taken apart, compared."""
+"""Poses in the plane as arrays (..., 3) of x, y, theta (m, rad): composition, difference, comparison."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def wrapped(angle: Any) -> Any:
 
 
 def composed(pose: Any, step: Any) -> Array:
-    """Return the pose that lies `step` from `pose`, as seen by the latter."""
+    """Return the pose at `step` from `pose`; the step is in the frame of `pose`."""
     pose, step = np.asarray(pose, dtype=np.float64), np.asarray(step, dtype=np.float64)
     cosine, sine = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     return np.stack(
@@ -31,7 +31,7 @@ def composed(pose: Any, step: Any) -> Array:
 
 
 def difference(pose: Any, other: Any) -> Array:
-    """Return `other` as seen from `pose`: the step for which composed(pose, step) is other."""
+    """Return `other` in the frame of `pose`: the step with composed(pose, step) equal to `other`."""
     pose, other = np.asarray(pose, dtype=np.float64), np.asarray(other, dtype=np.float64)
     cosine, sine = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x, y = other[..., 0] - pose[..., 0], other[..., 1] - pose[..., 1]
@@ -39,13 +39,13 @@ def difference(pose: Any, other: Any) -> Array:
 
 
 def placed(pose: Any, points: Array) -> Array:
-    """Return points (n, 2) that are seen from a pose, in the frame of the pose."""
+    """Return points (n, 2), given in the frame of a pose, in the frame of reference of the pose."""
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
     return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]) + np.asarray(pose)[:2])
 
 
 def accumulated(start: Any, steps: Array) -> Array:
-    """Return the poses that steps lead to, from `start` on: one more than there are steps."""
+    """Return the poses along steps from `start` on: one more than there are steps."""
     theta = start[2] + np.concatenate(([0.0], np.cumsum(steps[:, 2])))
     cosine, sine = np.cos(theta[:-1]), np.sin(theta[:-1])
     x = np.concatenate(([0.0], np.cumsum(cosine * steps[:, 0] - sine * steps[:, 1])))
@@ -54,9 +54,9 @@ def accumulated(start: Any, steps: Array) -> Array:
 
 
 def trajectory_error(poses: Array, reference: Array) -> float:
-    """Return the absolute trajectory error in m: rms of what positions differ by after the best rigid alignment.
+    """Return the absolute trajectory error in m: rms difference of positions after the best rigid alignment.
 
-    In the plane the rotation has a closed form (Horn 1987); tests hold the result against evo's, where it is installed.
+    In the plane the rotation has a closed form (Horn 1987). Tests compare the result with evo's, if it is installed.
     """
     a, b = poses[:, :2] - poses[:, :2].mean(axis=0), reference[:, :2] - reference[:, :2].mean(axis=0)
     angle = atan2(float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])), float(np.sum(a * b)))

@@ -1,4 +1,4 @@
-"""What a robot on its map has seen of the floor in this drive: boxes that the map lacks, and where it may back up.
+"""The floor that a robot has seen in this drive: obstacles that the map lacks, and places for backing up.
 
 How it works
 ------------
@@ -32,17 +32,17 @@ from txt1.sim.room import Room
 from txt1.sim.walls import Walls
 
 FAR: Final = 2.5
-"""m of a ray that count: farther off, an error of the heading would put walls on free floor."""
+"""m of a ray that count: farther away, an error of the heading would put walls on free floor."""
 EVERY: Final = 2
-"""One ray of so many is taken: at FAR, those of a usual laser are closer together than cells."""
+"""One of this number of rays is used: at FAR, the rays of a usual laser are closer together than cells."""
 CLEARS: Final = 20
-"""Per cent of being solid that a ray takes from a cell that it passes."""
+"""Per cent of being solid that a ray removes from a cell that it passes."""
 OFF_WALLS: Final = 0.15
-"""m from the walls of the map from which on something is another thing than they."""
+"""m from the walls of the map beyond which something is no part of the walls."""
 
 
 class _QuickGrid(Grid):
-    """A grid whose walls change all the time: SciPy finds distances a hundred times as fast."""
+    """A grid whose walls change all the time: SciPy computes its distances a hundred times as fast."""
 
     @cached_property
     def depth(self) -> NDArray[np.float32]:
@@ -56,17 +56,17 @@ class _QuickGrid(Grid):
 
 
 class SeenFloor:
-    """The floor of a map, as it was seen in this drive."""
+    """The floor of a map, as seen in this drive."""
 
     def __init__(self, grid: Grid) -> None:
         self._grid = grid
         self.cells: NDArray[np.int8] = np.full(grid.cells.shape, UNKNOWN, np.int8)
-        """As `Grid.cells`; what is -1 was not seen."""
+        """As `Grid.cells`; -1 is floor not seen."""
         self._off_walls = grid.depth[1:-1, 1:-1] > OFF_WALLS
         self._under: tuple[float, ...] = ()
 
     def see(self, laser: Array, points: Array) -> None:
-        """Take a scan: where its rays ended, m, as the laser saw them from its pose (x, y, theta) on the map."""
+        """Take a scan: the ends of its rays, m, in the frame of the laser's pose (x, y, theta) on the map."""
         points = points[::EVERY]
         ranges = np.hypot(points[:, 0], points[:, 1])
         size = self._grid.resolution
@@ -80,12 +80,12 @@ class SeenFloor:
         cells[self._places(placed(laser, points[ranges < FAR]))] = OCCUPIED
 
     def stand(self, pose: tuple[float, float, float], body: Geometry) -> None:
-        """Take note that a body stands at a pose: there is nothing else."""
+        """Mark the floor below a body at a pose as free."""
         about = tuple(round(each, 2) for each in pose)
         if about == self._under:
             return
         self._under = about
-        # closer together than cells, so that none is left out
+        # closer together than cells, so that no cell is left out
         gap = 0.5 * self._grid.resolution
         x = np.linspace(-0.5, 0.5, ceil(body.length / gap) + 1) * body.length + body.centre
         y = np.linspace(-0.5, 0.5, ceil(body.width / gap) + 1) * body.width
@@ -93,7 +93,9 @@ class SeenFloor:
         self.cells.ravel()[self._places(placed(pose, under))] = FREE
 
     def floor(self, now: Array) -> Room:
-        """Return the floor to plan on; `now` are places (n, 2) in m that are in the way, whatever was seen before."""
+        """Return the floor for planning; `now` are places (n, 2) in m of present obstacles, whatever was seen
+        before.
+        """
         seen = self.cells.copy()
         seen.ravel()[self._places(now)] = OCCUPIED
         cells = np.where((self._grid.cells == UNKNOWN) & (seen == FREE), FREE, self._grid.cells)
@@ -105,9 +107,9 @@ class SeenFloor:
         return Walls(Map("map", Path(), _QuickGrid(cells, self._grid.resolution, self._grid.origin), ""))
 
     def _places(self, points: Array) -> NDArray[np.int64]:
-        """Return the places in flat `cells` of those points, m, that are on the map."""
+        """Return the indices in flat `cells` of the points, m, that are on the map."""
         rows, columns = self.cells.shape
-        # of the frame of solid cells round it, which `to_cells` counts
+        # the frame of solid cells, which `to_cells` counts
         u, v = self._grid.to_cells(points[:, 0], points[:, 1])
         column, row = np.floor(u).astype(np.int64) - 1, np.floor(v).astype(np.int64) - 1
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)

@@ -9,17 +9,17 @@ from txt1.units import NotNegative
 
 
 class MappingConfig(Section):
-    """A map in use, or in the making: the sensors ``map`` and ``mapping``, by a laser's scans."""
+    """A map in use or in the making, by a laser's scans: the sensors ``map`` and ``mapping``."""
 
     room: str | None = None
-    """The map that the robot drives in, its .yaml or the name without it; null: none."""
+    """The map in which the robot drives: its .yaml, or the name without it; null: none."""
     at: tuple[float, float, float] | None = None
-    """Where the robot is on it at the start: x, y (m), theta (rad); null: it finds that out."""
+    """The robot's pose on it at the start: x, y (m), theta (rad); null: the robot searches for it."""
     make: str | None = None
-    """Name of the map that is made, or extended, while the robot drives; null: none."""
+    """Name of the map that is made or extended while the robot drives; null: none."""
     resolution: Annotated[float, Field(ge=0.01, le=1.0)] = 0.05
     """Side of a cell of the map that is made, m."""
     laser: str | None = None
-    """The laser's name; null: the only one."""
+    """The laser's name; null: the only laser."""
     delay: NotNegative = 0.1
-    """In virtual time, time from a scan's end until its pose is told, s: as long as the computer may take for it."""
+    """In virtual time, time from a scan's end to its pose, s: the time that the computer may take."""

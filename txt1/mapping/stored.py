@@ -1,4 +1,4 @@
-"""The graph of a map as a file, NAME.graph: poses, edges and clouds, so that a later drive extends the map.
+"""The graph of a map as a file, NAME.graph: poses, edges and clouds, so that a later drive can extend the map.
 
 It is a NumPy archive without pickled objects; equal graphs give equal bytes.
 """
@@ -21,17 +21,17 @@ from txt1.mapping.matcher import Cloud
 
 VERSION: Final = 1
 SUFFIXES: Final = (".graph", ".pgm", ".svg", ".yaml")
-"""Of a map's files; the .yaml comes last: whoever finds it finds all the others."""
+"""Suffixes of a map's files; the .yaml is written last: when it is there, all files are there."""
 
 
 def content(mapper: Mapper, about: dict[str, Any]) -> bytes:
-    """Return the bytes of a mapper's graph; `about` is kept with it, JSON."""
+    """Return the bytes of a mapper's graph; `about` is stored with it as JSON."""
     keys = mapper.keys
     told = {"version": VERSION, "form": mapper.loops.form, **about}
     parts: dict[str, Any] = dict(
         about=np.frombuffer(json.dumps(told, sort_keys=True).encode(), np.uint8),
         poses=mapper.graph.poses,
-        # field by field: rows of a structured array have gaps, whose bytes are anything
+        # field by field: rows of a structured array have gaps with arbitrary bytes
         **{name: np.ascontiguousarray(mapper.graph.edges[name]) for name in EDGE.names or ()},
         counts=np.array([len(key.cloud.points) for key in keys], np.int64),
         times=np.array([key.time for key in keys]),
@@ -44,9 +44,9 @@ def content(mapper: Mapper, about: dict[str, Any]) -> bytes:
 
 
 def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
-    """Return the mapper of a graph's file, ready for another drive, and what was kept with it.
+    """Return the mapper of a graph's file, ready for another drive, and the `about` stored with it.
 
-    Raises ConfigError: the file is no graph, or a damaged one.
+    Raises ConfigError: the file is no graph, or is damaged.
     """
     try:
         with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
@@ -75,7 +75,7 @@ def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
 
 
 def files_of(mapper: Mapper, output: Path, resolution: float, drives: list[str]) -> dict[Path, bytes]:
-    """Return the contents of a map's files, which begin with `output`; raises ConfigError: it is too large."""
+    """Return the contents of a map's files, whose names begin with `output`; raises ConfigError: it is too large."""
     try:
         grid = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
     except ValueError as error:

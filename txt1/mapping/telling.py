@@ -1,4 +1,4 @@
-"""What mapping tells: the news of each scan, and the topics that are made of them."""
+"""The telemetry of mapping: the result of each scan, and the topics made from the results."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ FRAME: Final = "map"
 
 
 class MapSheet(NamedTuple):
-    """A map at one instant, as it is told."""
+    """A map at an instant, for publishing."""
 
     resolution: float
-    """m."""
+    """Side of a cell, m."""
     origin: Pose
-    """Of its lower left corner: x, y (m), yaw (rad)."""
+    """Pose of its lower left corner: x, y (m), yaw (rad)."""
     rows: int
     columns: int
     cells: bytes
@@ -38,7 +38,7 @@ class MapSheet(NamedTuple):
 
     @property
     def grid(self) -> Grid:
-        """The map as a grid."""
+        """Return the map as a grid."""
         return _grid(self)
 
 
@@ -49,7 +49,7 @@ def _grid(sheet: MapSheet) -> Grid:
 
 
 def sheet_of(grid: Grid) -> MapSheet:
-    """Return a grid as it is told."""
+    """Return a grid for publishing."""
     rows, columns = grid.cells.shape
     packed = zlib.compress(np.ascontiguousarray(grid.cells).tobytes(), 1)
     x, y, yaw = (float(each) for each in grid.origin)
@@ -57,28 +57,28 @@ def sheet_of(grid: Grid) -> MapSheet:
 
 
 class MapNews(NamedTuple):
-    """What a scan has led to."""
+    """The result of a scan."""
 
     time: float
-    """Of the scan, s of the run."""
+    """Time of the scan, s of the run."""
     pose: Pose
-    """Of the robot on the map, m and rad."""
+    """The robot's pose on the map, m and rad."""
     covariance: tuple[float, float, float, float, float, float, float, float, float]
-    """Of the pose, row by row, m^2 and rad^2."""
+    """Covariance of the pose, row by row, m^2 and rad^2."""
     origin: Pose
-    """Of the odometry's origin on the map: map -> odom."""
+    """Pose of the odometry's origin on the map: map -> odom."""
     fit: float
     """Share of the scan that fits the map, 0 to 1."""
     lost: bool
-    """Whether the pose is not to be used."""
+    """Whether the pose must not be used."""
     closed: int = 0
-    """Loops that were closed so far."""
+    """Number of loops closed so far."""
     sheet: MapSheet | None = None
-    """The map, where it is another one than before."""
+    """The map, if it has changed."""
     particles: tuple[Pose, ...] = ()
     """Some of the filter's particles, as poses of the laser."""
     trouble: str = ""
-    """What went wrong beside; empty for nothing."""
+    """A problem; empty for none."""
 
 
 def in_the_plane(pose: Pose) -> tuple[float, float, float, float]:
@@ -93,7 +93,7 @@ def as_pose(pose: Pose) -> Mapping[str, Any]:
 
 
 _PLACES: Final = (0, 1, 5, 6, 7, 11, 30, 31, 35)
-"""Of a planar covariance in one of 6 x 6."""
+"""Places of a planar covariance in a 6 x 6 covariance."""
 _NEWS: Final = define(
     "geometry_msgs/PoseWithCovarianceStamped", "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose"
 )
@@ -101,7 +101,7 @@ _QUATERNION: Final = ("position.x", "position.y", "orientation.z", "orientation.
 
 
 def news_topic(name: str) -> Topic[MapNews]:
-    """Return the topic ``/sensors/NAME`` of the news; its message has the pose, as AMCL's ``/amcl_pose``."""
+    """Return the topic ``/sensors/NAME`` of the results; its message has the pose, as AMCL's ``/amcl_pose``."""
     return reading_topic(
         name,
         MapNews,

@@ -6,8 +6,8 @@ How it works
 *In virtual time* no task can be late. So `Near` works at once, and the same drive gives the same results to the bit.
 
 *On the real clock* `Far` starts a process and gives it a scan at a time. Of the scans that come meanwhile, only the
-newest waits. A thread of the robot waits for each answer: it holds the interpreter for some microseconds only. The
-process is compiled and ready before the robot drives, has a lower priority, and hears no Ctrl-C.
+newest waits. A thread of the robot waits for each answer; it holds the interpreter lock for some microseconds only. The
+process is compiled and ready before the robot drives. It has a lower priority, and ignores Ctrl-C.
 
 *The line* between the two is a socket pair. Each message is its length (4 bytes), and the exact bytes of a value
 (`txt1.telemetry.exact`). After any end of the robot's process, the worker finds its line closed, saves the map and
@@ -40,17 +40,17 @@ LENGTH: Final = struct.Struct("<I")
 MESSAGE_MAX: Final = 1 << 28
 """Bytes."""
 ENDING: Final = 2.0
-"""s that the process has to end when it has said all."""
+"""s that the process has to end after its last message."""
 
 
 class Ready(NamedTuple):
-    """The process can begin."""
+    """Sent when the process is ready."""
 
     error: str = ""
 
 
 class Finished(NamedTuple):
-    """The process has ended its work."""
+    """Sent when the process has finished its work."""
 
     lines: tuple[str, ...] = ()
 
@@ -62,12 +62,12 @@ class Near:
         self._make = make
         self._work: Work | None = None
         self.done: deque[MapNews] = deque()
-        """The results, oldest first; whoever reads them takes them away."""
+        """The results, oldest first; the reader removes them."""
         self.failure = ""
-        """Why it works no more; empty while it does."""
+        """Why it has stopped working; empty while it works."""
 
     async def open(self) -> None:
-        """Begin."""
+        """Start."""
         self._work = self._make()
 
     def give(self, task: ScanTask) -> None:
@@ -76,7 +76,7 @@ class Near:
         self.done.append(self._work.take(task))
 
     async def finish(self) -> list[str]:
-        """End, and return what is to be told."""
+        """End the work, and return lines for the event log."""
         work, self._work = self._work, None
         return [] if work is None else work.finish()
 
@@ -87,9 +87,9 @@ class Far:
     def __init__(self, options: Mapping[str, Any]) -> None:
         self._options = options
         self.done: deque[MapNews] = deque()
-        """The results, oldest first; whoever reads them takes them away."""
+        """The results, oldest first; the reader removes them."""
         self.failure = ""
-        """Why it works no more; empty while it does."""
+        """Why it has stopped working; empty while it works."""
         self._todo: ScanTask | None = None
         self._wake = threading.Condition()
         self._over = False
@@ -121,7 +121,7 @@ class Far:
         self._thread.start()
 
     def give(self, task: ScanTask) -> None:
-        """Have a scan worked on when the one before is done; one that waits already is dropped."""
+        """Queue a scan for the process; a scan that is still waiting is dropped."""
         with self._wake:
             if self._todo is not None and task.place is None:
                 task = task._replace(place=self._todo.place)
@@ -129,7 +129,7 @@ class Far:
             self._wake.notify()
 
     async def finish(self) -> list[str]:
-        """Let it end, however long that takes, and return what is to be told."""
+        """Let the process end, however long it takes, and return lines for the event log."""
         thread, self._thread = self._thread, None
         if thread is None:
             return []
@@ -143,7 +143,7 @@ class Far:
         return self._lines if not self.failure else [*self._lines, self.failure]
 
     def _serve(self) -> None:
-        """In the thread: give the newest scan, and take what has come of it."""
+        """In the thread: send the newest scan, and receive its result."""
         line = self._line
         try:
             while True:
@@ -173,7 +173,7 @@ def send(line: socket.socket, value: object) -> None:
 
 
 def receive(line: socket.socket, kind: type[Any]) -> Any:
-    """Return the next value, None where the other end is gone; raises OSError, ValueError."""
+    """Return the next value, None if the other end is gone; raises OSError, ValueError."""
     head = _bytes(line, LENGTH.size)
     if head is None:
         return None
@@ -201,7 +201,7 @@ def _bytes(line: socket.socket, count: int) -> bytes | None:
 
 
 def made(options: Mapping[str, Any]) -> Work:
-    """Return the work that is asked for; raises Txt1Error."""
+    """Return the requested work; raises Txt1Error."""
     form = options.get("form", "")
     if "room" in options:
         return works.locating(options["room"], options["seed"], form)
@@ -211,7 +211,7 @@ def made(options: Mapping[str, Any]) -> Work:
 def main(fd: str, options: str) -> None:
     """Work on scans that come through the socket `fd` until it is closed."""
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        # the robot's process says when it is over; without it, the line is closed
+        # the robot's process decides when it is over; when it is gone, the line is closed
         signal.signal(each, signal.SIG_IGN)
     with socket.socket(fileno=int(fd)) as line:
         asked = json.loads(options)
@@ -231,12 +231,12 @@ def main(fd: str, options: str) -> None:
         try:
             send(line, Finished(lines))
         except OSError:
-            # nobody is there to be told
+            # the robot's process is gone
             return
 
 
 if __name__ == "__main__":
-    # under the module's own name, which is how values know their types
+    # under the module's own name, by which values find their types
     from txt1.mapping.worker import main as begin
 
     begin(*sys.argv[1:])

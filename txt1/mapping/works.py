@@ -1,7 +1,7 @@
-"""What is done with each scan beside a robot: its place on a map is found, or the map is made.
+"""The work on each scan beside a robot: locating the robot on a map, or making the map.
 
-Each works on scans alone and knows no robot. In virtual time it works in the event loop, on the real clock in a process
-of its own (`txt1.mapping.worker`).
+Both use scans only and know no robot. In virtual time it works in the event loop, on the real clock in a process of its
+own (`txt1.mapping.worker`).
 """
 
 from __future__ import annotations
@@ -25,36 +25,36 @@ from txt1.maps import files
 from txt1.maps.grid import Grid
 
 SHOWN: Final = 60
-"""Particles that are told."""
+"""Number of particles that are published."""
 TOLD_EVERY: Final = 1.0
-"""s of driving from one map that is told to the next, at least; larger maps are told less often."""
+"""s of driving between two maps that are published, at least; larger maps are published less often."""
 TOLD_CELLS: Final = 200_000
-"""Cells of a map that are told in each of these."""
+"""Cells of a published map per such interval."""
 SAVED_EVERY: Final = 30.0
-"""s of driving from one save of the map so far to the next."""
+"""s of driving between two saves of the unfinished map."""
 ALIKE: Final = "several places on the map look like this one: drive on, or say where the robot is (--at, /initialpose)"
 UNSURE: Final = 0.5
-"""m of standard deviation from which on a pose of the map in the making is not to be used."""
+"""m of standard deviation from which a pose on the unfinished map is not used."""
 
 
 class ScanTask(NamedTuple):
-    """A scan that is to be worked on."""
+    """A scan to work on."""
 
     sweep: Sweep
     mount: Pose
-    """Of the laser on the robot."""
+    """Pose of the laser on the robot."""
     place: Pose | None = None
-    """Where somebody says that the robot is on the map; theta nan: any heading."""
+    """The robot's pose on the map as set by a user; theta nan: any heading."""
 
 
 class Work(Protocol):
-    """What is done with scans."""
+    """The work on scans."""
 
     def take(self, task: ScanTask) -> MapNews:
         """Work on a scan."""
 
     def finish(self) -> list[str]:
-        """End, and return what is to be told, a line each."""
+        """End the work, and return lines for the event log."""
 
 
 class Locating:
@@ -70,7 +70,7 @@ class Locating:
         if task.place is not None:
             x, y, theta = task.place
             if isnan(theta):
-                # the laser is near the robot, and may look anywhere
+                # the laser is close to the robot, and may point in any direction
                 locator.place((x, y, 0.0), (0.3, 2.0 * pi))
             else:
                 locator.place(composed(task.place, task.mount))
@@ -90,12 +90,12 @@ class Locating:
         )
 
     def finish(self) -> list[str]:
-        """Do nothing: the map stays as it was."""
+        """Do nothing: the map is unchanged."""
         return []
 
 
 class Mapping:
-    """Makes a map, or extends the one that is there."""
+    """Makes a map, or extends an existing map."""
 
     def __init__(self, output: Path, resolution: float, form: str = "", saves: bool = False) -> None:
         self._output, self._resolution, self._saves = output, resolution, saves
@@ -129,7 +129,7 @@ class Mapping:
         return _news(task, match.pose, mapper.covariance, match.score, lost, self._closed, sheet, (), self._trouble)
 
     def _sheet(self, time: float) -> MapSheet | None:
-        """Return the map when it is time, and it has changed."""
+        """Return the map when it is due, and has changed."""
         if time - self._told < self._every or not self.mapper.placed:
             return None
         grid = self._grid.update(self.mapper)
@@ -141,7 +141,7 @@ class Mapping:
         return sheet_of(grid)
 
     def _save(self) -> bool:
-        """Write the map so far; whether that was done."""
+        """Write the map so far; return whether it was written."""
         if not self.mapper.placed:
             return False
         try:
@@ -153,7 +153,7 @@ class Mapping:
         return True
 
     def finish(self) -> list[str]:
-        """Optimise, and write the map; where that is impossible, write it elsewhere."""
+        """Optimise, and write the map; if that is impossible, write it elsewhere."""
         if not self._scans:
             return [f"no map {self._output}: no scan came"]
         mapper, output = self.mapper, self._output
@@ -191,7 +191,7 @@ def _news(
     particles: tuple[Pose, ...] = (),
     trouble: str = "",
 ) -> MapNews:
-    """Return the news of a scan, by the laser's pose on the map."""
+    """Return the result of a scan, from the laser's pose on the map."""
     back = difference(task.mount, (0.0, 0.0, 0.0))
     robot, wheels = composed(pose, back), composed(task.sweep.odometry, back)
     a, b, c, d, e, f, g, h, i = (float(each) for each in np.asarray(covariance).ravel())
@@ -210,21 +210,21 @@ def _news(
 
 
 def locating(room: str, seed: int, form: str = "") -> Locating:
-    """Return what finds a robot on a map of this name; raises ConfigError: there is no such map."""
+    """Return the work that locates a robot on a map of this name; raises ConfigError: there is no such map."""
     return Locating(map_of(room), seed, form)
 
 
 def map_of(room: str) -> Grid:
-    """Return a map by its .yaml, the name without it, or one of ours by its name; raises ConfigError: there is none."""
+    """Return a map by its .yaml, the name without it, or the name of a map of the package; raises ConfigError."""
     return files.read(f"{room}.yaml" if Path(f"{room}.yaml").exists() else room).grid
 
 
 def warm(form: str = "") -> None:
-    """Compile all that a mapper and a filter call, on a room that is not there."""
+    """Compile all functions of a mapper and a filter, on an imaginary room."""
     angles = np.linspace(-pi, pi, 120)
     mapper = Mapper(form=form)
     for k in range(32):
-        # it turns in the middle of a room, so each scan becomes a keyframe
+        # the robot turns in the middle of a room, so each scan becomes a keyframe
         turned = radians(20.0 * k)
         with np.errstate(divide="ignore"):
             ranges = np.minimum(2.0 / np.abs(np.cos(angles + turned)), 1.5 / np.abs(np.sin(angles + turned)))
