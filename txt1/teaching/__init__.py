@@ -1,1 +1,1 @@
-"""A policy taught by driving: from recordings to a network, and a car that it drives."""
+"""A policy taught by driving: made from recordings, a network that drives a car."""

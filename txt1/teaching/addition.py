@@ -1,4 +1,4 @@
-"""Teaching as an addition: a policy that drives, and the command that makes one of recordings."""
+"""Teaching as an addition: a policy as a source of commands, and the command that makes a policy from recordings."""
 
 from txt1.additions import Addition
 

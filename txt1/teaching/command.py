@@ -1,4 +1,4 @@
-"""`txt1 teach`: make a policy of recordings in which a human drove."""
+"""`txt1 teach`: makes a policy from recordings in which a human drove."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from txt1.errors import ConfigError
 
 
 def _sensors(text: str) -> list[Any]:
-    """Return the sensors that a word names; raises ArgumentTypeError."""
+    """Return the sensors in a word; raises ArgumentTypeError."""
     from txt1.teaching.lessons import Ask
     from txt1.teaching.seeing import KINDS
 
@@ -27,7 +27,7 @@ def _sensors(text: str) -> list[Any]:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `teach` takes."""
+    """Add the arguments of `teach`."""
     parser.epilog = (
         "'txt1 run --source FILE.onnx' drives by it. Take over by driving, let go, and record that with --log; "
         f"--more with --from then teaches it where it went wrong. {parser.epilog or ''}"
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Read, teach, write."""
+    """Read the recordings, teach, and write the policy."""
     need("teaching", "record", "mcap", "mcap_ros2")
     if arguments.before is None and (arguments.more or not arguments.files):
         raise ConfigError("teach: name recordings, or --more recordings --from policy.onnx")

@@ -1,17 +1,17 @@
-"""A policy drives: it looks at every reading, judges in a thread, and commands behind the safety gate like any source.
+"""A policy that drives: it judges every reading in a thread, and commands through the safety gate like any source.
 
-Its rank is below every human's and every program's (`txt1.teaching.addition`). Whoever drives takes the wheel from it
-at once. When they let go and nobody has the wheel, it asks anew.
+Its priority is below every human's and every program's (`txt1.teaching.addition`). Any of them takes the wheel from it
+at once. When the wheel is free again, it asks again.
 
-It stands, and says why in one line, when
+It stands, and gives the reason in a line, when
 
 - its sensor is late or frozen: the same bytes again and again while the car moves;
-- a reading is of another device, or sits elsewhere, than in the lessons: for good;
-- its outputs are no numbers: for good;
-- it doubts too much. It drives slower from `doubt_slow` on, stands beyond `doubt_stop`, and goes on by itself only
-  where it is sure again. A human drives it on until then.
+- a reading is from another device, or from another place, than in the lessons: for good;
+- its outputs are not finite: for good;
+- its doubt is too large. It drives slower from `doubt_slow` on, and stands beyond `doubt_stop`. It goes on by itself
+  when the doubt is small again, for which a human may have to drive on.
 
-The judgement is taken at the tick after it was made, so a run in virtual time repeats to the last bit.
+A judgement is used at the tick after it was made, so a run in virtual time repeats to the last bit.
 """
 
 from __future__ import annotations
@@ -44,34 +44,34 @@ TICK: Final = 0.02
 LATE: Final = 0.3
 """s without a reading, or three periods of the sensor if they are longer, after which it stands."""
 FROZEN: Final = 0.5
-"""s of the same reading, to the last bit, after which it stands if the car moves."""
+"""s of the same reading, to the last bit, after which it stands if the car is moving."""
 MOVES: Final = 0.1
-"""m/s; a car that is slower does not move."""
+"""m/s; a slower car counts as standing."""
 SMOOTH: Final = 5
-"""Looks that the doubt is the mean of."""
+"""Number of judgements whose mean doubt is used."""
 
 
 class Look(NamedTuple):
-    """What a policy makes of a reading."""
+    """A policy's judgement of a reading, and its consequences."""
 
     steering: float
     """Share of full lock, left positive."""
     speed: float
-    """Share of the fastest in the lessons."""
+    """Share of the largest speed in the lessons."""
     doubt: float
-    """How much its networks disagree."""
+    """Disagreement of its networks."""
     slow: float
-    """The doubt from which it drives slower."""
+    """Doubt from which it drives slower."""
     stop: float
-    """The doubt from which it stands."""
+    """Doubt from which it stands."""
     pace: float
-    """Share of the speed that the doubt leaves it, 0 to 1."""
+    """Share of the speed that the doubt allows, 0 to 1."""
     v: float
-    """What it would command, m/s."""
+    """Speed that it would command, m/s."""
     omega: float
-    """rad/s."""
+    """Yaw rate that it would command, rad/s."""
     state: str
-    """"drives", "waits" for the wheel, or why it stands."""
+    """"drives", "waits" for the wheel, or the reason for standing."""
 
 
 LOOK: Final = declare(
@@ -125,29 +125,29 @@ class Pilot:
         self._doubts: deque[float] = deque(maxlen=SMOOTH)
         self._doubting = False
         self._same: tuple[Any, float] = (None, 0.0)
-        """The bytes that were read, and since when they are the same."""
+        """The bytes of the last reading, and the time since which they are the same."""
         self._frozen = False
         self._failed = ""
-        """Why it never drives again."""
+        """Why it never drives again; empty if it may."""
         self._told = ""
 
     def start(self) -> None:
-        """Judge every reading from now on, and drive as long as nobody else does."""
+        """Judge every reading from now on, and drive while the wheel is free."""
         self._first.listeners.append(self._heard)
         self._robot.add_task(POLICY, TICK, self._drive)
 
     async def open(self) -> None:
-        """Have the thread and the networks ready, so no look waits for them; raises MissingExtra."""
+        """Prepare the thread and the networks, so that no judgement waits for them; raises MissingExtra."""
         await asyncio.get_running_loop().run_in_executor(self._thread, getattr, self.policy, "session")
 
     async def close(self) -> None:
-        """Judge no more."""
+        """Stop judging."""
         if self._heard in self._first.listeners:
             self._first.listeners.remove(self._heard)
         await asyncio.to_thread(self._thread.shutdown)
 
     def _heard(self, reading: Reading[Any]) -> None:
-        """Begin to judge a reading, unless the one before is still being judged."""
+        """Begin to judge a reading, unless the last is still being judged."""
         self._newest = reading
         robot, now = self._robot, self._robot.now
         data = _bytes(reading.value)
@@ -183,7 +183,7 @@ class Pilot:
             self._tell(state, now)
 
     def _take(self, now: float) -> None:
-        """Take what was judged."""
+        """Take a finished judgement."""
         if self._judging is None or not self._judging[1].done():
             return
         (began, future), self._judging = self._judging, None
@@ -205,7 +205,7 @@ class Pilot:
         )
 
     def _pace(self) -> float:
-        """Return the share of the speed that the doubt leaves: 1 to `doubt_slow`, 0 from `doubt_stop` on."""
+        """Return the share of the speed that the doubt allows: 1 up to `doubt_slow`, 0 from `doubt_stop` on."""
         card = self.policy.card
         doubt = sum(self._doubts) / max(len(self._doubts), 1)
         if doubt >= card.doubt_stop:
@@ -252,7 +252,9 @@ class Pilot:
 
 
 def judge_all(policy: Policy, values: list[Any]) -> Judgement:
-    """Return what a policy makes of its sensors' values; raises Unfit: one is of another device than in the lessons."""
+    """Return a policy's judgement of its sensors' values; raises Unfit: a value is from another device than in
+    the lessons.
+    """
     sights = policy.card.sees
     for sight, value in zip(sights, values, strict=True):
         check(sight, value)
@@ -260,7 +262,7 @@ def judge_all(policy: Policy, values: list[Any]) -> Judgement:
 
 
 def _bytes(value: Any) -> Any:
-    """Return what is the same only where a reading is the same to the last bit."""
+    """Return an object that is equal only if the reading is equal to the last bit."""
     match value:
         case Image():
             return value.data

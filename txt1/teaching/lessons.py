@@ -1,15 +1,15 @@
-"""Lessons from recordings: the moments in which a human drove, what was seen then, and what the human did.
+"""Lessons from recordings: the times at which a human drove, the sensors' readings, and the human's commands.
 
-The commander's topic says at every moment who drives. A human is a source of commands with the rank of a hand, 30 or
-more (`txt1.control.commander.PRIORITIES`), or one that is named. A lesson is a reading of the first sensor, with the
-latest of the others, and the command in force: the share of full lock that it steers, and its speed. What is left out
-is counted by its reason.
+The commander's topic has the driving source at every time. A source counts as human if its priority is that of a hand,
+30 or more (`txt1.control.commander.PRIORITIES`), or if it is named. A lesson is a reading of the first sensor, with the
+latest readings of the other sensors, and the command in force: its share of full lock, and its speed. Readings that are
+left out are counted by reason.
 
-A hand follows the eye by some 0.2 s, so a lesson is what the hand did that much later. Otherwise a policy would learn
-to be as late as a human.
+A human reacts after some 0.2 s, so a lesson takes the command of that much later. Otherwise a policy would learn to be
+as late as a human.
 
-A human who takes over from a policy shows where the policy goes wrong. These moments count more, the first seconds of
-them most of all (HG-DAgger, arXiv 1810.02890: what a human does while he has taken over is the label).
+A human who takes over from a policy shows where the policy goes wrong. These times count more, most of all their first
+seconds (HG-DAgger, arXiv 1810.02890: the human's commands during a take-over are the labels).
 """
 
 from __future__ import annotations
@@ -40,26 +40,26 @@ from txt1.teaching.training import LessonSet
 from txt1.telemetry import exact
 
 HAND: Final = 30
-"""The least rank of a human's source of commands."""
+"""Least priority of a human's source of commands."""
 RATE: Final = 20.0
 """Lessons a second at most."""
 SPEED_MIN: Final = 0.05
-"""m/s; slower is no driving."""
+"""m/s; slower motion is not driving."""
 BEFORE_STOP: Final = 1.0
-"""s before a stop or a disarm that are no example."""
+"""s before a stop or a disarming that are left out."""
 GAP: Final = 0.5
-"""s without a reading that are counted as one lesson's time at most."""
+"""s: the longest time that a lesson counts for, if readings are missing."""
 TAKEOVER: Final = 3.0
-"""s from a take-over on that count more."""
+"""s after a take-over that count more."""
 TAKEOVER_WEIGHT: Final = 4.0
-"""... as many times as others."""
+"""Factor by which they count more."""
 SECONDS_MIN: Final = 60.0
-"""Less driving than this teaches nothing."""
+"""s; less driving than this is not enough for a policy."""
 BETWEEN: Final = 60.0
-"""s between two recordings, so that no block of time goes over both."""
+"""s between two recordings, so that no block of time contains parts of both."""
 
 LAG: Final = 0.2
-"""s that a hand follows the eye by, as models of drivers have it."""
+"""s by which a human's commands follow the sight, as in models of drivers."""
 
 _MESSAGES: Final = {
     "sensor_msgs/LaserScan": "laser",
@@ -70,7 +70,7 @@ _TYPES: Final[dict[str, Any]] = {"laser": Scan, "camera": Image, "light": Readin
 
 
 class Ask(NamedTuple):
-    """A sensor that is asked for: its kind, and its name or "" for the only one."""
+    """A requested sensor: its kind, and its name, or "" for the only sensor of the kind."""
 
     kind: Kind
     sensor: str = ""
@@ -78,7 +78,7 @@ class Ask(NamedTuple):
 
 @dataclass(frozen=True)
 class HumanDrive:
-    """What one recording teaches."""
+    """The lessons of a recording."""
 
     taught: Taught
     sights: tuple[Sight, ...]
@@ -89,7 +89,7 @@ class HumanDrive:
 
 
 def is_hand(source: str, also: Collection[str] = ()) -> bool:
-    """Whether a source of commands is a human's, or among those that are taken for one."""
+    """Return whether a source of commands is a human's, or is listed in `also`."""
     rank = PRIORITIES.get(source, priority_of(source))
     return source in also or (rank is not None and rank >= HAND)
 
@@ -106,9 +106,9 @@ def sha256_of(path: Path) -> str:
 def drive_in(
     path: Path, asks: Sequence[Ask], also: Collection[str] = (), robot: str | None = None, lag: float = LAG
 ) -> HumanDrive:
-    """Return what a recording teaches; the hand follows the eye by `lag` s.
+    """Return the lessons of a recording; the human reacts after `lag` s.
 
-    Raises RecordingError: it cannot be read, is of several robots and none is named, has no such sensor, or nobody
+    Raises RecordingError: it cannot be read, has several robots and none is named, has no such sensor, or no human
     drove in it.
     """
     digest = sha256_of(path)
@@ -137,7 +137,7 @@ class _Row(NamedTuple):
 
 
 class _Reader:
-    """A recording as it is read."""
+    """Reads a recording."""
 
     def __init__(self, path: Path, robot: str, asks: Sequence[Ask], also: Collection[str], lag: float) -> None:
         self.path, self.robot, self.also, self.asks, self.lag = path, robot, also, asks, lag
@@ -145,9 +145,9 @@ class _Reader:
         self._driver, self._armed = "", False
         self._command, self._velocities = (0.0, 0.0), (0.0, 0.0)
         self._lost = -1e9
-        """When a policy last had the wheel, s of the run."""
+        """Time at which a policy last had the wheel, s of the run."""
         self._taken = -1e9
-        """Since when a human has it who took it from a policy, s of the run."""
+        """Time since which a human has the wheel after taking it from a policy, s of the run."""
         self._overruled = False
         self._takeovers = 0
         self._kinds: dict[str, str] = {}
@@ -157,7 +157,7 @@ class _Reader:
         self._before = -1e9
         self._rows: list[_Row] = []
         self._commands: list[tuple[float, float, float, str]] = [(-1e9, 0.0, 0.0, "")]
-        """When a command was given, what, and by whom."""
+        """Time, command and source of each command."""
         self._left: defaultdict[str, float] = defaultdict(float)
         self._by: defaultdict[str, float] = defaultdict(float)
 
@@ -195,7 +195,7 @@ class _Reader:
         if before == POLICY:
             self._lost = now
         if is_hand(name, self.also):
-            # a policy that stood or had let go a moment ago was taken over, too
+            # a policy that stood, or released the wheel a moment ago, counts as taken over, too
             self._overruled = now - self._lost < GAP
             self._takeovers += self._overruled
             self._taken = now
@@ -210,7 +210,7 @@ class _Reader:
     def _reads(self, source: str, data: bytes, now: float) -> None:
         kind = self._kinds.get(source)
         if kind is None or not data:
-            # its own topic follows; the first reading of a sensor tells its kind
+            # the sensor's own topic follows; its first reading shows the kind
             self._kinds_of(source)
             kind = self._kinds.get(source)
         if kind is None:
@@ -233,11 +233,11 @@ class _Reader:
                 self._kinds[source] = kind
 
     def _first_name(self, kind: str, sensor: str) -> str:
-        """Return the name of the sensor that is meant: the one that was named, or the first of its kind."""
+        """Return the name of the requested sensor, or of the first of its kind."""
         return self._names.setdefault(kind, sensor)
 
     def _moment(self, now: float) -> None:
-        """A reading of the first sensor: a lesson, or left out."""
+        """Take a reading of the first sensor: make it a lesson, or leave it out."""
         seconds = min(now - self._before, GAP) if self._before > -1e8 else 0.0
         if now - self._before < 1.0 / RATE - 1e-4:
             return
@@ -264,7 +264,7 @@ class _Reader:
         self._rows.append(_Row(now, looks, v, omega, weight, seconds, self._driver, self._overruled))
 
     def _reason(self, now: float) -> str:
-        """Return why this moment is no lesson; "" where it is one."""
+        """Return why this reading is no lesson; "" if it is."""
         if not self._armed:
             return "disarmed"
         if not self._driver:
@@ -281,7 +281,7 @@ class _Reader:
         return ""
 
     def drive(self, digest: str) -> HumanDrive:
-        """Return all of it."""
+        """Return all lessons."""
         config = self._read_config()
         radius, v_max = config.geometry.radius_min, config.safety.v_max
         if missing := [ask for ask in self.asks if ask.kind != "odometry" and ask.kind not in self._latest]:
@@ -313,7 +313,7 @@ class _Reader:
         return HumanDrive(taught, tuple(self._sights), lessons, config.vehicle, radius, v_max)
 
     def _later(self, row: _Row) -> tuple[float, float]:
-        """Return what the same human commanded a little later; the last that he did where he let go before."""
+        """Return the same human's command a little later; the last command if the human released the wheel before."""
         first = bisect_right(self._commands, row.time, key=lambda one: one[0])
         v, omega = row.v, row.omega
         for time, later_v, later_omega, by in self._commands[first:]:
@@ -334,15 +334,12 @@ class _Reader:
 
 
 def _shares(v: float, omega: float, radius: float, v_max: float) -> tuple[float, float]:
-    """Return a command as shares of full lock and of the fastest."""
+    """Return a command as shares of full lock and of the largest speed."""
     return min(max(omega * radius / v, -1.0), 1.0), min(v / v_max, 1.0)
 
 
 def together(drives: Sequence[HumanDrive]) -> tuple[tuple[Sight, ...], LessonSet, NDArray[np.int64]]:
-    """Return the sights and lessons of all recordings, and of which recording each lesson is.
-
-    Raises RecordingError: they are of different cars or sensors, or too short.
-    """
+    """Return the sights and lessons of all recordings, and the recording of each lesson."""
     first = drives[0]
     for each in drives[1:]:
         file = each.taught.file

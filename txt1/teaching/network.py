@@ -1,8 +1,8 @@
 """Small networks of convolutions and dense layers, trained with numpy alone.
 
 How it works. A network has a trunk for each sensor: convolutions over a picture, or over a scan, which is a picture of
-one row; numbers such as a light sensor's have no convolution. What the trunks find is laid side by side and goes
-through dense layers to the outputs. Every layer but the last is followed by max(0, x).
+a single row. Numbers such as a light sensor's have no convolution. The outputs of the trunks are joined, and go through
+dense layers to the outputs. Every layer but the last is followed by max(0, x).
 
 A convolution is one product of matrices: the windows of the picture are laid out as rows (`_windows`), and the filters
 are columns. Its gradient goes back the same way. Adam (arXiv 1412.6980) takes the steps. At the size of these networks,
@@ -34,20 +34,20 @@ class Convolution(NamedTuple):
     stride: tuple[int, int]
 
     def size(self, height: int, width: int) -> tuple[int, int]:
-        """Return the size of what it makes of a picture of this size."""
+        """Return the size of the output for a picture of this size."""
         (high, wide), (down, along) = self.window, self.stride
         return (height - high) // down + 1, (width - wide) // along + 1
 
 
 class Shape(NamedTuple):
-    """What a network looks like."""
+    """The shape of a network."""
 
     inputs: tuple[tuple[int, int, int], ...]
-    """Of each sensor: height, width and channels; numbers are 1, 1, n."""
+    """Height, width and channels of each sensor's input; numbers are 1, 1, n."""
     trunks: tuple[tuple[Convolution, ...], ...]
-    """Of each sensor, its convolutions."""
+    """The convolutions of each sensor."""
     dense: tuple[int, ...]
-    """Units of the layers after that."""
+    """Units of the dense layers."""
     outputs: int
 
     def layers(self) -> list[tuple[int, int]]:
@@ -66,7 +66,7 @@ class Shape(NamedTuple):
 
     @property
     def parameters(self) -> int:
-        """How many numbers training sets."""
+        """The number of trained parameters."""
         return sum((rows + 1) * columns for rows, columns in self.layers())
 
 
@@ -76,12 +76,12 @@ class PolicyNetwork:
     def __init__(self, shape: Shape, rng: Generator) -> None:
         self.shape = shape
         self.weights: list[Array] = []
-        """Of each layer."""
+        """Weights of each layer."""
         self.biases: list[Array] = []
-        """Of each layer."""
+        """Biases of each layer."""
         layers = shape.layers()
         for number, (rows, columns) in enumerate(layers):
-            # the last layer begins small, so the first outputs are near the middle
+            # the last layer starts small, so that the first outputs are near the middle
             scale = np.sqrt(2.0 / rows) * (0.1 if number == len(layers) - 1 else 1.0)
             self.weights.append((rng.standard_normal((rows, columns)) * scale).astype(np.float32))
             self.biases.append(np.zeros(columns, np.float32))
@@ -89,7 +89,7 @@ class PolicyNetwork:
     def __call__(self, seen: Sequence[Array], kept: list[Any] | None = None, keep: Sequence[Array] = ()) -> Array:
         """Return the outputs, (n, outputs), of the sensors' inputs, each (n, height, width, channels).
 
-        `kept` takes what `gradients` needs; `keep` has factors for the inputs of the dense layers, for drop-out.
+        `kept` receives the values for `gradients`. `keep` has factors for the inputs of the dense layers, for drop-out.
         """
         number, features = 0, []
         for x, trunk in zip(seen, self.shape.trunks, strict=True):
@@ -117,7 +117,9 @@ class PolicyNetwork:
     def gradients(
         self, seen: Sequence[Array], slope: Array, kept: list[Any], keep: Sequence[Array] = ()
     ) -> tuple[list[Array], list[Array], list[Array]]:
-        """Return the loss's gradients by weights, biases and inputs, from its `slope` by the outputs."""
+        """Return the loss's gradients with respect to weights, biases and inputs, from its `slope` with respect
+        to the outputs.
+        """
         by_weights: list[Array] = [np.zeros(0, np.float32)] * len(self.weights)
         by_biases = list(by_weights)
         first, last = len(self.weights) - len(self.shape.dense) - 1, len(self.weights) - 1
@@ -156,7 +158,7 @@ def _windows(x: Array, layer: Convolution) -> Array:
 
 
 def _spread(rows: Array, shape: tuple[int, ...], layer: Convolution) -> Array:
-    """Return the sum of rows of windows over the pictures that they are windows of: the reverse of `_windows`."""
+    """Return the sum of windows, given as rows, over their pictures: the reverse of `_windows`."""
     (high, wide), (down, along) = layer.window, layer.stride
     count, tall, broad = rows.shape[:3]
     parts = rows.reshape(count, tall, broad, high, wide, shape[3])

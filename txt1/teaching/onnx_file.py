@@ -1,14 +1,14 @@
-"""Networks as ONNX files, written and read without the library: a few of its messages, in protobuf's bytes.
+"""Networks as ONNX files, written and read without the library: the necessary messages as protobuf bytes.
 
 How it works. `written` makes the bytes of an ensemble of networks, with a card of text in the metadata. The same
-networks and the same card always make the same bytes. So `read` trusts nothing: it takes the card and the weights out
-of a file, has the file written anew from them, and refuses it unless each byte is the same. A graph that hides an
-operator, a loop, a file beside it or an endless product cannot pass, as this module would not have written it. What is
-left to check are sizes, before anything is made of them, and that the numbers are finite.
+networks and the same card always make the same bytes. So `read` trusts nothing. It takes the card and the weights from
+a file, writes the file again from them, and refuses it unless each byte is the same. A graph with a hidden operator, a
+loop, an external file or an endless product cannot pass, as this module would not have written it. The remaining checks
+are of sizes, before they are used, and that the numbers are finite.
 
 The graph of one network, by its sensors: Sub and Mul (the mean and deviation of the lessons), Transpose to ONNX's order
 of axes, Conv and Relu, Transpose back, Reshape; then Concat of all sensors, Gemm and Relu, Gemm. The outputs of all
-networks are one above the other.
+networks are stacked.
 
 Field numbers are those of onnx.proto (ONNX 1.14, IR version 8).
 """
@@ -35,7 +35,7 @@ _VARINT, _BYTES = 0, 2
 
 
 class PolicyError(Txt1Error):
-    """A file is no policy, or one that cannot be used here; the text says why, in a line."""
+    """A file is no policy, or a policy that cannot be used here; the text gives the reason in a line."""
 
 
 # -- protobuf ----------------------------------------------------------------------------------------------------
@@ -58,7 +58,7 @@ def _field(number: int, value: int | str | bytes) -> bytes:
 
 
 def _fields(data: memoryview) -> Iterator[tuple[int, Any]]:
-    """Return each field's number and its value, an integer or bytes; raises PolicyError: it has any other."""
+    """Yield each field's number and its value, an integer or bytes; raises PolicyError for any other field."""
     at = 0
     while at < len(data):
         tag, at = _read_varint(data, at)
@@ -90,7 +90,7 @@ def _read_varint(data: memoryview, at: int) -> tuple[int, int]:
 
 
 class _Graph:
-    """A graph in the making."""
+    """A graph that is being built."""
 
     def __init__(self) -> None:
         self.nodes = bytearray()
@@ -128,14 +128,14 @@ def _value(number: int, name: str, shape: Sequence[int]) -> bytes:
 
 
 class Norm(NamedTuple):
-    """The mean and the deviation of each channel in the lessons."""
+    """Mean and deviation of each channel in the lessons."""
 
     mean: Array
     deviation: Array
 
 
 def written(networks: Sequence[PolicyNetwork], norms: Sequence[Norm], names: Sequence[str], card: str) -> bytes:
-    """Return the bytes of an ensemble of networks of one shape; `norms` and `names` are of its sensors."""
+    """Return the bytes of an ensemble of networks of equal shape; `norms` and `names` are those of its sensors."""
     shape = networks[0].shape
     graph = _Graph()
     normal = []
@@ -157,7 +157,7 @@ def written(networks: Sequence[PolicyNetwork], norms: Sequence[Norm], names: Seq
 
 
 def _one(graph: _Graph, network: PolicyNetwork, number: int, normal: Sequence[tuple[str, tuple[int, int, int]]]) -> str:
-    """Add one network to the graph; return the name of its outputs."""
+    """Add a network to the graph; return the name of its outputs."""
     layer, features = 0, []
 
     def constants(weights: NDArray[Any]) -> list[str]:
@@ -207,7 +207,7 @@ def card_of(data: bytes) -> str:
 def read(
     data: bytes, shape: Shape, members: int, norms: Sequence[Norm], names: Sequence[str], card: str
 ) -> list[PolicyNetwork]:
-    """Return the networks of a file; raises PolicyError unless `written` makes the very same file of them."""
+    """Return the networks of a file; raises PolicyError unless `written` makes the same bytes from them."""
     constants: dict[str, Array] = {}
     for number, value in _fields(memoryview(data)):
         if number == 7 and not isinstance(value, int):

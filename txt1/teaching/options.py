@@ -1,4 +1,4 @@
-"""The option by which the robot of `txt1 run` drives by a policy: ``--source FILE.onnx``."""
+"""The option for driving by a policy: ``txt1 run --source FILE.onnx``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SUFFIX: Final = ".onnx"
 
 
 def asked(arguments: Namespace, config: Config) -> Policy | None:
-    """Return the policy that --source names, None where it names none.
+    """Return the policy that --source names; None if it names no policy.
 
     Raises ConfigError: there is no such file; PolicyError, MissingExtra.
     """

@@ -1,8 +1,8 @@
-"""A policy: networks that steer by sensors, and a card that names the sensors, the teachers and the lessons.
+"""A policy: networks that steer by sensors, and a card with its sensors, teachers and lessons.
 
 The steering is the share of full lock, -1 (right) to 1 (left): the path's curvature times the least turning radius of
-the car. The speed is a share of the fastest that was allowed in the lessons. Every network of the ensemble has been
-taught on its own draw of the lessons. In known situations the networks agree; their disagreement is the policy's doubt
+the car. The speed is a share of the largest speed allowed in the lessons. Every network of the ensemble was taught on
+its own random order of the lessons. In known situations the networks agree; their disagreement is the policy's doubt
 (Lakshminarayanan, arXiv 1612.01474).
 """
 
@@ -30,46 +30,46 @@ from txt1.teaching.seeing import Sight, shape_of
 Array = NDArray[np.float32]
 FORMAT: Final = 1
 SIZE_MAX: Final = 16_000_000
-"""Bytes of a file."""
+"""Largest file, bytes."""
 PRODUCTS_MAX: Final = 50_000_000
-"""Multiplications for one look: some 50 ms of a slow processor."""
+"""Largest number of multiplications for a judgement: some 50 ms of a slow processor."""
 
 
 @dataclass(frozen=True)
 class Taught:
-    """A recording that was learned from."""
+    """A recording from which a policy was taught."""
 
     file: str
     sha256: str
     seconds: float
-    """How long somebody drove in it."""
+    """Duration of human driving in it, s."""
     by: dict[str, float]
-    """Seconds by each who drove."""
+    """Seconds by driving source."""
     takeover: float = 0.0
-    """Seconds of them in which a policy had been overruled."""
+    """Seconds of take-overs from a policy among them."""
     takeovers: int = 0
-    """How often."""
+    """Number of take-overs."""
     left_out: dict[str, float] = field(default_factory=dict)
-    """Seconds that were left out, and why."""
+    """Seconds that were left out, by reason."""
 
 
 @dataclass(frozen=True)
 class Card:
-    """What a policy says of itself."""
+    """A policy's description of itself."""
 
     format: Annotated[int, Ge(FORMAT), Le(FORMAT)]
     version: str
-    """Of txt1, that taught it."""
+    """Version of txt1 that taught it."""
     made: str
-    """The day."""
+    """Date of the teaching."""
     sees: Annotated[tuple[Sight, ...], MinLen(1), MaxLen(8)]
     members: Annotated[int, Ge(1), Le(16)]
-    """Networks."""
+    """Number of networks."""
     dense: Annotated[tuple[Annotated[int, Ge(1), Le(1024)], ...], MaxLen(8)]
     v_max: Annotated[float, Gt(0.0), Le(100.0)]
-    """What a speed of 1 is, m/s."""
+    """Speed for an output of 1, m/s."""
     radius_min: Annotated[float, Gt(0.0), Le(100.0)]
-    """The turning radius at a steering of 1, m."""
+    """Turning radius for a steering of 1, m."""
     doubt_slow: Annotated[float, Gt(0.0)]
     """Beyond this doubt it drives slower."""
     doubt_stop: Annotated[float, Gt(0.0)]
@@ -77,51 +77,51 @@ class Card:
     vehicle: str = "txt1"
     taught_by: Annotated[tuple[Taught, ...], MaxLen(1000)] = ()
     results: dict[str, float] = field(default_factory=dict)
-    """How it did on what was held out."""
+    """Results on held-out lessons."""
     weights: str = ""
     """SHA-256 of the weights."""
 
     @property
     def shape(self) -> Shape:
-        """Of each network."""
+        """Shape of each network."""
         return shape_of(self.sees, self.dense)
 
     @property
     def norms(self) -> list[Norm]:
-        """Of each sight."""
+        """Norm of each sight."""
         return [Norm(np.array(each.mean, np.float32), np.array(each.deviation, np.float32)) for each in self.sees]
 
     @property
     def names(self) -> list[str]:
-        """Of each sight."""
+        """Name of each sight."""
         return [each.name for each in self.sees]
 
 
 class Judgement(NamedTuple):
-    """What a policy makes of what it sees."""
+    """A policy's judgement of its inputs."""
 
     steering: float
     """Share of full lock, left positive."""
     speed: float
-    """Share of the fastest."""
+    """Share of the largest speed."""
     doubt: float
-    """How much the networks disagree: the standard deviation of their steering and speed together."""
+    """Disagreement of the networks: standard deviation of their steering and speed together."""
 
     @property
     def finite(self) -> bool:
-        """Whether all of them are numbers."""
+        """Whether all values are finite."""
         return isfinite(self.steering) and isfinite(self.speed) and isfinite(self.doubt)
 
 
 def judgement(commands: Array) -> Judgement:
-    """Return what networks say together, from their outputs, (networks, 2)."""
+    """Return the joint judgement of networks, from their outputs, (networks, 2)."""
     steering, speed = (float(each) for each in commands.mean(0))
     doubt = float(np.sqrt(commands.astype(float).var(0).sum()))
     return Judgement(min(max(steering, -1.0), 1.0), min(max(speed, 0.0), 1.0), doubt)
 
 
 def doubts(commands: Array) -> NDArray[np.float64]:
-    """Return the doubt at many times, of outputs (networks, n, 2)."""
+    """Return the doubt at many times, from outputs (networks, n, 2)."""
     found: NDArray[np.float64] = np.sqrt(commands.astype(float).var(0).sum(1))
     return found
 
@@ -142,7 +142,7 @@ class Policy:
         return self._data
 
     def save(self, path: Path) -> None:
-        """Write it; raises PolicyError: the file cannot be written."""
+        """Write the file; raises PolicyError: it cannot be written."""
         try:
             half = path.with_name(f".{path.name}.part")
             half.write_bytes(self.data)
@@ -151,37 +151,37 @@ class Policy:
             raise PolicyError(f"{path}: cannot write it: {error.strerror}") from None
 
     def outputs(self, seen: Sequence[Array]) -> Array:
-        """Return the networks' outputs, (networks, n, 2), of many inputs at once, by numpy."""
+        """Return the networks' outputs, (networks, n, 2), for many inputs at once, by numpy."""
         normal = normalised(seen, self.card.norms)
         return np.stack([network(normal) for network in self.networks])
 
     @cached_property
     def session(self) -> Any:
-        """The networks as onnxruntime has them; raises MissingExtra."""
+        """The networks as an onnxruntime session; raises MissingExtra."""
         try:
             import onnxruntime
         except ImportError:
             raise MissingExtra("driving by a policy", "teach") from None
         options = onnxruntime.SessionOptions()
-        # a thread more would cost more than it saves at this size, and would take turns with the robot's own
+        # another thread would cost more than it saves at this size, and would compete with the robot's own
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
         return onnxruntime.InferenceSession(self.data, options, providers=["CPUExecutionProvider"])
 
     def judge(self, seen: Sequence[Array]) -> Judgement:
-        """Return what it makes of one look, of each sight (rows, columns, channels)."""
+        """Return the judgement of one input per sight, (rows, columns, channels) each."""
         inputs = {name: each[None] for name, each in zip(self.card.names, seen, strict=True)}
         (commands,) = self.session.run(None, inputs)
         return judgement(commands)
 
 
 def normalised(seen: Sequence[Array], norms: Sequence[Norm]) -> list[Array]:
-    """Return inputs with mean 0 and deviation 1 in the lessons."""
+    """Return inputs scaled to mean 0 and deviation 1 in the lessons."""
     return [(each - norm.mean) * (1.0 / norm.deviation) for each, norm in zip(seen, norms, strict=True)]
 
 
 def digest(networks: Sequence[PolicyNetwork]) -> str:
-    """Return the SHA-256 of the weights of networks."""
+    """Return the SHA-256 of the networks' weights."""
     found = hashlib.sha256()
     for network in networks:
         for each in (*network.weights, *network.biases):
@@ -194,7 +194,7 @@ def _text(card: Card) -> str:
 
 
 def load(path: Path) -> Policy:
-    """Return the policy of a file; raises PolicyError, which names the file: it is none, damaged, or too large."""
+    """Return the policy of a file; raises PolicyError, which names the file: it is no policy, damaged, or too large."""
     try:
         with path.open("rb") as file:
             data = file.read(SIZE_MAX + 1)
@@ -226,7 +226,7 @@ def loaded(data: bytes) -> Policy:
 
 
 def _bounded(card: Card) -> None:
-    """Raise PolicyError where a card asks for more than a small network takes."""
+    """Raise PolicyError if a card describes more than a small network."""
     products = 0
     if len(set(card.names)) != len(card.names):
         raise PolicyError("it sees a sensor twice")

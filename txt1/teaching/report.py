@@ -1,4 +1,4 @@
-"""The report of a training: what was taught, how it did on held-out blocks, its worst moments, what it looked at."""
+"""The report of a training: its lessons, results on held-out blocks, worst moments, and the important inputs."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 WORST: Final = 6
-"""Moments that are shown."""
+"""Number of moments shown."""
 APART: Final = 2.0
-"""s at least from one to the next."""
+"""Smallest time between two of them, s."""
 COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00")
 
 
@@ -77,7 +77,7 @@ def _curves(lesson: Lesson, file: Path) -> None:
 
 
 def worst(lesson: Lesson) -> list[int]:
-    """Return the moments at which the policy was furthest from the human, the worst first, each `APART` from others."""
+    """Return the times at which the policy differed most from the human, the worst first, each `APART` from others."""
     held = lesson.judged
     times, found = held.lessons.times, list[int]()
     for index in np.argsort(-np.abs(held.errors[:, 0])):

@@ -1,4 +1,4 @@
-"""What a policy sees: the numbers that it makes of a sensor's reading, the same when it is taught and when it drives.
+"""The sight of a policy: the numbers computed from a sensor's reading, the same for teaching and driving.
 
 | kind | of the reading | numbers |
 |---|---|---|
@@ -34,7 +34,7 @@ Count = Annotated[int, Ge(1), Le(4096)]
 Window = tuple[Annotated[int, Ge(1), Le(15)], Annotated[int, Ge(1), Le(15)]]
 
 RAYS: Final = 108
-"""Of a laser, at most."""
+"""Largest number of a laser's rays."""
 PICTURE: Final = (30, 40)
 """Rows and columns of a picture."""
 HORIZON: Final = 0.4
@@ -44,7 +44,7 @@ PIXELS_MAX: Final = 4096 * 4096
 
 
 class Unfit(Txt1Error):
-    """A reading that is not of the kind that a policy was taught with; the text says what is different."""
+    """A reading of another kind than in the lessons; the text gives the difference."""
 
 
 @dataclass(frozen=True)
@@ -58,28 +58,30 @@ class Layer:
 
 @dataclass(frozen=True)
 class Sight:
-    """How the readings of a sensor are seen."""
+    """How a sensor's readings become a network's input."""
 
     kind: Kind
     sensor: str
-    """Its name in the configuration; empty for odometry."""
+    """The sensor's name in the configuration; empty for odometry."""
     size: tuple[Count, Count, Count]
-    """Rows, columns and channels of what the network gets."""
+    """Rows, columns and channels of the network's input."""
     trunk: Annotated[tuple[Layer, ...], MaxLen(8)] = ()
     mean: Annotated[tuple[float, ...], MaxLen(4096)] = ()
-    """Of each channel, in the lessons."""
+    """Mean of each channel in the lessons."""
     deviation: Annotated[tuple[float, ...], MaxLen(4096)] = ()
-    """Of each channel, in the lessons."""
+    """Deviation of each channel in the lessons."""
     device: tuple[float, ...] = ()
-    """What the device must be: of a laser beams, angle_min and angle_step (rad), of a camera columns and rows."""
+    """Required properties of the device: a laser's beams, angle_min and angle_step (rad); a camera's columns
+    and rows.
+    """
     mount: tuple[float, ...] = ()
-    """Where it sits: x, y, z (m) and yaw (rad)."""
+    """Place of the device: x, y, z (m) and yaw (rad)."""
     top: Annotated[float, Ge(0.0), Le(0.9)] = HORIZON
-    """Of a camera, the share of the picture that is left out above."""
+    """Share of a camera's picture that is left out above."""
 
     @property
     def name(self) -> str:
-        """In the network and in words."""
+        """Its name in the network and in messages."""
         return self.sensor or self.kind
 
 
@@ -88,7 +90,9 @@ LASER_TRUNK: Final = (Layer(16, (1, 7), (1, 3)), Layer(24, (1, 5), (1, 2)), Laye
 
 
 def sight_of(kind: Kind, sensor: str, value: Any) -> Sight:
-    """Return how readings like this one are seen, before the lessons are known; raises Unfit: it is of another kind."""
+    """Return the sight for readings like this one, before the lessons are known; raises Unfit: it is of another
+    kind.
+    """
     match kind, value:
         case "laser", Scan():
             beams = len(value.ranges)
@@ -108,7 +112,7 @@ def sight_of(kind: Kind, sensor: str, value: Any) -> Sight:
 
 
 def check(sight: Sight, value: Any) -> None:
-    """Raise Unfit unless a reading is of a device like the one of the lessons, at the same place on the vehicle."""
+    """Raise Unfit unless a reading comes from a device as in the lessons, at the same place on the vehicle."""
     same = sight_of(sight.kind, sight.sensor, value)
     if not _near(same.device, sight.device):
         there, taught = _device(same), _device(sight)
@@ -135,13 +139,13 @@ def _place(mount: Sequence[float]) -> str:
 
 
 def seen(sight: Sight, value: Any) -> Array:
-    """Return what the network gets of a reading that fits, (rows, columns, channels)."""
+    """Return the network's input for a suitable reading, (rows, columns, channels)."""
     return _SEEN[sight.kind](sight, value)
 
 
 def _laser(sight: Sight, scan: Scan) -> Array:
     ranges = np.asarray(scan.ranges, np.float32)
-    # what failed says nothing, as what is out of range
+    # a failed ray says as little as one with nothing in range
     ranges = np.where(ranges >= 0.0, ranges, np.float32(np.inf))
     rays = sight.size[1]
     edges = np.arange(rays) * len(ranges) // rays
@@ -157,7 +161,10 @@ def _camera(sight: Sight, image: Image) -> Array:
 
 
 def picture(data: bytes, rows: int, columns: int, top: float) -> Array:
-    """Return a JPEG's part below the horizon in so many pixels, 0 to 1; raises Unfit: it is damaged, MissingExtra."""
+    """Return a JPEG's part below the horizon in `rows` x `columns` pixels, 0 to 1.
+
+    Raises Unfit: it is damaged; MissingExtra.
+    """
     try:
         from PIL import Image as Pillow
     except ImportError:
@@ -193,7 +200,7 @@ _SEEN: Final[Mapping[str, Callable[[Sight, Any], Array]]] = {
 
 
 def mirrored(sight: Sight, found: Array) -> Array:
-    """Return what would be seen in the mirrored world, of many, (n, rows, columns, channels)."""
+    """Return the inputs of the mirrored world, for inputs (n, rows, columns, channels)."""
     match sight.kind:
         case "light":
             return found[..., [1, 0, 3, 2, 4]]
@@ -203,12 +210,12 @@ def mirrored(sight: Sight, found: Array) -> Array:
 
 
 class Seen(NamedTuple):
-    """What is seen at many times: of each sight (n, rows, columns, channels)."""
+    """Inputs at many times: (n, rows, columns, channels) for each sight."""
 
     parts: tuple[Array, ...]
 
     def at(self, index: Any) -> Seen:
-        """Return those of an index."""
+        """Return the inputs at an index."""
         return Seen(tuple(each[index] for each in self.parts))
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""From recordings to a policy: what `txt1 teach` does, as functions for programs."""
+"""Makes a policy from recordings: the work of `txt1 teach`, as functions for programs."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from txt1.teaching.training import Ensemble, Judged, Progress, Recipe, judged, t
 from txt1.version import __version__
 
 FOLDS: Final = 4
-"""Blocks of time that are held out in turn."""
+"""Number of blocks of time that are held out in turn."""
 HELD_GAP: Final = 1.0
-"""s beside a held-out block in which nothing is taught."""
+"""s beside a held-out block that are not taught."""
 SURE: Final = 0.98
-"""Share of the held-out moments at which a policy is to drive at full speed."""
+"""Share of the held-out times at which a policy should drive at full speed."""
 STOP: Final = 3.0
-"""The doubt at which it stands, as a multiple of the one from which it drives slower."""
+"""Doubt at which it stands, as a multiple of the doubt from which it drives slower."""
 
 Told = Callable[[str, Progress], None]
 
 
 class Lesson(NamedTuple):
-    """A policy, how it came about, and how it did."""
+    """A policy, its origin, and its results."""
 
     policy: Policy
     ensemble: Ensemble
     judged: Judged
     origin: NDArray[np.int64]
-    """Of which recording each lesson is."""
+    """The recording of each lesson."""
 
 
 def teach(
@@ -45,9 +45,9 @@ def teach(
     told: Told = lambda what, progress: None,
     folds: int = FOLDS,
 ) -> Lesson:
-    """Return a policy taught by recordings; `made` is the day, for its card.
+    """Return a policy taught from recordings; `made` is the date for its card.
 
-    Raises RecordingError: the recordings do not go together, or are too short.
+    Raises RecordingError: the recordings do not fit together, or are too short.
     """
     sights, lessons, origin = together(drives)
     held = judged(sights, lessons, recipe, folds, HELD_GAP, lambda progress: told("held-out blocks", progress))
@@ -57,10 +57,10 @@ def teach(
 
 
 def _policy(drives: Sequence[HumanDrive], recipe: Recipe, made: str, held: Judged, ensemble: Ensemble) -> Policy:
-    # a deviation of few networks comes out too small, and fewer were judged than drive
+    # the deviation of few networks is too small, and fewer networks were judged than drive
     few, many = len(held.outputs), len(ensemble.networks)
     larger = float(np.sqrt((1.0 - 1.0 / many) / (1.0 - 1.0 / few))) if min(few, many) > 1 else 1.0
-    # a disagreement that is smaller than the error where nothing is new is no reason to doubt
+    # a disagreement below the usual error is no reason for doubt
     error = float(np.sqrt(np.mean(held.errors[:, 0] ** 2)))
     slow = max(larger * float(np.quantile(held.doubts, SURE)), error, 1e-3)
     sights = tuple(
@@ -87,12 +87,12 @@ def _policy(drives: Sequence[HumanDrive], recipe: Recipe, made: str, held: Judge
 
 
 def card_parameters(ensemble: Ensemble) -> int:
-    """Return how many numbers each network has."""
+    """Return the number of parameters of each network."""
     return ensemble.networks[0].shape.parameters
 
 
 def earlier(policy: Policy, also: Collection[str] = (), lag: float = LAG) -> list[HumanDrive]:
-    """Return the recordings that a policy was taught by; raises RecordingError: one is not there, or is another."""
+    """Return the recordings from which a policy was taught; raises RecordingError: one is missing, or has changed."""
     asks = [Ask(sight.kind, sight.sensor) for sight in policy.card.sees]
     found = []
     for taught in policy.card.taught_by:
@@ -109,7 +109,7 @@ def earlier(policy: Policy, also: Collection[str] = (), lag: float = LAG) -> lis
 
 
 def summary(drive: HumanDrive) -> list[str]:
-    """Return lines that say what a recording teaches, and what is left out and why."""
+    """Return lines about a recording: its lessons, and the times that are left out, with reasons."""
     taught = drive.taught
     by = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in sorted(taught.by.items()))
     lines = [f"{taught.file}: {len(drive.lessons)} lessons, driven by {by}"]

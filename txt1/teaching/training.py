@@ -1,12 +1,12 @@
-"""Training: networks that do what a human did at the same sight.
+"""Training: networks learn a human's commands from the same inputs.
 
-The loss is the squared error of steering and speed, weighted by how much a lesson counts. Each network of the ensemble
-gets the lessons in an order of its own. Some of them are mirrored: so left turns teach right turns. Some are disturbed
-or thinned (drop-out): so no network depends on a single ray or a patch of light.
+The loss is the squared error of steering and speed, times the weight of the lesson. Each network of the ensemble gets
+the lessons in an order of its own. Some of them are mirrored: so left turns teach right turns. Some are disturbed or
+thinned (drop-out): so no network depends on a single ray or a patch of light.
 
-Blocks of time are held out. Neighbouring samples are nearly alike, so a network would recognise samples drawn at
-random. Whole blocks, with a gap on either side, have to be understood. The card tells the error in these blocks. The
-networks that drive are then taught with all lessons, because the last minute of a lesson is worth as much as the first.
+Blocks of time are held out. Neighbouring samples are nearly equal, so a network would recognise single samples drawn at
+random. It cannot recognise whole blocks with a gap on either side. The card has the error in these blocks. The networks
+that drive are then taught with all lessons, because the last minute of a lesson is worth as much as the first.
 """
 
 from __future__ import annotations
@@ -26,52 +26,52 @@ from txt1.teaching.seeing import Seen, Sight, mirrored, shape_of
 
 Array = NDArray[np.float32]
 SCALE: Final = 2.0
-"""Times as large, or as small, a world is at most, where lessons are scaled."""
+"""Largest factor by which a world is scaled up or down, if lessons are scaled."""
 SPEED_WEIGHT: Final = 0.3
-"""What an error of the speed counts, against one of the steering."""
+"""Weight of a speed error relative to a steering error."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How networks are trained."""
+    """The parameters of a training."""
 
     members: int = 5
-    """Networks."""
+    """Number of networks."""
     dense: tuple[int, ...] = (32,)
-    """Units of the layers behind the convolutions."""
+    """Units of the layers after the convolutions."""
     epochs: int = 60
-    """Times that all lessons are seen, at most; fewer with many lessons, so `steps` is kept to."""
+    """Largest number of passes over all lessons; with many lessons fewer, because of `steps`."""
     steps: int = 3000
-    """Steps of each network at most."""
+    """Largest number of steps of each network."""
     batch: int = 64
-    """Lessons in a step."""
+    """Number of lessons in a step."""
     rate: float = 2e-3
-    """Of Adam, at the start; it falls to 0 as a cosine."""
+    """Initial rate of Adam; it falls to 0 as a cosine."""
     decay: float = 0.1
-    """Of the weights (`txt1.teaching.network.Adam`)."""
+    """Decay of the weights (`txt1.teaching.network.Adam`)."""
     drop: float = 0.3
-    """Share of what the convolutions found that is left out in each step."""
+    """Share of the convolutions' outputs that is dropped in each step."""
     mirror: bool = True
-    """Whether half of the lessons are seen in a mirror: not where a rule says which side to keep to."""
+    """Whether half of the lessons are mirrored; not if a rule requires one side of the way."""
     scale: bool = True
-    """Whether lessons by a laser alone are seen in larger and smaller worlds, too."""
+    """Whether lessons of a laser alone are also scaled to larger and smaller worlds."""
     seed: int = 0
     """Repeats the training to the last bit, on the same kind of processor."""
 
 
 class LessonSet(NamedTuple):
-    """Sights and what a human did there."""
+    """Inputs, and the human's commands at the same times."""
 
     seen: Seen
     commands: Array
     """(n, 2): share of full lock, share of the fastest speed."""
     weights: Array
-    """(n,): how much each counts."""
+    """(n,): weight of each lesson."""
     times: NDArray[np.float64]
-    """(n,), s: lessons that are near in time are nearly alike. Recordings follow one another with a gap."""
+    """(n,), s: lessons close in time are nearly equal. Recordings follow one another with a gap."""
 
     def at(self, index: Any) -> LessonSet:
-        """Return those of an index."""
+        """Return the lessons at an index."""
         return LessonSet(self.seen.at(index), self.commands[index], self.weights[index], self.times[index])
 
     def __len__(self) -> int:
@@ -79,33 +79,33 @@ class LessonSet(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """How far a training is."""
+    """The progress of a training."""
 
     done: float
     """Share of all steps."""
     loss: float
-    """Of the last epoch."""
+    """Loss of the last epoch."""
 
 
 Told = Callable[[Progress], None]
 
 
 class Ensemble(NamedTuple):
-    """Networks of one shape, and the norms of what they see."""
+    """Networks of equal shape, and the norms of their inputs."""
 
     networks: list[PolicyNetwork]
     norms: list[Norm]
     curves: list[list[float]]
-    """Of each network, the loss of each epoch."""
+    """Loss of each epoch, for each network."""
 
     def outputs(self, seen: Seen) -> Array:
-        """Return what each says, (networks, n, 2)."""
+        """Return the output of each network, (networks, n, 2)."""
         normal = normalised(seen.parts, self.norms)
         return np.stack([network(normal) for network in self.networks])
 
 
 def norms_of(seen: Seen) -> list[Norm]:
-    """Return mean and deviation of each channel; a channel that never changes keeps its size."""
+    """Return mean and deviation of each channel; a constant channel is not scaled."""
     found = []
     for each in seen.parts:
         flat = each.reshape(-1, each.shape[-1])
@@ -122,7 +122,7 @@ def train(
     told: Told = lambda progress: None,
     begin: Sequence[PolicyNetwork] = (),
 ) -> Ensemble:
-    """Return networks taught by the lessons, from `begin` on where that is given."""
+    """Return networks taught from the lessons, starting from the networks in `begin` if given."""
     norms = norms_of(lessons.seen)
     normal = Seen(tuple(normalised(lessons.seen.parts, norms)))
     shape = shape_of(sights, recipe.dense)
@@ -149,7 +149,7 @@ def _member(
     rng: Generator,
     tell: Callable[[float, float], None],
 ) -> tuple[PolicyNetwork, list[float]]:
-    """Return one network, and its loss in each epoch."""
+    """Return a trained network, and its loss in each epoch."""
     network = PolicyNetwork(shape, rng)
     adam = Adam(network, recipe.decay)
     count = len(lessons)
@@ -185,9 +185,9 @@ def _member(
 
 
 def _disturbed(sight: Sight, normal: Array, norm: Norm, flip: NDArray[np.bool_], rng: Generator) -> Array:
-    """Return what is seen through a worse device, those of `flip` mirrored."""
+    """Return inputs as from a worse device; those in `flip` are mirrored."""
     if flip.any():
-        # a mirror is one of what was seen, not of what was normalised
+        # the mirror applies to the inputs before normalisation
         there = mirrored(sight, normal[flip] * norm.deviation + norm.mean)
         normal = normal.copy()
         normal[flip] = (there - norm.mean) / norm.deviation
@@ -199,7 +199,7 @@ def _disturbed(sight: Sight, normal: Array, norm: Norm, flip: NDArray[np.bool_],
             down, along = int(rng.integers(-1, 2)), int(rng.integers(-2, 3))
             normal = np.roll(normal * contrast + brightness, (down, along), (1, 2))
         case "laser":
-            # a black or shining surface takes a ray away
+            # a black or shining surface swallows a ray
             lost = rng.random((count, rows, columns, 1), np.float32) < 0.02
             none = ((1.0 - norm.mean) / norm.deviation).astype(np.float32)
             normal = np.where(lost, none, normal + 0.02 * rng.standard_normal(normal.shape, np.float32))
@@ -211,9 +211,9 @@ def _disturbed(sight: Sight, normal: Array, norm: Norm, flip: NDArray[np.bool_],
 def _scaled(
     sights: Sequence[Sight], parts: Sequence[Array], norms: Sequence[Norm], commands: Array, rng: Generator
 ) -> tuple[list[Array], Array]:
-    """Return the lessons in worlds that are larger by a factor s, and smaller, each by one of its own.
+    """Return the lessons in worlds scaled by random factors s, a factor for each lesson.
 
-    A path there has the curvature over s, and at the same acceleration to the side the speed times the root of s. A
+    The path's curvature is divided by s. At the same sideways acceleration the speed is multiplied by the root of s. A
     range r is seen as f = r / (r + 1), so r = f / (1 - f).
     """
     size = (SCALE ** rng.uniform(-1.0, 1.0, len(commands))).astype(np.float32)
@@ -227,11 +227,11 @@ def _scaled(
     return found, np.column_stack((steering, speed)).astype(np.float32)
 
 
-# -- how well ----------------------------------------------------------------------------------------------------
+# -- results --------------------------------------------------------------------------------------------------------
 
 
 class Judged(NamedTuple):
-    """What networks said at sights that they had not been taught."""
+    """The outputs of networks for inputs that they were not taught."""
 
     lessons: LessonSet
     outputs: Array
@@ -239,12 +239,12 @@ class Judged(NamedTuple):
 
     @property
     def errors(self) -> NDArray[np.float64]:
-        """Steering and speed minus what the human did, (n, 2)."""
+        """Errors of steering and speed against the human, (n, 2)."""
         found: NDArray[np.float64] = self.outputs.mean(0).astype(float) - self.lessons.commands
         return found
 
     def results(self) -> dict[str, float]:
-        """Root mean square of the errors, correlations, and what always doing the mean would give."""
+        """Root mean square errors, correlations, and the error of a constant mean."""
         errors, done = self.errors, self.lessons.commands.astype(float)
         found = {"samples": float(len(done))}
         for column, name in enumerate(("steering", "speed")):
@@ -259,14 +259,14 @@ class Judged(NamedTuple):
 
     @property
     def doubts(self) -> NDArray[np.float64]:
-        """How much the networks disagreed, (n,)."""
+        """Disagreement of the networks, (n,)."""
         return doubts(self.outputs)
 
 
 def blocks(times: NDArray[np.float64], folds: int, gap: float) -> list[tuple[Any, Any]]:
-    """Return for each fold what is taught and what is held out, as indices: blocks of equal numbers of lessons.
+    """Return the taught and the held-out lessons of each fold, as indices: blocks with equal numbers of lessons.
 
-    `gap`: s on either side of a block in which nothing is taught.
+    `gap`: s on either side of a block that are not taught.
     """
     found = []
     for held in np.array_split(np.arange(len(times)), folds):
@@ -283,7 +283,7 @@ def judged(
     gap: float,
     told: Told = lambda progress: None,
 ) -> Judged:
-    """Return how networks do on blocks of time that are held out in turn, each block by two networks' teaching."""
+    """Return the results of networks on blocks held out in turn; two networks are taught for each block."""
     trial = replace(recipe, members=min(2, recipe.members))
     outputs = np.zeros((trial.members, len(lessons), 2), np.float32)
     for number, (taught, held) in enumerate(blocks(lessons.times, folds, gap)):
@@ -296,11 +296,11 @@ def judged(
     return Judged(lessons, outputs)
 
 
-# -- what it looked at -------------------------------------------------------------------------------------------
+# -- importance of the inputs ---------------------------------------------------------------------------------------
 
 
 def saliency(networks: Sequence[PolicyNetwork], norms: Sequence[Norm], seen: Sequence[Array]) -> list[Array]:
-    """Return how much each place of one sight moves the steering, from 0 to 1: the gradient times the input's size."""
+    """Return the influence of each place of a sight on the steering, 0 to 1: the gradient times the input's size."""
     normal = normalised([each[None] for each in seen], norms)
     totals = [np.zeros(each.shape[:2], np.float32) for each in seen]
     for network in networks:
