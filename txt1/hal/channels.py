@@ -18,6 +18,7 @@ class Rewired:
         skids: whether its sides run at two speeds.
         unseen: hide the encoders from the tasks. Calibration uses it while the encoders' signs are unknown, as the
             runaway watch would disarm; `counts` still has them.
+
     """
 
     def __init__(self, hal: Hal, channels: Channels, skids: bool, unseen: bool = False) -> None:

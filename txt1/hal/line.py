@@ -42,6 +42,7 @@ class Line:
         settled: s of answers before the first set-point.
         forget: called when the device was lost or has restarted.
         hal: the HAL of the device; if another device answers, that is reported.
+
     """
 
     def __init__(

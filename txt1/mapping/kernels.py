@@ -94,6 +94,7 @@ def stamp(field: Any, points: Any, x0: float, y0: float, cell: float, table: Any
         field: uint8, (rows, columns).
         points: m. x0, y0, cell: corner and cell of the field.
         table: uint8, (n, n, w, w), from `bell`: the bell for each of n x n places of a point within its cell.
+
     """
     parts, reach = table.shape[0], table.shape[2] // 2
     rows, columns = field.shape
@@ -140,6 +141,7 @@ def search(
         reach: offsets to try, cells to each side.
         costs: costs of a cell^2 and of an angle step^2.
         at_least: lower scores do not count; without a better score the number of the angle is -1.
+
     """
     count = points.shape[0]
     rows, columns = fine.shape
@@ -287,6 +289,7 @@ def align(
             y0, cell: corner and side of these cells.
         near: largest distance of a pair in each round, m; at most `cell`.
         scale: scale of the weights, m.
+
     """
     pose = start.copy()
     information = np.zeros((3, 3))

@@ -144,6 +144,7 @@ def _weigh(
         cell: side of a cell, m.
         table: logarithms of the weights, from `_table`.
         out: the sums, written here.
+
     """
     rows, columns = clear.shape
     middle = (table.shape[0] - 1) // 2

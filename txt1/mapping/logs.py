@@ -219,6 +219,7 @@ def drifted(odometry: Array, seed: int, scale: float = 0.05, noise: float = radi
         scale: relative error of the right wheel's distance.
         noise: rad by which the heading wanders in a metre (a random walk: it grows with the root of the distance).
         track: distance between the wheels, m.
+
     """
     rng = np.random.default_rng(seed)
     steps = difference(odometry[:-1], odometry[1:])

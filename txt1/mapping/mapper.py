@@ -366,6 +366,7 @@ class Mapper:
             chunk: its number.
             query: the cloud of the last keyframes, in the frame of the last.
             way: m through the graph between the two; None: the query may be anywhere.
+
         """
         matching = self._matching
         size = matching.chunk

@@ -140,6 +140,7 @@ class LocalMap:
             turn: rad to each side.
             loose: m and rad of difference from the pose that cost 0.1 of the score.
             at_least: a lower score does not count.
+
         """
         points = cloud.points
         far = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 75))

@@ -208,7 +208,10 @@ def _pgm(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
 
 
 def write(grid: Grid, file: Path) -> None:
-    """Write a grid as a map: the .yaml, and a .png of the same name; walls 0, unknown 205, free 254."""
+    """Write a grid as a map: the .yaml, and a .png of the same name; walls 0, unknown 205, free 254.
+
+    The rows of the picture are not filtered, so `read` needs no library for it.
+    """
     solid = grid.cells >= OCCUPIED_FROM
     pixels = np.where(solid, 0, np.where(grid.cells < FREE, 205, 254)).astype(np.uint8)[::-1]
     rows, columns = pixels.shape

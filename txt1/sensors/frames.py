@@ -28,6 +28,7 @@ class Frames(Generic[T]):
         begin: opens the source and returns its frames, in the thread that reads them. Its argument is a function to
             wait with. It raises HalError with the remedy; a generator's ``finally`` closes the source.
         latency: time from exposure to arrival, s.
+
     """
 
     simulated = False

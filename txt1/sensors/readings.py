@@ -307,6 +307,7 @@ class Scan:
         intensities: in the device's own unit, read-only; None if it reports none.
         mount: the device's place on the vehicle.
         scan_time: time between two sweeps, s; None if it is unknown.
+
     """
 
     angle_min: float

@@ -42,6 +42,7 @@ class Codec(Generic[T]):
     Args:
         greeting: bytes sent first.
         farewell: bytes sent before the link is closed.
+
     """
 
     def __init__(self, greeting: bytes = b"", farewell: bytes = b"") -> None:
@@ -139,6 +140,7 @@ class Streamed(Generic[T]):
         baud: baud rate of a serial device.
         latency: time from measuring to sending, s.
         fake: the command that serves a virtual device of this kind.
+
     """
 
     simulated = False

@@ -78,6 +78,7 @@ class Absences:
         every: mean time between two random absences, s; 0 is never.
         length: mean length of a random absence, s.
         rng: draws the random absences.
+
     """
 
     def __init__(self, given: tuple[tuple[float, float], ...], every: float, length: float, rng: Generator) -> None:

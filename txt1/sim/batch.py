@@ -78,6 +78,7 @@ def compiled(
             meaning.
         calls: compiled functions, by the names used in its code.
         options: options of numba.njit.
+
     """
     try:
         from numba import njit
@@ -305,6 +306,7 @@ def _move(
         p: parameters of all vehicles.
         target: work space for n numbers.
         remaining: work space for n numbers.
+
     """
     steering_max, speed_gain, dead_band, speed_time_constant = p[2], p[3], p[4], p[5]
     calm_v, calm_pull = p[-2], p[-1]

@@ -105,6 +105,7 @@ class Supply:
         batteries: their charge, and the load of the electronics.
         noise: standard deviation of a reading, V.
         seed: repeats the noise.
+
     """
 
     def __init__(self, batteries: Batteries, noise: float, seed: np.random.SeedSequence) -> None:

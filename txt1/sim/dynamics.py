@@ -143,6 +143,7 @@ def move(
         dt: s.
         drag: additional drag of the floor as a share of the speed, held.
         p: parameters from `dynamics`.
+
     """
     x, y, theta, v, phi_front, phi_rear, right, left = state
     # local names: in plain Python looking up an attribute takes as long as the multiplication

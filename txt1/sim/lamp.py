@@ -179,6 +179,7 @@ class LightSensors:
         mount: their places on the vehicle.
         gains: factors on the readings: a dirty sensor reads less.
         lit: returns whether each sensor sees the light from a pose, past walls; None: every sensor sees it.
+
     """
 
     def __init__(

@@ -29,6 +29,7 @@ class SerialLine:
             "duplicate", "stall" for the first piece that a stall holds back, and "cut" for each piece that would arrive
             after the line is lost.
         start: time at which the line came up, s.
+
     """
 
     def __init__(

@@ -33,6 +33,7 @@ def lit_by(
         obstacles: standing obstacles.
         movers: returns the present places of moving boxes.
         mount: the sensors' places on the vehicle, m.
+
     """
     standing = tuple(each for each in obstacles if distance(each, *light) > 0.0)
     ahead, left = np.array(mount, float).T

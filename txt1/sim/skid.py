@@ -26,6 +26,7 @@ def move(
         drag: additional drag of the floor as a share of the speed, held.
         vehicle: parameters of the dynamics.
         body: dimensions.
+
     """
     x, y, theta, _, v_right, v_left, right, left = state
     counts_right, counts_left = sides(motor, min(max(steering, -STEERING_MAX), STEERING_MAX))

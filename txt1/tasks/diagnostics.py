@@ -37,6 +37,7 @@ class Reports:
     Args:
         statistics: of every task so far, by name.
         virtual: whether time is virtual; lateness and run time are left out then, as they are the processor's.
+
     """
 
     def __init__(self, statistics: Callable[[], Mapping[str, TaskStatistics]], virtual: bool) -> None:

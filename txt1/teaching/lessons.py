@@ -339,7 +339,10 @@ def _shares(v: float, omega: float, radius: float, v_max: float) -> tuple[float,
 
 
 def together(drives: Sequence[HumanDrive]) -> tuple[tuple[Sight, ...], LessonSet, NDArray[np.int64]]:
-    """Return the sights and lessons of all recordings, and the recording of each lesson."""
+    """Return the sights and lessons of all recordings, and the recording of each lesson.
+
+    Raises RecordingError: they are of different cars or sensors, or too short.
+    """
     first = drives[0]
     for each in drives[1:]:
         file = each.taught.file

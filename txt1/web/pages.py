@@ -127,6 +127,7 @@ class Pages:
         others: addresses of other robots' pages, by the robots' names.
         fleet: names of the robots behind `robot`, if there are several.
         invites: whether the operator may invite visitors.
+
     """
 
     def __init__(

@@ -103,6 +103,7 @@ class Bench:
         opened: makes a running robot from a configuration; its flag hides the motion from the tasks.
         keep: called with found values, by dotted key, at once.
         own_loops: whether its hardware closes the velocity loops, so that it cannot be driven by hand.
+
     """
 
     def __init__(

@@ -216,6 +216,7 @@ def _locks(front: float, rear: float, lever: float) -> tuple[float, float, float
     tan(front) = lever / (R cos(beta)) + tan(beta), tan(rear) = lever / (R cos(beta)) - tan(beta), both into the curve.
 
     Raises HalError: there is no such circle.
+
     """
     squared = 0.5 * (front * front + rear * rear) - lever * lever
     radius = sqrt(max(squared, 0.0))

@@ -108,6 +108,7 @@ class SimulatedOperator:
         hal: the car's hardware layer.
         seed: repeats the errors.
         tell: called with each text for the operator.
+
     """
 
     def __init__(self, hal: SimHal, seed: int, tell: Callable[[str], None] = lambda text: None) -> None:

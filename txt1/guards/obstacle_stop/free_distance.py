@@ -26,6 +26,7 @@ def free_distance(points: Floats, curvature: float, length: float, width: float,
         length: of the body along x, m.
         width: of the body, m.
         margin: distance kept on all sides, m; a point that is already nearer counts for the body without margin.
+
     """
     x, y = points[:, 0], points[:, 1]
     near = (np.abs(x) < 0.5 * length + margin) & (np.abs(y) < 0.5 * width + margin)

@@ -54,6 +54,7 @@ class Guard:
         radius_min: m.
         measured: returns the present roll (rad) and lateral acceleration (m/s^2); the roll is None while it is unknown.
         tell: called with a line for the event log, and the time in s.
+
     """
 
     def __init__(

@@ -79,6 +79,7 @@ class Pico(Station):
 
     Args:
         config: configuration of the simulated vehicle.
+
     """
 
     def __init__(self, config: Config) -> None:

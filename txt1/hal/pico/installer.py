@@ -147,6 +147,7 @@ def install(board: Files, told: Callable[[str], None] = lambda _: None) -> Insta
 
     Raises:
         HalError: the board does not answer, or a file arrived damaged; the old files stay.
+
     """
     names = files()
     wanted = {name: digest(folder() / name) for name in names}
@@ -223,6 +224,7 @@ async def listen(port: str, baud: int, data: bytes = b"", patience: float = BOAR
 
     Raises:
         HalError: the port cannot be opened.
+
     """
     ear = _Ear()
     await open_link(port, ear, baud)
@@ -241,6 +243,7 @@ async def release(port: str, baud: int) -> None:
     Raises:
         CommandRefused: the board drives, or hears a host.
         HalError: the port cannot be opened.
+
     """
     if (await listen(port, baud)).identity is None:
         return
