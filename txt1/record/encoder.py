@@ -36,8 +36,11 @@ RECORD: Final = struct.Struct("<BQHIQQ")
 """The head of an MCAP message record: opcode, length, channel, sequence, log time, publish time."""
 MESSAGE: Final = 5
 _BEHIND_LENGTH: Final = RECORD.size - 9
-_VARYING: Final = ((11, "I"), (15, "Q"), (23, "Q"))
-"""Offset and struct code of what differs from head to head: sequence number, log time and publish time."""
+_HEAD: Final = struct.Struct("<BQHI16s")
+"""The same, with both times as bytes."""
+_VARYING: Final = ((11, "I"), (15, "16s"))
+"""Offset and struct code of what differs from head to head: the sequence number and both times."""
+_TIMES: Final = struct.Struct("<QQ")
 _STAMP: Final = struct.Struct("<iI")
 _STAMPED: Final = ("std_msgs/Header", "builtin_interfaces/Time")
 """Messages that begin with one of these begin with a time stamp."""
@@ -104,26 +107,28 @@ class Encoder:
 
     def block(self, messages: Iterable[Message]) -> Block:
         """Return the records of messages; RecordingError: a value is none of its topic's."""
+        own = self._own
+        for channel in own.values():
+            channel.index = []
         records: list[bytes | bytearray] = []
-        found: dict[Topic[Any], tuple[_OwnChannel, list[int]]] = {}
         stamps: list[int] = []
         length = stamp = 0
-        known, when = None, (0, 0, 0, 0)
+        known, times, seconds = None, b"", b""
         for time, topic, value in messages:
-            channel, index = found.get(topic) or found.setdefault(topic, (self._channel(topic), []))
-            if time != known:
-                known, stamp = time, round(time * NS_PER_S) + self._epoch_ns
-                when = stamp, stamp, *divmod(stamp, NS_PER_S)
-                stamps.append(stamp)
+            channel = own.get(topic) or self._channel(topic)
             try:
-                record = channel.record(value, channel.sequence, when)
+                if time != known:
+                    known, stamp = time, round(time * NS_PER_S) + self._epoch_ns
+                    stamps.append(stamp)
+                    times, seconds = _TIMES.pack(stamp, stamp), _STAMP.pack(*divmod(stamp, NS_PER_S))
+                record = channel.record(value, channel.sequence, times, seconds)
             except (TypeError, ValueError, IndexError, AttributeError, struct.error) as error:
                 raise RecordingError(f"{topic.name}: no {topic.message} can be made of {value!r}: {error}") from error
             channel.sequence += 1
+            channel.index += stamp, length
             records.append(record)
-            index += stamp, length
             length += len(record)
-        by_channel = {channel.number: index for channel, index in found.values()}
+        by_channel = {channel.number: channel.index for channel in own.values() if channel.index}
         return Block(b"".join(records), by_channel, min(stamps, default=0), max(stamps, default=0), self.channels)
 
     def _channel(self, topic: Topic[Any]) -> _OwnChannel:
@@ -133,37 +138,39 @@ class Encoder:
         return self._own[topic]
 
 
-_When = tuple[int, int, int, int]
-"""Log time and publish time in ns, and the stamp's s and ns."""
-_Record = Callable[[Any, int, _When], bytes | bytearray]
-"""Makes a record of a value, its sequence number and its time."""
+_Record = Callable[[Any, int, bytes, bytes], bytes | bytearray]
+"""Makes a record of a value, its sequence number, and as bytes its log and publish time and its time stamp."""
 
 
 class _OwnChannel:
-    """A channel of this encoder: its number, the next message's sequence number, and what makes records of values."""
+    """A channel of this encoder: its number, the next message's sequence number, and what makes records of values.
+
+    `index` has the log time (ns) and offset of each of its records in the block that is being made.
+    """
 
     def __init__(self, topic: Topic[Any], number: int) -> None:
         self.number, self.sequence = number, 0
+        self.index: list[int] = []
         make = _of_numbers if topic.paths else _of_fields
         self.record: _Record = make(topic, number)
 
 
-def _head(channel: int, length: int, sequence: int = 0, logged: int = 0, published: int = 0) -> bytes:
-    return RECORD.pack(MESSAGE, _BEHIND_LENGTH + length, channel, sequence, logged, published)
+def _head(channel: int, length: int, sequence: int = 0, times: bytes = b"") -> bytes:
+    return _HEAD.pack(MESSAGE, _BEHIND_LENGTH + length, channel, sequence, times)
 
 
 def _of_fields(topic: Topic[Any], channel: int) -> _Record:
     """Return what writes the records of a topic field by field."""
     stamped = fields(topic.message)[0].type in _STAMPED
 
-    def record(value: Any, sequence: int, when: _When) -> bytes:
+    def record(value: Any, sequence: int, times: bytes, stamp: bytes) -> bytes:
         values: Any = topic.make(value)
         if not isinstance(values, Mapping):
             values = values._asdict()
         message = encode(topic.message, {**topic.constants, **values})
         if stamped:
-            _STAMP.pack_into(message, len(HEADER), *when[2:])
-        return _head(channel, len(message), sequence, *when[:2]) + message
+            message[len(HEADER) : len(HEADER) + len(stamp)] = stamp
+        return _head(channel, len(message), sequence, times) + message
 
     return record
 
@@ -172,30 +179,33 @@ def _of_numbers(topic: Topic[Any], channel: int) -> _Record:
     """Return what puts a topic's numbers into a record in which everything else stands already.
 
     One call packs the template's pieces and the numbers between them; a number at a time takes three times as long.
+    Zeros at the ends of a piece are struct's padding, as most covariances and unused axes are 0.
     """
     layout = MessageBuffer(topic.message, topic.constants)
     template = _head(channel, len(layout)) + layout
     stamp = next((place for path, (place, _) in layout.places.items() if path.endswith("stamp.sec")), None)
-    # each number's place in the template, and struct's code: of the head, the stamp, and the topic's own
-    head = list(_VARYING)
-    stamped = [] if stamp is None else [(RECORD.size + stamp, "i"), (RECORD.size + stamp + 4, "I")]
     own = [(RECORD.size + place, code) for place, code in map(layout.places.__getitem__, topic.paths)]
-    # of the values that `record` gathers, those that are packed: the stamp's two are always among them, at 3 and 4
-    given = [0, 1, 2, *([] if stamp is None else [3, 4]), *range(5, 5 + len(own))]
-    numbers = sorted(zip([*head, *stamped, *own], given, strict=True))
+    # place in the template and struct's code of all that differs, in the order in which `record` gathers it
+    varying = [*_VARYING, (RECORD.size + (stamp or 0), f"{_STAMP.size}s"), *own]
+    used = sorted((*each, which) for which, each in enumerate(varying) if which != 2 or stamp is not None)
+    # the pieces come behind it, the first of them last
     form, pieces, order, end = "<", list[bytes](), list[int](), 0
-    for (place, code), which in numbers:
-        form += f"{place - end}s{code}"
-        order += len(pieces), len(numbers) + 1 + which
-        pieces.append(bytes(template[end:place]))
+    for place, code, which in (*used, (len(template), "", None)):
+        gap = template[end:place]
+        piece = gap.strip(b"\0")
+        zeros = gap.index(piece)
+        form += f"{zeros}x{len(piece)}s{len(gap) - zeros - len(piece)}x" if piece else f"{len(gap)}x"
+        if piece:
+            pieces.insert(0, piece)
+            order.append(-len(pieces))
+        if which is not None:
+            form += code
+            order.append(which)
         end = place + struct.calcsize(f"<{code}")
-    form += f"{len(template) - end}s"
-    order.append(len(pieces))
-    pieces.append(bytes(template[end:]))
     pack, in_order = struct.Struct(form).pack, itemgetter(*order)
     make: Callable[[Any], Any] = topic.make
 
-    def record(value: Any, sequence: int, when: _When) -> bytes:
-        return pack(*in_order((*pieces, sequence, *when, *make(value))))
+    def record(value: Any, sequence: int, times: bytes, stamp: bytes) -> bytes:
+        return pack(*in_order((sequence, times, stamp, *make(value), *pieces)))
 
     return record
