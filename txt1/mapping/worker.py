@@ -7,7 +7,7 @@ How it works
 
 *On the real clock* `Far` starts a process and gives it a scan at a time. Of the scans that come meanwhile, only the
 newest waits. A thread of the robot waits for each answer; it holds the interpreter lock for some microseconds only. The
-process is compiled and ready before the robot drives. It has a lower priority, and ignores Ctrl-C.
+process is compiled and ready before the robot drives. From then on it has a lower priority. It ignores Ctrl-C.
 
 *The line* between the two is a socket pair. Each message is its length (4 bytes), and the exact bytes of a value
 (`txt1.telemetry.exact`). After any end of the robot's process, the worker finds its line closed, saves the map and
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
 import socket
 import struct
@@ -30,6 +31,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from txt1.errors import HalError, Txt1Error
+from txt1.kernel import timeslice
 from txt1.mapping import works
 from txt1.mapping.telling import MapNews
 from txt1.mapping.works import ScanTask, Work
@@ -104,11 +106,9 @@ class Far:
         try:
             with theirs:
                 words = [json.dumps(dict(self._options))]
-                self._child = await asyncio.to_thread(
-                    start_beside, theirs.fileno(), program, words, False, None, NICENESS
-                )
+                self._child = await asyncio.to_thread(start_beside, theirs.fileno(), program, words, False, None, 0)
             self._line = ours
-            told = await asyncio.to_thread(receive, ours, Ready)
+            told = await self._ready()
         except OSError as error:
             ours.close()
             raise HalError(f"the process that works on the map cannot be started: {error}") from None
@@ -119,6 +119,17 @@ class Far:
         self._over = False
         self._thread = threading.Thread(target=self._serve, daemon=True, name="map")
         self._thread.start()
+
+    async def _ready(self) -> Ready | None:
+        """Wait until the process is ready; None if it has ended. Cancelled, it does not wait for the compiler."""
+        try:
+            return await asyncio.to_thread(receive, self._line, Ready)
+        except asyncio.CancelledError:
+            self._line.shutdown(socket.SHUT_RDWR)
+            self._line.close()
+            if self._child is not None:
+                await asyncio.to_thread(end_beside, self._child, 0.0)
+            raise
 
     def give(self, task: ScanTask) -> None:
         """Queue a scan for the process; a scan that is still waiting is dropped."""
@@ -221,6 +232,9 @@ def main(fd: str, options: str) -> None:
         except (Txt1Error, ImportError) as error:
             send(line, Ready(str(error)))
             return
+        # compiling first, at this priority, a busy computer never got done
+        timeslice.ordinary(os.getpid(), NICENESS)
+        timeslice.whole_session(os.getpid(), NICENESS)
         send(line, Ready())
         while (task := receive(line, ScanTask)) is not None:
             try:

@@ -1,6 +1,7 @@
 """`txt1 run --map`: a map is made while a simulated robot drives; files, recordings, replays, and what is refused."""
 
 import asyncio
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -163,6 +164,20 @@ def test_a_process_that_cannot_begin_says_why(tmp_path):
     far = Far({"make": str(tmp_path / "room"), "resolution": 0.05, "form": "numpy"})
     with pytest.raises(HalError, match="damaged"):
         asyncio.run(far.open())
+
+
+def test_who_ends_the_robot_while_the_process_compiles_does_not_wait_for_it(tmp_path):
+    async def ended() -> int | None:
+        far = Far({"make": str(tmp_path / "room"), "resolution": 0.05, "form": "numpy"})
+        opening = asyncio.create_task(far.open())
+        while far._child is None:  # noqa: SLF001
+            await asyncio.sleep(0.01)
+        opening.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        return far._child.poll()  # noqa: SLF001
+
+    assert asyncio.run(ended()) == -signal.SIGKILL
 
 
 def test_news_go_through_the_line_whole():
