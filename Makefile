@@ -29,7 +29,7 @@ run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..."
 test: $(VENV)/.dev  ## the tests, six at a time; less than four minutes on two cores
 	$(BIN)/python -m pytest --numprocesses=6 --dist=worksteal
 
-test-long: $(VENV)/.dev  ## those that take long, too: many repetitions, long runs, and the compiled wheel
+test-long: $(VENV)/.dev  ## the long tests, too: many repetitions, long runs, and the compiled wheel
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --hypothesis-profile=others -m "not browser"
 
 test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
@@ -52,7 +52,7 @@ test-viewers: $(VENV)/.dev  ## a recording in the viewers that PyPI has, in an e
 test-lerobot: $(VENV)/.dev  ## LeRobot's commands with plugins/lerobot; LEROBOT= is a Python that has both, which nobody installs here
 	TXT1_LEROBOT=$(wildcard $(LEROBOT)) $(BIN)/python -m pytest -m long -rs tests/lerobot
 
-steady: $(VENV)/.dev  ## does any test ever fail? Those that wait, 20 times, also beside busy loops, and all 5 times; 90 minutes, and it goes on
+steady: $(VENV)/.dev  ## repeats the tests, none of which may fail: those that wait 20 times, also beside busy loops, all tests 5 times; 90 minutes, resumes
 	$(BIN)/python -m tests.steady
 
 try-bare: $(VENV)/.dev  ## the first hour in a bare Debian root, typed and timed; root, debootstrap and a network; minutes

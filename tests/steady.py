@@ -1,8 +1,9 @@
-"""Whether any test ever fails: `make steady`, for 90 minutes; it can be ended at any time, and goes on where it was.
+"""Repeat the tests to find any that sometimes fail: `make steady`, 90 minutes. If it is interrupted, it resumes.
 
-The tests that wait in real time run 20 times, the last five of them beside four busy loops, then the whole suite five
-times. The page's tests in chromium run beside the last ten of these. What ran is kept in build/steady.json, with what
-failed, and the output of a run that failed beside it. Another commit, or other files, begin anew.
+Tests that wait in real time run 20 times, the last five of these runs beside four busy loops. Then the whole suite runs
+five times. The page's tests in chromium run beside the last ten runs. build/steady.json holds the finished runs and
+their failures; the output of a failed run is beside it. After a new commit or other changes it starts from the
+beginning.
 """
 
 from __future__ import annotations
