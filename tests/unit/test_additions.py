@@ -52,7 +52,7 @@ def test_ours_are_found_by_their_folders() -> None:
 
 
 @pytest.mark.parametrize("file", FILES, ids=[file.parent.name for file in FILES])
-def test_what_says_what_an_addition_brings_imports_nothing_heavy(file: Path) -> None:
+def test_an_additions_description_imports_nothing_heavy(file: Path) -> None:
     code = file.read_text()
     assert code.count("\n") <= 40
     assert set(imported(ast.parse(code))) <= {"txt1.additions"}

@@ -391,7 +391,7 @@ def test_a_value_of_another_kind_is_no_number(value: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["TXT1_POSE_PAIRS", "TXT1_TEST_PORT", "TXT1_", "TXT1", "TXT1_BUILD"])
-def test_a_variable_of_another_program_is_none_of_ours(name: str) -> None:
+def test_a_variable_of_another_program_is_ignored(name: str) -> None:
     assert load(environment={name: "20"}) == (Config(), {})
 
 

@@ -14,7 +14,7 @@ from rigs.release import constraints, main, notes, versions
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_constraints_name_the_installed_versions_and_tell_what_was_not_tested() -> None:
+def test_the_constraints_name_the_installed_versions_and_the_untested_packages() -> None:
     lines = constraints().splitlines()
     pinned = {line for line in lines if not line.startswith("#")}
     assert f"numpy=={version('numpy')}" in pinned

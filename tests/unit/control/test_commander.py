@@ -316,7 +316,7 @@ def test_the_priorities_are_those_that_the_manual_tells() -> None:
     }
 
 
-def test_at_first_nobody_drives_and_no_command_was_ever_given() -> None:
+def test_at_first_no_source_drives_and_no_command_is_known() -> None:
     one = commander(a=1)
     assert one.driver(3.0) == ("", 0.0, {})
     assert Driver() == ("", 0.0, {})

@@ -240,7 +240,7 @@ def test_wheels_that_turn_against_each_other_are_a_runaway() -> None:
     assert watched(driven(1000), 2, -2, 100), "a wheel at rest may show a count or two"
 
 
-def test_a_speed_that_nobody_asked_for_is_a_runaway() -> None:
+def test_a_speed_without_a_command_is_a_runaway() -> None:
     gate = driven(3000)
     for _ in range(4):
         gate.watch(130, 130, 2.05, None, 0.02)
@@ -375,7 +375,7 @@ def test_one_period_in_which_both_wheels_turn_ends_all_suspicion() -> None:
     assert watch((2001, 0, 0, 14), (2001, -1, -1, 1), (2001, 0, 0, 14)) is None
 
 
-def test_silence_at_rest_is_none_and_ends_one_under_power() -> None:
+def test_silence_at_rest_is_no_runaway_and_ends_a_silence_under_power() -> None:
     assert watch((2001, 0, 0, 14), (0, 0, 0, 1), (2001, 0, 0, 14)) is None
     assert watch((2001, 0, 0, 1), (2000, 0, 0, 100)) is None
 
@@ -386,7 +386,7 @@ def test_a_wheel_that_ticks_now_and_then_is_not_silent() -> None:
     assert watch((2001, 3, -3, 1), (2001, 0, 0, 14)) is None
 
 
-def test_noise_of_three_counts_against_each_other_is_none_and_four_are() -> None:
+def test_opposite_noise_of_three_counts_is_no_runaway_and_four_counts_are() -> None:
     assert watch((0, 3, -3, 100)) is None
     assert watch((0, -3, 4, 100)) is None
     assert watch((0, 3, -4, 100)) is None

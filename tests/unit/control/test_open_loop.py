@@ -40,7 +40,7 @@ def test_counts_never_go_the_other_way_however_slow_it_is_to_be() -> None:
     assert counts_for(0.3, stiff) == counts_for(-0.3, stiff) == 0.0
 
 
-def test_a_direction_without_entries_is_as_the_other_one() -> None:
+def test_a_direction_without_entries_mirrors_the_opposite_direction() -> None:
     ahead, back = BOTH_WAYS[2:], BOTH_WAYS[:2]
     for v in (0.1, 0.5, 1.0, 2.0):
         assert counts_for(-v, ahead) == -counts_for(v, ahead)

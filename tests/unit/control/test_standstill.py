@@ -72,7 +72,7 @@ def test_one_that_a_pwm_test_stops_keeps_its_esc() -> None:
     assert kinds(seen) == [Stop.SLOWING, Stop.PWM_ZEROS, Stop.STANDING]
 
 
-def test_one_that_was_still_getting_faster_has_the_envelope_of_what_it_reached() -> None:
+def test_a_vehicle_that_still_accelerates_gets_the_envelope_of_the_speed_it_reaches() -> None:
     seen = stops_of(lambda t: 0.8 + t if t < 0.15 else coasting(0.95, t - DELAY), driven=0.8)
     assert kinds(seen) == [Stop.SLOWING, Stop.STANDING]
 
@@ -132,13 +132,13 @@ def test_half_a_second_after_the_stop_a_tenth_of_a_metre_a_second_too_much_is_no
     assert stepped(1.0, *[0.9] * 9)[1][-1] is Stop.SLOWING, "not before"
 
 
-def test_what_it_reached_in_the_first_0_15_s_counts_and_what_it_reached_later_does_not() -> None:
+def test_speeds_reached_in_the_first_0_15_s_count_and_later_speeds_do_not() -> None:
     assert stepped(1.0, 1.0, 1.0, -1.3, *[1.0] * 6, envelope(1.3, 0.5) + 0.09)[1][-1] is Stop.SLOWING
     assert stepped(1.0, 1.0, 1.0, 1.0, 1.3, *[1.0] * 5, envelope(1.3, 0.5) + 0.09)[1][-1] is Stop.PWM_ZEROS
     assert stepped(1.0, 0.2, *[0.9] * 8, envelope(1.0, 0.5) + 0.09)[1][-1] is Stop.SLOWING
 
 
-def test_a_stop_at_a_speed_that_nobody_knows_is_one_from_the_largest() -> None:
+def test_a_stop_at_an_unknown_speed_counts_from_the_largest_speed() -> None:
     allowed = envelope(1.5, 0.5) + 0.1
     assert stepped(None, *[0.8] * 9, allowed - 1e-6)[1][-1] is Stop.SLOWING
     assert stepped(None, *[0.8] * 9, allowed + 1e-6)[1][-1] is Stop.PWM_ZEROS
@@ -242,7 +242,7 @@ def test_a_vehicle_whose_speed_fell_faster_than_it_can_is_not_seen_to_stand() ->
     assert after(0.4, 0.0, fell=True) is Stop.UNSEEN
 
 
-def test_nor_is_one_that_nobody_has_commanded() -> None:
+def test_a_vehicle_that_was_never_commanded_and_whose_speed_fell_is_not_seen_to_stand() -> None:
     watch = Standstill()
     for k in range(8):
         watch.step(k * PERIOD, 0.0, commanded=False, armed=False, connected=True, fell=True)

@@ -68,7 +68,7 @@ def test_what_a_board_that_is_gone_left_behind_is_not_opened(world: World) -> No
 
 
 @pytest.mark.parametrize(("target", "once"), [("/dev/pts/9", True), ("/dev/ttyS9", False)])
-def test_where_nobody_can_tell_a_link_to_a_pseudo_terminal_is_opened_once(
+def test_a_link_to_a_pseudo_terminal_of_unknown_owner_is_opened_once(
     world: World, tmp_path: Path, target: str, once: bool
 ) -> None:
     place = tmp_path / "board"

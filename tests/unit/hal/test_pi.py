@@ -475,7 +475,9 @@ def test_each_guard_that_hangs_or_is_killed_is_replaced_behind_neutral_outputs(
 
 
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGSTOP, marks=pytest.mark.long), signal.SIGKILL])
-def test_closed_outputs_are_neutral_whatever_happened_to_their_guard(number: signal.Signals, tmp_path: Path) -> None:
+def test_closed_outputs_are_neutral_even_if_their_guard_was_killed_or_hangs(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     registers = tmp_path / "registers"
     hal = create(config("donkeycar", f"hal_options.bus={registers}"))
 

@@ -69,7 +69,7 @@ def test_a_start_inside_a_wall_names_the_setting_and_the_remedy() -> None:
     assert "\n" not in str(error.value)
 
 
-def test_an_unknown_name_lists_those_there_are(install: Install) -> None:
+def test_an_unknown_name_lists_the_known_names(install: Install) -> None:
     install()
     with pytest.raises(ConfigError) as error:
         create(load(options={"hal": "nonsense"}).config)

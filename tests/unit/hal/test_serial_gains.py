@@ -27,7 +27,7 @@ def test_gains_go_out_at_once_and_then_once_a_second_until_the_board_has_them(de
     assert (answers, len(desk.heard(PidSet))) == ([True], 4), "a late answer says nothing"
 
 
-def test_an_answer_to_what_nobody_sent_says_nothing(desk: Desk) -> None:
+def test_an_answer_without_a_pid_set_is_ignored(desk: Desk) -> None:
     answers = desk.loads()
     desk.tells(PidResponse(True))
     assert (answers, desk.runs(0.1).times(PidSet)) == ([], [2.0])
@@ -91,7 +91,7 @@ def test_gains_that_are_under_way_are_not_sent_sooner_when_they_are_asked_for_ag
     assert answers == [True]
 
 
-def test_other_gains_wait_for_the_turn_of_those_that_are_under_way(desk: Desk) -> None:
+def test_new_gains_wait_until_the_gains_under_way_are_answered(desk: Desk) -> None:
     first = desk.loads()
     desk.runs(0.1)
     second = desk.loads(OTHERS)

@@ -106,7 +106,7 @@ def test_a_pause_and_then_the_pose_of_power_up_may_be_a_restart(
         assert desk.link.reason == f"the board paused for {pause + 0.05:.2f} s, and may have restarted"
 
 
-def test_a_pause_at_any_other_pose_is_none(desk: Desk) -> None:
+def test_a_pause_at_a_pose_away_from_the_origin_is_no_restart(desk: Desk) -> None:
     desk.says = None
     desk.runs(0.35)
     desk.says = STANDING
@@ -244,7 +244,7 @@ def test_another_error_than_the_port_s_own_ends_the_run(desk: Desk) -> None:
         desk.runs(0.5)
 
 
-def test_a_write_that_finds_the_line_lost_is_none(desk: Desk) -> None:
+def test_a_write_on_a_lost_line_sends_nothing(desk: Desk) -> None:
     wire = desk.hal.line.link
     assert wire is not None
     wire.overflows = 3

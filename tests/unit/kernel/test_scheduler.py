@@ -311,7 +311,7 @@ def test_a_name_is_given_only_once() -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, -0.02, 1e-12, float("nan"), float("inf")])
-def test_a_period_that_is_none_is_refused(period: float) -> None:
+def test_a_period_that_is_not_positive_and_finite_is_refused(period: float) -> None:
     async def main() -> None:
         scheduler = Scheduler(no_fault)
         with pytest.raises(ValueError, match="task 'a': period must be positive"):

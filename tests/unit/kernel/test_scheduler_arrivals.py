@@ -77,7 +77,7 @@ def test_an_arrival_announced_by_another_task_is_served_at_the_same_instant_by_p
     assert run(main(), speed="max") == [(100 * MS, name) for name in names]
 
 
-def test_an_arrival_during_a_stall_is_late_by_what_was_left_of_it() -> None:
+def test_an_arrival_during_a_stall_is_late_by_the_rest_of_the_stall() -> None:
     async def main() -> None:
         clock = virtual_clock()
         scheduler = Scheduler(no_fault)

@@ -37,7 +37,7 @@ def test_a_device_is_opened_raw_with_8_data_bits_no_parity_and_one_stop_bit(baud
     run_quietly(main())
 
 
-def test_a_device_nobody_reads_costs_writes_and_never_time() -> None:
+def test_an_unread_device_loses_writes_and_never_blocks() -> None:
     async def main() -> None:
         with opened_pty() as (_, path):
             end = End()
@@ -92,7 +92,7 @@ def test_a_device_has_one_user() -> None:
     run_quietly(main())
 
 
-def test_opening_that_nobody_waits_for_any_more_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cancelled_opening_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
     go, opened, really_open = threading.Event(), threading.Event(), device.open_port
 
     ports: list[Any] = []

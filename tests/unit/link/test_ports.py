@@ -43,7 +43,7 @@ def test_without_a_port_the_adapter_is_asked_for(monkeypatch: pytest.MonkeyPatch
     assert str(error.value) == "no serial port found: plug in the USB-RS232 adapter, or name one with --port"
 
 
-def test_among_several_ports_nobody_guesses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_among_several_ports_none_is_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
     connected(monkeypatch, ("/dev/ttyACM0", "u-blox GPS", 0x1546), ("/dev/ttyS0", "n/a", None))
     with pytest.raises(HalError) as error:
         only_candidate()

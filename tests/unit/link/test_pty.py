@@ -111,7 +111,7 @@ def test_a_host_that_does_not_read_costs_writes_and_keeps_their_order(path: str)
     run_quietly(main())
 
 
-def test_a_pseudo_terminal_nobody_uses_leaves_the_loop_asleep(path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unused_pseudo_terminal_does_not_wake_the_loop(path: str, monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         with closing(listen_pty(path, End())):
             with host_at(path):
@@ -177,7 +177,7 @@ def test_a_terminal_that_no_running_board_holds_is_left_behind(path: str) -> Non
         os.close(slave)
 
 
-def test_a_link_that_leads_elsewhere_than_its_board_says_is_none_of_it(path: str) -> None:
+def test_a_link_that_leads_elsewhere_does_not_belong_to_the_board(path: str) -> None:
     async def main() -> None:
         with closing(listen_pty(path, End())):
             await asyncio.to_thread(lead, path, "/dev/pts/999999")

@@ -161,7 +161,7 @@ def test_a_malformed_address_is_refused_with_an_example(address: str) -> None:
     assert "socket://127.0.0.1:5000" in said
 
 
-def test_a_port_nobody_listens_at_is_said_to_refuse() -> None:
+def test_a_port_without_a_listener_is_reported_as_refusing() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     said = refusal(f"socket://127.0.0.1:{port}")

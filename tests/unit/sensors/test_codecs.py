@@ -374,7 +374,7 @@ def through(device: Any, decoder: Any, readings: list[Reading[Any]]) -> list[Any
     return found
 
 
-def test_an_imu_on_the_desk_says_what_it_is_shown() -> None:
+def test_a_virtual_imu_sends_the_readings_it_is_given() -> None:
     shown = ImuReading((0.1, -0.2, 9.8), (0.01, 0.02, -0.3), (0.0, 0.0, 0.6, 0.8))
     ((reading, time, _),) = through(FakeImu(), imu_3dmgx2.ImuDecoder(), [Reading(2.0, shown)])
     assert time == 2.0
@@ -382,7 +382,7 @@ def test_an_imu_on_the_desk_says_what_it_is_shown() -> None:
         assert after == pytest.approx(before, abs=1e-6)
 
 
-def test_a_tracker_on_the_desk_says_what_it_is_shown() -> None:
+def test_a_virtual_tracker_sends_the_readings_it_is_given() -> None:
     shown = TrackerReading(1.0, -2.0, 0.1, (0.0, 0.0, 0.6, 0.8))
     ((reading, time, _),) = through(FakeVicon(), mocap_vrpn.VrpnDecoder("txt01"), [Reading(2.0, shown)])
     assert time == 2.0
@@ -390,7 +390,7 @@ def test_a_tracker_on_the_desk_says_what_it_is_shown() -> None:
     assert vrpn.PORT == 3883
 
 
-def test_a_scanner_on_the_desk_says_what_it_is_shown() -> None:
+def test_a_virtual_scanner_sends_the_readings_it_is_given() -> None:
     ranges = np.linspace(0.1, 5.0, 682).astype(np.float32)
     shown = Scan(-341 * tau / 1024, tau / 1024, 0.1 / 1024, ranges, 0.02, 5.6)
     found = through(FakeScip(), laser_scip.ScipDecoder(), [Reading(0.1 * k, shown) for k in range(1, 4)])

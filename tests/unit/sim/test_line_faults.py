@@ -248,6 +248,6 @@ def test_no_bytes_take_no_time() -> None:
 
 
 @pytest.mark.parametrize("baud", [0, -57600])
-def test_a_baud_rate_that_is_none_is_refused(baud: int) -> None:
+def test_a_baud_rate_that_is_not_positive_is_refused(baud: int) -> None:
     with pytest.raises(ValueError, match="positive"):
         Pace(baud)

@@ -78,7 +78,7 @@ def test_the_laser_sees_it_where_it_is() -> None:
     assert ahead == pytest.approx(box.x - 0.2 - scan.mount.x, abs=0.011)
 
 
-def test_a_path_that_is_none_is_refused() -> None:
+def test_a_path_without_length_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"sim\.movers\.0\.path: all points of its path are one: give two"):
         run(met("sim.movers=[{path: [[1, 1], [1, 1]], speed: 1}]"), speed="max")
     with pytest.raises(ConfigError, match=r"sim\.movers\.0\.path: tuple should have at least 2 items"):
@@ -100,7 +100,7 @@ def test_a_path_that_is_none_is_refused() -> None:
         (Box(-0.5, 0.0, 0.2, 0.5), False),
     ],
 )
-def test_what_stands_between_hides_one_place_from_the_other(obstacle: Box | Post, hidden: bool) -> None:
+def test_an_obstacle_between_two_places_hides_them_from_each_other(obstacle: Box | Post, hidden: bool) -> None:
     assert between(obstacle, (2.0, 0.0), (0.0, 0.0)) is hidden
     assert between(obstacle, (0.0, 0.0), (2.0, 0.0)) is hidden
 

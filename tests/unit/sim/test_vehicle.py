@@ -358,7 +358,7 @@ def test_drag_noise_has_its_standard_deviation_and_no_bias() -> None:
     assert (sum(d * d for d in drags) / 5000) ** 0.5 == pytest.approx(0.03, rel=0.05)
 
 
-def test_a_battery_reading_is_good_for_a_second_whoever_looks_and_however_often() -> None:
+def test_a_battery_reading_is_valid_for_a_second_however_often_it_is_read() -> None:
     often, seldom = (simulator(noise=Noise(), seed=3) for _ in range(2))
     seen = []
     for k in range(1, 500):

@@ -136,7 +136,7 @@ def test_homing_is_a_contender_and_all_are_asked_for_the_goal_alike() -> None:
     assert any(round(10.0 * time) % 5 for time in times)  # not at its own decisions alone, which are 0.5 s apart
 
 
-def test_the_table_has_seconds_first_failures_time_beside_and_what_each_was_told() -> None:
+def test_the_table_has_seconds_first_then_failures_and_each_learners_inputs() -> None:
     lines = [line([LOST] * 7 + [QUICK] * 3 + [LOST])]
     head, _, row, *_ = contenders.table(
         {"seed": 1, "episodes": 11, "provenance": {"platform": "x"}}, lines

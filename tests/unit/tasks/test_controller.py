@@ -71,7 +71,7 @@ AT_REST = Odometry()
 ROLLING = Odometry(v=0.1)
 
 
-def test_the_loops_step_and_what_they_say_goes_through_the_gate() -> None:
+def test_the_outputs_of_the_loops_go_through_the_gate() -> None:
     desk = Desk()
     assert desk.step(0.5, 0.2, ROLLING)[:3] == (4000, -200, 200)
     assert desk.state.control == Control(desk.written[-1], 0.5, 0.2, Source.ENCODER, Gains(1.0, 0.0, 0.0))
@@ -107,7 +107,7 @@ def test_a_set_point_of_zero_at_rest_hums_nothing_and_one_while_it_rolls_brakes(
     assert desk.step(0.5, 0.0, AT_REST).motor > 0
 
 
-def test_at_rest_a_set_point_of_zero_forgets_what_was_wound_up_and_a_turn_does_not() -> None:
+def test_at_rest_a_set_point_of_zero_clears_the_integral_and_a_turn_does_not() -> None:
     desk = Desk()
     desk.state.gains = desk.state.gains._replace(linear=Gains(0.0, 10.0, 0.0))
     assert desk.step(0.5, 0.0, ROLLING).motor == 80

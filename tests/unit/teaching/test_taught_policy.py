@@ -42,7 +42,7 @@ def test_a_policy_is_read_as_it_was_written(tmp_path):
     assert read.data == written.data
 
 
-def test_onnxruntime_says_what_training_said():
+def test_onnxruntime_gives_the_outputs_of_training():
     one, seen = policy(), looks(np.random.default_rng(3))
     by_numpy = judgement(one.outputs([each[None] for each in seen])[:, 0])
     assert one.judge(seen) == pytest.approx(by_numpy, abs=1e-5)

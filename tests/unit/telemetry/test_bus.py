@@ -49,7 +49,7 @@ def test_what_is_the_same_in_another_object_has_not_changed() -> None:
     assert told == [("/mood", "calm", 0.02)]
 
 
-def test_what_nobody_knows_is_not_told() -> None:
+def test_unknown_values_are_not_published() -> None:
     bus = Bus()
     offering(bus, None, 2.0, None)
     told = listening(bus)
@@ -57,7 +57,7 @@ def test_what_nobody_knows_is_not_told() -> None:
     assert told == [("/way", 2.0, 0.02)]
 
 
-def test_a_topic_nobody_listens_to_is_not_read() -> None:
+def test_a_topic_without_a_subscriber_is_not_read() -> None:
     bus, looks = Bus(), 0
 
     def read() -> float:
@@ -77,7 +77,7 @@ def test_a_topic_nobody_listens_to_is_not_read() -> None:
     assert looks == 1
 
 
-def test_sampling_begins_with_the_first_who_listens_to_what_is_sampled() -> None:
+def test_sampling_begins_with_the_first_subscriber_of_a_sampled_topic() -> None:
     begun = []
     bus = Bus(begin=lambda: begun.append(True))
     bus.offer(SPEED, lambda: 1.0)
@@ -88,7 +88,7 @@ def test_sampling_begins_with_the_first_who_listens_to_what_is_sampled() -> None
     assert begun == [True]
 
 
-def test_who_comes_late_is_told_what_changed_before_and_so_is_everybody() -> None:
+def test_a_late_subscriber_gets_earlier_changes_and_so_do_all_subscribers() -> None:
     bus = Bus()
     offering(bus, 1.0, 2.0, "calm")
     first = listening(bus, MOOD)

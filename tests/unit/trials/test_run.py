@@ -70,7 +70,7 @@ def test_a_signal_ends_it_by_its_number_and_what_was_kept_stays() -> None:
     assert found == {1: 2}
 
 
-def test_a_trial_that_does_not_look_whether_it_is_to_end_holds_nobody_up(tmp_path: Path) -> None:
+def test_a_trial_that_never_checks_for_the_end_does_not_delay_it(tmp_path: Path) -> None:
     begun = [tmp_path / str(number) for number in (1, 2, 3)]
     trials = {number: str(file) for number, file in enumerate(begun)}
     assert run(hours, trials, ONE, lambda *_: None, until=begun[0].exists) == 0

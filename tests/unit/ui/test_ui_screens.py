@@ -237,7 +237,7 @@ def test_other_keys_take_the_place_of_driving_in_footer_and_help() -> None:
     assert "pause" in text and "drive" not in text
 
 
-def test_a_key_that_a_robot_of_a_fleet_has_besides_stands_among_the_others() -> None:
+def test_a_further_key_of_a_robot_in_a_fleet_is_listed_with_the_standard_keys() -> None:
     viewer = Viewer({"SPACE": DRIVING["SPACE"], "x": "stop all"} | DRIVING)
     assert printed(full(), viewer, 80, 24)[-1].startswith("SPACE stop x stop all q quit")
     viewer.help = True
@@ -280,7 +280,7 @@ def test_values_are_written_for_people() -> None:
     assert count(123_456_789, 7) == "123457k" or count(123_456_789, 7) == "123.5M"
 
 
-def test_brackets_in_an_event_a_reason_or_a_name_stay_what_they_are() -> None:
+def test_brackets_in_an_event_a_reason_or_a_name_are_shown_unchanged() -> None:
     told = full().replaced({EVENTS: (Event(1.0, r"[bold]gains[/] of [0.5] \[x] \ "),)}, name="[red]")
     text = "\n".join(printed(mode(told, reason="[/nothing]", armed=False), Viewer(), 120, 24))
     assert r"[bold]gains[/] of [0.5] \[x] \ " in text

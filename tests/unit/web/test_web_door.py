@@ -111,7 +111,7 @@ def test_loopback_addresses() -> None:
         *((f"a-word-that{mark}nobody-guesses", 0o600, "a digit or one of . _ ~ -") for mark in "+%&#/"),
     ],
 )
-def test_a_token_that_is_none_or_no_secret_is_refused(content: str, mode: int, problem: str, tmp_path: Path) -> None:
+def test_a_malformed_or_guessable_token_is_refused(content: str, mode: int, problem: str, tmp_path: Path) -> None:
     file = tmp_path / "token"
     file.write_text(content, encoding="utf-8")
     file.chmod(mode)
