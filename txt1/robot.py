@@ -102,11 +102,11 @@ class Robot:
         self.keys: dict[str, Key] = {}
         """Further keys of the terminal."""
         self.on_ready: list[Callable[[], Awaitable[None]]] = []
-        """Awaited in turn when the robot is ready to drive: linked, armed if wanted, and its gains loaded."""
+        """Functions, awaited in turn when the robot is ready to drive: linked, armed if wanted, gains loaded."""
         self.alongside: list[asyncio.Future[Any]] = []
-        """The run ends when one of these does, with its error if it has one."""
+        """Futures; the run ends when one of these is done, with its error if it has one."""
         self.unfinished: list[Callable[[], str]] = []
-        """Say why a run that ends by itself has not done what it was for; "" where it has."""
+        """Functions that return why a run that ends by itself has not reached its aim; "" if it has."""
         self._pid_response: asyncio.Future[bool] | None = None
         self._streams: list[tuple[object, asyncio.Queue[Any]]] = []
 

@@ -125,7 +125,7 @@ class Board:
         self._may_arm = True
 
     async def power_up(self) -> None:
-        """Start the tasks; raises what `Runtime.start` raises."""
+        """Start the tasks; raises as `Runtime.start`."""
         await self.runtime.start()
         if self.habits.gated:
             self.runtime.add_task("arming", 2, 0.1, self._arming)

@@ -40,7 +40,7 @@ _STATES: Final = {"off": 0.0, "on": 1.0}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `board` takes."""
+    """Add the arguments of `board`."""
     device = {"--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable")}
     commands.add(parser.add_mutually_exclusive_group(required=True), FAR_END | device)
     commands.add(
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--as": {
                 "dest": "habits",
                 "choices": tuple(HABITS),
-                "help": "behave like our boards, or like those of 2011 as they were observed",
+                "help": "behave like txt1's firmware, or like the boards of 2011 as observed",
             },
             "--event": takes(
                 "T:NAME[=VALUE]",

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         {
             "file": takes("FILE", "the captured bytes; - for standard input"),
-            "--role": {"choices": ("host", "board"), "required": True, "help": "which end of the line received them"},
+            "--role": {"choices": ("host", "board"), "required": True, "help": "end of the line that received them"},
             "--hex": flag("the file is hexadecimal text"),
             "--json": flag("one JSON object a line"),
         },

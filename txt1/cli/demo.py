@@ -17,7 +17,7 @@ from txt1.ui import tty
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the folder for results, and the seed."""
-    about = "where recordings and pictures go; out/demo when left out, or out/demo-2 and so on"
+    about = "folder for recordings and pictures; by default out/demo, then out/demo-2 and so on"
     add(parser, {"--out": takes("DIR", about, path)} | SEED)
 
 

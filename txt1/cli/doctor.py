@@ -205,7 +205,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         | LINE
         | VEHICLE
         | {
-            "--hal": takes("NAME", f"hardware layer to look at: {HALS}, ...; serial by default"),
+            "--hal": takes("NAME", f"hardware layer to examine: {HALS}, ...; serial by default"),
             "--duration": takes("S", "of listening; 5 by default", positive, default=5.0),
         },
     )

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check = {"name": takes("MODULE_NAME"), "--wheels-up": lifted} | CONFIGURATION | LINE | VEHICLE
     new = {
         "name": takes("MODULE_NAME", MODULE_NAME),
-        "--to": takes("FOLDER", "where its folder is made; here, if left out", path),
+        "--to": takes("FOLDER", "folder in which its own folder is made; the present folder by default", path),
     }
     add_actions(parser, {"list": (list_hals, {}), "check": (check_hal, check), "new": (new_hal, new)})
 

@@ -54,7 +54,7 @@ CONFIGURATION: Final = {
     ),
 }
 SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
-VEHICLE: Final = {"--vehicle": takes("NAME", "txt1, another in config/vehicles/, or a YAML file of your own")}
+VEHICLE: Final = {"--vehicle": takes("NAME", "txt1, another vehicle in config/vehicles/, or your own YAML file")}
 ROBOT: Final = (
     CONFIGURATION
     | LINE
@@ -72,7 +72,7 @@ ROBOT: Final = (
 )
 ARM: Final = {"--arm": flag("arm at the start; a simulation arms itself", default=None)}
 RECORDING: Final = {"file": takes("FILE", None, recording)}
-ONE_ROBOT: Final = {"--robot": takes("NAME", "show this robot, of a recording of several")}
+ONE_ROBOT: Final = {"--robot": takes("NAME", "name of the robot, in a recording of several")}
 
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:

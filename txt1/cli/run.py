@@ -16,8 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         | {
             "--duration": takes("S", "end after S seconds of the robot's time", positive),
             "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own, and report the answer"),
-            "--screen": takes("N", "the screen to begin with, such as 5 for MAP; 1 by default", count),
-            "--headless": flag("no screens; one status line a second"),
+            "--screen": takes("N", "first screen, such as 5 for MAP; 1 by default", count),
+            "--headless": flag("no screens; a status line every second"),
             "--json": flag("no screens; one JSON object at the end"),
             "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),
         },

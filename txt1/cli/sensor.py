@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19",
         },
         **FAR_END,
-        "--drive": takes("V,OMEGA", "how the simulated robot drives meanwhile: m/s, rad/s", velocity),
+        "--drive": takes("V,OMEGA", "velocity of the simulated robot meanwhile: m/s, rad/s", velocity),
         "--duration": takes("S", "end after S seconds", positive),
     }
     add_actions(

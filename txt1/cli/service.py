@@ -233,7 +233,7 @@ def quoted(word: str) -> str:
 
 
 def _systemctl(system: bool, *words: str) -> bool:
-    """Whether systemd obeyed; where it does not run, or nobody is logged in, it cannot."""
+    """Return whether systemd obeyed. It cannot if it does not run, or the user is not logged in."""
     program = shutil.which("systemctl")
     if program is None:
         return False

@@ -1,4 +1,4 @@
-"""What a conformance suite finds, in words."""
+"""The results of a conformance suite, in words."""
 
 from collections.abc import Iterable
 

@@ -93,7 +93,7 @@ def is_map(file: Path) -> bool:
 
 
 def surroundings(config: Config) -> Surroundings:
-    """Return what the screens are told of a world."""
+    """Return a world's values for the screens."""
     room, body = config.sim.room, config.geometry
     size = (room.length, room.width) if isfinite(room.length) and isfinite(room.width) else None
     return Surroundings(
@@ -113,7 +113,7 @@ def drawn(mover: Mover) -> tuple[Outline, ...]:
 
 
 def describe(config: Config, found: Map | None) -> list[str]:
-    """Return what there is to say of a world, a line each."""
+    """Return lines that describe a world."""
     room, (x, y, theta) = config.sim.room, config.sim.start
     lines = []
     if found is None:

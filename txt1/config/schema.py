@@ -99,7 +99,7 @@ class ControlConfig(LoopsConfig):
     """The velocity loops, and the speed map that replaces them in a vehicle without encoders."""
 
     speed_map: SpeedMap = ()
-    """Motor counts and the speed they make, m/s, rising: how a vehicle without encoders is driven (txt1 calibrate)."""
+    """Motor counts and their speeds, m/s, rising: they drive a vehicle without encoders (txt1 calibrate)."""
 
     @field_validator("speed_map")
     @classmethod
@@ -116,14 +116,14 @@ class RoomConfig(Section):
     """The simulated room: a rectangle around the origin, or a map."""
 
     map: str | None = None
-    """Its walls: one of config/maps by its name, or a .yaml of your own as map_server reads it; null: the rectangle."""
+    """The map of its walls: a name in config/maps, or your own .yaml for map_server; null: the rectangle."""
 
     length: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 5.0
-    """Along x, m; .inf for none."""
+    """Length along x, m; .inf: no walls."""
     width: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 5.0
-    """Along y, m; .inf for none."""
+    """Width along y, m; .inf: no walls."""
     light: tuple[float, float] = (0.0, 0.0)
-    """Where the light is, x and y in m."""
+    """Place of the light, x and y in m."""
 
     @model_validator(mode="before")
     @classmethod
@@ -144,24 +144,24 @@ class RoomConfig(Section):
 
 
 class LightConfig(Section):
-    """The simulated light and the four sensors that see it; where the light is says sim.room.light."""
+    """The simulated light and the four sensors that see it; sim.room.light is its place."""
 
     intensity: Positive = 135.0
     """Lux at 1 m: a 100 W lamp; assumed."""
     exponent: Literal[2, 4] = 2
-    """The light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)."""
+    """The light falls as 1 / d^exponent: 2 by the thesis's text, 4 by its equation (5.9)."""
     height: NotNegative = 0.0
-    """Of the light above the sensors' plane, m."""
+    """Height of the light above the sensors' plane, m."""
     noise: NotNegative | None = None
-    """Of a reading, as a share of it; null: as much as makes the direction jitter by the thesis's 45 degrees."""
+    """Noise of a reading, as a share of it; null: enough for the thesis's jitter of the direction, 45 degrees."""
     mount: Mount = MOUNT
-    """Where the four sensors sit, in the order of their readings: (forward, left) of the robot's centre each, m."""
+    """Places of the four sensors, in the order of their readings: (forward, left) of the robot's centre, m."""
     gains: tuple[Positive, Positive, Positive, Positive] = EVEN
-    """Factors on their readings: a dirty sensor reads less."""
+    """Factors on the readings: a dirty sensor reads less."""
     faults: tuple[SensorFault, SensorFault, SensorFault, SensorFault] = SOUND
-    """Fault of each: none, dead, nan, frozen."""
+    """Fault of each sensor: none, dead, nan, frozen."""
     true_bearing: bool = False
-    """The learner gets the light's true bearing, as the original's simulated one did, in place of four sensors."""
+    """The learner gets the light's true bearing in place of the four sensors, as in the original simulation."""
 
 
 class SimConfig(Section):
@@ -173,7 +173,7 @@ class SimConfig(Section):
     obstacles: tuple[Annotated[Box | Post, Field(discriminator="kind")], ...] = ()
     """Boxes and posts in the room."""
     physics: Annotated[str, Field(min_length=1)] = "plain"
-    """What moves the vehicle: plain is ours; single-track-drift, multi-body or mujoco (extra physics)."""
+    """Physics of the vehicle: plain is txt1's own; single-track-drift, multi-body or mujoco (extra physics)."""
     movers: tuple[Mover, ...] = ()
     """Boxes that move along paths."""
     vehicle: VehicleParameters = VehicleParameters()
@@ -181,7 +181,7 @@ class SimConfig(Section):
     noise: Noise = Noise()
     faults: Faults = Faults()
     channels: Channels = Channels()
-    """Wiring of the simulated vehicle, which `channels` above, once found, puts right."""
+    """Wiring of the simulated vehicle; calibration finds the `channels` that correct it."""
     light: LightConfig = LightConfig()
     ground: Roughness = Roughness()
 
@@ -190,13 +190,13 @@ class SerialConfig(Section):
     """The line to a real board (hal: serial)."""
 
     port: Annotated[str, Field(min_length=1)] | None = None
-    """Device, socket://host:port, or virtual: a board in this process; null: the only device there is."""
+    """Device, socket://host:port, or virtual (a board in this process); null: the only serial port."""
     baud: PositiveInt = 57600
     """Bits a second, 8N1."""
     secret_file: str | None = None
-    """File with the secret of a board on a network (socket://), such as a Pico W; null: it has none."""
+    """File with the secret of a board on a network (socket://), such as a Pico W; null: no secret."""
     control: Literal["board", "host"] = "board"
-    """Who closes the velocity loops; "host" is experimental, and the board has to be in manual mode."""
+    """Place of the velocity loops: board or host. "host" is experimental, and the board has to be in manual mode."""
     allow_host: bool = False
     """Allows arming with control: host, and PWM by hand. An original board in manual mode keeps its last PWM when this
     host dies."""
@@ -208,7 +208,7 @@ class SerialConfig(Section):
             GainSetConfig(v_max=1.5, kp=0.5, ki=15.0, kd=0.0),
         ),
     )
-    """Gains of the velocity loops when they run here, behind a line, at 20 Hz (control: host); chosen in simulation."""
+    """Gains of the velocity loops in this program, behind a line, at 20 Hz (control: host); chosen in simulation."""
     rearm: bool = False
     """Arm again by itself when a lost board is back."""
     fault: LineFaults = LineFaults()
@@ -222,7 +222,7 @@ class OdometryConfig(Section):
 
 
 class CommanderConfig(Section):
-    """Who drives."""
+    """The sources of commands."""
 
     timeouts: dict[str, Positive] = {}
     """Age at which the commands of a source are stale, s, by its name; at most safety.command_timeout, the default."""
@@ -236,22 +236,22 @@ class TeleopConfig(Section):
     speed: Annotated[float, Field(ge=0.1, le=10.0)] = 0.5
     """Speed at the start, m/s; + and - change it, up to safety.v_max."""
     turn: Annotated[float, Field(gt=0.0, le=1.0)] = DEFAULT_HAND.turn
-    """Share of the largest yaw rate that a and d ask for."""
+    """Share of the largest yaw rate for the keys a and d."""
 
 
 class SensorConfig(Section):
-    """A sensor beside those of the hardware layer, under a name of your choice."""
+    """A sensor that is not part of the hardware layer, under a name of your choice."""
 
     driver: Annotated[str, Field(min_length=1)]
-    """Name of its driver: sim_light, phidgets_light, or one from another package."""
+    """Name of its driver: sim_light, phidgets_light, or a driver from another package."""
     period: Positive | None = None
     """Seconds between two readings; null: the driver's own."""
     delay: NotNegative = 0.0
-    """Each reading arrives so much later, s."""
+    """Delay of each reading, s."""
     drop_out: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     """Share of the readings that are lost."""
     options: dict[str, Any] = {}
-    """Settings of its driver, handed to it as they are."""
+    """Settings of its driver, passed on unchanged."""
 
 
 SensorName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -280,11 +280,11 @@ class Config(Section):
     hal: Annotated[str, Field(min_length=1)] = "sim"
     """Name of the hardware layer."""
     hal_options: dict[str, Any] = {}
-    """Settings of a hardware layer from another package, handed to it as they are."""
+    """Settings of the hardware layer, passed on unchanged."""
     name: Annotated[str, Field(pattern="^([a-z][a-z0-9_]*)?$")] = ""
-    """Of the robot, before the names of its topics; empty for one that is alone."""
+    """Name of the robot, before the names of its topics; empty for a single robot."""
     vehicle: Annotated[str, Field(min_length=1)] = "txt1"
-    """Its kind: txt1, or another whose file in config/vehicles/, or of your own (.yaml), sets what differs."""
+    """Kind of vehicle: txt1, a file in config/vehicles/, or your own file (.yaml) with the differences."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Repeats every random value of a simulation."""
     calibrated: tuple[str, ...] = ()
@@ -300,7 +300,7 @@ class Config(Section):
     commander: CommanderConfig = CommanderConfig()
     teleop: TeleopConfig = TeleopConfig()
     sensors: dict[SensorName, SensorConfig] = {}
-    """Sensors beside those of the hardware layer, by name."""
+    """Sensors that are not part of the hardware layer, by name."""
     host: HostConfig = HostConfig()
 
     @property

@@ -1,9 +1,9 @@
 """The bridge to a fleet on a network: a process of its own, which speaks Zenoh beside the robot.
 
-The robot's state goes out twenty times a second, and the others' states come in as often. What the robot has learned is
-told once a second. What others have learned is checked here and passed on about as often. When another robot stops all,
-this robot stops; the answer is what the robot reports of its gate and of its watch over stops. A console may take the
-robot's wheel as the source "fleet"; its commands are as old as the key that was pressed there.
+The robot's state goes out twenty times a second, and the others' states come in as often. The robot's learned rows are
+sent once a second. Rows that others have learned are checked here and passed on about as often. When another robot
+stops all, this robot stops. The answer contains the robot's own report on its gate and its watch over stops. A console
+may take the robot's wheel as the source "fleet"; its commands are as old as the key that was pressed there.
 """
 
 import json

@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 const=[],
             ),
             "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
-            "--headless": flag("no screens; one status line a second"),
+            "--headless": flag("no screens; a status line every second"),
             "--json": flag("no screens; one JSON object at the end"),
         }
         | WEB,

@@ -34,7 +34,7 @@ class Cooperation:
         self.silent = ""
         """The robots that it needs and does not hear; it stands until they are heard."""
         self.stuck = ""
-        """What blocks it, if it wants to drive and has not moved for long; "" otherwise."""
+        """The name of the obstacle, if it wants to drive and has not moved for long; "" otherwise."""
         self._robot, self._medium, self._see = robot, medium, see
         self._source = robot.source("team")
         self._start = robot.config.sim.start

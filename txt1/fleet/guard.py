@@ -57,7 +57,7 @@ class TeamGuard:
 
     def __init__(self, body: Body, room: Room | None = None) -> None:
         self.by = ""
-        """What holds the car back most just now: a robot's name or "a wall"; "" if nothing does."""
+        """The strongest limit on the car at present: a robot's name or "a wall"; "" for none."""
         self._body, self._room = body, room
 
     def step(self, me: Said, heard: Mapping[str, Said], v: float, omega: float) -> tuple[float, float]:

@@ -16,7 +16,7 @@ How it works
 ------------
 
 *One queue.* One heap drives the coroutines; they are not asyncio tasks. The scheduler sends a coroutine the time, and
-the coroutine runs up to its next tick. That costs a tenth of what asyncio tasks cost, and it makes the order exact.
+the coroutine runs up to its next tick. That costs a tenth of the time of asyncio tasks, and it makes the order exact.
 The price: between two ticks a task cannot await anything else. Code that waits belongs in a coroutine of its own.
 
 *A place in the queue* is one integer: the due time in ns, shifted to the left, and the task's index in its lowest bits.

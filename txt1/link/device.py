@@ -91,9 +91,6 @@ async def open_link(
 
     A board on a network first gets proof of the secret, if there is one. `behind` is the command that serves such an
     address. Raises HalError, which names the address, the cause and the remedy.
-
-    A secret is proved to a board on a network before anything else is sent. When it cannot be opened a HalError names
-    the address, the cause and what to do; `behind` is the command that serves such an address.
     """
     if "://" in address:
         return await open_socket(address, end, secret, behind)

@@ -34,13 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         | ONE_ROBOT
         | {
             "-o --output": takes(
-                "NAME", "NAME.yaml, .pgm, .svg and .graph; a map that is there is extended (default: FILE's)", path
+                "NAME", "write NAME.yaml, .pgm, .svg and .graph, or extend an existing map (default: FILE's name)", path
             ),
-            "--new": flag("begin a new map, even if NAME is there"),
-            "--again": flag("make the map anew from FILE alone, write nothing, and compare it with NAME's bytes"),
-            "--sensor": takes("NAME", "the laser, where there are several"),
+            "--new": flag("begin a new map, even if NAME exists"),
+            "--again": flag("make the map again from FILE alone, write nothing, and compare it with NAME's files"),
+            "--sensor": takes("NAME", "name of the laser, if there are several"),
             "--resolution": takes("M", "side of a cell, m (default 0.05)", float, default=0.05),
-            "--form": takes("FORM", "of the loops; default numba where it is installed", choices=("numba", "numpy")),
+            "--form": takes(
+                "FORM", "form of the loops; numba by default, if it is installed", choices=("numba", "numpy")
+            ),
         },
     )
 

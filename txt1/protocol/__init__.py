@@ -1,1 +1,1 @@
-"""What the computer and the board say to each other."""
+"""The messages between the computer and the board."""

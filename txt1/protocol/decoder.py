@@ -86,7 +86,7 @@ ILLEGAL: Final = Receivable(4, Struct("").unpack_from, False, lambda *_: Message
 class Decoder:
     """The frames of a stream, as one end of the line receives them.
 
-    `Decoder(Role.HOST)` understands what boards send, `Decoder(Role.BOARD)` what hosts send. It keeps at most one
+    `Decoder(Role.HOST)` decodes messages from boards, `Decoder(Role.BOARD)` messages from hosts. It keeps at most one
     unfinished frame (241 bytes), and its time is proportional to the bytes fed. `messages` counts messages by type,
     `faults` counts faults by reason.
     """

@@ -44,15 +44,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 _sensors,
             ),
             "--more": takes("FILE", "with --from: recordings of take-overs", existing, nargs="+", default=[]),
-            "--from": takes("FILE.onnx", "the policy that is to be taught more", existing, dest="before"),
-            "--lag": takes("S", "the hand follows the eye by so much; 0.2 by default", number, default=0.2),
-            "--robot": takes("NAME", "the robot of a recording of several"),
-            "--by": takes("SOURCES", "take these sources of commands for a human, too", names, default=[]),
+            "--from": takes("FILE.onnx", "the policy to teach further", existing, dest="before"),
+            "--lag": takes("S", "reaction time of the human; 0.2 by default", number, default=0.2),
+            "--robot": takes("NAME", "name of the robot, in a recording of several"),
+            "--by": takes("SOURCES", "treat these sources of commands as human, too", names, default=[]),
             "--networks": takes(
-                "N", "how many are taught; their disagreement is the doubt; 5 by default", count, default=5
+                "N", "number of networks; their disagreement is the doubt; 5 by default", count, default=5
             ),
-            "--epochs": takes("N", "how often each lesson is seen at most; 60 by default", count, default=60),
-            "--no-mirror": flag("teach nothing mirrored: where a rule says which side to keep to"),
+            "--epochs": takes("N", "largest number of passes over all lessons; 60 by default", count, default=60),
+            "--no-mirror": flag("do not mirror lessons, for example if cars have to keep to one side"),
             "--seed": takes("N", "repeats the training", int, default=0),
             "--no-report": flag("write no report"),
         },

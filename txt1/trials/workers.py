@@ -40,8 +40,8 @@ OPTIONS: Final = {
     "--jobs": takes("N", "number of processes; in simulation one for each processor by default", count),
     "--dask": takes("ADDRESS", "on a Dask cluster: tcp://127.0.0.1:8786, or tls://HOST:PORT"),
     "--dask-ca": takes("FILE", "certificate of the authority", existing),
-    "--dask-cert": takes("FILE", "our certificate", existing),
-    "--dask-key": takes("FILE", "its key", existing),
+    "--dask-cert": takes("FILE", "certificate of this program", existing),
+    "--dask-key": takes("FILE", "private key of --dask-cert", existing),
 }
 
 K = TypeVar("K")

@@ -33,7 +33,7 @@ WEB: Final = {
     "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", path),
     "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
     "--web-key": takes("FILE", "private key of --web-cert, if it is not in the same file", existing),
-    "--web-speed": takes("V", "the fastest that visitors drive at first, m/s", positive, default=0.5),
+    "--web-speed": takes("V", "largest speed of visitors at first, m/s", positive, default=0.5),
     "--web-folder": takes("FOLDER", "folder of the page's recordings", path, default=Path("out/recordings")),
     "--web-robot": takes(
         "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 "FILE", "vehicle file to write; an existing one is continued; with --practice a .csv", path
             ),
             "--step": takes(
-                "NAME", f"do only this step, even if it was done; may be repeated: {', '.join(STEPS)}", action="append"
+                "NAME", f"do only this step, even if it is done; may be repeated: {', '.join(STEPS)}", action="append"
             ),
             "--practice": takes(
                 "N",
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 "scales of its sensors, and --write what contradicts their settings, for --config",
                 path,
             ),
-            "--robot": takes("NAME", "with --sensors: whose, where the recording has several robots"),
+            "--robot": takes("NAME", "with --sensors: name of the robot, if the recording has several"),
             "--ask": flag("ask you about a simulated car, too, and not a simulated operator"),
         },
     )

@@ -37,11 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         {
             "what": takes("NAME|FILE.yaml|compare", kinds),
-            "runs": takes("FOLDER", "of the runs to compare", path, nargs="*"),
-            "--out": takes("DIR", "of the results; out/NAME when left out, or out/NAME-2 and so on", path),
+            "runs": takes("FOLDER", "folders of the runs to compare", path, nargs="*"),
+            "--out": takes("DIR", "folder for the results; by default out/NAME, then out/NAME-2 and so on", path),
             "--label": takes("TEXT", "names the run in figures and tables"),
             "--repeats": takes(
-                "N", "runs, simulated with one seed after the other; their mean is taken", count, default=1
+                "N", "number of runs, simulated with consecutive seeds; their mean is reported", count, default=1
             ),
             "--no-safe-end": flag("continue to drive when the batteries' safe time is over"),
             "--no-figure": flag("draw nothing; needs no matplotlib"),

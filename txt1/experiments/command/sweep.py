@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 "help": "after the options: settings and values (1,2,5 or 1..100), --, a command that prints JSON, or "
                 f"writes metrics.json into {OUT}",
             },
-            "--out": takes("DIR", "where the table goes; out/sweep when left out", path, default=Path("out/sweep")),
+            "--out": takes("DIR", "folder for the table; by default out/sweep", path, default=Path("out/sweep")),
             "--resume": flag("continue the results in DIR"),
         }
         | OPTIONS,

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("log", show_log, "print the last fault that the firmware noted"),
     ):
         action = actions.add_parser(name, help=about)
-        action.add_argument("--port", metavar="DEV", help="the board's port; left out, the only one there is")
+        action.add_argument("--port", metavar="DEV", help="the board's port; by default the only port")
         action.add_argument("--baud", type=int, default=57600, metavar="N", help="57600 by default; USB takes any")
         action.set_defaults(main=main)
 

@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--distribution": {
             "choices": ("jazzy", "kilted"),
             "default": "jazzy",
-            "help": "which ROS 2; jazzy by default",
+            "help": "distribution of ROS 2; jazzy by default",
         },
     }
     place = {"folder": takes("FOLDER", "such as the src of a colcon workspace", path)}
