@@ -164,7 +164,7 @@ def test_a_board_that_is_stopped_is_noticed_and_its_return_too(tmp_path: Path) -
                 assert not robot.armed
                 assert robot.faults["reconnects"] == 0, "the line was there all the time"
 
-    with pytest.raises(StopNotVerified, match="nobody saw it: there was no odometry") as told:
+    with pytest.raises(StopNotVerified, match="this was not seen: there was no odometry") as told:
         run(body())
     assert told.value.__cause__ is None, "an error in the body would be its cause"
 

@@ -154,7 +154,7 @@ class Services:
         async for now in ticks:
             if self._route is not None and now - self._held > self._robot.config.safety.command_timeout:
                 self._halt()
-                self._robot.tell("the route was ended: nobody holds it any more")
+                self._robot.tell("the route was ended: it is no longer held")
 
     def _arrived(self, route: asyncio.Task[None]) -> None:
         if self._route is route:

@@ -214,7 +214,7 @@ async def get_ready(robot: Robot, arm: bool | None) -> None:
     """
     await robot.linked(LINK_PATIENCE)
     if not (robot.arms_by_itself if arm is None else arm):
-        raise ConfigError("nobody is there to arm the robot: add --arm")
+        raise ConfigError("no operator can arm the robot: add --arm")
     robot.arm()
     if not await robot.load_gains():
         raise HalError(refusal_of_gains(robot))

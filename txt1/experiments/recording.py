@@ -112,7 +112,7 @@ def load(folder: Path) -> Recording:
     try:
         head, *rows = file.read_text().splitlines() or [""]
         if tuple(head.split(",")) != Instant._fields:
-            raise ConfigError(f"{file}: its columns are not those of a run; give a folder that --out has made")
+            raise ConfigError(f"{file}: its columns are not a run's; give a folder that --out has made")
         return Recording(Instant(*map(float, row.split(","))) for row in rows)
     except OSError as error:
         raise ConfigError(f"{file}: {error.strerror}; give a folder that an experiment's --out made") from None

@@ -221,7 +221,7 @@ def _stop_all(peer: "Peer", expected: list[str]) -> int:
     saying = peer.stop_all(expected)
     saying.join(EARLY)
     if saying.is_alive():
-        say(f"{_standing(peer)}; the stop is said again for half a minute")
+        say(f"{_standing(peer)}; the stop is repeated for half a minute")
     saying.join()
     standing = _standing(peer)
     print(standing)

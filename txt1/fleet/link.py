@@ -101,7 +101,9 @@ class FleetLink:
         self._robot.stop()
         self._robot.runtime.bus.publish(ORDER, "stop", self._robot.now)
         if asyncio.get_running_loop().time() - self._took > QUIET:
-            self._robot.tell("the fleet is not reached: only this robot was stopped; stop the others otherwise")
+            self._robot.tell(
+                "the fleet is not reached: only this robot was stopped; stop the other robots in another way"
+            )
 
     def say(self, said: Said) -> None:
         """Send a state to the others."""

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 LINES_PERIOD: Final = 0.05
 STEPS: Final = {
     "a": "press the button that is to be the dead-man (lowest of the four)",
-    "b": "press the one for the emergency stop (right of the four)",
-    "y": "press the one for the next screen (top of the four)",
-    "back": "press the one for manual mode (back or select)",
-    "start": "press the one for arming (start)",
+    "b": "press the button for the emergency stop (right of the four)",
+    "y": "press the button for the next screen (top of the four)",
+    "back": "press the button for manual mode (back or select)",
+    "start": "press the button for arming (start)",
     "leftx": "push the left stick to the right",
     "lefty": "pull the left stick towards you",
     "righttrigger": "pull the right trigger",
@@ -89,7 +89,7 @@ def _show(devices: Devices, config: Config, duration: float | None) -> None:
                 print(line, flush=True)
         if not readings and not devices.unknown and told.get(-1) is None:
             told[-1] = "none"
-            say("no gamepad is there: plug one in, or press a button of one that sleeps")
+            say("no gamepad is there: plug one in, or wake it by a button")
         select.select([], [], [], LINES_PERIOD)
 
 

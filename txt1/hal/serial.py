@@ -313,7 +313,7 @@ class SerialHal(PlainHal):
         self._clearing_since = -inf
         if self._esc_comes_on:
             self._esc_comes_on = False
-            self.line.tell("the ESC was told to come on")
+            self.line.tell("the ESC is being switched on")
             self._send(PowerControl(Switch.ESC, True))
         else:
             self.line.tell("the silence that clears the board's loops is over")

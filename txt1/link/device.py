@@ -138,7 +138,7 @@ class DevicePort:
         made = await asyncio.to_thread(_link_made, self.address)
         left = await asyncio.to_thread(is_left_behind, self.address)
         if left or (left is None and _passed_on(self._spent, made)):
-            raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new one")
+            raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new board")
         secret = None if self._secret_file is None else await asyncio.to_thread(_secret_in, self._secret_file)
         link = await open_link(self.address, end, self._baud, secret, self._behind)
         self._spent = made
@@ -234,7 +234,7 @@ def _why_not_open(address: str, error: OSError, behind: str) -> str:
         case errno.EACCES | errno.EPERM:
             return access_problem(address) or f"no permission to use {address}: {error.strerror}"
         case errno.EBUSY | errno.EAGAIN:
-            return f"{address} is busy: another program has it open; close that one first"
+            return f"{address} is busy: another program has it open; close that program first"
         case errno.ENXIO | errno.ENODEV | errno.EIO:
             return f"{address} has no hardware behind it: {_found()}"
     return f"{address} is no serial port: {_found()}"

@@ -143,7 +143,7 @@ def _take(path: str, slave: str) -> int:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(lock)
-        raise HalError(f"{path} is another board's, which is running: end that one or choose another path") from None
+        raise HalError(f"{path} is another board's, which is running: end that board or choose another path") from None
     os.ftruncate(lock, 0)
     os.pwrite(lock, slave.encode(), 0)
     return lock

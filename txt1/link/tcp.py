@@ -24,9 +24,9 @@ ANSWER: Final = 3.0
 BOARD: Final = "txt1 board"
 
 _NO_PORT: Final = {
-    errno.EADDRINUSE: "it is in use, perhaps by another board; choose another port, or 0 for any that is free",
-    errno.EACCES: "ports below 1024 are reserved; choose a higher one, or 0 for any that is free",
-    errno.EADDRNOTAVAIL: "this computer has no such address; 127.0.0.1 is itself",
+    errno.EADDRINUSE: "it is in use, perhaps by another board; choose another port, or 0 for any free port",
+    errno.EACCES: "ports below 1024 are reserved; choose a higher port, or 0 for any free port",
+    errno.EADDRNOTAVAIL: "this computer does not have this address; 127.0.0.1 is the computer itself",
 }
 
 

@@ -129,7 +129,7 @@ def read(path: Path, robot: str, sensor: str | None = None) -> LaserDrive:
                     sweeper.seen(report.time, scan)
     if sensor is not None and sensor not in lasers:
         raise ConfigError(
-            f"{path}: no scans of a laser '{sensor}' in it; there are those of: {', '.join(lasers) or 'none'}"
+            f"{path}: no scans of a laser '{sensor}' in it; there are scans of: {', '.join(lasers) or 'none'}"
         )
     if sensor is None or not sweeps:
         raise RecordingError(

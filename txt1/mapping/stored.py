@@ -70,7 +70,9 @@ def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
         edges = zip(*(parts[name] for name in EDGE.names or ()), strict=True)
         mapper.resume(keys, parts["poses"], edges)
     except (OSError, ValueError, KeyError, IndexError, BadZipFile, EOFError) as error:
-        raise ConfigError(f"{path}: no graph of a map, or a damaged one ({error}); map anew with --new") from None
+        raise ConfigError(
+            f"{path}: no graph of a map, or a damaged one ({error}); make the map again with --new"
+        ) from None
     return mapper, told
 
 

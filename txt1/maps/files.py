@@ -144,7 +144,7 @@ def _fields(file: Path, text: bytes) -> dict[str, Any]:
     if negate not in (0, 1, False, True):
         raise wrong("negate", "0: white is free; 1: black is free")
     if mode not in ("trinary", "scale"):
-        raise wrong("mode", "trinary or scale; of a raw map nobody knows which values are walls")
+        raise wrong("mode", "trinary or scale; in a raw map it is unknown which values are walls")
     shares = {}
     for field, usual in (("free_thresh", FREE_BELOW), ("occupied_thresh", OCCUPIED_ABOVE)):
         shares[field] = tree.get(field, usual)

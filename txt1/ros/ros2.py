@@ -370,7 +370,7 @@ class Bridge:
         self._alive = time.monotonic()
         if not (network := addresses()) <= self._network:
             self.over = True
-            self._robot.request("tell", text="the network has changed, and the node begins anew")
+            self._robot.request("tell", text="the network has changed, and the node starts again")
         self._network = network
         self._look_for_others()
         if self._diagnostics is not None:

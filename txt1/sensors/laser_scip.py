@@ -115,7 +115,9 @@ class ScipDecoder(Codec[Scan]):
             return None
         if code != b"99":
             if code.isdigit() and 50 <= int(code) <= 97:
-                raise HalError(f"the laser scanner reports hardware trouble (status {code.decode()}): power it anew")
+                raise HalError(
+                    f"the laser scanner reports hardware trouble (status {code.decode()}): switch it off and on"
+                )
             self.faults += 1
             return None
         if not rest or any(len(line) < 2 or check_character(line[:-1]) != line[-1] for line in rest):

@@ -27,8 +27,8 @@ class Finite:
                 return after
             self._failed = True
             raise HalError(
-                f"sim.physics: {self._name} says what is no number at {motion[3]:.2f} m/s; drive slower, or set "
-                "sim.physics=plain"
+                f"sim.physics: {self._name} returns a number that is not finite at {motion[3]:.2f} m/s; "
+                "drive slower, or set sim.physics=plain"
             )
         # so that neutral outputs still pass when the robot is stopped
         return (*motion[:3], 0.0, *motion[4:])

@@ -15,7 +15,7 @@ class Moving:
         if mover.lap and points[-1] != points[0]:
             points.append(points[0])
         if len(points) < 2:
-            raise ValueError("all points of its path are one: give two that are apart")
+            raise ValueError("all points of its path are the same: give two that are apart")
         self.mover, self._points = mover, points
         self._travelled = [0.0, *accumulate(dist(before, after) for before, after in pairwise(points))]
 

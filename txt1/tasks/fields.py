@@ -179,7 +179,7 @@ def _told(name: str, kind: type[T], about: str) -> Topic[T]:
     return declare(Topic(name, kind, "", "std_msgs/String", Rule.SNAPSHOT, about))
 
 
-CAPABILITIES: Final = _told("/capabilities", Capabilities, "what the hardware layer can do")
+CAPABILITIES: Final = _told("/capabilities", Capabilities, "abilities of the hardware layer")
 HAND: Final = _told(
     "/hand", Hand, "the car's numbers for the hand rule; not in recordings, which have the configuration"
 )

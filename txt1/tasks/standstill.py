@@ -112,7 +112,7 @@ class Watch:
         told = _TOLD.get(stop)
         if told is not None:
             self._halt_due = now
-            self.state.tell(now, f"{told}{' (nobody sees it: no odometry)' if blind else ''}")
+            self.state.tell(now, f"{told}{' (not seen: no odometry)' if blind else ''}")
         elif stop is Stop.STANDING and before in (*UNOBEYED, Stop.UNASKED):
             self.state.tell(now, "the robot stands")
         elif stop is Stop.UNSEEN and fell(self.state):
@@ -157,7 +157,7 @@ class Watch:
         watch = self.standstill
         if watch.failed is Stop.NONE and self.settled:
             return ""
-        blind = ", and nobody saw it: there was no odometry" if watch.blind else ""
+        blind = ", and this was not seen: there was no odometry" if watch.blind else ""
         if not self.settled:
             return f"the robot was not seen to stand ({watch.stop.value}{blind}): look at it"
         means = "a PWM test of zeros" if watch.failed is Stop.PWM_ZEROS else "switching the ESC off"

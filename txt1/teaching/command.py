@@ -67,7 +67,7 @@ def main(arguments: argparse.Namespace) -> int:
     if arguments.before is not None and not (arguments.more or arguments.files):
         raise ConfigError("--from: add --more, the recordings that are to be learned from besides")
     if arguments.before is None and arguments.see is None:
-        raise ConfigError("--see: say what it is to drive by: laser, camera or light")
+        raise ConfigError("--see: name its sensors: laser, camera or light")
     if arguments.networks > 16:
         raise ConfigError("--networks: 16 at most")
     output = arguments.output or arguments.before
@@ -84,7 +84,7 @@ def main(arguments: argparse.Namespace) -> int:
         before = load(arguments.before)
         asks = [Ask(sight.kind, sight.sensor) for sight in before.card.sees]
         if arguments.see is not None and [ask.kind for ask in arguments.see] != [ask.kind for ask in asks]:
-            raise ConfigError("--see: a policy goes on seeing what it saw; leave it out, or teach anew without --from")
+            raise ConfigError("--see: a policy keeps its sensors; leave it out, or teach a new policy without --from")
         drives += teaching.earlier(before, arguments.by, arguments.lag)
     for file in (*arguments.files, *arguments.more):
         drives.append(drive_in(file, asks, arguments.by, arguments.robot, arguments.lag))

@@ -239,7 +239,7 @@ class Pilot:
             return 0.0, 0.0, f"'{self._first.name}' is frozen: the same reading again and again while the car moves"
         pace = self._pace()
         if pace <= 0.0:
-            return 0.0, 0.0, "it doubts too much: nothing it was taught is like this; drive it on"
+            return 0.0, 0.0, "its doubt is too large: no lesson is like this; drive it on"
         v, omega = self._command(pace)
         return (v, omega, "drives") if v > 0.02 else (0.0, 0.0, "stands, as it was taught here")
 

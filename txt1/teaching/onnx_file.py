@@ -224,7 +224,7 @@ def read(
             weights = constants.get(f"{number}.{layer}.weights", np.zeros(0, np.float32))
             biases = constants.get(f"{number}.{layer}.biases", np.zeros(0, np.float32))
             if weights.size != rows * columns or biases.size != columns:
-                raise PolicyError("its weights are not those that its card tells of, so it is damaged")
+                raise PolicyError("its weights differ from its card, so it is damaged")
             if layer < len(convolutions):
                 high, wide = convolutions[layer].window
                 weights = weights.reshape(columns, -1, high, wide).transpose(2, 3, 1, 0)
@@ -232,7 +232,7 @@ def read(
             network.biases.append(biases.copy())
         networks.append(network)
     if written(networks, norms, names, card) != data:
-        raise PolicyError("it is not as 'txt1 teach' writes it, so it is damaged or somebody else's")
+        raise PolicyError("it is not as 'txt1 teach' writes it, so it is damaged or from another program")
     if not all(np.isfinite(each).all() for network in networks for each in (*network.weights, *network.biases)):
         raise PolicyError("its weights are not finite numbers")
     return networks

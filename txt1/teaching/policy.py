@@ -221,7 +221,7 @@ def loaded(data: bytes) -> Policy:
     _bounded(card)
     networks = read(data, card.shape, card.members, card.norms, card.names, text)
     if digest(networks) != card.weights:
-        raise PolicyError("its weights are not those that were taught, so it is damaged")
+        raise PolicyError("its weights differ from the taught weights, so it is damaged")
     return Policy(card, networks, data)
 
 

@@ -102,7 +102,7 @@ def _moments(lesson: Lesson, file: Path) -> None:
         looked_at = saliency(policy.networks, policy.card.norms, looks)[number]
         human, said = held.lessons.commands[index, 0], held.outputs.mean(0)[index, 0]
         left.set_title(f"human {human:+.2f}, policy {said:+.2f}", fontsize=8)
-        right.set_title("what the steering hangs on", fontsize=8)
+        right.set_title("what the steering depends on", fontsize=8)
         _show(left, sight, looks[number], None)
         _show(right, sight, looks[number], looked_at)
     figure.suptitle("the worst moments; steering as a share of full lock, left positive", fontsize=9)

@@ -69,7 +69,7 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
             raise ConfigError("--web-token, --web-cert, --web-key: there is no page; add --web")
         return None
     if arguments.speed == "max":
-        raise ConfigError("--web: at full speed (--speed max) nobody could watch; leave one of them out")
+        raise ConfigError("--web: at full speed (--speed max) no person could watch; leave one of them out")
     if arguments.web_folder.exists() and not arguments.web_folder.is_dir():
         raise ConfigError(f"--web-folder {arguments.web_folder}: a file, no folder; name one, or a new one")
     need("--web", "web", "aiohttp", "cryptography", "segno")

@@ -51,7 +51,7 @@ def test_what_arrives_torn_leaves_the_old_firmware(tmp_path: Path) -> None:
     install(Folder(tmp_path))
     (tmp_path / "main.py").write_text("old")
     (tmp_path / "settings.json").write_text("{}")
-    with pytest.raises(HalError, match=r"main\.py: what arrived on the board is not what was sent"):
+    with pytest.raises(HalError, match=r"main\.py: a file arrived damaged on the board"):
         install(Folder(tmp_path, limit=100))
     assert (tmp_path / "main.py").read_text() == "old"
     assert install(Folder(tmp_path)).copied == ["main.py"]

@@ -127,7 +127,7 @@ def test_without_the_imu_curves_are_taken_at_a_crawl_on_whatever_ground() -> Non
     assert one(-1.5, 1.5 / BODY.radius_min, 1.2) == pytest.approx((-0.1, 0.1 / BODY.radius_min))
     slower, turning = one(1.5, 0.3, 1.3)  # of 5 m
     assert slower * turning == pytest.approx(0.1 * 0.1 / BODY.radius_min), "as sideways as the narrowest curve at 0.1"
-    assert told == ["slowed in curves: the IMU is silent, so nobody knows how steep the ground is"]
+    assert told == ["slowed in curves: the IMU is silent, so the slope of the ground is unknown"]
     roll[0] = 0.0
     assert one(1.5, 2.0, 1.4) == (1.5, 2.0)
     roll[0] = None

@@ -63,7 +63,7 @@ def test_without_a_name_it_is_the_only_device_there_is_wherever_that_turns_up(wo
 
 def test_what_a_board_that_is_gone_left_behind_is_not_opened(world: World) -> None:
     world.left_behind = True
-    with pytest.raises(HalError, match="/dev/ttyACM3 was left behind by a board that is gone; waiting for a new one"):
+    with pytest.raises(HalError, match="/dev/ttyACM3 was left behind by a board that is gone; waiting for a new board"):
         world.opens(DevicePort("/dev/ttyACM3", 57600))
 
 

@@ -200,7 +200,7 @@ def test_the_esc_comes_on_after_silence_and_zeros_and_meanwhile_the_board_is_not
     desk.runs(0.1, DRIVE)
     assert desk.heard(PowerControl)[1:] == [(5.26, PowerControl(Switch.ESC, True))]
     assert desk.link.ready
-    assert desk.link.text == "the ESC was told to come on"
+    assert desk.link.text == "the ESC is being switched on"
     assert desk.sent[-1][1] == HALF
     desk.runs(3.0, DRIVE)
     assert len(desk.heard(PowerControl)) == 2, "it is told so once"

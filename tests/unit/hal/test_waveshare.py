@@ -232,7 +232,7 @@ def test_what_is_said_twice_is_believed_and_a_path_that_begins_anew_is_a_restart
 
     inputs = told_by(script, say)
     assert inputs.link is not None
-    assert (inputs.link.losses, inputs.link.reason) == (1, "the rover's board restarted: its paths began anew")
+    assert (inputs.link.losses, inputs.link.reason) == (1, "the rover's board restarted: its paths started again at 0")
     assert inputs.odometry is not None
     assert (inputs.odometry.x, inputs.odometry.v) == (0.0, 0.3)
 

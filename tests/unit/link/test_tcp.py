@@ -25,7 +25,7 @@ def test_a_board_listens_where_it_is_told_and_says_how_to_reach_it(host: str) ->
         try:
             listener = await listen_tcp(host, 0, board)
         except HalError:
-            pytest.skip("this computer has no such address")
+            pytest.skip("this computer does not have this address")
         assert listener.address.startswith("socket://[::1]:" if ":" in listener.address[9:14] else "socket://127.")
         link = await open_link(listener.address, end)
         link.write(FRAME)
@@ -192,7 +192,7 @@ def test_an_unknown_computer_and_a_silent_one_are_told_apart(monkeypatch: pytest
     [
         ("127.0.0.1", 70000, "a port is a number from 0 to 65535"),
         ("127.0.0.1", -1, "a port is a number from 0 to 65535"),
-        ("192.0.2.1", 5000, "this computer has no such address"),
+        ("192.0.2.1", 5000, "this computer does not have this address"),
     ],
 )
 def test_what_cannot_be_listened_on_is_refused_with_the_reason(host: str, port: int, said: str) -> None:

@@ -74,7 +74,7 @@ def test_a_later_drive_extends_it(drive, room, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--sensor", "other"], "no scans of a laser 'other' in it; there are those of: laser"),
+        (["--sensor", "other"], "no scans of a laser 'other' in it; there are scans of: laser"),
         (["--resolution", "0"], "0.01 to 1 m"),
         (["--again", "-o", "none"], "nothing to compare with"),
     ],

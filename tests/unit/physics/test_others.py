@@ -223,7 +223,7 @@ def test_a_stranger_s_physics_that_says_no_number_ends_the_run_in_a_line(monkeyp
             await robot.drive(0.5, 0.0, duration=5.0)
 
     with pytest.raises(
-        TaskFault, match=r"plain says what is no number at 0\.00 m/s; drive slower, or set sim\.physics"
+        TaskFault, match=r"plain returns a number that is not finite at 0\.00 m/s; drive slower, or set sim\.physics"
     ):
         run(main(), speed="max")
     assert hals[0].outputs[:3] == (0, 0, 0) and all(map(isfinite, hals[0].vehicle.motion))

@@ -79,7 +79,7 @@ def test_the_laser_sees_it_where_it_is() -> None:
 
 
 def test_a_path_without_length_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"sim\.movers\.0\.path: all points of its path are one: give two"):
+    with pytest.raises(ConfigError, match=r"sim\.movers\.0\.path: all points of its path are the same: give two"):
         run(met("sim.movers=[{path: [[1, 1], [1, 1]], speed: 1}]"), speed="max")
     with pytest.raises(ConfigError, match=r"sim\.movers\.0\.path: tuple should have at least 2 items"):
         load(overrides=["sim.movers=[{path: [[1, 1]], speed: 1}]"])

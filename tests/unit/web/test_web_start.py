@@ -61,7 +61,7 @@ def test_beyond_it_both_are_made_for_their_owner_and_the_token_is_not_printed(
     ("words", "why"),
     [
         (("--web-token", "x"), "there is no page; add --web"),
-        (("--web", "0", "--speed", "max"), "nobody could watch"),
+        (("--web", "0", "--speed", "max"), "no person could watch"),
         (("--web", "no.such.host.invalid:0"), "cannot listen there"),
         (("--web", "0", "--web-cert", __file__), "cannot be used"),
     ],

@@ -73,7 +73,7 @@ async def _length(ask: Operator, key: str, text: str) -> float:
         length = await ask.number(key, text, "m")
         if length > 0.0:
             return length
-        ask.tell(f"{length:g} m tells nothing: measure it in metres, more than 0, such as 2.95.")
+        ask.tell(f"{length:g} m is no distance: measure it in metres, more than 0, such as 2.95.")
     raise HalError("it went nowhere, so there is nothing to measure by: look after the motor and its direction")
 
 

@@ -40,7 +40,7 @@ async def speeds(bench: Bench) -> None:
             continue
         entries = sorted([*measured, (counts, round(speed, 4))])
         if any(v1 <= v0 for (_, v0), (_, v1) in pairwise(entries)):
-            bench.operator.tell("That speed does not fit the others, and is left out.")
+            bench.operator.tell("That speed does not fit the other speeds, and is left out.")
             continue
         measured = entries
         bench.found({"control.speed_map": [list(each) for each in measured]})

@@ -62,7 +62,7 @@ def learned(recording: Path, robot: str | None) -> SensorFindings:
 
 def _told(calibration: Calibration) -> Iterator[str]:
     if not calibration.segments:
-        yield "the drive tells nothing, it has no ways between positions"
+        yield "the drive shows nothing: it has no motion between positions"
         return
     for (name, (words, unit, factor)), before in zip(QUANTITIES.items(), START, strict=True):
         value, sigma = calibration.learned(name)

@@ -303,7 +303,7 @@ class Person:
                 if line:
                     typed.set_result(line.strip())
                 else:
-                    typed.set_exception(ConfigError("nobody answers any more; what was found is kept"))
+                    typed.set_exception(ConfigError("no more answers come; the results so far are kept"))
 
         loop.add_reader(sys.stdin.fileno(), take)
         try:

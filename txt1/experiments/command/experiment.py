@@ -77,7 +77,7 @@ def main(arguments: argparse.Namespace) -> int:
     config, speed = configure(arguments)
     name = Path(arguments.what).stem
     folder = run_folder.make(arguments.out or unused(Path("out") / name))
-    say(f"driving {name}; Ctrl-C stops it and keeps what was measured")
+    say(f"driving {name}; Ctrl-C stops it and keeps the measurements")
     safe_end, machines = not arguments.no_safe_end, workers_of(arguments, alone=config.hal != "sim" or speed != "max")
     if arguments.repeats > 1 or machines.cluster is not None:
         if arguments.log is not None:

@@ -130,7 +130,7 @@ def _begun(folder: Path, about: Mapping[str, Any], resume: bool) -> dict[int, di
         if not resume:
             raise ConfigError(f"{folder}: there is a sweep in it; --resume carries it on, --out names another folder")
         if json.loads(file.read_text(encoding="utf-8")) != json.loads(json.dumps(about)):
-            raise ConfigError(f"{folder}: another sweep, or one of other code; choose another folder with --out")
+            raise ConfigError(f"{folder}: another sweep, or a sweep of other code; choose another folder with --out")
     run_folder.make(folder)
     file.write_text(json.dumps(about, indent=1), encoding="utf-8")
     return {row.pop("trial"): row for row in Rows(folder / ROWS).read()}

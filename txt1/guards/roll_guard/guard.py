@@ -95,6 +95,6 @@ class Guard:
             return v, omega
         if roll is None and not self._told:
             self._told = True
-            self._tell(now, "slowed in curves: the IMU is silent, so nobody knows how steep the ground is")
+            self._tell(now, "slowed in curves: the IMU is silent, so the slope of the ground is unknown")
         share = min(max(sqrt(allowed / wanted), CRAWL / abs(v)), 1.0)
         return v * share, omega * share

@@ -449,7 +449,7 @@ def setup_of(options: PiOptions, geometry: Geometry, channels: Channels = STRAIG
     if options.encoders and not geometry.counts_per_rev:
         raise ConfigError("geometry.counts_per_rev: 0 says that there are no encoders; set the edges in a turn")
     if len(options.encoders) == 2 and any(len(pins) != 2 for pins in options.encoders):
-        raise ConfigError("hal_options.encoders: two of them have two pins each, as one tells no direction")
+        raise ConfigError("hal_options.encoders: two encoders need two pins each, as a single pin shows no direction")
     if options.watchdog is not None and options.output != "pca9685":
         raise ConfigError("hal_options.watchdog: it is for output pca9685; pulses from pins end with their guard")
     address = options.battery_address or {"none": 0, "ina219": 0x41, "ads1115": 0x48}[options.battery]

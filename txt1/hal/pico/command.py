@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, main, about in (
         ("install", put, "copy the firmware to a Pico on which MicroPython runs, verify it and start it"),
         ("update", renew, "the same for a board that has our firmware already"),
-        ("check", check, "say what runs on the board and what is wrong with it"),
+        ("check", check, "show the program on the board and its faults"),
         ("log", show_log, "print the last fault that the firmware noted"),
     ):
         action = actions.add_parser(name, help=about)
@@ -58,7 +58,7 @@ def _install(arguments: argparse.Namespace, *, fresh: bool) -> int:
         print(f"{port}: {len(done.copied)} files copied and verified, {len(done.same)} were the same already")
         if heard.identity is None:
             app.code = FAULT
-            say(f"{port}: it does not answer after its restart; 'txt1 firmware log' tells its last fault")
+            say(f"{port}: it does not answer after its restart; 'txt1 firmware log' shows its last fault")
         else:
             print(f"{port}: {heard.identity} answers; its settings are as they were")
 
@@ -87,7 +87,7 @@ def check(arguments: argparse.Namespace) -> int:
             return
         app.code = FAULT
         if heard.odometry or heard.batteries:
-            say(f"{port}: a board that is none of ours answers, such as an original one")
+            say(f"{port}: a board without txt1's firmware answers, such as an original board")
         elif heard.octets:
             say(f"{port}: {heard.octets} bytes came that are no answer; is it MicroPython without our firmware?")
         else:

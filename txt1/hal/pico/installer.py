@@ -161,9 +161,7 @@ def install(board: Files, told: Callable[[str], None] = lambda _: None) -> Insta
         arrived = digests(board, [name + NEW for name in changed])
         for name in changed:
             if arrived.get(name + NEW) != wanted[name]:
-                raise HalError(
-                    f"{name}: what arrived on the board is not what was sent; the old firmware stays, try again"
-                )
+                raise HalError(f"{name}: a file arrived damaged on the board; the old firmware stays, try again")
         board.run(PLACE % json.dumps(changed))
     return Installed(changed, [name for name in names if name not in changed])
 

@@ -365,7 +365,7 @@ class VescHal(PlainHal):
             distance = self._count_length * wrapped(values.tachometer - before.tachometer)
             if wrapped(values.distance - before.distance) < 0 or abs(distance) > RESTARTED:
                 distance = 0.0
-                self._line.down("the VESC restarted: its tachometer began anew")
+                self._line.down("the VESC restarted: its tachometer started again at 0")
         if not values.fault:
             self._line.heard()
         old = self._odometry or Odometry()

@@ -315,7 +315,7 @@ class WaveshareHal(PlainHal):
             paths = now[0] - then[0], now[1] - then[1]  # type: ignore[operator]
             if before is not None and (not rolls_on(before, report, since) or began_anew(before, report, since)):
                 paths = 0.0, 0.0
-                self._line.down("the rover's board restarted: its paths began anew")
+                self._line.down("the rover's board restarted: its paths started again at 0")
         elif None not in now:
             paths = 0.0, 0.0
         v, omega = 0.5 * (left + right), (right - left) / self._geometry.track_width
