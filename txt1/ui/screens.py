@@ -169,7 +169,7 @@ def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
         ("q", "quit: outputs neutral, terminal as it was"),
         ("", ""),
         (DASH, "a value that this hardware layer cannot know"),
-        ("on?", "asked for, not confirmed"),
+        ("on?", "asked for, and confirmed by nobody"),
         ("BUZZER", "link lost or battery low"),
         ("RX TX", "toggle with every message received and sent"),
     )
