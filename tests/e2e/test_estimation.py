@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Iterable
+from functools import partial
 from math import hypot, nan
 from typing import Any
 
@@ -12,15 +13,20 @@ from tests.e2e.conftest import ENDLESS, may_block
 from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import ConfigError, NotCapable
+from txt1.estimation.calibration import Corrections
+from txt1.estimation.filtering import wheels
 from txt1.estimation.fusion import Estimate
 from txt1.estimation.measurement import Kind, Measurement
-from txt1.estimation.task import FILTERED, TRUSTS, Estimator
+from txt1.estimation.settings import EstimationConfig
+from txt1.estimation.task import ESTIMATION_PERIOD, FILTERED, PRIORITY, TRUSTS, Estimator
 from txt1.experiments import sensor_failure
 from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
 from txt1.navigation import follow, fused_pose
 from txt1.navigation.source import located, places_on_earth
 from txt1.robot import Robot
 from txt1.sensors.geodesy import UtmGrid
+from txt1.sensors.readings import ImuReading, TrackerReading
 from txt1.tasks.fields import Source
 from txt1.telemetry.snapshot import Snapshot
 
@@ -45,6 +51,30 @@ async def test_it_is_told_with_covariance_and_with_how_much_each_sensor_is_belie
         assert [trust.name for trust in snapshot[TRUSTS]] == ["imu", "encoders", "vicon"]
         assert all(trust.believed for trust in snapshot[TRUSTS])
         assert estimate.slip == pytest.approx(1.0 - 1.0 / 1.05, abs=0.01)
+
+
+async def test_a_car_that_slides_outwards_in_curves_is_told_from_a_mount_that_is_elsewhere() -> None:
+    kinds = {"imu": ImuReading, "vicon": TrackerReading}
+    settings = (*ENDLESS, "sensors.imu.driver=sim_imu", "sensors.vicon.driver=sim_vicon")
+    async with Robot.open("sim", seed=1, settings=settings) as robot:
+        await robot.load_gains()
+        estimator = Estimator(EstimationConfig(preset="vicon"), kinds, robot.config.geometry)
+        for name in kinds:
+            robot.sensors[name].listeners.append(partial(estimator.take, name))
+
+        async def step(ticks: Ticks) -> None:
+            async for now in ticks:
+                estimator.step(now, wheels(robot.runtime))
+
+        robot.add_task("step", ESTIMATION_PERIOD, step, PRIORITY)
+        for speed in (0.4, 1.4) * 3:
+            await robot.drive(speed, 1.5 * speed, 2.0)
+            await robot.drive(speed, -1.5 * speed, 2.0)
+        calibration = estimator.calibrations["vicon"]
+        sideways = calibration.told("sideways")
+        assert sideways.value == pytest.approx(1.0 / (9.81 * robot.config.sim.vehicle.cornering), abs=0.004)
+        assert sideways.sigma < 0.003
+        assert calibration.corrections == Corrections()
 
 
 async def test_the_loops_go_by_it_so_a_circle_has_its_radius() -> None:

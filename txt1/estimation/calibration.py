@@ -1,15 +1,17 @@
 """Errors of the mounts, the clocks and the scales of sensors, learned while driving.
 
 A sensor that tells positions sits somewhere on the robot (its lever arm l), and its readings are older than they say by
-tau. The wheels' way is too long by the slip s, and a gyro reads (1 + g) omega + b. From one position to another, half a
-second later, the robot itself knows how it moved: d (m, in the frame of the first) and a turn. So
+tau. The wheels' way is too long by the slip s, and a gyro reads (1 + g) omega + b. In curves the car slides outwards:
+its way is turned by -k abs(v) omega. From one position to another, half a second later, the robot itself knows how it
+moved: d (m, in the frame of the first, with each piece of it turned so) and a turn. So
 
     R(-theta_A) (z_B - z_A) = (1 - s) d + (R(turn) - I) l - tau (R(turn) v_B - v_A)
     theta_B - theta_A = (turn - b T) (1 - g) - tau (omega_B - omega_A)
 
-which is linear in (l, tau, s, g, b) for small errors: a Kalman filter of these six beside the robot's own, as of B.
-Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. An error that the drive does not show keeps
-its first standard deviation: a lever arm shows in turns, a clock where the speed changes.
+which is linear in (l, tau, s, g, b, k) for small errors: a Kalman filter of these seven beside the robot's own, as of
+B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. An error that the drive does not show
+keeps its first standard deviation: a lever arm shows in turns, a clock where the speed changes, and sliding outwards in
+curves at two speeds. Without k a car that slides looks like a lever arm that points backwards.
 
 Two hypotheses compete: the stated value of a sensor is right, or it is wrong by about `START`. The odds of Bayes judge
 them (R. E. Kass, A. E. Raftery, JASA 90, 1995, with normal priors). The stated value is used until its error is `SURE`,
@@ -38,10 +40,10 @@ LONGEST: Final = 1.5
 KEPT: Final = 150
 # s, the longest between two readings of a gyro
 GAP: Final = 0.1
-LX, LY, TAU, SLIPPED, SCALE, BIAS = range(6)
-START: Final = np.array([0.02, 0.02, 0.01, 0.05, 0.01, 0.02]) ** 2
-"""Variances at the start: m, m, s, 1, 1, rad/s; a tape measure's, a network's, and a data sheet's."""
-WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias]) ** 2
+LX, LY, TAU, SLIPPED, SCALE, BIAS, SIDEWAYS = range(7)
+START: Final = np.array([0.02, 0.02, 0.01, 0.05, 0.01, 0.02, Drift().sideways]) ** 2
+"""Variances at the start: m, m, s, 1, 1, rad/s; a tape measure's, a network's, and a data sheet's; s^2/m."""
+WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias, 1e-4]) ** 2
 """Variances that a second adds; slip and bias are the filter's."""
 # standard deviation of a slip that has changed
 CHANGED: Final = 0.1
@@ -108,8 +110,10 @@ class Calibration:
 
     def __init__(self) -> None:
         self.corrections = Corrections()
-        self.mean: Array = np.zeros(6)
+        self.mean: Array = np.zeros(START.size)
         self.covariance: Array = np.diag(START)
+        self.sideways = Calibrated(0.0, Drift().sideways)
+        """How much the car slides outwards in curves, s^2/m, of `ekf.predict`."""
         self.segments = 0
         # end, length, speed, yaw rate
         self._cycles: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)
@@ -141,9 +145,11 @@ class Calibration:
         self._waiting.append(_Place(measurement.time, x, y, told, theta, measurement.sigmas[0], measurement.sigmas[-1]))
 
     def learned(self, name: str) -> Calibrated:
-        """A quantity beyond what is stated: "x" and "y" of the mount (m), "delay" (s), "slip", and "scale" and "bias"
-        (rad/s) of the gyro."""
-        place = ("x", "y", "delay", "slip", "scale", "bias").index(name)
+        """A quantity beyond what is stated.
+
+        "x", "y" of the mount (m), "delay" (s), "slip", "scale", "bias" of the gyro (rad/s), and "sideways" (s^2/m).
+        """
+        place = ("x", "y", "delay", "slip", "scale", "bias", "sideways").index(name)
         return Calibrated(float(self.mean[place]), sqrt(float(self.covariance[place, place])))
 
     def told(self, name: str) -> Calibrated:
@@ -185,7 +191,11 @@ class Calibration:
         headings = angles - 0.5 * rates_now * inside
         grip = 1.0 - self.mean[SLIPPED]
         way = speeds * inside
-        dx, dy = float(way @ np.cos(headings)), float(way @ np.sin(headings))
+        pushed = np.abs(speeds) * rates_now
+        courses = headings - self.mean[SIDEWAYS] * pushed
+        ahead, aside = np.cos(courses), np.sin(courses)
+        dx, dy = float(way @ ahead), float(way @ aside)
+        side_x, side_y = grip * float((way * pushed) @ aside), -grip * float((way * pushed) @ ahead)
         turn = float(angles[-1])
         c, s = cos(turn), sin(turn)
         v_a, v_b = (float(np.interp(at, middles, speeds)) * grip for at in (one.time, two.time))
@@ -202,8 +212,8 @@ class Calibration:
             zy - grip * dy - s * lx - (c - 1.0) * ly - tau * tau_y,
         ]
         rows = [
-            [c - 1.0, -s, tau_x, -dx, 0.0, 0.0],
-            [s, c - 1.0, tau_y, -dy, 0.0, 0.0],
+            [c - 1.0, -s, tau_x, -dx, 0.0, 0.0, side_x],
+            [s, c - 1.0, tau_y, -dy, 0.0, 0.0, side_y],
         ]
         noise = 2.0 * one.sigma**2
         way_length = hypot(dx, dy)
@@ -212,7 +222,7 @@ class Calibration:
         variances[1] += (AIMED * way_length) ** 2
         if by_gyro and one.theta is not None and two.theta is not None:
             residual.append(wrap_angle(two.theta - one.theta - turn) + tau * (w_b - w_a))
-            rows.append([0.0, 0.0, -(w_b - w_a), 0.0, -turn, -span])
+            rows.append([0.0, 0.0, -(w_b - w_a), 0.0, -turn, -span, 0.0])
             variances.append(2.0 * one.sigma_theta**2 + GYRO**2 * span + (GYRO_CLOCK * (w_b - w_a)) ** 2)
         elif not by_gyro:
             variances[1] += (BY_WHEELS * turn * way_length) ** 2
@@ -231,10 +241,11 @@ class Calibration:
                 noise = noise * (1.0 + nis / GATE)
         gain = np.linalg.solve(s, rows @ p).T
         self.mean = self.mean + gain @ residual
-        left = np.eye(6) - gain @ rows
+        left = np.eye(START.size) - gain @ rows
         # Joseph's form, which stays positive
         self.covariance = left @ p @ left.T + gain @ noise @ gain.T
         self.segments += 1
+        self.sideways = self.learned("sideways")
         self._decide()
 
     def _decide(self) -> None:

@@ -46,6 +46,8 @@ NOTHING: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 STEERING: Final = 0.5
 # m/s below which the steering angle is not told from speed and yaw rate
 CRAWL: Final = 0.05
+# s for which the tyres' angle to their way is off by the same amount: about a curve; chosen
+SIDEWAYS_FOR: Final = 0.5
 # sine of twice the steering angle beyond which it is noise: full lock is 0.56
 SINE_MAX: Final = 0.88
 
@@ -95,6 +97,8 @@ class Drift:
     bias: float = 0.0002
     # of the wheels: two per cent within 4 s, as floors vary
     slip: float = 0.01
+    # s^2/m of the tyres' angle to their way, for each m/s^2 across it, before anything is known of it: rubber has 0.02
+    sideways: float = 0.02
 
     def density(self) -> Seven:
         """The variances of a second."""
@@ -143,8 +147,13 @@ def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
     ))  # fmt: skip
 
 
-def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Belief:
+def predict(
+    belief: Belief, dt: float, density: Seven, bend: float = 0.0, sideways: tuple[float, float] = (0.0, 0.0)
+) -> Belief:
     """The belief dt seconds later, on the arc of its speed and yaw rate, thesis (2.2).
+
+    A tyre pushes sideways by the angle between its heading and its way, so the car slides outwards in curves: its way
+    is turned by -k abs(v) omega (R. Rajamani, *Vehicle Dynamics and Control*, Springer 2012, 2.4).
 
     Args:
         belief: now.
@@ -152,6 +161,7 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
         density: variances that a second adds, of `Drift.density`.
         bend: change of the steering's curvature meanwhile, 1/m: the yaw rate changes by speed times that, (2.12). How
             well it follows tells nothing of the speed, as servos lag and filter; so F leaves that out.
+        sideways: k and its standard deviation, s^2/m, which moves it across its way for `SIDEWAYS_FOR`.
 
     """
     (x, y, theta, rolled, omega, bias, slip), (
@@ -169,11 +179,16 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
     half = 0.5 * omega * dt
     # the chord's length over the arc's
     ratio = sin(half) / half if abs(half) > 1e-4 else 1.0
-    c, s = dt * ratio * cos(theta + half), dt * ratio * sin(theta + half)
+    outwards = -sideways[0] * abs(v)
+    way = theta + half + outwards * omega
+    c, s = dt * ratio * cos(way), dt * ratio * sin(way)
+    # variance of a second across the way, over dt^2
+    across = SIDEWAYS_FOR * (sideways[1] * v * v * omega) ** 2 / dt if dt > 0.0 else 0.0
 
-    # F is 1 but for these, by row and column
-    f_xt, f_xu, f_xo, f_xs = -v * s, grip * c, -0.5 * dt * v * s, -rolled * c
-    f_yt, f_yu, f_yo, f_ys = v * c, grip * s, 0.5 * dt * v * c, -rolled * s
+    # F is 1 but for these, by row and column; the way's turn is taken to depend on omega alone
+    lead = 0.5 * dt + outwards
+    f_xt, f_xu, f_xo, f_xs = -v * s, grip * c, -lead * v * s, -rolled * c
+    f_yt, f_yu, f_yo, f_ys = v * c, grip * s, lead * v * c, -rolled * s
     f_to = dt
 
     # M = F P, where it is needed
@@ -196,11 +211,11 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
     return Belief(
         (x + v * c, y + v * s, theta + omega * dt, rolled, omega + v * bend, bias, slip),
         (
-            m_xx + m_xt * f_xt + m_xu * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt,
-            m_xy + m_xt * f_yt + m_xu * f_yu + m_xo * f_yo + m_xs * f_ys,
+            m_xx + m_xt * f_xt + m_xu * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt + across * s * s,
+            m_xy + m_xt * f_yt + m_xu * f_yu + m_xo * f_yo + m_xs * f_ys - across * s * c,
             m_xt + m_xo * f_to, m_xu, m_xo, m_xb, m_xs,
 
-            m_yy + m_yt * f_yt + m_yu * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt,
+            m_yy + m_yt * f_yt + m_yu * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt + across * c * c,
             m_yt + m_yo * f_to, m_yu, m_yo, m_yb, m_ys,
 
             m_tt + m_to * f_to + qt * dt, m_tu, m_to, m_tb, m_ts,

@@ -92,8 +92,11 @@ class Reckoning:
         """Begin anew: nothing tells how it moved."""
         self._spots.clear()
 
-    def go(self, time: float, dt: float, v: float, omega: float, slip: float) -> None:
-        """Go on for dt seconds until `time`, at the wheels' speed (m/s), less slip, and a yaw rate (rad/s)."""
+    def go(self, time: float, dt: float, v: float, omega: float, slip: float, sideways: float) -> None:
+        """Go on for dt seconds until `time`, at the wheels' speed (m/s), less slip, and a yaw rate (rad/s).
+
+        `sideways` is how much the car slides outwards in curves, s^2/m, of `ekf.predict`.
+        """
         spots = self._spots
         self.slip += (slip - self.slip) * min(1.0, dt / USUAL_FOR)
         usual, v = v * (1.0 - self.slip), v * (1.0 - slip)
@@ -103,7 +106,8 @@ class Reckoning:
         if not spots:
             spots.append(before)
         theta = before.theta + 0.5 * omega * dt
-        ahead, aside = dt * cos(theta), dt * sin(theta)
+        course = theta - sideways * abs(v) * omega
+        ahead, aside = dt * cos(course), dt * sin(course)
         spots.append(
             Spot(
                 time, before.x + v * ahead, before.y + v * aside, theta + 0.5 * omega * dt,

@@ -152,6 +152,8 @@ class Fusion:
         """Is called with each absolute reading that is taken in, and the heading there, rad."""
         self._reckoning = Reckoning()
         self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
+        self.sideways = 0.0, drift.sideways
+        """How much it slides outwards in curves, and the standard deviation of that, s^2/m, of `ekf.predict`."""
         self._density: Seven = drift.density()
         # as it is by itself, and with slip as it changes here
         self._moving = self._density
@@ -273,7 +275,7 @@ class Fusion:
         _, v, turning, gyro, _ = cycle
         omega = gyro if gyro is not None and self._turning else turning
         slip = (self._entries[-1].belief if self._entries else self._base).mean[SLIP]
-        self._reckoning.go(cycle.time, dt, v, omega, slip)
+        self._reckoning.go(cycle.time, dt, v, omega, slip, self.sideways[0])
         for frame in frames.values():
             frame.compare(self._reckoning)
 
@@ -381,10 +383,10 @@ class Fusion:
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
         if bend == 0.0 and dt < SAME_INSTANT:
             return belief
-        density = self._moving
+        density, sideways = self._moving, self.sideways
         while dt > STEP_MAX:
-            belief, dt = predict(belief, STEP_MAX, density), dt - STEP_MAX
-        return predict(belief, max(dt, 0.0), density, bend)
+            belief, dt = predict(belief, STEP_MAX, density, 0.0, sideways), dt - STEP_MAX
+        return predict(belief, max(dt, 0.0), density, bend, sideways)
 
     def _apply(self, first: int) -> None:
         """Take in the entries from `first` on."""

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, hypot, isfinite, sin, sqrt, tan
+from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -274,6 +275,8 @@ class Estimator:
             for calibration in self._calibrations.values():
                 calibration.cycle(self._read, dt, *wheels, self._gyro)
                 self._gyro_scale = calibration.corrections.scale
+            if self._calibrations:
+                self.fusion.sideways = min((each.sideways for each in self._calibrations.values()), key=itemgetter(1))
         turns.clear()
         self._wheels = None
         if not self.fusion.turning:

@@ -95,6 +95,19 @@ def test_in_curves_it_is_the_extended_kalman_filter_of_another_library() -> None
         assert nis == pytest.approx(other.mahalanobis**2, abs=1e-9)
 
 
+@pytest.mark.parametrize("v", [1.2, -1.2])
+@pytest.mark.parametrize("omega", [2.0, -2.0])
+def test_in_a_curve_the_car_slides_outwards(v: float, omega: float) -> None:
+    belief = belief_of([0.0, 0.0, 0.0, v, omega, 0.0, 0.0], IDENTITY * 1e-4)
+    straight, sliding = (predict(belief, 0.001, DENSITY, 0.0, each) for each in ((0.0, 0.0), (0.02, 0.01)))
+    # towards the curve's middle is where v omega points
+    outwards = -(sliding.mean[Y] - straight.mean[Y]) * np.sign(v * omega)
+    assert outwards == pytest.approx(0.02 * v * v * abs(omega) * 0.001, rel=0.01)
+    # what is not known of it counts across the way alone
+    assert sliding.covariance[Y, Y] > straight.covariance[Y, Y]
+    assert sliding.covariance[X, X] == pytest.approx(straight.covariance[X, X], rel=0.01)
+
+
 def rows(h: Sequence[Row]) -> Array:
     """A Jacobian as an array."""
     return np.array([IDENTITY[row] if isinstance(row, int) else row for row in h])

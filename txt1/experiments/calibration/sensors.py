@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Iterator
-from math import hypot
+from math import hypot, pi
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -23,6 +23,7 @@ QUANTITIES: Final = {
     "slip": ("of the wheels' way, by slip and radius", "%", 100.0),
     "scale": ("too much, by the gyro", "%", 100.0),
     "bias": ("told by a gyro that stands", "rad/s", 1.0),
+    "sideways": ("outwards in curves, for each m/s^2", "deg", 180.0 / pi),
 }
 """The learned quantities: in words, the unit, and the number of units in an SI unit."""
 # share of its sigma before the drive below which the drive has shown a quantity; chosen
