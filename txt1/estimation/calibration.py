@@ -47,6 +47,10 @@ WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias, 1e-4
 """Variances that a second adds; slip and bias are the filter's."""
 # standard deviation of a slip that has changed
 CHANGED: Final = 0.1
+# m from which a way tells of the slip
+LEAST_WAY: Final = 0.05
+# ways over which the walk of the slip is averaged
+MEMORY: Final = 20
 # m by which the wheels miss the way after 1 s
 ALONG: Final = 0.004
 # m by which the robot slides sideways in 1 s
@@ -121,6 +125,8 @@ class Calibration:
         self._first: _Place | None = None
         self._mount = (0.0, 0.0)
         self._time = 0.0
+        # variance that a second adds to the slip besides, as far as ways tell
+        self._slips = CHANGED**2
         # probabilities: lever arm, clock, scale
         self._wrong: tuple[float, ...] = (WRONG, WRONG, WRONG)
         self._left = self._left_to_doubt()
@@ -229,9 +235,12 @@ class Calibration:
         self._absorb(np.array(residual), np.array(rows), np.diag(variances), two.time)
 
     def _absorb(self, residual: Array, rows: Array, noise: Array, time: float) -> None:
-        p = self.covariance + np.diag(WALK) * max(0.0, min(time - self._time, LONGEST))
+        dt = max(0.0, min(time - self._time, LONGEST))
+        p = self.covariance + np.diag(WALK) * dt
+        p[SLIPPED, SLIPPED] += self._slips * dt
         self._time = time
         s = rows @ p @ rows.T + noise
+        self._slip_changes(residual, rows[:, SLIPPED], s, dt)
         if float(residual @ np.linalg.solve(s, residual)) > GATE:
             p[SLIPPED, SLIPPED] += CHANGED**2
             s = rows @ p @ rows.T + noise
@@ -247,6 +256,17 @@ class Calibration:
         self.segments += 1
         self.sideways = self.learned("sideways")
         self._decide()
+
+    def _slip_changes(self, residual: Array, row: Array, s: Array, dt: float) -> None:
+        """Adapt how fast the slip walks to how much a way misses: covariance matching, as in the robot's own filter.
+
+        `row` has the slip's part of the residual, `s` is the covariance of the residual.
+        """
+        square = float(row @ row)
+        if square > LEAST_WAY**2 and dt > 0.0:
+            change, chance = float(row @ residual) / square, float(row @ s @ row) / square**2
+            walked = min(max(change * change - chance + self._slips * dt, 0.0), CHANGED**2)
+            self._slips += (walked / dt - self._slips) / MEMORY
 
     def _decide(self) -> None:
         """Correct what is refuted of the mount, the clock and the gyro's scale."""
