@@ -247,9 +247,10 @@ class Fusion:
         for measurement, count in pending.values():
             first = min(first, self._insert(measurement, count))
         self._arrived.clear()
-        self._placed = any(each.settings.tells_pose for each in self._believed())
-        self._turning = any(each.name in self._gyros for each in self._believed())
-        self._rolling = any(each.name in self._wheels_of for each in self._believed())
+        believed = self._believed()
+        self._placed = any(each.settings.tells_pose for each in believed)
+        self._turning = any(each.name in self._gyros for each in believed)
+        self._rolling = any(each.name in self._wheels_of for each in believed)
         self._apply(first)
         self._forget(now - HORIZON)
         for judge in self._judges.values():
@@ -753,7 +754,7 @@ class Fusion:
         others += [
             (frame.probability, (*frame.pulled, 0.0))
             for name, frame in self._frames.items()
-            if self._judges[name].believed
+            if frame.probability and self._judges[name].believed
         ]
         for probability, other in others:
             if other is not None:
