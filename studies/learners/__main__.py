@@ -1,4 +1,4 @@
-"""Studies of the learners, from the root of a source tree: `python -m studies.learners worlds|compare|thesis|floor`."""
+"""Studies of the learners, from a source tree: `python -m studies.learners worlds|compare|thesis|obstacles|floor`."""
 
 import argparse
 import sys
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from studies.learners import compare, contenders, suite, thesis
+from studies.learners import obstacles as among
 from studies.learners.contenders import ALL
 from studies.learners.floor import floor_of
 from studies.learners.suite import Each
@@ -115,6 +116,22 @@ def readings(arguments: argparse.Namespace) -> int:
     return code
 
 
+def obstacles(arguments: argparse.Namespace) -> int:
+    """Have the pilot learn among posts and boxes, beside a planner that knows the map."""
+    config, file = loaded(arguments).config, arguments.file.with_suffix(".jsonl")
+    code = among.study(
+        file,
+        config,
+        arguments.worlds,
+        arguments.episodes,
+        config.seed,
+        _each(arguments),
+        lambda text: print(text, flush=True),
+    )
+    print(file.with_suffix(".md").read_text(encoding="utf-8"))
+    return code
+
+
 def _each(arguments: argparse.Namespace) -> Each:
     """Return the runner of trials, where they were asked to be done."""
     return lambda work, trials, keep: run(work, trials, workers_of(arguments), keep)
@@ -157,6 +174,18 @@ ACTIONS = {
         }
         | OPTIONS
         | SEED,
+    ),
+    "obstacles": (
+        obstacles,
+        {
+            "file": takes(
+                "FILE", "raw results in FILE.jsonl, carried on when it is there; and what they come to", path
+            ),
+            "--worlds": takes("N", "number of worlds, which the seed draws; 323 by default", count, default=323),
+            "--episodes": TRIALS["--episodes"],
+        }
+        | OPTIONS
+        | CAR,
     ),
     "floor": (floor, TRIALS | CAR),
 }

@@ -90,10 +90,13 @@ def floor_of(config: Config) -> Floor:
     only_ours(config)
     refuse_others(config, FLOOR, "floors")
     task = task_of(config)
-    actions = len(config.section(LearningConfig).actions)
-    usual = max(1e-3, task.speed) * 0.001 * DECISION_MS
-    turn = int(2.0 * pi * task.radius_min / usual)
-    horizon = int((2.0 * pi * task.radius_min + task.start_radius) / usual) + 20
+    commands = config.section(LearningConfig).actions
+    actions = len(commands)
+    # decisions for the quickest circle, which is no sharper than the car can turn, and for the way at the slowest speed
+    decision = 0.001 * DECISION_MS
+    rates = [min(abs(omega), abs(v) / config.geometry.radius_min) for v, omega in commands if v and omega]
+    turn = int(2.0 * pi / max(rates, default=1.0) / decision)
+    horizon = turn + int(task.start_radius / (min((abs(v) for v, _ in commands if v), default=1e-3) * decision)) + 20
     switches = [m for m in range(turn) if m < 6 or m % 2 == 0]
     two = [(a, m, b, 0, b) for a in range(actions) for m in switches for b in range(actions) if (b != a) == (m > 0)]
     times, ways, gaps = [], [], []

@@ -13,7 +13,7 @@ numba makes it quick (extra `fast`). Without numba it is the same, slowly.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from math import cos, nan, pi, sin
+from math import cos, inf, nan, pi, sin
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -23,20 +23,23 @@ from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.control.car import CarParameters, car_of
 from txt1.control.pid import Gains
-from txt1.learning.agent import Agent
+from txt1.errors import ConfigError
+from txt1.learning.agent import Agent, Looker
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode, only_ours
 from txt1.learning.best_time import DECISION_MS
-from txt1.learning.modelled import LOCKSTEP, refuse_others
+from txt1.learning.modelled import LOCKSTEP, lasers, refuse_others
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import AGENT, SENSORS, Phase, Trial, starts, stream, task_of
 from txt1.learning.world import CheckedWorld, LightWorld, settled, touches, world_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
+from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
 from txt1.sensors.sim_vicon import TrackerErrors
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
+from txt1.sim.rays import shapes_of, walls_of
 
 LIGHT_MS: Final = 16  # between two samples of the light
 REST_MS: Final = 500  # on the start, before the first decision: 31 samples, which settle the filters
@@ -173,6 +176,7 @@ class Lockstep:
         self._tracked = config.section(LearningConfig).pose != "truth"
         made = [shown(config, rng) for _ in poses] if worlds is None else worlds
         self.worlds = [each for each in made if each is not None]
+        self._lasers = [laser_of(config, rng) for _ in poses]
         self._touches = touches(config)
         self._since = np.zeros(len(poses), int)  # the tick at which each was put down
         self._begun = np.ones(len(poses), int)
@@ -191,6 +195,15 @@ class Lockstep:
             np.array(light.gains),
             np.array([CODES[fault] for fault in light.faults]),
         )
+
+    def swept(self, k: int, begins: bool = False) -> Array | None:
+        """Where the laser's beams end, in the robot's frame, m; None: it has no laser, or the first sweep `begins`."""
+        if (laser := self._lasers[k]) is None:
+            return None
+        x, y, theta = self.robots[:3, k].tolist()
+        now = 0.001 * TICK_MS * self.tick
+        sweep = laser.see((x, y, theta), now, -inf if begins else now - 0.001 * DECISION_MS)
+        return None if sweep is None else sweep.value.points
 
     def told(self) -> Array:
         """The poses by which goal and boundary are judged: the truth, or as motion capture sees it; shape (3, n)."""
@@ -255,6 +268,16 @@ def shown(config: Config, rng: np.random.Generator) -> Shown:
     return world
 
 
+def laser_of(config: Config, rng: np.random.Generator) -> SimulatedLaser | None:
+    """The laser scanner of a robot, if it is configured; it sweeps once a decision."""
+    if not lasers(config):
+        return None
+    shapes = shapes_of(config.sim.obstacles)
+    if config.sim.room.map is not None:
+        shapes = walls_of(config.sim.room.built()) + shapes
+    return SimulatedLaser(lasers(config)[0], lambda: None, shapes, LaserParameters(), rng)
+
+
 def loops_of(config: Config) -> Loops:
     """The velocity loops of a world."""
     car, control = car_of(config.car, config.geometry), config.control
@@ -296,6 +319,11 @@ def trials(
         Trial(make(stream(seed, k, AGENT)), task, starts(seed, k, episodes), config.section(LearningConfig).actions)
         for k in numbers
     ]
+    if lasers(config) and not all(isinstance(trial.agent, Looker) for trial in every):
+        raise ConfigError(
+            f"sensors.{lasers(config)[0]}: the learner '{every[0].agent.name}' looks at no laser, so it would have no "
+            "effect; take it out, or take the learner pilot"
+        )
     before = None
     for episode in range(1, episodes + 1):
         world = world_at(config, episode, episodes)
@@ -316,8 +344,9 @@ def trials(
 def _episode(world: Config, every: Sequence[Trial], rng: np.random.Generator) -> None:
     """Let everyone do an episode."""
     cars = Lockstep(world, np.array([trial.start for trial in every]), rng, [trial.world for trial in every])
-    for trial in every:
+    for index, trial in enumerate(every):
         trial.placed(0.0)
+        cars.swept(index, begins=True)
     ticks = REST_MS // TICK_MS
     which = np.arange(len(every))
     commands = np.zeros((len(every), 2))
@@ -335,6 +364,8 @@ def _episode(world: Config, every: Sequence[Trial], rng: np.random.Generator) ->
             trial = every[index]
             for time, reading, odometry in zip(times, lux[:, k].tolist(), seen_from[:, k].tolist(), strict=True):
                 trial.see(time, Readings(*reading), Odometry(*odometry))
+            if (points := cars.swept(index)) is not None:
+                trial.look(now, points, Odometry(*places[k], *velocities[k]))
             command = trial.tick(
                 now, True, tuple(poses[k]), Odometry(*places[k], *velocities[k]), bool(cars.touched[index])
             )

@@ -37,6 +37,7 @@ from txt1.errors import ConfigError, LightFault, Txt1Error
 from txt1.learning.agents import make
 from txt1.learning.best_time import Floor, known_floor
 from txt1.learning.experiment import LEARNED
+from txt1.learning.modelled import lasers
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Episode
@@ -144,7 +145,8 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
     )
     room = plain.sim.room.model_copy(update={"map": None})
     sim = plain.sim.model_copy(update={"obstacles": (), "room": room})
-    return plain.model_copy(update={"learning": own, "sim": sim})
+    sensors = {name: one for name, one in plain.sensors.items() if name not in lasers(plain)}
+    return plain.model_copy(update={"learning": own, "sim": sim, "sensors": sensors})
 
 
 def leaves_out(config: Config) -> list[str]:

@@ -96,6 +96,14 @@ class Doubter(Protocol):
         """The part that its model does not fit, once reported in this episode; "" before."""
 
 
+@runtime_checkable
+class Looker(Protocol):
+    """A learner that drives round what a laser scanner sees."""
+
+    def look(self, points: NDArray[np.float64], odometry: Odometry) -> None:
+        """Take the places where a sweep's beams ended, in the robot's frame of that moment, shape (n, 2), m."""
+
+
 class PeriodicAgent:
     """Base of a learner that decides once in a `period`, s, by all samples since the last decision."""
 

@@ -73,7 +73,7 @@ def refuse_others(config: Config, modelled: Sequence[str], who: str) -> None:
         if key.startswith("car.") and key != "car.known" and not config.car.known:
             why = "have no use for it while car.known is false"
         elif key.startswith(("sensors", "learning.pose")) and _among(key, modelled):
-            if _sees_plainly(config, key):
+            if _sees_plainly(config, key, modelled is LOCKSTEP):
                 continue
             why = "know plain light sensors, and motion capture that learning.pose names, without options"
         elif _among(key, modelled):
@@ -86,8 +86,13 @@ def _among(key: str, modelled: Sequence[str]) -> bool:
     return any(key == each or key.startswith(f"{each}.") for each in modelled)
 
 
-def _sees_plainly(config: Config, key: str) -> bool:
-    """Whether a setting of a sensor, or of the pose, is modelled by trials in lockstep."""
+def lasers(config: Config) -> list[str]:
+    """The names of the simulated laser scanners."""
+    return [name for name, one in config.sensors.items() if one.driver == "sim_laser"]
+
+
+def _sees_plainly(config: Config, key: str, looks: bool) -> bool:
+    """Whether a setting of a sensor, or of the pose, is modelled; a laser is where learners `look`."""
     learning = config.section(LearningConfig)
     if key == "learning.pose":
         told = config.sensors.get(learning.pose)
@@ -96,4 +101,4 @@ def _sees_plainly(config: Config, key: str) -> bool:
     one = config.sensors[name]
     drivers = {learning.sensor: "sim_light", learning.pose: "sim_vicon"}
     plain = not (one.period or one.delay or one.drop_out or one.options)
-    return plain and drivers.get(name) == one.driver
+    return plain and (drivers.get(name) == one.driver or (looks and lasers(config) == [name]))

@@ -22,6 +22,9 @@ The pilot is lost at first. It is lost again when the readings no longer fit, or
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
 first and when it is late it tries each action before that.
 
+Where a laser has seen something near, the plan is "a for m decisions, b for n, then e", and costs more where the body
+comes near to what was seen (`clearance`). While it is lost it takes only actions after which it can still keep clear.
+
 Every half second it judges itself by the last 5 s (`_judge`). It says that its model does not fit if
 
         sum (z - g + n log|q - p|)^2 / var z  >  chi^2   with the best survey for these readings and a light that stands
@@ -45,6 +48,7 @@ from pydantic import Field
 
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
+from txt1.learning.clearance import Body, Plan, Seen, body_of, clearest, distances, quickest_clear
 from txt1.learning.learned import Learned
 from txt1.learning.planner import Array, Belief, Effects, Place, quickest
 from txt1.learning.qtable import StoredTable
@@ -111,7 +115,9 @@ SECOND: Final = 10
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
     """Return a learner as configured, or a driver by a stored survey; ValueError: the survey has another shape."""
     settings = checked(PilotSettings, config.section(LearningConfig).pilot, "learning.pilot")
-    agent = PilotAgent(rng, len(config.section(LearningConfig).actions), settings)
+    body = config.geometry
+    discs = body_of(body.length, body.width, body.centre)
+    agent = PilotAgent(rng, len(config.section(LearningConfig).actions), settings, discs)
     _compile()
     if table is not None:
         table.shaped(*agent.table().values.shape)
@@ -129,9 +135,16 @@ class PilotAgent(PeriodicAgent):
 
     name = "pilot"
 
-    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: PilotSettings = SETTINGS) -> None:
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        actions: int = 3,
+        settings: PilotSettings = SETTINGS,
+        body: Body = body_of(0.51, 0.385, 0.0),  # noqa: B008 - immutable
+    ) -> None:
         super().__init__(settings.period)
         self.settings = settings
+        self._body = body
         self.actions = actions
         self.episode = 0
         self.effects = Effects(actions, settings.delays)
@@ -184,6 +197,15 @@ class PilotAgent(PeriodicAgent):
         self._surveyed = False
         # length of the plan, decisions
         self.plan = inf
+        # what the laser has seen, and the sweeps since the last decision with the odometry of their moments
+        self._seen_before = Seen()
+        self._sweeps: list[tuple[Array, Odometry]] = []
+        # the plan round what was seen; None: nothing is near
+        self._round: Plan | None = None
+
+    def look(self, points: Array, odometry: Odometry) -> None:
+        """One sweep of the laser."""
+        self._sweeps = [*self._sweeps[-9:], (points, odometry)]
 
     def act(self, now: float, odometry: Odometry) -> int:
         """Learn from the result of the last action, and choose the next action."""
@@ -240,8 +262,20 @@ class PilotAgent(PeriodicAgent):
             self.effects.learn(taken, (self._pace[0], pace[0]), (self._pace[1], pace[1]), self.settings.forgets)
             self._pace = pace
         self._at = odometry
+        self._look_round(distance, turn, odometry)
         self._rows.append([distance, turn, *z, *noise])
         self._track(distance, turn, z, noise)
+
+    def _look_round(self, distance: float, turn: float, odometry: Odometry) -> None:
+        """Take what the laser has seen since the last decision."""
+        scale = float(self.survey[SCALE])
+        self._seen_before.move(distance, scale * turn)
+        for points, then in self._sweeps:
+            way_x, way_y = odometry.x - then.x, odometry.y - then.y
+            c, s = cos(then.theta), sin(then.theta)
+            since = c * way_x + s * way_y, c * way_y - s * way_x, scale * wrap_angle(odometry.theta - then.theta)
+            self._seen_before.add(points, since)
+        self._sweeps = []
 
     def _delay(self) -> int:
         """The delay with the best predictions, in decisions."""
@@ -429,10 +463,11 @@ class PilotAgent(PeriodicAgent):
     # -- choosing ------------------------------------------------------------------------------------------------
 
     def _choose(self) -> int:
+        near = self._seen_before.near()
         if self.lost and self._untried:
-            return self._untried.pop(0)
+            return self._cautious(self._untried.pop(0), near)
         if self._light is None:
-            return int(self._rng.integers(self.actions))
+            return self._cautious(int(self._rng.integers(self.actions)), near)
         delay = self._delay()
         k, c = self.effects.k[delay], self.effects.c[delay]
         pending = np.array(self._taken[:delay][::-1], np.int64)
@@ -443,10 +478,38 @@ class PilotAgent(PeriodicAgent):
         on_average = np.average(times, axis=0, weights=likely)
         a = int(on_average.argmin())
         self.plan = float(on_average[a])
+        if len(near):
+            before = (0, -1, 0, 0, 0) if self._round is None else self._round.later()[:5]
+            found = Plan(
+                *quickest_clear(
+                    self._light, *self._pace, pending, k, c, scale, goal, graze, distances(near), self._body, before
+                )
+            )
+            if self._round is not None and self._arrival < inf:
+                # what is seen on the way may make it longer
+                self._arrival += 1.5 * max(0.0, found.time - self._round.time + 1.0)
+            a, self.plan, self._round = found.a if found.m else found.e, found.time, found
+        else:
+            self._round = None
         if self._arrival == inf:
-            longest = max(float(each[a]) for each in times)
+            longest = max(self.plan, *(float(each[a]) for each in times))
             self._arrival = len(self._rows) + 1.5 * longest + 2.0 * self.settings.tries
         return a
+
+    def _cautious(self, wanted: int, near: Array) -> int:
+        """The wanted action, or another that keeps clear of what is near. Of untried actions nothing is known."""
+        if not len(near):
+            return wanted
+        delay = self._delay()
+        k, c = self.effects.k[delay], self.effects.c[delay].copy()
+        untried = self.effects.sums[delay, 0, :, 0] < 1.0
+        if untried.all():
+            return wanted
+        # the worst: straight ahead, as fast as any
+        c[0, untried], c[1, untried] = c[0, int(np.abs(c[0]).argmax())], 0.0
+        pending = np.array(self._taken[:delay][::-1], np.int64)
+        scale = float(self.survey[SCALE])
+        return int(clearest(wanted, *self._pace, pending, k, c, scale, distances(near), self._body))
 
     def decision(self, odometry: Odometry) -> Decision:
         """The bearing's cell of 5 degrees, 0 behind; the misfit; distance and bearing of the light, and the plan."""

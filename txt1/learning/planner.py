@@ -143,7 +143,7 @@ def _driven(
 
 
 @compiled
-def _onwards(
+def onwards(
     ahead: float,
     left: float,
     heading: float,
@@ -217,7 +217,7 @@ def quickest(
     circle = int(min(2.0 * pi / (sharpest * step + 1e-9), 1e4))
     best = np.full(actions, inf)
     for a in range(actions):
-        best[a] = _onwards(ahead, left, heading, distance, curvature, a, k, c, scale, goal, spread, sharpest)
+        best[a] = onwards(ahead, left, heading, distance, curvature, a, k, c, scale, goal, spread, sharpest)
         x, y, h, d, e = ahead, left, heading, distance, curvature
         for m in range(1, circle):
             x, y, h, d, e = _driven(x, y, h, d, e, a, k, c, scale)
@@ -225,5 +225,5 @@ def quickest(
                 break
             for b in range(actions):
                 if b != a:
-                    best[a] = min(best[a], m + _onwards(x, y, h, d, e, b, k, c, scale, goal, spread, sharpest))
+                    best[a] = min(best[a], m + onwards(x, y, h, d, e, b, k, c, scale, goal, spread, sharpest))
     return best

@@ -14,7 +14,7 @@ import numpy as np
 from txt1.config.schema import SensorConfig
 from txt1.errors import ConfigError, HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
-from txt1.learning.agent import Agent, Doubter
+from txt1.learning.agent import Agent, Doubter, Looker
 from txt1.learning.settings import LearningConfig
 from txt1.learning.sharing import Sharing
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
@@ -25,7 +25,7 @@ from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, map_pose, tr
 from txt1.robot import Robot
 from txt1.sensors.base import Reading
 from txt1.sensors.light import topic_of
-from txt1.sensors.readings import TrackerReading, heading
+from txt1.sensors.readings import Scan, TrackerReading, heading
 from txt1.sensors.twin import Twin
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -141,11 +141,18 @@ class LearningTask:
         light = self._light
         light.needed = lambda: trial.phase is Phase.REST or trial.phase is Phase.DRIVE
         self._robot.runtime.bus.subscribe(self._see, [light.sensor.topic])
+        sweeps = [one.sensor.topic for one in self._robot.sensors.values() if issubclass(one.sensor.topic.type, Scan)]
+        if sweeps and isinstance(trial.agent, Looker):
+            self._robot.runtime.bus.subscribe(self._look, sweeps)
         self._robot.add_task("learning", TICK, self.learning, LEARNING_PRIORITY)
 
     def _see(self, topic: Topic[Readings], lux: Readings, time: float) -> None:
         """Show the agent a sample of the light."""
         self.trial.see(time, lux, self._robot.odometry)
+
+    def _look(self, topic: Topic[Scan], scan: Scan, time: float) -> None:
+        """Show the agent a sweep of the laser."""
+        self.trial.look(time, scan.points, self._robot.odometry)
 
     async def learning(self, ticks: Ticks) -> None:
         """Bring the robot to each start, and command the agent's decisions."""

@@ -10,9 +10,10 @@ from math import cos, hypot, inf, pi, sin
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from txt1.config import Config
-from txt1.learning.agent import Agent, Doubter
+from txt1.learning.agent import Agent, Doubter, Looker
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.model.light_sensors import Readings
@@ -257,6 +258,11 @@ class Trial:
     def see(self, now: float, readings: Readings, odometry: Odometry) -> None:
         """Show the agent a sample of the light, lux."""
         self.agent.see(readings, self._told(now, odometry))
+
+    def look(self, now: float, points: NDArray[np.float64], odometry: Odometry) -> None:
+        """Show an agent that looks where a sweep's beams ended, in the robot's frame, m."""
+        if isinstance(self.agent, Looker):
+            self.agent.look(points, self._told(now, odometry))
 
     def _told(self, now: float, odometry: Odometry) -> Odometry:
         return odometry if self.world is None else self.world.odometry(now - self.since, odometry)
