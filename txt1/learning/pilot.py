@@ -10,13 +10,14 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
     Q     <- places of the light in the robot's frame that z allows, at first; then each is moved by d, h and
              corrected by z (Kalman filters), and those that the readings speak against are dropped (`survey`)
     if lost, or late, or at an episode's end:
-        survey: p, g, n, s and the light of each episode <- argmin sum (z - g + n log|q - p|)^2 (Gauss-Newton)
+        survey: p, g, n, s, b and the light of each episode <- argmin sum (z - g + n log|q - p|)^2 (Gauss-Newton)
     a     <- first action of the plan "a for m decisions, then b" that is quickest to the goal's distance from q, on
              average over the likely q: what grazes the goal may miss it, and go round once more (`course`)
 
-The sensors sit at p with brightness g and power n; the robot turns by s h when odometry says h. A course that only
-grazes the goal may miss it and go round again, so it counts as longer. The goal's distance is the mean of the distances
-at which episodes ended well.
+The sensors sit at p with brightness g and power n; the robot turns by s h + b in a decision when
+odometry says h. A sensor that fits worse than the others is trusted less: its variances are multiplied by its own
+misfit. A course that only grazes the goal may miss it and go round again, so it counts as longer. The goal's distance
+is the mean of the distances at which episodes ended well.
 
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
@@ -31,10 +32,10 @@ Every half second it judges itself by the last 5 s (`_judge`). It says that its 
         still
         (turn and way of the last second - those predicted) ^2 / (slip of odometry)^2  >  chi^2
 
-Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
-adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
-Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). After such
-a report it drives on as before.
+It says so, too, if it is late again after it has surveyed again. Here chi^2 is the quantile that noise of the stated
+size exceeds with the probability `alarm`: the global test of an adjustment (W. Baarda, A Testing Procedure for Use in
+Geodetic Networks, 1968), and the test of innovations (Y. Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with
+Applications to Tracking and Navigation, 2001, 5.4). After such a report it drives on as before.
 """
 
 from dataclasses import dataclass
@@ -53,6 +54,7 @@ from txt1.learning.learned import Learned
 from txt1.learning.planner import Array, Belief, Effects, Place, quickest
 from txt1.learning.qtable import StoredTable
 from txt1.learning.sensor_map import (
+    DRIFT,
     NUMBERS,
     PLACES,
     POWER,
@@ -65,6 +67,7 @@ from txt1.learning.sensor_map import (
     seen_along,
     sighted,
     surveyed,
+    turned,
     way,
 )
 from txt1.learning.settings import LearningConfig
@@ -104,10 +107,14 @@ class PilotSettings:
     # probability of a false report that the model does not fit, each time it judges
     alarm: Rare = 1e-6
     # an action takes effect at most this many decisions, less one, after it was taken
-    delays: PositiveInt = 5
+    delays: PositiveInt = 17
 
 
 SETTINGS: Final = PilotSettings()
+# standard deviation of odometry's drift before anything is known, rad in a decision
+DRIFTS: Final = 0.01
+# delays of which the effects are shared with other robots: a message has little room
+SHARED: Final = 5
 # decisions over which it predicts the effects of its actions, to judge itself
 SECOND: Final = 10
 
@@ -157,6 +164,8 @@ class PilotAgent(PeriodicAgent):
         self.goal = 0.0
         # number of episodes of which it is the mean
         self._goals = 0
+        # factor on each sensor's variances
+        self.trust = np.ones(SENSORS)
         self.lost = True
         self.misfit = 1.0
         self._rng = rng
@@ -269,7 +278,8 @@ class PilotAgent(PeriodicAgent):
     def _look_round(self, distance: float, turn: float, odometry: Odometry) -> None:
         """Take what the laser has seen since the last decision."""
         scale = float(self.survey[SCALE])
-        self._seen_before.move(distance, scale * turn)
+        moved_on = bool(self._rows)
+        self._seen_before.move(distance, scale * turn + (float(self.survey[DRIFT]) if moved_on else 0.0))
         for points, then in self._sweeps:
             way_x, way_y = odometry.x - then.x, odometry.y - then.y
             c, s = cos(then.theta), sin(then.theta)
@@ -300,7 +310,7 @@ class PilotAgent(PeriodicAgent):
         """Return the part that the model does not fit in the last decisions; "" if the stated noise explains them."""
         if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
             return "what the actions do"
-        rows = np.array(self._rows[-self.settings.judged :])
+        rows = self._weighed(np.array(self._rows[-self.settings.judged :]))
         readings = int(np.isfinite(rows[:, 6:]).sum())
         if (self.lost and self._untried) or len(rows) < 2 * self.settings.anew or not readings:
             return ""
@@ -309,8 +319,8 @@ class PilotAgent(PeriodicAgent):
         # the survey fits as it is, so no search for a better survey is needed
         if square * readings <= limit:
             return ""
-        survey, lights, _, _ = self._survey_with([*self._past, rows])
-        return "the light" if _misfit(survey, rows, lights[-1]) > limit else ""
+        survey, lights, _, _ = self._survey_with([*map(self._weighed, self._past), rows])
+        return "the light" if np.nansum(_squares(survey, rows, lights[-1])) > limit else ""
 
     def _usual(self) -> float:
         """The longest distance to which an action leads in a decision."""
@@ -330,18 +340,20 @@ class PilotAgent(PeriodicAgent):
             if not isfinite(lux[:, k].sum()) or 2 * dark[k] >= n or 2 * dazzled[k] >= n or frozen:
                 continue
             mean = float(lux[:, k].mean())
-            if n > 2 and not dazzled[k]:
+            clipped = dark[k] or dazzled[k]
+            if n > 2 and not clipped:
                 share = float(lux[:, k].var()) / (mean * mean) * n / (n - 1)
                 self.spread[k] += 0.02 * (share - self.spread[k])
             # the limit of a sensor's range distorts a mean but no median, which has more noise
-            z[k] = log(np.median(lux[:, k]) if dazzled[k] else mean)
-            noise[k] = self.spread[k] * (0.5 * pi if dazzled[k] else 1.0) / n + self.settings.model**2
+            z[k] = log(np.median(lux[:, k]) if clipped else mean)
+            noise[k] = self.spread[k] * (0.5 * pi if clipped else 1.0) / n + self.settings.model**2
         return z, noise
 
     def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
         """Move the light's place in the robot's frame, and correct it by the readings of the middle of the way."""
+        noise = noise * self.trust
         if self._lights:
-            turn *= float(self.survey[SCALE])
+            turn = float(self.survey[SCALE] * turn + self.survey[DRIFT])
             self._lights, square, count = followed(
                 self._lights, self.survey, z, noise, distance, turn, self.settings.slip
             )
@@ -356,7 +368,7 @@ class PilotAgent(PeriodicAgent):
         """Survey again with the data of this episode; forget the survey if the readings do not fit even then."""
         rows = np.array(self._rows[-self.settings.window :])
         light, doubt = self._survey_on([*self._past, rows])
-        _, misfit = seen_along(self.survey, rows, self.settings.slip)
+        _, misfit = seen_along(self.survey, self._weighed(rows), self.settings.slip)
         if misfit > self.settings.doubt:
             self.unfit = self.unfit or "the light"
             self._lose()
@@ -368,6 +380,7 @@ class PilotAgent(PeriodicAgent):
     def _late(self) -> None:
         """Survey again with the data of this episode; forget the survey if that was done before."""
         if self._surveyed:
+            self.unfit = self.unfit or "the way to the light"
             self._lose()
             self._rows, self._untried = self._rows[-10:], self._all()
             return
@@ -385,6 +398,7 @@ class PilotAgent(PeriodicAgent):
         """Forget the survey, and the episodes before this one."""
         self.lost = True
         self.misfit = 1.0
+        self.trust = np.ones(SENSORS)
         self._past = []
         self._lights = []
         self._arrival = inf
@@ -400,7 +414,7 @@ class PilotAgent(PeriodicAgent):
         curvature = np.abs(self.effects.c[0, 1] / (1.0 - self.effects.k[0, 1])).max()
         # half its smallest turning circle
         on_robot = 0.5 / max(curvature, 1e-3)
-        deviations = np.array([0.2] * 4 + [0.7] + [on_robot] * 8 + [0.1])
+        deviations = np.array([0.2] * 4 + [0.7] + [on_robot] * 8 + [0.1, DRIFTS])
         mean = np.zeros(NUMBERS)
         mean[POWER], mean[SCALE] = 2.0, 1.0
         return mean, deviations**2
@@ -414,6 +428,7 @@ class PilotAgent(PeriodicAgent):
         radius = 2.0 * sqrt(square[PLACES])
         which = np.zeros(len(rows), np.int64)
         best = inf
+        rows = self._weighed(rows)
         for r in (radius, 3.0 * radius):
             for bearing in np.arange(8) * (pi / 4.0):
                 guess = mean.copy()
@@ -426,7 +441,7 @@ class PilotAgent(PeriodicAgent):
 
     def _follow(self, rows: Array, on_the_map: Array, doubt: Array) -> None:
         """Place the light where a survey put it on the map of this episode."""
-        x, y, heading = way(rows[:, 0], rows[:, 1] * self.survey[SCALE])
+        x, y, heading = way(rows[:, 0], turned(self.survey, rows))
         on_map = on_the_map[0], on_the_map[1], doubt[0, 0], doubt[1, 1], doubt[0, 1]
         distance, bearing = hypot(x[-1], y[-1]), atan2(y[-1], x[-1])
         there = moved(moved(on_map, 0.0, bearing, 0.0), distance, 0.0, 0.0)
@@ -448,14 +463,28 @@ class PilotAgent(PeriodicAgent):
 
     def _survey_on(self, episodes: list[Array]) -> tuple[Array, Array]:
         """Survey with these episodes; return the light's place in the last."""
-        survey, lights, cost, doubt = self._survey_with(episodes)
+        survey, lights, cost, doubt = self._survey_with([self._weighed(rows) for rows in episodes])
         if isfinite(cost):
             self.survey = survey
+            self._weigh(_squares(survey, episodes[-1], lights[-1]))
         return lights[-1], doubt
+
+    def _weigh(self, misfits: Array) -> None:
+        """Trust a sensor less where it fits worse than the others, if most of them fit."""
+        counts = np.isfinite(misfits).sum(axis=0)
+        if (used := counts > self.settings.anew).sum() < 3:
+            return
+        each = np.where(used, np.nansum(misfits, axis=0) / np.maximum(counts, 1), 1.0)
+        if np.median(each[used]) <= self.settings.doubt:
+            self.trust = np.where(each > self.settings.doubt, each, 1.0)
+
+    def _weighed(self, rows: Array) -> Array:
+        """Rows with the variances that each sensor's trust makes of them."""
+        return np.concatenate([rows[:, : 2 + SENSORS], rows[:, 2 + SENSORS :] * self.trust], axis=1)
 
     def _sight(self, rows: Array) -> Place:
         """The light's place on the map of an episode, by the survey."""
-        x, y, heading = way(rows[:, 0], rows[:, 1] * self.survey[SCALE])
+        x, y, heading = way(rows[:, 0], turned(self.survey, rows))
         (ahead, left, _, _, _), _ = seen_along(self.survey, rows, self.settings.slip)
         c, s = cos(heading[-1]), sin(heading[-1])
         return float(x[-1] + c * ahead - s * left), float(y[-1] + s * ahead + c * left)
@@ -468,12 +497,10 @@ class PilotAgent(PeriodicAgent):
             return self._cautious(self._untried.pop(0), near)
         if self._light is None:
             return self._cautious(int(self._rng.integers(self.actions)), near)
-        delay = self._delay()
-        k, c = self.effects.k[delay], self.effects.c[delay]
-        pending = np.array(self._taken[:delay][::-1], np.int64)
+        pace, pending, k, c = self._motion()
         goal = self._near or 0.25 * sqrt(self._prior()[1][PLACES])
-        scale, graze = float(self.survey[SCALE]), self.settings.graze * goal
-        times = [quickest(light, *self._pace, pending, k, c, scale, goal, graze) for light, _ in self._lights]
+        graze = self.settings.graze * goal
+        times = [quickest(light, *pace, pending, k, c, 1.0, goal, graze) for light, _ in self._lights]
         likely = [exp(-0.5 * cost) for _, cost in self._lights]
         on_average = np.average(times, axis=0, weights=likely)
         a = int(on_average.argmin())
@@ -482,7 +509,7 @@ class PilotAgent(PeriodicAgent):
             before = (0, -1, 0, 0, 0) if self._round is None else self._round.later()[:5]
             found = Plan(
                 *quickest_clear(
-                    self._light, *self._pace, pending, k, c, scale, goal, graze, distances(near), self._body, before
+                    self._light, *pace, pending, k, c, 1.0, goal, graze, distances(near), self._body, before
                 )
             )
             if self._round is not None and self._arrival < inf:
@@ -496,20 +523,30 @@ class PilotAgent(PeriodicAgent):
             self._arrival = len(self._rows) + 1.5 * longest + 2.0 * self.settings.tries
         return a
 
+    def _motion(self) -> tuple[Place, NDArray[np.int64], Array, Array]:
+        """Distance and curvature of the last decision, the actions under way, and k and c; turns are true to scale."""
+        delay = self._delay()
+        k, c = self.effects.k[delay], self.effects.c[delay].copy()
+        scale, drift = float(self.survey[SCALE]), float(self.survey[DRIFT])
+        steady, least = c[0] / (1.0 - k[0]), 0.1 * self._usual()
+        moves = np.abs(steady) > least
+        c[1] *= scale
+        c[1, moves] += (1.0 - k[1]) * drift / steady[moves]
+        distance, curvature = self._pace
+        curvature = scale * curvature + drift / distance if abs(distance) > least else scale * curvature
+        return (distance, curvature), np.array(self._taken[:delay][::-1], np.int64), k, c
+
     def _cautious(self, wanted: int, near: Array) -> int:
         """The wanted action, or another that keeps clear of what is near. Of untried actions nothing is known."""
         if not len(near):
             return wanted
-        delay = self._delay()
-        k, c = self.effects.k[delay], self.effects.c[delay].copy()
-        untried = self.effects.sums[delay, 0, :, 0] < 1.0
+        pace, pending, k, c = self._motion()
+        untried = self.effects.sums[self._delay(), 0, :, 0] < 1.0
         if untried.all():
             return wanted
         # the worst: straight ahead, as fast as any
         c[0, untried], c[1, untried] = c[0, int(np.abs(c[0]).argmax())], 0.0
-        pending = np.array(self._taken[:delay][::-1], np.int64)
-        scale = float(self.survey[SCALE])
-        return int(clearest(wanted, *self._pace, pending, k, c, scale, distances(near), self._body))
+        return int(clearest(wanted, *pace, pending, k, c, 1.0, distances(near), self._body))
 
     def decision(self, odometry: Odometry) -> Decision:
         """The bearing's cell of 5 degrees, 0 behind; the misfit; distance and bearing of the light, and the plan."""
@@ -536,9 +573,13 @@ class PilotAgent(PeriodicAgent):
         return StoredTable(values, about)
 
     def shared(self) -> Learned:
-        """One row: survey, spread, goal, and the actions' effects; it counts as known unless the pilot is lost."""
-        row = np.concatenate([self.survey, self.spread, [self.goal], self.effects.numbers()])
-        return Learned(self.name, self.episode, (0 if self.lost else max(1, self._goals),), (tuple(row.tolist()),))
+        """One row: survey, spread, goal, and the actions' effects.
+
+        It counts as known unless the pilot is lost, or its actions take longer than the shared delays.
+        """
+        row = np.concatenate([self.survey, self.spread, [self.goal], self.effects.numbers(SHARED)])
+        visits = 0 if self.lost or self._delay() >= SHARED else max(1, self._goals)
+        return Learned(self.name, self.episode, (visits,), (tuple(row.tolist()),))
 
     def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
         """Take over the others' row while it is lost; otherwise it keeps its own measurements."""
@@ -558,6 +599,7 @@ class PilotAgent(PeriodicAgent):
             "effects": effects,
             "survey": self.survey.tolist(),
             "spread": self.spread.tolist(),
+            "trust": self.trust.tolist(),
             "goal": self.goal,
             "goals": self._goals,
             "lost": self.lost,
@@ -572,6 +614,7 @@ class PilotAgent(PeriodicAgent):
         for name, kept in memory["effects"].items():
             setattr(self.effects, name, np.array(kept))
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
+        self.trust = np.array(memory["trust"])
         self.goal, self.lost, self.episode = float(memory["goal"]), bool(memory["lost"]), int(memory["episode"])
         self._goals, self._untried = int(memory["goals"]), list(memory["untried"])
         self._past = [np.array(rows) for rows in memory["past"]]
@@ -591,9 +634,12 @@ def chi_square(count: int, alarm: float) -> float:
     return float(count * (1.0 - ninth + NormalDist().inv_cdf(1.0 - alarm) * sqrt(ninth)) ** 3)
 
 
-def _misfit(survey: Array, rows: Array, light: Array) -> float:
-    """Sum of the squared misfits of an episode's readings, in deviations, with the light at a place on its map."""
-    distance, turn = rows[:, 0], survey[SCALE] * rows[:, 1]
+def _squares(survey: Array, rows: Array, light: Array) -> Array:
+    """Squared misfits of an episode's readings, in deviations, with the light at a place on its map; (rows, sensors).
+
+    NaN for a useless sensor.
+    """
+    distance, turn = rows[:, 0], turned(survey, rows)
     x, y, heading = way(distance, turn)
     # the readings belong to the middle of the way
     middle, quarter = heading - 0.5 * turn, heading - 0.25 * turn
@@ -606,7 +652,8 @@ def _misfit(survey: Array, rows: Array, light: Array) -> float:
     places = survey[PLACES:SCALE].reshape(SENSORS, 2)
     square = (ahead[:, None] - places[:, 0]) ** 2 + (left[:, None] - places[:, 1]) ** 2 + 1e-4
     foretold = survey[:SENSORS] - 0.5 * survey[POWER] * np.log(square)
-    return float(((rows[:, 2:6] - foretold) ** 2 / rows[:, 6:]).sum())
+    noise = rows[:, 2 + SENSORS :]
+    return np.where(np.isfinite(noise), (rows[:, 2 : 2 + SENSORS] - foretold) ** 2 / noise, np.nan)
 
 
 def _possible(survey: Array, spread: Array, goal: float) -> bool:

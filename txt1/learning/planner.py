@@ -43,22 +43,34 @@ class Effects:
         """Take distances and curvatures before and after a decision; `taken` are the last actions, the latest first."""
         learn_effects(self.sums, self.error, self.k, self.c, taken, distance, curvature, forgets)
 
-    def numbers(self) -> Array:
-        """Errors of each delay, k, c, and weight, mean and mean square of the inputs; equal for equal robots."""
-        weight, before, square = self.sums[..., 0], self.sums[..., 1], self.sums[..., 3]
+    def numbers(self, delays: int) -> Array:
+        """Of the first so many delays: errors, k, c, and weight, mean and mean square of the inputs.
+
+        They are equal for equal robots.
+        """
+        sums = self.sums[:delays]
+        weight, before, square = sums[..., 0], sums[..., 1], sums[..., 3]
         once = weight > 1e-9
         means = [np.divide(each, weight, out=np.zeros_like(weight), where=once) for each in (before, square)]
-        return np.concatenate([each.ravel() for each in (self.error, self.k, self.c, weight, *means)])
+        own = self.error[:delays], self.k[:delays], self.c[:delays]
+        return np.concatenate([each.ravel() for each in (*own, weight, *means)])
 
     def take(self, numbers: Array) -> None:
-        """Take over the result of `numbers`; the outputs are computed from its k and c."""
-        ends = np.cumsum([self.error.size, self.k.size, self.c.size])
-        error, k, c, rest = np.split(numbers, ends)
-        weight, mean, square = rest.reshape(3, *self.c.shape)
+        """Take over the result of `numbers`; the outputs are computed from its k and c.
+
+        The effects of longer delays are then as those of the last one, and fit worse.
+        """
+        one = self.c[0].size
+        delays = len(numbers) // (1 + 2 + 4 * one)
+        error, k, c, rest = np.split(numbers, np.cumsum([delays, 2 * delays, one * delays]))
+        longer = np.minimum(np.arange(len(self.error)), delays - 1)
+        error = error[longer] + (np.arange(len(self.error)) >= delays) * (1.0 + error.max())
+        k, c = k.reshape(delays, 2)[longer], c.reshape(delays, *self.c.shape[1:])[longer]
+        weight, mean, square = rest.reshape(3, delays, *self.c.shape[1:])[:, longer]
         weight = np.maximum(weight, 0.0)
         before, squared = weight * mean, weight * np.maximum(square, mean * mean) + 1e-6
-        self.error, self.c = np.maximum(error, 0.0), c.reshape(self.c.shape).copy()
-        self.k = np.clip(k, 0.0, 0.95).reshape(self.k.shape)
+        self.error, self.c = np.maximum(error, 0.0), c.copy()
+        self.k = np.clip(k, 0.0, 0.95)
         slope = self.k[..., None]
         after, product = slope * before + self.c * weight, slope * squared + self.c * before
         self.sums = np.stack([weight, before, after, squared, product], axis=-1)

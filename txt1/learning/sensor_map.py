@@ -1,7 +1,8 @@
 """A survey of light sensors: their places and brightness, the power by which light falls, the light's place.
 
 It is made from an episode's rows, a row a decision: distance, turn, four log readings, their four variances (infinite
-for a useless sensor). The sensors sit at p with brightness g and power n; the robot turns by s h when odometry says h:
+for a useless sensor). The sensors sit at p with brightness g and power n; the robot turns by s h + b in a decision when
+odometry says h:
 
         survey, light  <-  argmin  sum (z - g + n log|light - p|)^2        (Gauss-Newton, outliers count less)
 
@@ -16,9 +17,9 @@ import numpy as np
 from txt1.learning.planner import Array, Belief, compiled
 
 SENSORS: Final = 4
-# of the survey's numbers: brightness of the four first, then power, places, scale
-POWER, PLACES, SCALE = 4, 5, 13
-NUMBERS: Final = 14
+# of the survey's numbers: brightness of the four first, then power, places, scale, drift
+POWER, PLACES, SCALE, DRIFT = 4, 5, 13, 14
+NUMBERS: Final = 15
 # least and largest power by which light may fall, and ...
 POWERS: Final = (0.5, 6.0)
 # ... scale of turns
@@ -173,11 +174,18 @@ def seen_along(survey: Array, rows: Array, slip: float) -> tuple[Belief, float]:
     lights = sighted(survey, rows[0, 2:6], rows[0, 6:])
     total, readings = 0.0, 1e-9
     for k in range(1, rows.shape[0]):
-        turn = survey[SCALE] * rows[k, 1]
+        turn = survey[SCALE] * rows[k, 1] + survey[DRIFT]
         lights, square, count = followed(lights, survey, rows[k, 2:6], rows[k, 6:], rows[k, 0], turn, slip)
         total += square
         readings += count
     return lights[0][0], total / readings
+
+
+def turned(survey: Array, rows: Array) -> Array:
+    """The true turn in each decision of an episode's rows, by the survey; the first row is of the start."""
+    turns: Array = survey[SCALE] * rows[:, 1]
+    turns[1:] += survey[DRIFT]
+    return turns
 
 
 def way(distance: Array, turn: Array) -> tuple[Array, Array, Array]:
@@ -201,32 +209,39 @@ def _cost(
         cost += off * off / square[i]
         gradient[i] += off / square[i]
         normal[i, i] += 1.0 / square[i]
-    column = np.zeros(7, np.int64)
-    slope = np.zeros(7)
-    # on the map, and how they change with the scale of turns
-    x = y = heading = x_by = y_by = heading_by = 0.0
+    column = np.zeros(8, np.int64)
+    slope = np.zeros(8)
+    # on the map, and how they change with the scale of turns, and with their drift
+    x = y = heading = x_by = y_by = heading_by = x_in = y_in = heading_in = 0.0
     for t in range(rows.shape[0]):
         e = which[t]
-        if t > 0 and which[t - 1] != e:
-            x = y = heading = x_by = y_by = heading_by = 0.0
-        distance, turn = rows[t, 0], rows[t, 1]
+        begins = t == 0 or which[t - 1] != e
+        if begins:
+            x = y = heading = x_by = y_by = heading_by = x_in = y_in = heading_in = 0.0
+        # the first row of an episode is of the start, before which nothing drifts
+        since = 0.0 if begins else 1.0
+        distance, turn_by = rows[t, 0], rows[t, 1]
+        turn = survey[SCALE] * turn_by + survey[DRIFT] * since
         # the readings belong to the middle of a decision's way
         for half in range(2):
-            middle, middle_by = (
-                heading + (0.25 + 0.5 * half) * survey[SCALE] * turn,
-                heading_by + (0.25 + 0.5 * half) * turn,
-            )
+            share = 0.25 + 0.5 * half
+            middle = heading + share * turn
+            middle_by, middle_in = heading_by + share * turn_by, heading_in + share * since
             c, s = cos(middle), sin(middle)
             x, y = x + 0.5 * distance * c, y + 0.5 * distance * s
             x_by, y_by = x_by - 0.5 * distance * s * middle_by, y_by + 0.5 * distance * c * middle_by
+            x_in, y_in = x_in - 0.5 * distance * s * middle_in, y_in + 0.5 * distance * c * middle_in
             if half == 1:
                 continue
-            here, here_by = heading + 0.5 * survey[SCALE] * turn, heading_by + 0.5 * turn
+            here = heading + 0.5 * turn
+            here_by, here_in = heading_by + 0.5 * turn_by, heading_in + 0.5 * since
             c, s = cos(here), sin(here)
             east, north = lights[e, 0] - x, lights[e, 1] - y
             ahead, left = c * east + s * north, c * north - s * east
             ahead_by = left * here_by - c * x_by - s * y_by
             left_by = -ahead * here_by - c * y_by + s * x_by
+            ahead_in = left * here_in - c * x_in - s * y_in
+            left_in = -ahead * here_in - c * y_in + s * x_in
             for k in range(SENSORS):
                 if rows[t, 6 + k] == inf:
                     continue
@@ -242,11 +257,12 @@ def _cost(
                 column[4], slope[4] = SCALE, by_x * ahead_by + by_y * left_by
                 column[5], slope[5] = NUMBERS + 2 * e, by_x * c - by_y * s
                 column[6], slope[6] = NUMBERS + 2 * e + 1, by_x * s + by_y * c
-                for i in range(7):
+                column[7], slope[7] = DRIFT, by_x * ahead_in + by_y * left_in
+                for i in range(8):
                     gradient[column[i]] += trust * miss * slope[i]
-                    for j in range(7):
+                    for j in range(8):
                         normal[column[i], column[j]] += trust * slope[i] * slope[j]
-        heading, heading_by = heading + survey[SCALE] * turn, heading_by + turn
+        heading, heading_by, heading_in = heading + turn, heading_by + turn_by, heading_in + since
     return cost
 
 

@@ -207,7 +207,7 @@ def driven(k: float, c: list[float], decisions: int = 200, seed: int = 0) -> Eff
 @pytest.mark.long  # compiles
 def test_what_actions_do_is_taken_over_and_learned_on() -> None:
     known, new = driven(0.6, [-0.5, 0.0, 0.5]), Effects(3, 5)
-    new.take(known.numbers())
+    new.take(known.numbers(5))
     for name in ("k", "c", "error"):
         assert getattr(new, name) == pytest.approx(getattr(known, name))
     for one in (known, new):

@@ -68,6 +68,7 @@ def test_the_pilot_touches_nothing_where_it_does_without_a_laser(tmp_path: Path)
     assert "0 contacts in 36 episodes" in file.with_suffix(".md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long  # a search for it
 def test_a_floor_leaves_the_laser_out_with_the_obstacles() -> None:
     least = suite.floors(obstacles.drawn(load().config, 5, 1), 2)
     assert all(each.exists for each in least)
