@@ -19,7 +19,7 @@ from blockbuster import BlockBuster
 from rich.console import Console
 
 from tests.e2e.conftest import may_block
-from tests.patience import TXT1, until
+from tests.patience import LIMIT, TXT1, until
 from txt1.bridges.registry import bridge
 from txt1.cli import execute
 from txt1.cli.operating import RunStart
@@ -393,7 +393,7 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
         patient = ("safety.missed_ticks_max=100000",)
         async with Robot.open(hal="sim", name="net01", settings=patient) as robot, AsyncExitStack() as stack:
             link = FleetLink(robot)
-            at_work = bridge(robot, "fleet", {"name": "net01", "fleet": fleet}, link.requests)
+            at_work = bridge(robot, "fleet", {"name": "net01", "fleet": fleet}, link.requests, silence=LIMIT)
             beside = await stack.enter_async_context(at_work)
             console = await asyncio.to_thread(Peer, "console1", fleet=fleet, console=True)
             stack.push_async_callback(asyncio.to_thread, console.close)
