@@ -88,8 +88,10 @@ def ahead(robot: Any) -> bool:
 
 
 def is_told(page: Any, where: str, what: str, field: str = "textContent") -> None:
-    """Wait until a part of the page says something."""
-    page.wait_for_function(f"() => document.getElementById('{where}')?.{field} === {what}")
+    """Wait until a part of the page says something; AssertionError with all that it says if it never does."""
+    if not waits(page, f"() => document.getElementById('{where}')?.{field} === {what}"):
+        said = page.evaluate("document.body.innerText")
+        raise AssertionError(f"{where}.{field} is never {what}; the page says: {said}")
 
 
 def waits(page: Any, condition: str, limit: float = LIMIT) -> bool:
