@@ -32,10 +32,10 @@ Every half second it judges itself by the last 5 s (`_judge`). It says that its 
         still
         (turn and way of the last second - those predicted) ^2 / (slip of odometry)^2  >  chi^2
 
-It says so, too, if it is late again after it has surveyed again. Here chi^2 is the quantile that noise of the stated
-size exceeds with the probability `alarm`: the global test of an adjustment (W. Baarda, A Testing Procedure for Use in
-Geodetic Networks, 1968), and the test of innovations (Y. Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with
-Applications to Tracking and Navigation, 2001, 5.4). After such a report it drives on as before.
+Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
+adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
+Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). After such
+a report it drives on as before.
 """
 
 from dataclasses import dataclass
@@ -380,7 +380,6 @@ class PilotAgent(PeriodicAgent):
     def _late(self) -> None:
         """Survey again with the data of this episode; forget the survey if that was done before."""
         if self._surveyed:
-            self.unfit = self.unfit or "the way to the light"
             self._lose()
             self._rows, self._untried = self._rows[-10:], self._all()
             return
