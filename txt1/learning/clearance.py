@@ -41,7 +41,7 @@ SWEEPS: Final = 30
 REACH: Final = 0.6
 
 
-class Body(NamedTuple):
+class Discs(NamedTuple):
     """The robot's body, m: three discs of this radius, so far apart, the middle one so far ahead of the pose."""
 
     radius: float
@@ -49,12 +49,12 @@ class Body(NamedTuple):
     ahead: float
 
 
-def body_of(length: float, width: float, centre: float) -> Body:
+def body_of(length: float, width: float, centre: float) -> Discs:
     """The discs that cover a rectangle."""
-    return Body(hypot(length / 6.0, 0.5 * width), length / 3.0, centre)
+    return Discs(hypot(length / 6.0, 0.5 * width), length / 3.0, centre)
 
 
-class Plan(NamedTuple):
+class ActionPlan(NamedTuple):
     """Action a for m decisions, b for n, then e; what it takes, decisions, and its cost."""
 
     a: int
@@ -65,14 +65,14 @@ class Plan(NamedTuple):
     time: float
     cost: float
 
-    def later(self) -> "Plan":
+    def later(self) -> "ActionPlan":
         """The rest of it after a decision."""
         if self.m > 1:
             return self._replace(m=self.m - 1)
         return self._replace(a=self.b, m=self.n, b=self.e, n=0) if self.m else self
 
 
-class Seen:
+class SeenPoints:
     """What the laser has seen in an episode, on the map of odometry."""
 
     def __init__(self) -> None:

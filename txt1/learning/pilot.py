@@ -49,7 +49,7 @@ from pydantic import Field
 
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
-from txt1.learning.clearance import Body, Plan, Seen, body_of, clearest, distances, quickest_clear
+from txt1.learning.clearance import ActionPlan, Discs, SeenPoints, body_of, clearest, distances, quickest_clear
 from txt1.learning.learned import Learned
 from txt1.learning.planner import Array, Belief, Effects, Place, quickest
 from txt1.learning.qtable import StoredTable
@@ -147,7 +147,7 @@ class PilotAgent(PeriodicAgent):
         rng: np.random.Generator,
         actions: int = 3,
         settings: PilotSettings = SETTINGS,
-        body: Body = body_of(0.51, 0.385, 0.0),  # noqa: B008 - immutable
+        body: Discs = body_of(0.51, 0.385, 0.0),  # noqa: B008 - immutable
     ) -> None:
         super().__init__(settings.period)
         self.settings = settings
@@ -207,10 +207,10 @@ class PilotAgent(PeriodicAgent):
         # length of the plan, decisions
         self.plan = inf
         # what the laser has seen, and the sweeps since the last decision with the odometry of their moments
-        self._seen_before = Seen()
+        self._seen_before = SeenPoints()
         self._sweeps: list[tuple[Array, Odometry]] = []
         # the plan round what was seen; None: nothing is near
-        self._round: Plan | None = None
+        self._round: ActionPlan | None = None
 
     def look(self, points: Array, odometry: Odometry) -> None:
         """One sweep of the laser."""
@@ -506,7 +506,7 @@ class PilotAgent(PeriodicAgent):
         self.plan = float(on_average[a])
         if len(near):
             before = (0, -1, 0, 0, 0) if self._round is None else self._round.later()[:5]
-            found = Plan(
+            found = ActionPlan(
                 *quickest_clear(
                     self._light, *pace, pending, k, c, 1.0, goal, graze, distances(near), self._body, before
                 )

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from txt1.learning.clearance import MARGIN, Plan, Seen, body_of, clear_along, clearest, distances, quickest_clear, room
+from txt1.learning.clearance import (
+    MARGIN,
+    ActionPlan,
+    SeenPoints,
+    body_of,
+    clear_along,
+    clearest,
+    distances,
+    quickest_clear,
+    room,
+)
 from txt1.learning.planner import Array
 
 RADIUS = 0.56  # of the sharpest turn, m
@@ -25,12 +35,12 @@ def post(x: float, y: float, radius: float = 0.05) -> Array:
     return np.column_stack((x + radius * np.cos(angles), y + radius * np.sin(angles)))
 
 
-def planned(points: Array, before: tuple[int, int, int, int, int] = FRESH) -> Plan:
+def planned(points: Array, before: tuple[int, int, int, int, int] = FRESH) -> ActionPlan:
     """The plan to a light 2.2 m ahead, driving straight ahead with nothing under way."""
-    return Plan(*quickest_clear(LIGHT, STEP, 0.0, NONE, K, C, 1.0, 0.5, 0.03, distances(points), BODY, before))
+    return ActionPlan(*quickest_clear(LIGHT, STEP, 0.0, NONE, K, C, 1.0, 0.5, 0.03, distances(points), BODY, before))
 
 
-def least_room(plan: Plan, points: Array) -> float:
+def least_room(plan: ActionPlan, points: Array) -> float:
     """The least room on the way of a plan, m."""
     pose, least, grid = (0.0, 0.0, 0.0, STEP, 0.0), np.inf, distances(points)
     for action, count in ((plan.a, plan.m), (plan.b, plan.n), (plan.e, int(plan.time) - plan.m - plan.n)):
@@ -74,12 +84,12 @@ def test_the_rest_of_a_plan_is_as_good_a_decision_later() -> None:
     light = (float(ahead), float(left), 1e-6, 1e-6, 0.0)
     later = found.later()
     grid = distances(here(points))
-    next_one = Plan(*quickest_clear(light, *pose[3:], NONE, K, C, 1.0, 0.5, 0.03, grid, BODY, later[:5]))
+    next_one = ActionPlan(*quickest_clear(light, *pose[3:], NONE, K, C, 1.0, 0.5, 0.03, grid, BODY, later[:5]))
     assert next_one.cost <= found.cost - 0.5
 
 
 def test_the_rest_of_a_plan_begins_with_the_piece_in_force() -> None:
-    plan = Plan(LEFT, 2, RIGHT, 3, STRAIGHT, 40.0, 40.0)
+    plan = ActionPlan(LEFT, 2, RIGHT, 3, STRAIGHT, 40.0, 40.0)
     pieces = []
     for _ in range(6):
         pieces.append(plan.a if plan.m else plan.e)
@@ -96,7 +106,7 @@ def test_without_a_light_an_action_that_leads_into_a_post_is_not_taken() -> None
 
 
 def test_what_was_seen_stays_where_it_is_while_the_robot_turns_and_drives() -> None:
-    seen = Seen()
+    seen = SeenPoints()
     seen.add(np.array([[1.0, 0.5]]), (0.0, 0.0, 0.0))
     seen.move(0.2, 0.0)
     assert seen.near() == pytest.approx(np.array([[0.8, 0.5]]))
