@@ -300,7 +300,7 @@ async def test_doubt_slows_it_and_stops_it(policy: Policy, monkeypatch: pytest.M
         assert speeds[1] == pytest.approx(0.5 * speeds[0], rel=0.05)
         assert speeds[2] == 0.0
         assert speeds[3] == pytest.approx(speeds[0])
-        assert any("doubts" in event.text for event in robot.runtime.state.events)
+        assert any("its doubt is too large" in event.text for event in robot.runtime.state.events)
 
 
 async def test_another_car_is_refused(policy: Policy) -> None:
