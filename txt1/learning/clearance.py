@@ -206,6 +206,28 @@ def _rest(
 
 
 @compiled_anew
+def _begun(
+    distance: float,
+    curvature: float,
+    pending: Array,
+    k: Array,
+    c: Array,
+    scale: float,
+    grid: Array,
+    body: tuple[float, float, float],
+) -> tuple[tuple[float, float, float, float, float], float, float]:
+    """The pose after the actions under way, the sharpest curvature (1/m) and the longest step (m) of all actions."""
+    pose = (0.0, 0.0, 0.0, distance, curvature)
+    for one in pending:
+        pose, _ = clear_along(pose, one, 1, k, c, scale, grid, body, inf)
+    sharpest, step = 1e-3, 1e-9
+    for b in range(c.shape[1] - 1):
+        sharpest = max(sharpest, abs(scale * c[1, b] / (1.0 - k[1])))
+        step = max(step, abs(c[0, b] / (1.0 - k[0])))
+    return pose, sharpest, step
+
+
+@compiled_anew
 def quickest_clear(
     light: Belief,
     distance: float,
@@ -227,14 +249,8 @@ def quickest_clear(
     lx, ly, xx, yy, xy = light
     at = (lx, ly)
     spread = (xx + graze * graze, yy + graze * graze, xy)
-    pose = (0.0, 0.0, 0.0, distance, curvature)
-    for one in pending:
-        pose, _ = clear_along(pose, one, 1, k, c, scale, grid, body, inf)
+    pose, sharpest, step = _begun(distance, curvature, pending, k, c, scale, grid, body)
     actions = c.shape[1] - 1
-    sharpest, step = 1e-3, 1e-9
-    for b in range(actions):
-        sharpest = max(sharpest, abs(scale * c[1, b] / (1.0 - k[1])))
-        step = max(step, abs(c[0, b] / (1.0 - k[0])))
     circle = int(min(2.0 * pi / (sharpest * step), 1e3))
     best, time = inf, inf
     plan = (0, 0, 0, 0, 0)
@@ -298,14 +314,8 @@ def clearest(
     body: tuple[float, float, float],
 ) -> int:
     """The wanted action, if the robot can keep clear for a circle after it; otherwise the action with most room."""
-    pose = (0.0, 0.0, 0.0, distance, curvature)
-    for one in pending:
-        pose, _ = clear_along(pose, one, 1, k, c, scale, grid, body, inf)
+    pose, sharpest, step = _begun(distance, curvature, pending, k, c, scale, grid, body)
     actions = c.shape[1] - 1
-    sharpest, step = 1e-3, 1e-9
-    for b in range(actions):
-        sharpest = max(sharpest, abs(scale * c[1, b] / (1.0 - k[1])))
-        step = max(step, abs(c[0, b] / (1.0 - k[0])))
     circle = int(min(2.0 * pi / (sharpest * step), 200.0))
     best, most = wanted, -inf
     for offset in range(actions):
