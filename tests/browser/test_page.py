@@ -167,6 +167,32 @@ def test_stop_is_always_in_sight_and_needs_no_wheel(browser: Any, page: Any, car
     page.mouse.up()
 
 
+def test_a_stop_that_a_broken_connection_lost_is_sent_over_the_next_and_until_then_is_said_to_be_lost(
+    browser: Any, car: Live
+) -> None:
+    page, connections = fresh(browser), list[Any]()
+
+    def connect(socket: Any) -> None:
+        """The first connection loses stops, though it looks open."""
+        server = socket.connect_to_server()
+        connections.append(socket)
+        if len(connections) == 1:
+            socket.on_message(lambda text: None if '"stop"' in text else server.send(text))
+
+    page.route_web_socket("**/socket", connect)
+    car.call(lambda robot: robot.arm())
+    page.goto(car.url)
+    is_told(page, "state", "'armed'")
+    page.locator("#stop").click()
+    is_told(page, "lost", "'STOP has not reached the robot; stop it in another way'")
+    assert page.locator("#lost").is_visible() and car.call(lambda robot: robot.armed)
+    connections[0].close()
+    is_told(page, "state", "'stopped'")
+    assert car.call(lambda robot: robot.runtime.gate.stopped)
+    is_told(page, "lost", "true", "hidden")
+    page.context.close()
+
+
 def test_the_page_says_which_bridge_is_not_at_work_until_it_is_again(page: Any, car: Live) -> None:
     trouble = "bridge 'gamepad' ended with 1 and is started again in 2 s"
 

@@ -82,8 +82,10 @@ def _pong(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 
 def _stop(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Stop all robots of a fleet, whichever the page shows."""
+    """Stop all robots of a fleet, whichever the page shows; confirm it, or the page repeats it when it connects."""
     pages.ask(None, "stop")
+    if not pages.ended.is_set():
+        page.tell(stop=message.get("stop"))
 
 
 def _drive(pages: Pages, page: Page, message: Message, present: float) -> None:

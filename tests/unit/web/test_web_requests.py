@@ -105,6 +105,22 @@ async def test_in_a_flood_nothing_but_a_stop_is_heard(robot: Robot) -> None:
     assert robot.times("stop") == 3
 
 
+async def test_a_stop_is_confirmed_to_the_page_that_sent_it_unless_the_robot_is_gone(robot: Robot) -> None:
+    pages = pages_of(robot)
+    page, other = join(pages), join(pages)
+    for each in (page, other):
+        each.outbox.clear()
+    take(pages, page, '{"do": "stop", "stop": 3}')
+    assert [json.loads(text) for text in page.outbox] == [{"stop": 3}] and not other.outbox
+
+    def gone(name: str, /, **fields: object) -> None:
+        raise BrokenPipeError
+
+    robot.request = gone  # type: ignore[method-assign]
+    take(pages, page, '{"do": "stop", "stop": 4}')
+    assert len(page.outbox) == 1
+
+
 @pytest.mark.usefixtures("frozen")
 async def test_a_page_that_goes_on_flooding_is_sent_away_whatever_its_messages_say(robot: Robot) -> None:
     for text in (ALIKE, STOP, "x"):

@@ -7,6 +7,7 @@ import { Map2d } from "./map.js"
 import { element, leaves, panels } from "./panels.js"
 
 const SILENT = 700  // ms without telemetry after which it is said
+const LATE = 300  // ms after which a stop that the robot has not confirmed is said
 const TOAST = 5000  // ms
 const NO_PLOT = ["/capabilities", "/hand", "/surroundings", "/walls", "/map_walls", "/movers", "/events", "/gain_table"]
 
@@ -162,7 +163,9 @@ function show() {
   else if (mode.stopped) state.textContent = "stopped", state.classList.add("stopped")
   else if (mode.armed) state.textContent = "armed", state.classList.add("armed")
   else state.textContent = "disarmed", state.classList.add("closed")
-  $("lost").hidden = !silent || ended
+  const unheard = link.waiting > LATE
+  $("lost").hidden = !unheard && (!silent || ended)
+  $("lost").textContent = unheard ? "STOP has not reached the robot; stop it in another way" : "no news from the robot"
   const recording = topics["/recording"] ?? ""
   if (recording !== know.recording) {  // begun or ended: the list of files is another
     know.recording = recording

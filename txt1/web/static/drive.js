@@ -32,7 +32,7 @@ export class Drive {
   }
 
   stop() {
-    this.link.send({ do: "stop" })
+    this.link.stop()
     this.letGo()
   }
 

@@ -1,4 +1,5 @@
-// The socket to the robot: telemetry in, requests out. It reconnects by itself and sends nothing that was not asked for now.
+// The socket to the robot: telemetry in, requests out. It reconnects by itself. Of what was asked for before, it sends
+// only a stop that the server has not confirmed: a stop is as good later as it is now.
 
 const PAUSES = [200, 500, 1000, 2000]  // ms before each new try; the last goes on
 
@@ -6,6 +7,8 @@ export class Link {
   #socket = null
   #number = 0
   #tries = 0
+  #stop = 0  // counts stops; each is numbered
+  #asked = 0  // when the stop that waits for its confirmation was asked for, ms of this page; 0: none waits
   heard = 0  // when telemetry came last, ms of this page
 
   // `telemetry` takes snapshots, `message` all else, `change` whether it is open
@@ -18,7 +21,10 @@ export class Link {
 
   get open() { return this.#socket?.readyState === WebSocket.OPEN }
 
-  // A request that is as good later as it is now.
+  // For how long a stop has waited for the server to confirm that it has come, ms.
+  get waiting() { return this.#asked ? performance.now() - this.#asked : 0 }
+
+  // A request for now: without a connection it is dropped.
   send(request) {
     if (this.open) this.#socket.send(JSON.stringify(request))
   }
@@ -28,17 +34,30 @@ export class Link {
     this.send({ ...request, n: ++this.#number, t: time / 1000 })
   }
 
+  // Stop the robot. Without a connection, or with one that breaks first, the stop is sent as soon as there is another.
+  stop() {
+    this.#stop++
+    this.#asked ||= performance.now()
+    this.#sendStop()
+  }
+
+  #sendStop() {
+    this.send({ do: "stop", stop: this.#stop })
+  }
+
   #open() {
     const scheme = location.protocol === "https:" ? "wss" : "ws"
     const socket = new WebSocket(`${scheme}://${location.host}${new URL("socket", location.href).pathname}`)
     this.#socket = socket
     socket.onopen = () => {
       this.#tries = 0
+      if (this.#asked) this.#sendStop()
       this.change(true)
     }
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data)
       if (message.ping !== undefined) this.send({ do: "pong", ping: message.ping, t: performance.now() / 1000 })
+      if (message.stop === this.#stop) this.#asked = 0
       if (message.topics) {
         this.heard = performance.now()
         this.telemetry(message)
