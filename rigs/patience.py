@@ -42,11 +42,12 @@ STALLED: Final = (
     ("txt1.hal.serial", "LOST", LIMIT),
     ("txt1.hal.line", "LOST", LIMIT),
     ("txt1.hal.pi.driver", "LOST", LIMIT),
+    ("txt1.hal.pi.driver", "HANGS", LIMIT),
     ("txt1.hal.restarts", "PAUSE", LIMIT),
     ("txt1.sidecar", "START", LIMIT),
     ("txt1.ui.terminal", "BACKLOG", LIMIT),
 )
-"""After a stall odometry, host, board or bridge seem to be lost, and a key is too old: the numbers that decide it."""
+"""The numbers by which, after a stall, odometry, host, board, guard or bridge seem lost, and a key is too old."""
 LEAVING: Final = ("txt1.sidecar", "END_PATIENCE", 10.0 * S)
 """What the command gives a process beside its robot to end, such as a node that leaves its master."""
 

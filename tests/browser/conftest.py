@@ -64,3 +64,12 @@ def opened(browser: Any, car: Live, **about: Any) -> Iterator[Any]:
     yield page
     page.context.close()
     assert not errors
+
+
+def waits(page: Any, condition: str, limit: float = LIMIT) -> bool:
+    """Whether something comes true of a page."""
+    try:
+        page.wait_for_function(condition, timeout=1000 * limit)
+        return True
+    except Exception:
+        return False

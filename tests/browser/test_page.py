@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from rigs.live_browser import Live, arrive, command, live
-from tests.browser.conftest import fresh, opened
-from tests.patience import LIMIT, TXT1, S
+from tests.browser.conftest import fresh, opened, waits
+from tests.patience import TXT1, S
 from txt1.sensors.readings import LASER_MOUNT
 from txt1.teaching.network import PolicyNetwork
 from txt1.teaching.policy import Card, Policy, digest
@@ -94,15 +94,6 @@ def is_told(page: Any, where: str, what: str, field: str = "textContent") -> Non
         raise AssertionError(f"{where}.{field} is never {what}; the page says: {said}")
 
 
-def waits(page: Any, condition: str, limit: float = LIMIT) -> bool:
-    """Whether something comes true of a page."""
-    try:
-        page.wait_for_function(condition, timeout=1000 * limit)
-        return True
-    except Exception:
-        return False
-
-
 def setpoint(car: Live) -> tuple[float, float]:
     return car.call(lambda robot: (robot.runtime.state.control.v, robot.runtime.state.control.omega))
 
@@ -153,8 +144,7 @@ def test_space_stops_and_arming_wants_half_a_second(page: Any, car: Live) -> Non
             page.keyboard.press("Space")
             is_told(page, "state", "'stopped'")
     assert not car.call(lambda robot: robot.armed), "a short press does not arm"
-    page.mouse.down()
-    car.until(lambda robot: robot.armed)
+    again_and_again(page.mouse.down, page.mouse.up, car, lambda robot: robot.armed)
     page.mouse.up()
 
 
@@ -273,27 +263,31 @@ window.press = (button, value) => window.pad.buttons[button] = {pressed: value >
 
 
 def test_a_gamepad_drives_while_its_dead_man_is_held(page: Any, car: Live) -> None:
+    def holds(button: int, condition: Callable[[Any], bool]) -> None:
+        again_and_again(lambda: page.evaluate(f"press({button}, 1)"), lambda: lets_go(button), car, condition)
+
+    def lets_go(button: int) -> None:
+        page.evaluate(f"press({button}, 0)")
+        page.wait_for_timeout(100 * S)
+        page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
     page.evaluate(PAD)
     page.evaluate("pad.axes = [-0.5, -1, 0, 0]")
     page.wait_for_timeout(300 * S)
     assert setpoint(car) == (0.0, 0.0), "without the dead-man nothing moves"
-    page.evaluate("press(0, 1)")
-    car.until(lambda robot: robot.runtime.state.control.v > 0.4 and robot.runtime.state.control.omega > 0.1)
+    holds(0, lambda robot: fast(robot) and robot.runtime.state.control.omega > 0.1)
     page.evaluate("pad.connected = false")
     stands(car)
     page.evaluate("pad.connected = true")
     page.wait_for_timeout(300 * S)
     assert setpoint(car) == (0.0, 0.0), "a pad that comes back has to let go of the dead-man first"
-    page.evaluate("press(0, 0)")
-    page.wait_for_timeout(100 * S)
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    page.evaluate("press(0, 1)")
-    car.until(lambda robot: robot.runtime.state.control.v > 0.4)
-    page.evaluate("press(1, 1)")
-    car.until(lambda robot: robot.runtime.gate.stopped)
-    page.evaluate("press(0, 0); press(1, 0); press(9, 1)")
-    car.until(lambda robot: robot.armed)
-    page.evaluate("press(9, 0)")
+    lets_go(0)
+    holds(0, fast)
+    holds(1, lambda robot: robot.runtime.gate.stopped)
+    lets_go(0)
+    lets_go(1)
+    holds(9, lambda robot: robot.armed)
+    lets_go(9)
 
 
 def test_a_tap_on_the_map_is_a_waypoint(page: Any, car: Live) -> None:
@@ -320,10 +314,12 @@ def test_touch_drives_and_the_page_does_not_scroll_under_it(browser: Any, car: L
         def send(kind: str, *points: tuple[float, float], touch: Any = touch) -> None:
             touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": a, "y": b} for a, b in points]})
 
-        send("touchStart", (x, y))
-        for step in range(1, 8):
-            send("touchMove", (x, y - 10 * step))
-        car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+        def hold(send: Callable[..., None] = send, x: float = x, y: float = y) -> None:
+            send("touchStart", (x, y))
+            for step in range(1, 8):
+                send("touchMove", (x, y - 10 * step))
+
+        again_and_again(hold, lambda send=send: send("touchEnd"), car, fast)
         assert page.evaluate("scrollY") == 0
         send("touchEnd")
         stands(car)

@@ -156,7 +156,9 @@ def _go(pages: Pages, page: Page, message: Message, present: float) -> None:
     wanted = float(message.get("speed", 0.5))
     if not (0 < len(points) <= POINTS_MAX and all(map(isfinite, (wanted, *chain(*points)))) and wanted > 0.0):
         raise ValueError("points or speed")
-    if page.player is None and _fresh(page, message, present) is not None:
+    if _fresh(page, message, present) is None:
+        page.tell(told="that came too late: press again")
+    elif page.player is None:
         if not page.car.wheel.drive(page.number, present):
             page.tell(told=f"page {page.car.wheel.holder} drives")
             return
@@ -169,7 +171,9 @@ def _here(pages: Pages, page: Page, message: Message, present: float) -> None:
     points = [[float(x), float(y)] for x, y in message["points"]]
     if not (0 < len(points) <= 2 and all(map(isfinite, chain(*points)))):
         raise ValueError("points")
-    if page.player is None and _fresh(page, message, present) is not None:
+    if _fresh(page, message, present) is None:
+        page.tell(told="that came too late: press again")
+    elif page.player is None:
         if page.car.wheel.drive(page.number, present):
             pages.ask(page, "here", points=points)
         else:
