@@ -317,6 +317,17 @@ async def test_a_robot_that_learns_hears_others_for_a_while_and_tells_once_what_
         ]
 
 
+async def test_stops_without_identity_are_each_obeyed_and_the_log_says_so_once() -> None:
+    async with Robot.open() as robot:
+        link = FleetLink(robot)
+        said = lambda: [event.text for event in robot.runtime.state.events].count("stopped by console1")  # noqa: E731
+        for count in (1, 2):
+            robot.arm()
+            for _ in range(50):
+                link.requests["stop"](who="console1")
+            assert robot.runtime.gate.stopped and said() == count
+
+
 async def test_who_joins_waits_until_the_others_have_told_but_not_for_a_fleet_that_is_not_there() -> None:
     async with Robot.open() as robot:
         link, alone = FleetLink(robot), FleetLink(robot)

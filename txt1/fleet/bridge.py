@@ -86,8 +86,8 @@ def main(
     try:
         while True:
             telemetry = robot.receive(WAIT)
-            for _ in range(len(stops)):
-                who, identity = stops.popleft()
+            # a flood of stops without identity is one request, so that it pushes no other request out
+            for who, identity in dict.fromkeys(stops.popleft() for _ in range(len(stops))):
                 robot.request("stop", who=who, stop=identity)
             for _ in range(len(drives)):
                 v, omega, given = drives.popleft()

@@ -151,8 +151,11 @@ class FleetLink:
         """
         if stop and stop in self._obeyed:
             return
+        stopped = self._robot.runtime.gate.stopped
         self._robot.stop()
-        self._robot.tell(f"stopped by {who}")
+        # a flood of stops without identity fills no log
+        if stop or not stopped:
+            self._robot.tell(f"stopped by {who}")
         if stop:
             self._obeyed.append(stop)
 

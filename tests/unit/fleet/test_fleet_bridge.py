@@ -148,6 +148,15 @@ def test_a_flood_of_velocities_and_stops_leaves_the_stops_and_the_newest_velocit
     assert [each["age"] for each in robot.of("drive")] == [100.0 - number for number in range(980, 1000)]
 
 
+def test_a_flood_of_stops_without_identity_is_one_request_to_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    def flood(hooks: Hooks) -> None:
+        for _ in range(1000):
+            hooks.stop("console1", "")
+
+    robot, _ = bridged(monkeypatch, flood)
+    assert robot.of("stop") == [{"who": "console1", "stop": ""}]
+
+
 def test_an_echo_of_a_stop_that_was_obeyed_is_not_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
     answers: list[object] = []
     robot, _ = bridged(monkeypatch, lambda hooks: answers.append(hooks.stop("console1", "a")))
