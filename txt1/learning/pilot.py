@@ -6,18 +6,19 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
 
     z     <- log of the mean of the readings since the last decision
     d, h  <- distance and turn since then, by odometry
-    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action that was in force (`course`)
+    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action in force (`planner.Effects`)
     Q     <- places of the light in the robot's frame that z allows, at first; then each is moved by d, h and
-             corrected by z (Kalman filters), and those that the readings speak against are dropped (`survey`)
+             corrected by z (Kalman filters), and unlikely places are dropped (`sensor_map`)
     if lost, or late, or at an episode's end:
-        survey: p, g, n, s, b and the light of each episode <- argmin sum (z - g + n log|q - p|)^2 (Gauss-Newton)
-    a     <- first action of the plan "a for m decisions, then b" that is quickest to the goal's distance from q, on
-             average over the likely q: what grazes the goal may miss it, and go round once more (`course`)
+        survey: p, g, n, s, b and the light of each episode  (Gauss-Newton, `sensor_map.surveyed`)
+                <- argmin sum (z - g + n log|q - p|)^2
+    a     <- first action of the quickest plan "a for m decisions, then b" to the goal's distance from q, on average
+             over the likely q (`planner.quickest`)
 
-The sensors sit at p with brightness g and power n; the robot turns by s h + b in a decision when
-odometry says h. A sensor that fits worse than the others is trusted less: its variances are multiplied by its own
-misfit. A course that only grazes the goal may miss it and go round again, so it counts as longer. The goal's distance
-is the mean of the distances at which episodes ended well.
+The sensors sit at p with brightness g and power n; the robot turns by s h + b in a decision when odometry says h. A
+sensor that fits worse than the others is trusted less: its variances are multiplied by its own misfit. A course that
+only grazes the goal may miss it and go round again, so it counts as longer. The goal's distance is the mean of the
+distances at which episodes ended well.
 
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
@@ -320,7 +321,13 @@ class PilotAgent(PeriodicAgent):
         if square * readings <= limit:
             return ""
         survey, lights, _, _ = self._survey_with([*map(self._weighed, self._past), rows])
-        return "the light" if np.nansum(_squares(survey, rows, lights[-1])) > limit else ""
+        if np.nansum(_squares(survey, rows, lights[-1])) <= limit:
+            return ""
+        # the known survey may be a wrong minimum of the cost
+        episode = self._weighed(np.array(self._rows[-self.settings.window :]))
+        survey, lights, _, _ = self._searched(episode)
+        squares = _squares(survey, episode, lights[-1])[-self.settings.judged :]
+        return "the light" if np.nansum(squares) > limit else ""
 
     def _usual(self) -> float:
         """The longest distance to which an action leads in a decision."""
@@ -370,7 +377,7 @@ class PilotAgent(PeriodicAgent):
         light, doubt = self._survey_on([*self._past, rows])
         _, misfit = seen_along(self.survey, self._weighed(rows), self.settings.slip)
         if misfit > self.settings.doubt:
-            self.unfit = self.unfit or "the light"
+            self.unfit = self.unfit or self._judge()
             self._lose()
             self._survey_anew()
         else:
@@ -419,24 +426,30 @@ class PilotAgent(PeriodicAgent):
         return mean, deviations**2
 
     def _survey_anew(self) -> None:
-        """Survey from guesses at the light's place, with the data of this episode."""
+        """Survey with the data of this episode alone."""
         rows = np.array(self._rows[-self.settings.window :])
         if len(rows) < 2 * self.settings.anew or self._untried:
             return
+        rows = self._weighed(rows)
+        survey, lights, cost, doubt = self._searched(rows)
+        if isfinite(cost):
+            self.survey = survey
+            self._follow(rows, lights[0], doubt)
+
+    def _searched(self, rows: Array) -> tuple[Array, Array, float, Array]:
+        """Survey an episode, starting from several guesses at the light's place; see `surveyed`."""
         mean, square = self._prior()
         radius = 2.0 * sqrt(square[PLACES])
         which = np.zeros(len(rows), np.int64)
-        best = inf
-        rows = self._weighed(rows)
+        found = []
         for r in (radius, 3.0 * radius):
             for bearing in np.arange(8) * (pi / 4.0):
                 guess = mean.copy()
                 guess[:4] = np.median(rows[:, 2:6]) + guess[POWER] * log(r)
                 light = np.array([[r * cos(bearing), r * sin(bearing)]])
-                found, lights, cost, doubt = surveyed(rows, which, guess, light, mean, square, 12)
-                if cost < best:
-                    best, self.survey = cost, found
-                    self._follow(rows, lights[0], doubt)
+                found.append(surveyed(rows, which, guess, light, mean, square, 12))
+        best: tuple[Array, Array, float, Array] = min(found, key=lambda one: one[2])
+        return best
 
     def _follow(self, rows: Array, on_the_map: Array, doubt: Array) -> None:
         """Place the light where a survey put it on the map of this episode."""
