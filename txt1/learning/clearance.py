@@ -42,7 +42,7 @@ REACH: Final = 0.6
 
 
 class Discs(NamedTuple):
-    """The robot's body, m: three discs of this radius, so far apart, the middle one so far ahead of the pose."""
+    """The robot's body as three discs, m: radius, distance, and the middle one's place ahead of the pose."""
 
     radius: float
     apart: float
@@ -55,7 +55,7 @@ def body_of(length: float, width: float, centre: float) -> Discs:
 
 
 class ActionPlan(NamedTuple):
-    """Action a for m decisions, b for n, then e; what it takes, decisions, and its cost."""
+    """A plan: action a for m decisions, b for n, then e; its length in decisions, and its cost."""
 
     a: int
     m: int
@@ -87,7 +87,7 @@ class SeenPoints:
         self.pose = x + distance * cos(middle), y + distance * sin(middle), heading + turn
 
     def add(self, points: Array, since: tuple[float, float, float]) -> None:
-        """Take a sweep's points, seen `since` the robot has moved by (x, y, turn) in its frame of then."""
+        """Take a sweep's points; `since` is the robot's motion after the sweep (x, y, turn), in the sweep's frame."""
         ahead, left, turn = since
         back_x, back_y = points[:, 0] - ahead, points[:, 1] - left
         c, s = cos(turn), sin(turn)
@@ -149,7 +149,7 @@ def room(grid: Array, body: tuple[float, float, float], x: float, y: float, head
 
 @compiled
 def fine(clear: float) -> float:
-    """What too little room costs, decisions."""
+    """Return the cost of too little room, decisions."""
     if clear < NEAREST:
         return TOUCHES + STEEP * (MARGIN - clear)
     return STEEP * max(0.0, MARGIN - clear)
@@ -184,25 +184,23 @@ def clear_along(
     return (x, y, heading, distance, curvature), least
 
 
-@compiled_anew
-def _rest(
-    pose: tuple[float, float, float, float, float],
-    light: tuple[float, float],
-    e: int,
-    k: Array,
-    c: Array,
-    scale: float,
-    goal: float,
-    spread: tuple[float, float, float],
-    sharpest: float,
-) -> float:
-    """Decisions that an action takes from a pose to the goal, as `onwards`."""
-    x, y, heading, distance, curvature = pose
-    east, north = light[0] - x, light[1] - y
-    cos_h, sin_h = cos(heading), sin(heading)
-    ahead, left = cos_h * east + sin_h * north, cos_h * north - sin_h * east
-    time: float = onwards(ahead, left, heading, distance, curvature, e, k, c, scale, goal, spread, sharpest)
-    return time
+class _Search(NamedTuple):
+    """The fixed quantities of a search."""
+
+    light: tuple[float, float]
+    k: Array
+    c: Array
+    scale: float
+    goal: float
+    spread: tuple[float, float, float]
+    grid: Array
+    body: tuple[float, float, float]
+    sharpest: float
+    """The largest curvature, 1/m."""
+    step: float
+    """The longest distance in a decision, m."""
+    circle: int
+    """Decisions of the smallest circle, the most that a piece of a plan takes."""
 
 
 @compiled_anew
@@ -228,6 +226,64 @@ def _begun(
 
 
 @compiled_anew
+def _driven(
+    pose: tuple[float, float, float, float, float], low: float, b: int, steps: int, search: _Search
+) -> tuple[tuple[float, float, float, float, float], float]:
+    """Drive a piece of a plan, as `clear_along`."""
+    return clear_along(pose, b, steps, search.k, search.c, search.scale, search.grid, search.body, low)  # type: ignore[no-any-return]
+
+
+@compiled_anew
+def _least(pose: tuple[float, float, float, float, float], low: float, done: int, search: _Search) -> float:
+    """The least cost of a plan that is at a pose after `done` decisions, with the rest straight ahead at top speed."""
+    away = hypot(search.light[0] - pose[0], search.light[1] - pose[1]) - search.goal
+    cost: float = done + max(0.0, away) / search.step + fine(low)
+    return cost
+
+
+@compiled_anew
+def _ended(
+    pose: tuple[float, float, float, float, float], low: float, e: int, done: int, best: float, search: _Search
+) -> tuple[float, float]:
+    """Cost and time of a plan that ends with action e after `done` decisions; inf if it costs no less than `best`."""
+    x, y, heading, distance, curvature = pose
+    east, north = search.light[0] - x, search.light[1] - y
+    cos_h, sin_h = cos(heading), sin(heading)
+    ahead, left = cos_h * east + sin_h * north, cos_h * north - sin_h * east
+    k, c, scale = search.k, search.c, search.scale
+    last = onwards(
+        ahead, left, heading, distance, curvature, e, k, c, scale, search.goal, search.spread, search.sharpest
+    )
+    if done + last + fine(low) >= best:
+        return inf, inf
+    _, low = _driven(pose, low, e, int(min(last, search.circle)) + 1, search)
+    return done + last + fine(low), done + last
+
+
+@compiled_anew
+def _second_piece(
+    pose: tuple[float, float, float, float, float], low: float, b: int, done: int, best: float, search: _Search
+) -> tuple[float, float, int, int]:
+    """The least cost of the plans that drive b for n decisions and then e; its time, n and e.
+
+    Returns `best` and an infinite time if all of them cost more.
+    """
+    time, piece, last = inf, 0, b
+    for n in range(1, search.circle):
+        pose, low = _driven(pose, low, b, 1, search)
+        if _least(pose, low, done + n, search) >= best:
+            break
+        if n % STRIDE:
+            continue
+        for e in range(search.c.shape[1] - 1):
+            if e != b:
+                cost, takes = _ended(pose, low, e, done + n, best, search)
+                if cost < best:
+                    best, time, piece, last = cost, takes, n, e
+    return best, time, piece, last
+
+
+@compiled_anew
 def quickest_clear(
     light: Belief,
     distance: float,
@@ -244,60 +300,40 @@ def quickest_clear(
 ) -> tuple[int, int, int, int, int, float, float]:
     """The plan (a, m, b, n, e) of the least cost, its time in decisions, and its cost; `before`: the first to be tried.
 
-    The other arguments are those of `quickest`, and what `distances` returns.
+    The other arguments are those of `quickest`, and the result of `distances`.
     """
-    lx, ly, xx, yy, xy = light
-    at = (lx, ly)
-    spread = (xx + graze * graze, yy + graze * graze, xy)
+    x, y, xx, yy, xy = light
     pose, sharpest, step = _begun(distance, curvature, pending, k, c, scale, grid, body)
-    actions = c.shape[1] - 1
     circle = int(min(2.0 * pi / (sharpest * step), 1e3))
-    best, time = inf, inf
-    plan = (0, 0, 0, 0, 0)
+    spread = (xx + graze * graze, yy + graze * graze, xy)
+    search = _Search((x, y), k, c, scale, goal, spread, grid, body, sharpest, step, circle)
+    best, time, plan = inf, inf, (0, 0, 0, 0, 0)
     a, m, b, n, e = before
     if m >= 0:
-        there, low = clear_along(pose, a, m, k, c, scale, grid, body, inf)
-        there, low = clear_along(there, b, n, k, c, scale, grid, body, low)
-        last = _rest(there, at, e, k, c, scale, goal, spread, sharpest)
-        if last < inf:
-            _, low = clear_along(there, e, int(min(last, circle)) + 1, k, c, scale, grid, body, low)
-            best, time, plan = m + n + last + fine(low), m + n + last, before
+        there, low = _driven(pose, inf, a, m, search)
+        there, low = _driven(there, low, b, n, search)
+        best, time = _ended(there, low, e, m + n, inf, search)
+        plan = before if best < inf else plan
+    actions = c.shape[1] - 1
     for a in range(actions):
-        first, low_a = pose, inf
+        there, low = pose, inf
         for m in range(circle):
             if m:
-                first, low_a = clear_along(first, a, 1, k, c, scale, grid, body, low_a)
-            nearest = max(0.0, hypot(lx - first[0], ly - first[1]) - goal) / step
-            if m + nearest + fine(low_a) >= best:
+                there, low = _driven(there, low, a, 1, search)
+            if _least(there, low, m, search) >= best:
                 break
             if m > 2 and m % STRIDE:
                 continue
             for b in range(actions):
                 if (b == a) != (m == 0):
                     continue
-                last = _rest(first, at, b, k, c, scale, goal, spread, sharpest)
-                if m + last + fine(low_a) < best:
-                    _, low = clear_along(first, b, int(min(last, circle)) + 1, k, c, scale, grid, body, low_a)
-                    if m + last + fine(low) < best:
-                        best, time, plan = m + last + fine(low), m + last, (a, m, b, 0, b)
-                if m == 0:
-                    continue
-                second, low_b = first, low_a
-                for n in range(1, circle):
-                    second, low_b = clear_along(second, b, 1, k, c, scale, grid, body, low_b)
-                    nearest = max(0.0, hypot(lx - second[0], ly - second[1]) - goal) / step
-                    if m + n + nearest + fine(low_b) >= best:
-                        break
-                    if n % STRIDE:
-                        continue
-                    for e in range(actions):
-                        if e == b:
-                            continue
-                        last = _rest(second, at, e, k, c, scale, goal, spread, sharpest)
-                        if m + n + last + fine(low_b) < best:
-                            _, low = clear_along(second, e, int(min(last, circle)) + 1, k, c, scale, grid, body, low_b)
-                            if m + n + last + fine(low) < best:
-                                best, time, plan = m + n + last + fine(low), m + n + last, (a, m, b, n, e)
+                cost, takes = _ended(there, low, b, m, best, search)
+                if cost < best:
+                    best, time, plan = cost, takes, (a, m, b, 0, b)
+                if m:
+                    cost, takes, n, e = _second_piece(there, low, b, m, best, search)
+                    if cost < best:
+                        best, time, plan = cost, takes, (a, m, b, n, e)
     return plan[0], plan[1], plan[2], plan[3], plan[4], time, best
 
 
