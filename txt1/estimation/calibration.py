@@ -85,7 +85,7 @@ class Calibrated(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Corrections:
-    """What is to be changed of a sensor as stated; zeros as long as nothing is refuted."""
+    """Corrections of a sensor's settings; zeros until the settings are refuted."""
 
     # m further ahead
     x: float = 0.0
@@ -132,7 +132,7 @@ class Calibration:
         self._left = self._left_to_doubt()
 
     def cycle(self, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]) -> None:
-        """Take in a cycle: its end and length (s), what wheels tell (m/s, rad/s), and the gyro's readings so far."""
+        """Take in a cycle: end and length (s), the wheels' speed and yaw rate (m/s, rad/s), the gyro's readings."""
         self._cycles.append((end, dt, v, omega))
         if self._waiting and self._waiting[0].time <= end and (not gyro or gyro[-1][0] >= self._waiting[0].time):
             place = self._waiting.popleft()
@@ -176,7 +176,7 @@ class Calibration:
         )  # fmt: skip
 
     def _compare(self, one: _Place, two: _Place, gyro: deque[tuple[float, float]]) -> None:
-        """Compare how the robot moved from one position to another with what it knows itself."""
+        """Compare the motion between two positions with dead reckoning."""
         span = two.time - one.time
         cycles = np.array([each for each in self._cycles if each[0] > one.time - 0.1 and each[0] - each[1] < two.time])
         if span > LONGEST or len(cycles) < 3:
@@ -269,7 +269,7 @@ class Calibration:
             self._slips += (walked / dt - self._slips) / MEMORY
 
     def _decide(self) -> None:
-        """Correct what is refuted of the mount, the clock and the gyro's scale."""
+        """Correct the mount, the clock and the gyro's scale where they are refuted."""
         used, mean, p = self.corrections, self.mean, self.covariance
         self._wrong = wrong = tuple([_probability(mean, p, places) for places in ((LX, LY), (TAU,), (SCALE,))])
         x, y, delay, scale = used.x, used.y, used.delay, used.scale
@@ -283,7 +283,7 @@ class Calibration:
         self._left = self._left_to_doubt()
 
     def _left_to_doubt(self) -> tuple[float, float, float, float]:
-        """Second moments of what may be wrong still: lever arm (along, both, across; m^2), clock (s^2)."""
+        """Return second moments of the remaining errors: lever arm (along, both, across; m^2), clock (s^2)."""
         used, p, wrong = self.corrections, self.covariance, self._wrong
         left_x, left_y = self.mean[LX] - used.x, self.mean[LY] - used.y
         late = self.mean[TAU] - used.delay

@@ -31,7 +31,7 @@ Seven = tuple[float, float, float, float, float, float, float]
 Triangle = tuple[float, ...]
 """28 numbers: the upper triangle of a covariance, row by row."""
 Row = Seven | int
-"""One of a Jacobian; the place in the state of a number that is measured itself, of which the row is the unit's."""
+"""A row of a Jacobian; an index if the measured number is that state itself."""
 
 X, Y, THETA, ROLLED, OMEGA, BIAS, SLIP = range(7)
 """Places in the state: pose (m, rad), the wheels' speed (m/s), yaw rate (rad/s), the gyro's bias (rad/s), slip.
@@ -236,7 +236,7 @@ def update(
 ) -> tuple[Belief, float, list[float]]:
     """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and its misses.
 
-    The misses are the residual's parts in standard deviations, each less what those before it already say.
+    The misses are the residual's parts in standard deviations, each without the share of the parts before it.
 
     Args:
         belief: before.
@@ -336,7 +336,7 @@ def centred(v: float, omega: float, wheelbase: float, phi: float | None) -> tupl
         v: that the wheels tell, m/s.
         omega: likewise, rad/s.
         wheelbase: L, m; 0 where the encoder wheels do not steer.
-        phi: of the front axle, rad, the rear's being the opposite; None where nobody knows: then the wheels themselves
+        phi: of the front axle, rad, the rear's being the opposite; None: unknown; then the wheels themselves
             tell it, as without understeer sin(2 phi) = L omega / v.
 
     """

@@ -27,9 +27,9 @@ TWINS: Final = {"imu": "sim_imu", "gps": "sim_gps", "vicon": "sim_vicon"}
 
 
 async def prepare(runtime: Runtime, config: EstimationConfig) -> Estimator | None:
-    """Start the filter, and have it told what its sensors read; return it, None where nothing is to be fused.
+    """Start the filter and connect its sensors; return it, or None if no sensor is fused.
 
-    Raises ConfigError: a sensor is missing, or tells what cannot be fused.
+    Raises ConfigError: a sensor is missing, or its quantity cannot be fused.
     """
     if not config.names:
         return None

@@ -174,7 +174,7 @@ class Frame:
             self._waiting.append((measurement, belief))
 
     def compare(self, reckoning: Reckoning) -> None:
-        """Compare the positions with the reckoned ones, as far as those go."""
+        """Compare the positions with dead reckoning, as far as it goes."""
         more = False
         while self._waiting and self._waiting[0][0].time <= reckoning.until:
             (time, _, _, _, values, sigmas, at), belief = self._waiting.popleft()
@@ -194,7 +194,7 @@ class Frame:
             self.probability = max(probability for _, probability in told)
 
     def _moves(self, span: float) -> tuple[bool, float]:
-        """Whether it moves, by the last `span` seconds, and with what probability: its share of the evidence."""
+        """Return whether the frame moves, by the last `span` seconds, and its probability from the evidence."""
         all_picks, end = self._picks, self._picks[-1].time if self._picks else 0.0
         count = sum(end - each.time <= span + 1e-6 for each in all_picks)
         if count < ENOUGH or end - all_picks[0].time < 0.9 * span:

@@ -103,7 +103,7 @@ RECENT: Final = 1.0
 _UNITS: Final = np.eye(SIZE)
 
 Doubt = Callable[[Seven], tuple[float, float, float, float]]
-"""Variances (x, x and y, y, theta) at a mean, of what is wrong with a sensor's mount and clock."""
+"""Variances (x, x and y, y, theta) that a sensor's errors of mount and clock cause at a mean."""
 
 
 @dataclass(slots=True)
@@ -265,7 +265,7 @@ class Fusion:
         return self._turning
 
     def cycle(self, cycle: Cycle, dt: float) -> None:
-        """Take in what witnesses tell of a cycle of dt seconds."""
+        """Take in the witnesses' values for a cycle of dt seconds."""
         self.vote.cycle(cycle)
         frames = self._frames
         if not frames or not self._located:
@@ -335,7 +335,7 @@ class Fusion:
         return not wrong
 
     def _insert(self, measurement: Measurement, count: int) -> int:
-        """Put the mean of so many readings in its place, and return that."""
+        """Insert the mean of some readings at its time; return the first index that changed."""
         entries = self._entries
         removed = len(entries)
         if measurement.kind is Kind.GYRO or measurement.kind is Kind.POSE:
@@ -372,7 +372,7 @@ class Fusion:
         return self._base, self._base_time
 
     def _forget(self, before: float) -> None:
-        """Drop what is older than the horizon; the belief there is the new beginning."""
+        """Drop all steps before the horizon; the belief at the horizon is the new beginning."""
         entries = self._entries
         old = 0
         while old < len(entries) and entries[old].time < before:
@@ -483,7 +483,7 @@ class Fusion:
         h: Sequence[Row],
         misses: Sequence[float],
     ) -> Belief:
-        """The belief with the wheels' speed and yaw rate, where one of them misses by more than chance."""
+        """Return the belief with the wheels' speed and yaw rate, if either misses by more than chance."""
         wide = belief
         for row, left, miss in zip(measurement.rows, residual, misses, strict=False):
             if not -TRACKS <= miss <= TRACKS:
@@ -520,10 +520,10 @@ class Fusion:
         return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),))[0]
 
     def _slip_changes(self, square: float, dt: float) -> None:
-        """Adapt how fast the slip walks to what turns tell: the square of a change in dt seconds.
+        """Adapt the slip's random walk to the turns: the square of a change in dt seconds.
 
-        Covariance matching, as of A. H. Mohamed and K. P. Schwarz: what the innovation's square exceeds its expectation
-        by is added to what was expected.
+        Covariance matching (A. H. Mohamed and K. P. Schwarz): the excess of the innovation's square over its
+        expectation is added to the expectation.
         """
         self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
         x, y, theta, rolled, omega, bias, usual = self._density
@@ -665,7 +665,7 @@ class Fusion:
         return belief
 
     def _moving_frame(self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float]) -> Belief:
-        """A reading in a frame that moves: left out; it is taken in again as one that has leapt."""
+        """Leave out a reading in a frame that moves; it returns as a reading after a leap."""
         entry.used = False
         judge.rejected += 1
         judge.jumped_at, judge.jumped = entry.measurement.time, SEVERAL
@@ -718,7 +718,7 @@ class Fusion:
     # -- start-up without a pose -----------------------------------------------------------------------------------
 
     def _locate(self, belief: Belief, measurement: Measurement) -> Belief:
-        """Find the pose in the frame of a sensor: at once with a heading, from several positions without one."""
+        """Find the pose in a sensor's frame: with a heading at once, else from several positions."""
         mean, values, sigmas = belief.mean, measurement.values, measurement.sigmas
         if measurement.rows == (0, 1, 2):
             turn = values[2] - mean[THETA]

@@ -1,7 +1,7 @@
 """The evidence on a sensor: four rules by which a reading is taken in. `vote.py` and `frame.py` have one more each.
 
-1. **Valid.** A reading that is no number, the same one again and again, or none at all says nothing. This is the
-   sensor's own fault, and shows without any other sensor.
+1. **Valid.** A reading that is no number or never changes is ignored, and so is a silent sensor. These
+   faults show without any other sensor.
 2. **Robust.** A reading within the gate is taken in, with less weight beyond 95 % of chi-square: its sigma grows as
    Huber's function has it (P. J. Huber, *Robust Statistics*, Wiley 1981; in a filter: C. D. Karlgaard, J. Guidance
    38(5), 2015).
@@ -137,7 +137,7 @@ class Judge:
         )
 
     def invalid(self, measurement: Measurement, speed: float) -> str:
-        """What is wrong with a reading in itself, in words; empty: nothing. `speed` is that of the wheels, m/s."""
+        """Return the fault of a reading, in words; empty: it has none. `speed` is the wheels' speed, m/s."""
         self.same = self.same + 1 if measurement.values == self.last else 0
         self.last = measurement.values
         if measurement.kind is Kind.ENCODERS:
@@ -149,11 +149,11 @@ class Judge:
         return "stands still" if frozen else ""
 
     def surprised(self, nis: float, count: int) -> None:
-        """Note the NIS of a reading of so many numbers."""
+        """Note a reading's NIS and the count of its numbers."""
         self.surprise += (min(nis, 100.0 * count) / count - self.surprise) / MEMORY
 
     def leapt(self, measurement: Measurement) -> bool:
-        """Note a reading of the pose; whether it is farther from the one before than a car can move meanwhile."""
+        """Note a reading of the pose; return whether no car can have moved so far since the last reading."""
         before, dt = self.own, max(measurement.time - self.own_at, 0.0)
         self.own, self.own_at = measurement.values, measurement.time
         if len(before) != len(measurement.values):
@@ -166,7 +166,7 @@ class Judge:
         return False
 
     def misses_again(self, measurement: Measurement, residual: Sequence[float]) -> bool:
-        """Note a reading beyond 99 %; whether the one before was there, too, so that this is no single outlier."""
+        """Note a reading beyond 99 %; return whether the last was beyond it, too, so it is no single outlier."""
         before, dt = self.missed, max(measurement.time - self.missed_at, 0.0)
         self.missed, self.missed_at = tuple(residual), measurement.time
         if len(before) != len(residual):
@@ -179,21 +179,21 @@ class Judge:
         return all(abs(here - there) <= far + NOISE * sqrt(2.0) * sigma for here, there, far, sigma in near)
 
     def fits(self, time: float) -> bool:
-        """Note a reading that fits, of a sensor that is not believed; whether it has fitted long enough."""
+        """Note a reading that fits, of a disbelieved sensor; return whether readings have fitted for long enough."""
         if self.fitting == 0:
             self.fitting_since = time
         self.fitting += 1
         return self.fitting >= FITTING and time - self.fitting_since >= FITS
 
     def doubt(self, reason: str) -> str:
-        """Believe it no longer; returns that in words if it is news."""
+        """Disbelieve the sensor; return a message if it was believed before."""
         self.fitting = 0
         news = f"'{self.name}' is not believed any more: {reason}" if self.believed else ""
         self.believed, self.reason = False, reason
         return news
 
     def restore(self) -> str:
-        """Believe it again; returns that in words."""
+        """Believe the sensor again; return the message."""
         news = "" if self.believed else f"'{self.name}' is believed again"
         self.believed, self.reason, self.fitting, self.surprise = True, "", 0, 1.0
         self.jumped_at, self.jumped, self.missed = None, 0, ()

@@ -1,6 +1,6 @@
 """A witness of the speed that nobody has to calibrate: the motor needs the same output for the same set-point.
 
-Where it suddenly needs another one, either the floor has changed or the encoders err. Nobody can tell which, so the
+If the output changes suddenly, either the floor has changed or the encoders err. Both look alike, so the
 encoders stay believed, and the estimate says less of itself by the way that this would make.
 """
 
@@ -19,7 +19,7 @@ SAME: Final = 0.02
 
 
 class MotorWitness:
-    """Compares the motor's counts with those that the set-point in force usually needs."""
+    """Compares the motor's counts with the set-point's usual counts."""
 
     def __init__(self) -> None:
         self._setpoint = 0.0
@@ -29,7 +29,7 @@ class MotorWitness:
         self._usual = 0.0  # counts
 
     def doubt(self, setpoint: float, motor: float, dt: float) -> float:
-        """How much faster than the encoders say the motor seems to turn, m/s; 0 within what is usual.
+        """Return the motor's apparent speed above the encoders', m/s; 0 within the usual scatter.
 
         Args:
             setpoint: m/s.

@@ -25,7 +25,7 @@ class FusedConfig(Section):
     fields: tuple[Quantity, ...] | None = None
     """The quantities that are taken from it; null: omega of an IMU, the position of a GPS, the pose of a tracker."""
     sigma: dict[Quantity, Positive] = {}
-    """Their standard deviations, m, rad, m/s, rad/s; left out: those that the reading tells, or assumed ones."""
+    """Their standard deviations, m, rad, m/s, rad/s; default: the reading's own, or assumed values."""
     delay: NotNegative = 0.0
     """Its readings were taken so much earlier than they say, s."""
     lever: tuple[float, float] = (0.0, 0.0)
@@ -42,9 +42,9 @@ class EstimationConfig(Section):
     """The filter that makes one odometry of all sensors."""
 
     preset: Literal["none", "encoders", "gyro", "imu-gps", "vicon"] = "none"
-    """What is fused: nothing; the encoders; these and an IMU; and a GPS; the encoders, an IMU and motion capture."""
+    """The sensors to fuse: none; encoders; with an IMU; with IMU and GPS; with IMU and motion capture."""
     sensors: tuple[SensorName, ...] | None = None
-    """The same by the sensors' names, "encoders" among them; null: those of the preset."""
+    """The sensors to fuse, by name, with "encoders" for the encoders; null: the preset's sensors."""
     settings: dict[SensorName, FusedConfig] = {}
     """How they are fused, by their names."""
     slip: Annotated[float, Field(gt=0.0, le=0.5)] = 0.05

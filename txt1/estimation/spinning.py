@@ -1,7 +1,7 @@
 """A witness of wheels that spin: no tyre makes a car faster than the floor holds, but a motor does so to a wheel.
 
 The speed that the car can have follows the encoders', and changes by no more than tyres hold. Where the encoders' is
-larger, the wheels spin, or an encoder errs. What they count meanwhile is not the way of the car.
+larger, the wheels spin, or an encoder errs. Their counts then are not the car's way.
 """
 
 from math import copysign
@@ -18,7 +18,7 @@ AGAIN: Final = 5.0
 
 
 class SpinWitness:
-    """Compares the encoders' speed with the one that tyres can have brought the car to."""
+    """Compares the encoders' speed with the highest that the tyres can have given the car."""
 
     def __init__(self) -> None:
         self._possible = 0.0  # m/s
@@ -26,7 +26,7 @@ class SpinWitness:
         self._calm = AGAIN
 
     def doubt(self, v: float, dt: float) -> tuple[float, str]:
-        """By how much the wheels are faster than the car can be, m/s, and what is new of it, or "".
+        """Return the wheels' speed above the car's possible speed, m/s, and a message if it is new, else "".
 
         `v` is the encoders' speed over the last `dt` s, m/s.
         """

@@ -33,7 +33,7 @@ SPEED: Final = 0.15
 
 
 class Cycle(NamedTuple):
-    """What witnesses tell of a cycle; None where there is none."""
+    """The witnesses' values for a cycle; None without a witness."""
 
     # s of the run, of its end
     time: float

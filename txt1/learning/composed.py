@@ -46,12 +46,12 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """A light; what is null is that of `sim.light` and `sim.room.light`."""
+    """A light; a null field takes its value from `sim.light` and `sim.room.light`."""
 
     x: float | None = None
-    """Where it is at first, m."""
+    """Its first place along x, m."""
     y: float | None = None
-    """Likewise."""
+    """Its first place along y, m."""
     intensity: Positive | None = None
     """Lux at 1 m."""
     exponent: Positive | None = None
@@ -59,21 +59,21 @@ class Lamp:
     height: NotNegative | None = None
     """Above the sensors' plane, m."""
     velocity: Point = (0.0, 0.0)
-    """It moves at so many m/s along x and y."""
+    """Its velocity along x and y, m/s."""
     swing: Point = (0.0, 0.0)
-    """It swings so far along x and y to either side, m, as one that hangs on a cable."""
+    """Its swing to either side along x and y, m, as a lamp on a cable swings."""
     circle: NotNegative = 0.0
     """It goes round in a circle of this radius through its place, m."""
     period: Positive = 4.0
-    """Of a swing, or a round, s."""
+    """Period of a swing or a round, s."""
     flicker: Share = 0.0
-    """Share by which its light goes up and down, as a sine."""
+    """Amplitude of its flicker, a sine, as a share of its light."""
     flicker_period: Positive = 0.5
-    """Of that, s."""
+    """Period of its flicker, s."""
     dark_every: NotNegative = 0.0
-    """Mean time between two times at which it is off, s; 0: never."""
+    """Mean time from one outage to the next, s; 0: no outages."""
     dark_for: Positive = 0.3
-    """Mean length of these, s."""
+    """Mean length of an outage, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,25 +81,25 @@ class SensorErrors:
     """How a sensor errs, beside its gain, noise and fault in `sim.light`."""
 
     gain: NotNegative = 1.0
-    """Factor on what it sees."""
+    """Factor on its light."""
     offset: float = 0.0
-    """Lux that it adds, whatever it sees."""
+    """Offset that it adds, lux."""
     low: NotNegative = LUX_MIN
-    """The least that it tells, lux."""
+    """The lower limit of its readings, lux."""
     high: Positive = LUX_MAX
-    """The most, lux: more reads as this."""
+    """The upper limit of its readings, lux."""
     quantum: NotNegative = 0.0
-    """It tells whole steps of so many lux; 0: any number."""
+    """Step of its readings, lux; 0: no steps."""
     lag: NotNegative = 0.0
     """Time constant with which it follows the light, s."""
     delay: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
-    """It tells what it saw so much earlier, s."""
+    """Delay of its readings, s."""
     lies: NotNegative | None = None
-    """It reads so many lux, with noise, whatever the light."""
+    """A false reading, lux, with noise, in place of the light; null: true readings."""
     hangs_every: NotNegative = 0.0
-    """Mean time between two times at which it repeats its reading, s; 0: never."""
+    """Mean time from one hang to the next, s; while it hangs, it repeats its reading; 0: it never hangs."""
     hangs_for: Positive = 1.0
-    """Mean length of these, s."""
+    """Mean length of a hang, s."""
     drop_out: Share = 0.0
     """Share of its samples that read 0."""
 
@@ -109,15 +109,15 @@ class OdometryErrors:
     """How odometry errs, as the learner is told of it."""
 
     drift: float = 0.0
-    """It turns at so many rad/s though the robot does not."""
+    """Drift of its turns, rad/s."""
     turns: float = 1.0
     """Factor on its turns."""
     ways: float = 1.0
     """Factor on its distances."""
     noise: NotNegative = 0.0
-    """Standard deviation of a way and a turn between two samples, as a share of them."""
+    """Standard deviation of the distance and the turn between two samples, as a share of them."""
     missing: bool = False
-    """It says all the time that the robot stands at 0."""
+    """Whether there is no odometry: it says that the robot stands at 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,35 +125,35 @@ class Change:
     """Other options from an episode on."""
 
     episode: PositiveInt
-    """The first in which they are in force."""
+    """The first episode with these options."""
     set: dict[str, Any]
-    """The options, in place of those of these names."""
+    """The options that change, by their names."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorldOptions:
-    """What `learning.world_options` sets."""
+    """The settings under `learning.world_options`."""
 
     lamps: Annotated[tuple[Lamp, ...], Field(min_length=1)] = (Lamp(),)
     """The lights; the first is the goal."""
     ambient: NotNegative = 0.0
     """Light from everywhere, lux."""
     gradient: Point = (0.0, 0.0)
-    """By how much it grows along x and y, lux a metre; it is never below 0."""
+    """Its growth along x and y, lux a metre; the sum is never below 0."""
     sensors: Annotated[tuple[SensorErrors, ...], Len(1, 4)] = (SensorErrors(),)
-    """The four sensors' errors, or those of each alike."""
+    """The errors of the four sensors; a single entry is for all four."""
     odometry: OdometryErrors = field(default_factory=OdometryErrors)
     """Odometry's errors."""
     turning: float = 1.0
     """Factor on the yaw rate of every action; -1 swaps left and right."""
     turning_from: NotNegative = 0.0
-    """From so many s of an episode on."""
+    """Time in an episode from which the factor on the yaw rate acts, s."""
     changes: tuple[Change, ...] = ()
     """Changes in mid-trial."""
 
 
 class Spells:
-    """Times at which something is the case: they begin and end at random."""
+    """Spells of outage or hanging, which begin and end at random."""
 
     def __init__(self, every: float, length: float, rng: np.random.Generator) -> None:
         self._every, self._length, self._rng = every, length, rng
@@ -161,7 +161,7 @@ class Spells:
         self._ends += float(rng.exponential(length)) if every else 0.0
 
     def at(self, now: float) -> bool:
-        """Whether it is the case now; times only go forward."""
+        """Return whether a spell is on at `now`; times only go forward."""
         while now >= self._ends:
             self._begins = self._ends + float(self._rng.exponential(self._every))
             self._ends = self._begins + float(self._rng.exponential(self._length))
@@ -192,7 +192,7 @@ class Composed(LightWorld):
         self._sensors = sensors if len(sensors) == len(SENSORS) else sensors * len(SENSORS)
 
     def begin(self, episode: int) -> None:
-        """An episode begins: lights are where they are at first, sensors and odometry as new."""
+        """Begin an episode: the lights are at their first places, sensors and odometry are reset."""
         plain = self.config.section(LearningConfig).world_options
         changes = [each for each in options_of(plain).changes if each.episode <= episode]
         self._take({key: value for each in ({**plain}, *(one.set for one in changes)) for key, value in each.items()})
@@ -210,7 +210,7 @@ class Composed(LightWorld):
     # -- light ---------------------------------------------------------------------------------------------------
 
     def place(self, number: int, now: float) -> Point:
-        """Where a lamp is, m."""
+        """Return the place of a lamp, m."""
         lamp, (x, y) = self.options.lamps[number], self.config.sim.room.light
         turn = 2.0 * pi * now / lamp.period
         x, y = x if lamp.x is None else lamp.x, y if lamp.y is None else lamp.y
@@ -222,15 +222,15 @@ class Composed(LightWorld):
         )
 
     def goal(self, now: float) -> Point:
-        """Where the first lamp is, m."""
+        """The place of the first lamp, m."""
         return self.place(0, now)
 
     def see(self, now: float, pose: Pose) -> Readings:
-        """A sample of the four sensors, lux."""
+        """Return a sample of the four sensors, lux."""
         return Readings(*map(self._told_by, range(len(SENSORS)), [now] * len(SENSORS), self._lit(now, pose)))
 
     def _lit(self, now: float, pose: Pose) -> list[float]:
-        """The light on each sensor, lux."""
+        """Return the light on each sensor, lux."""
         x, y, theta = pose
         c, s = cos(theta), sin(theta)
         light, options = self.config.sim.light, self.options
@@ -255,7 +255,7 @@ class Composed(LightWorld):
         return lux
 
     def _told_by(self, k: int, now: float, lux: float) -> float:
-        """What a sensor tells of the light on it."""
+        """Return a sensor's reading for the light on it, lux."""
         one, light = self._sensors[k], self.config.sim.light
         noise = 1.0 + self._noise * float(self.rng.standard_normal())
         seen = (one.gain * light.gains[k] * lux if one.lies is None else one.lies) * noise
@@ -279,7 +279,7 @@ class Composed(LightWorld):
     # -- motion --------------------------------------------------------------------------------------------------
 
     def odometry(self, now: float, odometry: Odometry) -> Odometry:
-        """Odometry with its errors: each step of it, driven on from where the learner was told that it is."""
+        """Return odometry with its errors: each true step, with errors, continues the false course."""
         wrong = self.options.odometry
         if wrong == OdometryErrors():
             return odometry
@@ -303,13 +303,13 @@ class Composed(LightWorld):
         return self._wheels
 
     def command(self, now: float, command: Command) -> Command:
-        """What reaches the robot of a command."""
+        """Return a command as it reaches the robot."""
         v, omega = command
         return v, omega * (self.options.turning if now >= self.options.turning_from else 1.0)
 
 
 def options_of(options: Mapping[str, Any]) -> WorldOptions:
-    """The options, checked; raises ConfigError."""
+    """Return the checked options; raises ConfigError."""
     made = checked(WorldOptions, options, "learning.world_options")
     if len(made.sensors) not in (1, len(SENSORS)):
         raise ConfigError(f"learning.world_options.sensors: {len(made.sensors)} of them; give one for all, or four")

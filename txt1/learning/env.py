@@ -8,13 +8,13 @@ A step is a decision of the thesis's learner, 0.5 s.
   to 1; and the sensed v (m/s) and omega (rad/s). Shape (6,), float32.
 - Action: 0 right, 1 straight, 2 left (table 5.2).
 - Reward: the thesis's, from one sector of the light's direction to the next (5.8): -1, 0 or 1.
-- Terminated at the goal circle, outside the boundary, and by touching a post, a box or a wall, which `info` tells;
+- Terminated at the goal circle, outside the boundary, and by touching a post, a box or a wall (`info` says which);
   truncated after `time_limit` s.
 - ``render_mode="rgb_array"``: a picture from above (`txt1.learning.picture`).
 
-``make_vec(..., vectorization_mode="vector_entry_point")`` gives many at once (`txt1.learning.batch`), quick with the
-extra `fast`. Where the configuration asks for more than these model, such as a delay, a world or dead sensors, it gives
-as many single environments side by side. `txt1.learning.parallel` has several robots in one room.
+``make_vec(..., vectorization_mode="vector_entry_point")`` gives many robots at once (`txt1.learning.batch`), quick with
+the extra `fast`. It does not model a delay, a world or dead sensors; with these settings it gives single environments
+side by side. `txt1.learning.parallel` has several robots in one room.
 """
 
 from contextlib import suppress
@@ -87,7 +87,7 @@ class EpisodeCar:
         self.odometry: Odometry = self._wheels.odometry
 
     def pose(self, now: float) -> tuple[float, float, float]:
-        """The true pose in the room at `now` s, m and rad."""
+        """Return the true pose in the room at `now` s, m and rad."""
         pose = self._hal.read(now).pose
         assert pose is not None
         return pose
@@ -114,7 +114,7 @@ class EpisodeCar:
 class Seeker:
     """A simulated robot on its way to the light, for the environments of one robot and of several.
 
-    Raises ValueError: something is in the way at its start.
+    Raises ValueError: there is an obstacle at its start.
     """
 
     def __init__(self, config: Config, hal: SimHal, start: Start, rng: np.random.Generator) -> None:
@@ -136,15 +136,15 @@ class Seeker:
         self.touched = False
 
     def act(self, action: int) -> None:
-        """Take an action, by its number."""
+        """Begin an action, given its number."""
         self._under_way.append((self._ms + round(1000.0 * self.task.delay), self._commands[action]))
 
     def stand(self) -> None:
-        """Take no action any more."""
+        """Stand still from now on."""
         self._under_way, self._in_force = [], (0.0, 0.0)
 
     def tick(self) -> None:
-        """Go on by a millisecond."""
+        """Simulate a millisecond."""
         ms, now = self._ms, self._ms / 1000.0
         while self._under_way and self._under_way[0][0] <= ms:
             self._in_force = self._under_way.pop(0)[1]
@@ -159,33 +159,33 @@ class Seeker:
         self._ms += 1
 
     def earned(self) -> float:
-        """The reward for what came of the last decision."""
+        """Return the reward of the last decision."""
         before, self.sector = self.sector, self._state(self.sector)
         return float(reward(before, self.sector))
 
     def rested(self) -> None:
-        """It has rested on its start, and looks where the light is."""
+        """End its rest at the start, and measure the light's direction."""
         self.sector = self._state(0)
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """Where it is, m and rad."""
+        """Its true pose, m and rad."""
         return self._car.pose(self._ms / 1000.0)
 
     @property
     def light(self) -> tuple[float, float]:
-        """Where the light is that it looks for, m."""
+        """The place of its light, m."""
         return self._world.goal(self._ms / 1000.0)
 
     def outcome(self) -> tuple[bool, bool, bool]:
-        """Whether it is at the light; whether its episode is over; whether its time is."""
+        """Return whether it is at the light, whether its episode is over, and whether its time is over."""
         (x, y, _), light = self.pose, self.light
         success = hypot(x - light[0], y - light[1]) <= self.task.goal_radius and not self.touched
         over = success or self.touched or max(abs(x), abs(y)) > self.task.boundary
         return success, over, self._ms - REST_MS >= 1000.0 * self.task.time_limit
 
     def _look(self, sample: Readings) -> None:
-        """Take a sample; a sensor without a number reads as dark, as a learner has to live with it."""
+        """Take a sample; a reading that is no number counts as dark."""
         self._filter.step(Readings(*(lux if 0.0 <= lux < inf else 0.0 for lux in sample)))
 
     def _state(self, otherwise: int) -> int:
@@ -204,7 +204,7 @@ class Seeker:
 
 
 def placed(config: Config, rng: np.random.Generator, world: World | None = None) -> tuple[Seeker, Start]:
-    """A robot on a random start where it has room; ConfigError: there is none."""
+    """Return a robot at a random start with room; ConfigError: there is no room."""
     hal = create_sim(config.model_copy(update={"seed": int(rng.integers(2**32))}), world)
     for _ in range(STARTS):
         start = Start(*map(float, rng.uniform(-pi, pi, 2)))
@@ -217,7 +217,7 @@ def placed(config: Config, rng: np.random.Generator, world: World | None = None)
 
 
 def ready(config: Config | None) -> Config:
-    """The configuration of an environment of single robots, looked at; ConfigError: it cannot be had."""
+    """Return the checked configuration of an environment of single robots; raises ConfigError."""
     one = settled(load().config if config is None else config)
     refuse_others(one, ONE, "environments")
     refuse_unsolvable(one)
@@ -225,7 +225,7 @@ def ready(config: Config | None) -> Config:
 
 
 def shows(render_mode: str | None) -> str | None:
-    """The mode; ConfigError: there is none such."""
+    """Return the render mode; ConfigError: there is no mode of this name."""
     if render_mode not in (None, "rgb_array"):
         raise ConfigError(f"render_mode: {render_mode}: there is none such; set rgb_array, or leave it out")
     return render_mode
@@ -251,7 +251,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """The first observation, at rest on a random start."""
+        """Begin an episode at rest on a random start; return its first observation."""
         super().reset(seed=seed, options=options)
         self._robot, start = placed(self._config, self.np_random)
         self._run(REST_MS)
@@ -259,9 +259,9 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         return self._robot.observation(), {"optimal_time": start.optimal_time(self._robot.task)}
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Observation, reward, terminated, truncated and what came of it, one decision later.
+        """Carry out a decision; return observation, reward, terminated, truncated and `info`.
 
-        Raises ValueError: there is no such action.
+        Raises ValueError: the action is not in the space.
         """
         if not self.action_space.contains(action):
             raise ValueError(f"action {action!r} is none of {self.action_space}")
@@ -273,20 +273,20 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         return robot.observation(), earned, over, late, {"success": success, "touched": robot.touched}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture from above, shape (400, 400, 3); None without ``render_mode``."""
+        """Return a picture from above, shape (400, 400, 3); None without ``render_mode``."""
         if self.render_mode is None:
             return None
         robot = self._robot
         return picture(Overview(self._config, robot.light, [robot.pose], [robot.way]))
 
     def _run(self, duration_ms: int) -> None:
-        """Let the robot go on."""
+        """Simulate the robot for a time."""
         for _ in range(duration_ms):
             self._robot.tick()
 
 
 class LightSeekingVectorEnv(Many):
-    """Many robots, each looking for a light of its own; an episode that has ended is begun anew with the next step."""
+    """Many robots, each with a light of its own; after an episode's end the next step begins a new one."""
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 
@@ -406,7 +406,7 @@ REWARDS: Final = np.array([[reward(s, s_next) for s_next in range(8)] for s in r
 
 
 def many(num_envs: int = 1, config: Config | None = None, render_mode: str | None = None) -> Many:
-    """Many robots at once: quickly where that models the configuration, else single environments side by side."""
+    """Make many robots at once: in one fast simulation if it models the configuration, else side by side."""
     one = settled(load().config if config is None else config)
     try:
         if render_mode is None:

@@ -1,4 +1,4 @@
-"""Several robots in one room that look for the light, as a parallel environment of PettingZoo (extra `pettingzoo`).
+"""Several robots in one room search the light: a parallel environment of PettingZoo (extra `pettingzoo`).
 
     from txt1.learning.parallel import LightSeekingParallelEnv
     env = LightSeekingParallelEnv(robots=3)
@@ -80,7 +80,7 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
         return {name: robot.observation() for name, robot in self.robots.items()}, told
 
     def step(self, actions: dict[str, Any]) -> tuple[Told, Told, Told, Told, Told]:
-        """Of each robot under way: observation, reward, terminated, truncated and what came of it.
+        """Return, for each robot under way, observation, reward, terminated, truncated and `info`.
 
         Raises ValueError: an action is none of the space, or of a robot that is not under way.
         """

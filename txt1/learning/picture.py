@@ -23,7 +23,7 @@ Colour = tuple[int, int, int]
 
 
 class Overview(NamedTuple):
-    """What there is to draw, m and rad."""
+    """The contents of a picture, m and rad."""
 
     config: Config
     light: Point
@@ -72,7 +72,7 @@ def _left(edge: Sequence[Point], point: Point) -> bool:
 
 
 def _pixel(x: float, y: float, middle: Point, reach: float) -> tuple[int, int]:
-    """Row and column of a place; the edge for one outside."""
+    """Return row and column of a place; outside the picture, those of its edge."""
     scale = SIDE / (2.0 * reach)
     row, column = int((middle[1] + reach - y) * scale), int((x - middle[0] + reach) * scale)
     return min(max(row, 0), SIDE - 1), min(max(column, 0), SIDE - 1)

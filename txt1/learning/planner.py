@@ -44,7 +44,7 @@ class Effects:
         learn_effects(self.sums, self.error, self.k, self.c, taken, distance, curvature, forgets)
 
     def numbers(self, delays: int) -> Array:
-        """Of the first so many delays: errors, k, c, and weight, mean and mean square of the inputs.
+        """Return the first `delays` delays' errors, k, c, and weight, mean and mean square of the inputs.
 
         They are equal for equal robots.
         """

@@ -83,7 +83,7 @@ class LearningConfig(Section):
     """Where the robot is, for goal and boundary: the simulation's truth, odometry from the start pose on, fused (by all
     sensors together), map (on the map that it drives in), or the name of a motion capture system among `sensors`."""
     world: Annotated[str, Field(min_length=1)] | None = None
-    """What is seen and told: composed (by world_options), or another package's world; null: sim.light and odometry."""
+    """The learner's world: composed (by world_options), or another package's; null: sim.light and odometry."""
     world_options: dict[str, Any] = {}
     """Its settings, handed to it as they are."""
     sensor: Annotated[str, Field(min_length=1)] = "light"

@@ -272,7 +272,7 @@ class Trial:
     ) -> tuple[float, float]:
         """The velocity to command, m/s and rad/s, at a pose in the room.
 
-        The episode of a robot that is not `armed` is void; that of one that `touches` something has failed.
+        The episode of a robot that is not `armed` is void; an episode with a contact (`touches`) has failed.
         """
         if not armed:
             self.void()

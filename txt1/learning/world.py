@@ -1,11 +1,11 @@
-"""What a learner is shown: a world is a small class, ours by settings (`txt1.learning.composed`) or another package's.
+"""The world that a learner sees, as a small class: ours (`txt1.learning.composed`) or another package's.
 
 A package announces its class in its pyproject.toml::
 
     [project.entry-points."txt1.worlds"]
     mine = "mypackage.mine:Mine"
 
-where ``Mine(config, rng)`` is a `LightWorld`: it derives from that and replaces what differs.
+where ``Mine(config, rng)`` derives from `LightWorld` and replaces the methods that differ.
 ``learning.world=mine`` asks for it, and its own settings come in ``learning.world_options``. The running robot,
 trials in lockstep (studies/learners) and the environments each make one for every robot, and ask all of it. Whatever
 it raises becomes one line with its name.
@@ -43,7 +43,7 @@ TOUCH: Final = 0.02
 
 
 class LightWorld:
-    """A world as the configuration has it; one that differs derives from it. One for each robot.
+    """The world of the configuration, one object for each robot; other worlds derive from it.
 
     Times are s since the robot was put on its start. Every random value comes from `rng`, so that trials repeat.
     """
@@ -67,12 +67,12 @@ class LightWorld:
         return self._eyes(pose)
 
     def odometry(self, now: float, odometry: Odometry) -> Odometry:
-        """What the learner is told of odometry; asked with each sample of the light, and at each decision."""
+        """Return odometry for the learner; called with each sample of the light and at each decision."""
         del now
         return odometry
 
     def command(self, now: float, command: Command) -> Command:
-        """What reaches the robot of a command."""
+        """Return a command as it reaches the robot."""
         del now
         return command
 
@@ -102,7 +102,7 @@ def named(config: Config) -> str | None:
 
 
 def settled(config: Config) -> Config:
-    """The configuration with what its world brings; ConfigError, Txt1Error: there is none, or it fails."""
+    """Return the configuration with its world's settings; ConfigError, Txt1Error: no such world, or it fails."""
     name = named(config)
     if name is None:
         return config
@@ -114,7 +114,7 @@ def settled(config: Config) -> Config:
 def world_of(
     config: Config, rng: np.random.Generator, movers: Callable[[], Sequence[Box]] = tuple
 ) -> LightWorld | CheckedWorld | None:
-    """The world of one robot, of a configuration that is `settled`; None: no world is asked for."""
+    """Return one robot's world for a `settled` configuration; None: it has no world."""
     name = named(config)
     if name is None:
         return None
@@ -139,7 +139,7 @@ def touches(config: Config) -> Callable[[Pose], bool] | None:
 
 
 def _asked(who: str, name: str, method: Callable[..., Any], *given: Any) -> Any:
-    """What a method of a world returns; Txt1Error: it raised."""
+    """Call a method of a world; Txt1Error: it raised an error."""
     try:
         return method(*given)
     except Txt1Error:

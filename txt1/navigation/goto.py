@@ -358,8 +358,9 @@ class Stretch:
     def steer(self, pose: Pose, driven: float, preview: float) -> float:
         """Return the curvature, 1/m, that brings the robot back to the path. Its base is the path's, `preview` m ahead.
 
-        With e the lateral and a the heading error, and ' the derivative by the path driven in gear g: e' = g a and
-        a' = g (curvature - path's), so curvature = path's - e / l^2 - g a 2 / l gives e'' + 2 / l e' + e / l^2 = 0.
+        Let e be the lateral error, a the heading error, g the gear, and ' the derivative by the distance driven. Then
+        e' = g a and a' = g (curvature - path's). The curvature path's - e / l^2 - g a 2 / l gives
+        e'' + 2 / l e' + e / l^2 = 0.
         """
         lateral, heading = self.errors(pose, driven)
         _, base = self.at(driven + preview)

@@ -1,4 +1,4 @@
-"""What a robot tells when its recording is run again, held against the recording, message by message."""
+"""Compares the messages of a replayed robot with its recording, message by message."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ class Comparison:
         return None if same else Difference(at, topic, "", "so many bytes", "other ones")
 
     def _close(self, old: Any, new: Any) -> bool:
-        """Whether two values may pass for one on another processor."""
+        """Return whether two values are equal but for rounding on another processor."""
         if self._exact or type(old) is not type(new):
             return False
         if isinstance(old, list):

@@ -1,4 +1,4 @@
-"""The recorder's sink on the disk: one file, or several in turn, and what happens when the disk takes no more."""
+"""The recorder's sink on the disk: a file, or several in turn; it survives a full disk."""
 
 from collections.abc import Iterator, Mapping
 from itertools import count, takewhile
@@ -15,7 +15,7 @@ SYNC_NS: Final = NS_PER_S * 2 // 5
 
 
 class Rotation(NamedTuple):
-    """When to begin the next file: bytes in one, and ns of the run in one; 0 for never."""
+    """When to begin the next file: after bytes, or after ns of the run; 0 for never."""
 
     size: int = 0
     time_ns: int = 0
@@ -70,7 +70,7 @@ class FileSink:
         return 0
 
     def close(self, dropped: int) -> None:
-        """Finish the file; RecordingError when that cannot be done: what is in it can be recovered."""
+        """Finish the file; RecordingError: it cannot be finished, but its content can be recovered."""
         try:
             self._finish(dropped)
         except OSError as error:

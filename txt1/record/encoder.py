@@ -39,11 +39,11 @@ _BEHIND_LENGTH: Final = RECORD.size - 9
 _HEAD: Final = struct.Struct("<BQHI16s")
 """The same, with both times as bytes."""
 _VARYING: Final = ((11, "I"), (15, "16s"))
-"""Offset and struct code of what differs from head to head: the sequence number and both times."""
+"""Offsets and struct codes of a head's changing fields: the sequence number and both times."""
 _TIMES: Final = struct.Struct("<QQ")
 _STAMP: Final = struct.Struct("<iI")
 _STAMPED: Final = ("std_msgs/Header", "builtin_interfaces/Time")
-"""Messages that begin with one of these begin with a time stamp."""
+"""Types that begin with a time stamp."""
 
 Message = tuple[float, Topic[Any], Any]
 """Time, s of the run, topic and value."""
@@ -101,7 +101,7 @@ class Encoder:
         self._own: dict[Topic[Any], _OwnChannel] = {}
 
     def skip(self, lost: Mapping[Topic[Any], int]) -> None:
-        """Leave gaps in the sequence numbers of topics, of so many messages each."""
+        """Leave gaps in topics' sequence numbers, by the counts of lost messages."""
         for topic, count in lost.items():
             self._channel(topic).sequence += count
 
@@ -160,7 +160,7 @@ def _head(channel: int, length: int, sequence: int = 0, times: bytes = b"") -> b
 
 
 def _of_fields(topic: Topic[Any], channel: int) -> _Record:
-    """Return what writes the records of a topic field by field."""
+    """Return the function that writes a topic's records field by field."""
     stamped = fields(topic.message)[0].type in _STAMPED
 
     def record(value: Any, sequence: int, times: bytes, stamp: bytes) -> bytes:
@@ -176,7 +176,7 @@ def _of_fields(topic: Topic[Any], channel: int) -> _Record:
 
 
 def _of_numbers(topic: Topic[Any], channel: int) -> _Record:
-    """Return what puts a topic's numbers into a record in which everything else stands already.
+    """Return the function that puts a topic's numbers into a template of its record.
 
     One call packs the template's pieces and the numbers between them; a number at a time takes three times as long.
     Zeros at the ends of a piece are struct's padding, as most covariances and unused axes are 0.

@@ -35,7 +35,7 @@ _Write = Callable[[bytearray, Any, str, Places], None]
 
 
 def encode(message: str, values: Mapping[str, Any]) -> bytearray:
-    """Return one message as CDR, from values nested like the message; what is left out is 0, empty or none."""
+    """Return one message as CDR, from values nested like the message; omitted fields are 0, empty or none."""
     data = bytearray(HEADER)
     _writer(message)(data, values, "", None)
     return data
@@ -43,7 +43,7 @@ def encode(message: str, values: Mapping[str, Any]) -> bytearray:
 
 @cache
 def _writer(kind: str) -> _Write:
-    """Return what writes a value of this type: a number's, ``string`` or ``package/Name``."""
+    """Return the function that writes a value of this type: a number's, ``string`` or ``package/Name``."""
     if kind == "string":
         return _write_text
     if kind in CODES:
@@ -82,7 +82,7 @@ def _write_text(data: bytearray, value: Any, path: str, places: Places) -> None:
 
 
 def _array_writer(message: str, field: Field) -> _Write:
-    """Return what writes an array or, with its length before it, a sequence."""
+    """Return the function that writes an array, or a sequence with its length first."""
     element, code = _writer(field.type), CODES.get(field.type)
     size = 0 if code is None else struct.calcsize(code)
 

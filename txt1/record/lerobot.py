@@ -158,7 +158,7 @@ def export(path: Path, directory: Path, fps: int, task: str | None) -> tuple[int
         path: of the recording.
         directory: where to.
         fps: frames a second.
-        task: its words, for policies that are told any; None: what it was.
+        task: its description, for policies that take one; None: derived from the recording.
 
     Raises ConfigError: the directory is there; RecordingError: the recording has nothing for it, or the directory
     cannot be written.
@@ -278,7 +278,7 @@ def _stats(values: Array) -> dict[str, list[float]]:
 
 
 def _picture_feature(files: list[bytes]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what is said of a camera's pictures, and the statistics of their colours, 0 to 1.
+    """Return the feature of a camera's pictures, and the statistics of their colours, 0 to 1.
 
     Raises RecordingError: they are of several sizes, or damaged; MissingExtra.
     """

@@ -104,7 +104,7 @@ class LiveView:
         return 0
 
     def advertise(self, bus: Bus) -> None:
-        """Advertise what every robot tells: Foxglove's server may refuse who subscribes in the instant of a new one."""
+        """Advertise all topics at the start: Foxglove's server may refuse a subscription while a topic is new."""
         for topic in (*bus.offered, COMMAND, LOG):
             self._advertise(bus.full_name(topic), topic)
 
@@ -126,7 +126,7 @@ class LiveView:
 
 
 class _Listener(ServerListener):
-    """Takes what clients publish; called in the server's threads."""
+    """Takes clients' messages; called in the server's threads."""
 
     def __init__(self) -> None:
         self.asked: Callable[[float, float], None] = lambda v, omega: None
@@ -135,7 +135,7 @@ class _Listener(ServerListener):
         self._subscribed: deque[str] = deque()
 
     def newcomers(self) -> Iterator[str]:
-        """Yield the topics that somebody has subscribed to since the last time: what is told seldom is told again."""
+        """Yield the topics with new subscribers since the last call, so that rare topics are sent again."""
         while self._subscribed:
             yield self._subscribed.popleft()
 

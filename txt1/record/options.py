@@ -44,17 +44,17 @@ VIEW: Final = {
 
 
 class RecordingAsked(NamedTuple):
-    """What is recorded, and shown live."""
+    """The recording and the live view that the command line asks for."""
 
     file: Path | None
     view: LiveView | None = None
     about: Mapping[str, object] = {}
-    """What the command was told, for the recording's metadata."""
+    """The command line, for the recording's metadata."""
     speed: Speed = None
 
 
 def live_view(arguments: Namespace, *, control: bool = False) -> LiveView | None:
-    """Return the live view that was asked for, if any was; raises ConfigError for one of its options without it."""
+    """Return the live view, None without one; ConfigError: one of its options stands without it."""
     if arguments.view is None:
         if control:
             raise ConfigError("--view-control: there is no live view; add --view")
@@ -68,7 +68,7 @@ def live_view(arguments: Namespace, *, control: bool = False) -> LiveView | None
 
 
 def asked(arguments: Namespace, config: Config) -> RecordingAsked | None:
-    """Return what is to be recorded or shown live, None for nothing; raises ConfigError, MissingExtra."""
+    """Return the recording and live view to make, None for neither; raises ConfigError, MissingExtra."""
     view = live_view(arguments, control=arguments.view_control)
     if arguments.log is None and view is None:
         return None

@@ -68,7 +68,7 @@ class Player:
         self._position = min(max(time, self.recording.start), self.recording.end)
 
     def key(self, key: str, now: float = 0.0) -> None:
-        """Do what a driving key means to the player."""
+        """Carry out a driving key's meaning for the player."""
         position = self.position
         match key:
             case "a" | "d":
@@ -91,7 +91,7 @@ class Player:
 
     @property
     def now(self) -> float:
-        """Real time, s: what keys and snapshots follow."""
+        """Real time, s, for keys and snapshots."""
         return self._clock()
 
     def stop(self) -> None:
@@ -121,7 +121,7 @@ class Player:
 
 
 async def play(recording: Snapshots, speed: float, start: float | None, loop: bool) -> None:
-    """Show a recording on the screens until the user quits; without a terminal, as lines, one a second of the run."""
+    """Show a recording on the screens until the user quits; without a terminal, print a line for each second."""
     player = Player(recording, speed, loop, asyncio.get_running_loop().time)
     if start is not None:
         player.seek(start)

@@ -43,7 +43,7 @@ class Item(NamedTuple):
 
     @property
     def robot(self) -> str:
-        """The name of the robot that told it; empty for one that is alone."""
+        """The name of its robot; empty for a single robot."""
         return self.topic.removesuffix(self.name).strip("/")
 
     @property
@@ -53,7 +53,7 @@ class Item(NamedTuple):
 
 
 class FilePass:
-    """One pass through a file; of a recording of several robots, what that `robot` told, or all of them for None."""
+    """One pass through a file: the messages of `robot`, or of all robots for None."""
 
     def __init__(self, path: Path, robot: str | None = None) -> None:
         self.path, self.robot = path, robot
@@ -165,7 +165,7 @@ def metadata_of(path: Path, name: str) -> dict[str, str]:
 
 @contextmanager
 def trusting(path: Path) -> Iterator[None]:
-    """Take a recording's content as sound; RecordingError for whatever that leads to where it is not."""
+    """Trust a recording's content; errors that damaged content causes become RecordingError."""
     try:
         yield
     except (Txt1Error, OSError):
@@ -178,7 +178,7 @@ def trusting(path: Path) -> Iterator[None]:
 
 
 def robots_in(path: Path) -> list[str]:
-    """The names of the robots whose recording it is, in the order of their plan; one that is alone may have none.
+    """Return the names of the recorded robots, in the order of their plan; a single robot may have none.
 
     Raises RecordingError: they cannot be read.
     """
@@ -192,7 +192,7 @@ def robots_in(path: Path) -> list[str]:
 
 
 def robot_in(path: Path, name: str | None) -> str:
-    """The robot of that name in a recording, the first for None; RecordingError where there is no such robot."""
+    """Return the robot of this name in a recording, for None the first; RecordingError: it is not there."""
     names = robots_in(path)
     if name is None:
         return names[0]
@@ -248,7 +248,7 @@ def _plain(value: Any) -> Any:
 
 
 def flat(values: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Every value with its dotted path; a list is one value."""
+    """Yield every value with its dotted path; a list is a single value."""
     for name, value in values.items():
         if isinstance(value, dict):
             yield from flat(value, f"{path}{name}.")

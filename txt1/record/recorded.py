@@ -54,7 +54,7 @@ class Recorded:
 
     @property
     def lacks(self) -> str:
-        """What is not in it, in words."""
+        """The contents that it lacks, in words."""
         if self.sensed or not (self.config.sensors or self.config.section(EstimationConfig).names):
             return ""
         return "it is older than this version and has no exact readings, so guards and what sensors tell are left out"
@@ -70,7 +70,7 @@ def read(path: Path, robot: str) -> Recorded:
 
 
 def check_map(path: Path, name: str, digest: str) -> None:
-    """Raise RecordingError where the map of a recording is not there any more, or is another one."""
+    """Raise RecordingError if a recording's map is missing or has changed."""
     from txt1.maps.files import read as read_map
 
     known = f"the map {name} of SHA-256 {digest[:12]}"

@@ -19,7 +19,7 @@ from txt1.tasks.controller import CONTROL_PERIOD
 from txt1.telemetry.topics import Rule, Topic
 
 BATCH: Final = 0.5
-"""s between two batches on the real clock: what a crash may lose, with what the disk needs."""
+"""s between two batches on the real clock; a crash may lose this much, and the disk's delay."""
 BATCH_MAX: Final = 5.0
 """s of the robot's time in a batch at full speed."""
 BACKLOG: Final = 20
@@ -33,7 +33,7 @@ class Sink(Protocol):
         """Take a block; how many messages were lost with it. Raises RecordingError when nothing more can be taken."""
 
     def close(self, dropped: int) -> None:
-        """No block comes any more, and so many messages were lost. Raises RecordingError."""
+        """End the sink, given the count of lost messages. Raises RecordingError."""
 
 
 class Recorder:
@@ -82,7 +82,7 @@ class Recorder:
         return self._overflowed + self._not_written
 
     async def finish(self) -> None:
-        """Write what is left; the sinks stay open. RecordingError: they have failed."""
+        """Write the rest; the sinks stay open. RecordingError: they have failed."""
         self._leave()
         self._hand_over(backlog=len(self._jobs))
         await self.written()
@@ -90,7 +90,7 @@ class Recorder:
             raise self._failure
 
     async def written(self) -> None:
-        """Wait until the sinks have what was handed over."""
+        """Wait until the sinks have all blocks."""
         waiting = [asyncio.wrap_future(job) for job in self._jobs if not job.done()]
         if waiting:
             await asyncio.wait(waiting)

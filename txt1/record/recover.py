@@ -1,4 +1,4 @@
-"""A valid file of one that breaks off: every message that is whole, in its order, and none that is not."""
+"""Makes a valid file from a broken one: it keeps every complete message, in order."""
 
 from itertools import chain
 from pathlib import Path

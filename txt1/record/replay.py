@@ -1,13 +1,13 @@
-"""Stand-ins that give a runtime the same inputs as when it was recorded.
+"""Stand-ins that give a runtime its recorded inputs again.
 
 How it works
 ============
 
-`txt1.record.verify` says what a replay is. Here are its four stand-ins and the order in which they give things.
+`txt1.record.verify` says what a replay is. Here are its four stand-ins and the order in which they give inputs.
 
 **Order is all.** Two inputs at the same time may have different effects, depending on the task that ran between them.
 So the recorder notes with each input the count of task steps before it (`step`), and that count decides here. Time only
-says when to look. The scheduler counts its steps in the replay as it did then.
+says when to look. The scheduler counts its steps in the replay as in the recorded run.
 
 Inputs fall into two groups, by who gave them (`source`):
 
@@ -76,14 +76,14 @@ class TaskStep:
 
 
 class Given(NamedTuple):
-    """Something that was given at a time, s of the run."""
+    """An input with its time, s of the run."""
 
     time: float
     what: Input | Report
 
 
 class UserError(Exception):
-    """Stands for an error that a task of the user's raised when it was recorded."""
+    """Stands for an error that a user's task raised in the recorded run."""
 
 
 class RecordedHal:
@@ -97,20 +97,20 @@ class RecordedHal:
             setattr(self, method, partial(self._call, method))
 
     def expect(self, reports: Sequence[Report]) -> None:
-        """Report this in the course of what comes next."""
+        """Take the reports of the next step."""
         # what nobody has read is how it is now, all the same
         while self._reports:
             self._inputs = self._reports.popleft().value or self._inputs
         self._reports.extend(reports)
 
     async def open(self) -> None:
-        """Nothing to be opened."""
+        """Do nothing: there is no hardware."""
 
     async def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is no hardware."""
 
     def read(self, now: float) -> Inputs:
-        """The report of then; HalError: it failed then."""
+        """Return the recorded report; HalError: the recorded report was a failure."""
         self._call("read", now)
         return self._inputs
 
@@ -123,12 +123,12 @@ class RecordedHal:
             self._inputs = report.value
 
     def as_hal(self) -> Hal:
-        """This as the hardware layer that it is."""
+        """Return itself, as a hardware layer."""
         return cast("Hal", self)
 
 
 class RecordedSensor:
-    """A sensor that repeats its recorded readings, in the same steps; `made` is what its driver would read."""
+    """A sensor that repeats its recorded readings in the same steps; `made` is its ordinary driver."""
 
     simulated = True
 
@@ -139,19 +139,19 @@ class RecordedSensor:
         self._needed = True
 
     async def open(self) -> None:
-        """Nothing to be opened."""
+        """Do nothing: there is no hardware."""
 
     async def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is no hardware."""
 
     def needed(self) -> bool:
-        """Whether somebody needed it in this step."""
+        """Return whether the sensor was read in this step."""
         while self._due() and self._given[0].what.kind in ("idle", "asked"):
             self._needed = self._given.popleft().what.kind == "asked"
         return self._needed
 
     def read(self, now: float) -> Reading[Any] | None:
-        """The reading of this step, None where there was none; HalError: it failed."""
+        """Return this step's reading, None if there was none; HalError: the recorded reading was a failure."""
         del now
         reading = None
         while self._due():
@@ -179,7 +179,7 @@ class RecordedSensor:
 
 
 class Script:
-    """Gives what is recorded again, each part at its time and behind the step that it came behind."""
+    """Gives the recorded inputs again, each at its time and after the same step."""
 
     def __init__(self, runtime: Runtime, given: Sequence[Given]) -> None:
         self._runtime = runtime
@@ -198,30 +198,30 @@ class Script:
         """The reason why the recording cannot be given again."""
 
     def fail(self, reason: str) -> None:
-        """Note that the recording cannot be given again."""
+        """Note that the recording cannot be replayed, and why."""
         self.failure = self.failure or RecordingError(reason)
 
     def of(self, source: str) -> deque[Given]:
-        """What a task gives, or a sensor reads."""
+        """Return the inputs of a task or the readings of a sensor."""
         return self._by_source.setdefault(source, deque())
 
     @property
     def steps(self) -> int:
-        """Steps of all tasks so far."""
+        """The count of all tasks' steps."""
         return self._scheduler.steps
 
     @property
     def has_end(self) -> bool:
-        """Whether the recording goes on to the end of the run."""
+        """Whether the recording reaches the end of the run."""
         return bool(self._outside) and self._outside[-1].what.kind == "end"
 
     @property
     def may_go_on(self) -> bool:
-        """Whether inputs are left that come behind the steps there were."""
+        """Whether inputs remain after the recorded steps."""
         return self.has_end and self._outside[0].what.step <= self.steps
 
     def start(self) -> None:
-        """Give what came before the first step, and set a timer for what came next."""
+        """Give the inputs before the first step, and set a timer for the next input."""
         try:
             self.give_due()
         except RecordingError as error:
@@ -236,7 +236,7 @@ class Script:
             self._loop.call_at(self._loop.time() + ahead, self.start)
 
     def give_due(self) -> None:
-        """Give the inputs from outside that are due behind this step."""
+        """Give the outside inputs that came right after this step."""
         outside = self._outside
         while outside:
             (time, given), now = outside[0], self._runtime.now
@@ -249,12 +249,12 @@ class Script:
             self._scheduler.end_at(self._runtime.now)
 
     def give_up_to(self, step: int) -> None:
-        """Give the inputs from outside that came behind this step or one before it."""
+        """Give the outside inputs that came after this step or an earlier one."""
         while self._outside and self._outside[0].what.step <= step:
             self.give(*self._outside.popleft())
 
     def give(self, time: float, given: Input | Report) -> None:
-        """Give this now."""
+        """Give an input now."""
         runtime = self._runtime
         if isinstance(self._scheduler, StepByStep):
             self._scheduler.time = time
@@ -299,7 +299,7 @@ class Script:
                     raise RecordingError(f"{INPUT.name}: {error}") from None
 
     async def _repeat(self, inputs: deque[Given], ticks: Ticks) -> None:
-        """Stand for a user's task: give its inputs again, in the same steps."""
+        """Replace a user's task: give its inputs again in the same steps."""
         async for _ in ticks:
             while inputs and inputs[0].what.step <= self.steps:
                 time, what = inputs.popleft()
@@ -309,7 +309,7 @@ class Script:
 
 
 class Following(Scheduler):
-    """Calls `after` behind every step."""
+    """Calls `after` after every step."""
 
     def __init__(self, on_fault: OnFault) -> None:
         super().__init__(on_fault)
@@ -332,7 +332,7 @@ class Following(Scheduler):
 
 
 class StepByStep(Scheduler):
-    """Runs a task's step when it is told to, at the time that it is told; no other clock plays a part."""
+    """Runs a task's step on request, at the time of the request; it reads no other clock."""
 
     time = 0.0  # s of the run
 
@@ -342,16 +342,16 @@ class StepByStep(Scheduler):
         return self.time
 
     def add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> None:
-        """Add a task; that it is due is for the recording to say."""
+        """Add a task; the recording decides when it runs."""
         self._add(name, priority, period, task)
 
     def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
-        """Add a task that runs on arrival; the same holds for it."""
+        """Add a task that runs on arrival; the recording decides when it runs."""
         self._add(name, priority, None, task)
         return lambda: None
 
     def step(self, number: int, now: float, missed: int) -> None:
-        """Run a cycle of the task that was added as this one, at `now`, so many having been missed before it."""
+        """Run a cycle of the task with this number at `now`, after the given count of missed cycles."""
         if not number < len(self._entries):
             raise RecordingError(f"a step of task {number}, and there are {len(self._entries)} tasks")
         entry = self._entries[number]

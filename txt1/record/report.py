@@ -41,7 +41,7 @@ PLACED: Final = 0.3
 
 
 class Content:
-    """A robot's recording as far as a report needs it, of several in one file the robot of that name.
+    """A robot's recording as a report needs it; with several robots, the robot of that name.
 
     RecordingError: it cannot be read, or no odometry is in it.
     """
@@ -207,7 +207,7 @@ def page(name: str, content: Content, picture: bytes) -> str:
 
 
 def summary(content: Content) -> list[str]:
-    """Return the drive in sentences, the most important first: how far, how it stopped, what was wrong."""
+    """Return the drive in sentences, the most important first: distance, stops, faults."""
     odometry = content.columns("odometry")
     seconds = float(np.ptp(odometry[0]))
     fastest = float(np.abs(odometry[3]).max())

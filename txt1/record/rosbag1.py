@@ -27,7 +27,7 @@ class Converter:
         self._functions: dict[str, Callable[[bytes], Any]] = {}
 
     def add(self, kind: str, text: str) -> None:
-        """Know a message, ``package/msg/Name``, by its definition and those of all that it contains."""
+        """Register a message, ``package/msg/Name``, by its definition and its parts' definitions."""
         found = get_types_from_msg(text, kind)
         for store in (self._source, self.store):
             store.register({name: fields for name, fields in found.items() if name not in store.fielddefs})

@@ -1,4 +1,4 @@
-"""A recording beside a run: what is written at its head, when it begins and how it ends."""
+"""A recording beside a run: its metadata, its beginning and its end."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ async def recording_together(
     plan: Mapping[str, object],
     told: Callable[[str], None],
 ) -> AsyncIterator[Attach]:
-    """The same for several robots in one file, by their names, which stand before those of the topics.
+    """Record several robots in one file; their names precede the topics' names.
 
     Raises as `recording` does.
     """
@@ -134,7 +134,7 @@ async def _recording(
     more: Mapping[str, str],
     view: LiveView | None,
 ) -> AsyncIterator[Attach]:
-    """As above, of one robot or several; `more` is for the metadata."""
+    """Record one robot or several; `more` is further metadata."""
     if file is None and view is None:
         yield lambda runtime: None
         return
@@ -197,7 +197,7 @@ def _prepare(
     sinks: Sequence[Sink],
     more: Mapping[str, str],
 ) -> tuple[Sequence[Sink], type[Recorder]]:
-    """The sinks, with one for the file, and what makes a recorder for them."""
+    """Return the sinks, the file's among them, and the function that makes a recorder for them."""
     need("recording", "record", "mcap", "zstandard", "lz4")
     from txt1.record.disk import FileSink, Rotation
     from txt1.record.recorder import Recorder

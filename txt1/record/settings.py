@@ -12,8 +12,8 @@ class RecordConfig(Section):
     epoch: NotNegative = 0.0
     """Time stamp of the run's start, s since 1970; the wall clock's start is in the metadata."""
     rotate_size: NotNegative = 0.0
-    """A new file is begun when one has so many megabytes; 0: never."""
+    """Size at which a new file begins, MB; 0: never."""
     rotate_time: NotNegative = 0.0
-    """... and when it covers so many seconds of the run; 0: never."""
+    """Duration after which a new file begins, s of the run; 0: never."""
     compression: Literal["zstd", "lz4", "none"] = "zstd"
     """Of the chunks in the file."""

@@ -32,11 +32,11 @@ Values = dict[Topic[Any], Any]
 
 
 class Snapshots:
-    """The snapshots in a recording, one a second, with what changes fast brought up to date ten times a second.
+    """The snapshots in a recording, one a second; fast topics are updated ten times a second.
 
-    Of a recording of several robots they are of that one, the first for None, with the others' poses. `start` and `end`
-    are the times of the first and the last, s of the run. RecordingError: the file cannot be read, or there are no
-    snapshots in it.
+    With several robots they are those of `robot`, for None of the first, with the others' poses. `start` and `end` are
+    the times of the first and the last snapshot, s of the run. RecordingError: the file cannot be read, or it has no
+    snapshots.
     """
 
     def __init__(self, path: Path, robot: str | None = None) -> None:

@@ -92,7 +92,7 @@ def chosen(items: Iterable[Item], topics: frozenset[str], start: float | None, e
 
 
 def lines(items: Iterable[Item]) -> Iterator[str]:
-    """Each message as one line of JSON; what is no finite number in it is null."""
+    """Yield each message as a line of JSON; numbers that are not finite become null."""
     decoding = Decoding()
     for item in items:
         record = {"time": item.time, "topic": item.topic, "message": _finite(decoding.values(item))}
@@ -108,7 +108,7 @@ def _finite(value: Any) -> Any:
 
 
 def export(items: Iterable[Item], directory: Path) -> dict[Path, int]:
-    """The rows written, for each CSV file: one per topic, a row per message, a column per number or text.
+    """Write a CSV file per topic, a row per message, a column per number or text; return the rows of each file.
 
     Raises RecordingError: the directory or a file cannot be written.
     """

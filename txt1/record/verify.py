@@ -1,11 +1,11 @@
-"""Run a recording's inputs through the tasks once more, in virtual time, to see whether the robot does what it did.
+"""Run a recording's inputs through the tasks again, in virtual time, and compare the outputs with the recorded outputs.
 
 How it works
 ============
 
 The tasks are a function: the same inputs, in the same order between the same steps, give the same outputs to the last
-bit. A recording holds the configuration, all inputs and all outputs. So a replay makes a fresh runtime of the
-configuration, gives it the inputs, and compares what it tells with what is recorded, message by message.
+bit. A recording holds the configuration, all inputs and all outputs. So a replay makes a fresh runtime from the
+configuration, gives it the inputs, and compares its outputs with the recorded outputs, message by message.
 
 **Inputs** come from four sides, and each is recorded with its time and with `step`, the number of task steps before it:
 
@@ -18,7 +18,7 @@ a report of real hardware           `/reports`   `replay.RecordedHal` stands in 
 a task's step, on the real clock    `/steps`     `replay.StepByStep` stands in the place of the scheduler
 ==================================  ===========  ================================================================
 
-Guards, the estimate and whatever else reads a sensor are the ordinary ones. Simulated hardware is simulated anew: it is
+Guards, the estimate and other readers of sensors are the ordinary ones. Simulated hardware is simulated anew: it is
 a function of its inputs, too, so recording it would only hide a difference.
 
 **Two kinds of time** make two ways to run:
@@ -31,12 +31,12 @@ a function of its inputs, too, so recording it would only hide a difference.
 
 **The outputs** go from the fresh runtime's bus through an ordinary recorder into a `comparison.Comparison`, which takes
 the place of the file. It reads the recording once more from the front and holds each message against the next recorded
-one. Nothing is compared that may differ: what others told who command the robot, and on the real clock how long the
-tasks took. The first difference is the verdict. Causes are told before their effects, so it names the first topic that
-went another way.
+one. Two kinds of messages may differ and are not compared: those of the robot's commanders, and, on the real clock, the
+tasks' run times. The first difference is the verdict. Causes come before their effects, so it names the topic that
+differed first.
 
-**Several robots** that were simulated together meet in one world, so they run again together. A recording of a robot
-that had others around it, alone in its file, is run without them, and their places are left out.
+**Several robots** that were simulated together meet in one world, so they run again together. If the file holds
+only one of them, it runs alone, and the others' places are not compared.
 
 """
 
@@ -79,22 +79,22 @@ class Verdict(NamedTuple):
     difference: Difference | None
     """The first; None if there is none."""
     topics: dict[str, int] = {}  # noqa: RUF012
-    """The messages that were compared, by topic."""
+    """Counts of compared messages, by topic."""
     left_out: tuple[str, ...] = ()
-    """The topics in the recording that were not compared, and those in its snapshots."""
+    """Recorded topics that were not compared, and topics in snapshots that were not."""
     exact: bool = True
-    """Whether every bit had to be the same; else numbers within 1e-6, as processor or libraries are others."""
+    """Whether every bit had to be equal; on another processor or with other libraries, numbers within 1e-6."""
     lacks: str = ""
-    """Something that the recording lacks, as it is older than this version."""
+    """Contents that an older version did not record, and that were not compared."""
 
 
 def verify(path: Path, robot: str | None = None, attach: Attach = lambda runtime: None) -> Verdict:
-    """The verdict on a recorded run, of several robots on that one; None: on all of them.
+    """Return the verdict on a recorded run; with several robots, on the `robot` of that name, or for None on all.
 
-    `attach` is called with each runtime before it starts, as by `Robot.open`: with guards of a program's own, for
-    example. Robots that were simulated together are so again.
+    `attach` is called with each runtime before it starts, as by `Robot.open`, for example to add a program's own
+    guards. Robots that were simulated together are simulated together again.
 
-    Raises RecordingError: the file cannot be read, is no recording of txt1's, or not of what can be run again.
+    Raises RecordingError: the file cannot be read, is no recording of txt1, or cannot be run again.
     """
     names = robots_in(path)
     if robot is not None:
@@ -120,7 +120,7 @@ def verify(path: Path, robot: str | None = None, attach: Attach = lambda runtime
 
 
 async def _replay(robots: list[Recorded], attach: Attach) -> list[Comparison]:
-    """Run robots again, in one world where they were in one."""
+    """Run robots again, in one world if they shared one."""
     shared = robots[0].shared or len(robots) > 1
     world = world_of(robots[0].config) if shared else None
     again = [_Again(recorded, world, len(robots) == 1, attach) for recorded in robots]
@@ -206,7 +206,7 @@ class _Again:
             raise self.script.failure
 
     async def _follow(self, scheduler: Scheduler) -> None:
-        """Run in virtual time: the scheduler runs the tasks at the very times of then."""
+        """Run in virtual time: the scheduler runs the tasks at the recorded times."""
         script = self.script
         await asyncio.wait({scheduler.ended, script.ended}, return_when=asyncio.FIRST_COMPLETED)
         if script.may_go_on or script.ended.done():

@@ -85,9 +85,12 @@ JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
 Transforms = Literal["auto", "map", "room", "odom", "none"]
 """The moving transforms that a node publishes.
 
-auto: odom -> base_footprint, and a frame above odom until another program publishes one. This frame is map if the robot
-has a place on a map (none while it is lost), or an estimate; else it is room in a simulation. map, room: this frame
-above odom, even if another program publishes a different frame. odom: no frame above odom. none: no moving transform.
+- auto: odom -> base_footprint, and a frame above odom until another program publishes a frame there. The frame is map
+  if the robot is located on a map or has an estimate; in a simulation it is else room. While the robot is lost on its
+  map, there is no frame above odom.
+- map, room: this frame above odom, even if another program publishes a different frame there.
+- odom: no frame above odom.
+- none: no moving transform.
 """
 
 

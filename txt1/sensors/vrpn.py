@@ -1,9 +1,9 @@
 """The VRPN protocol (version 7), as far as trackers need it: encodes and decodes messages. No I/O.
 
-Each side first sends a cookie of 24 bytes, then messages: a head of five big-endian int32 (length of head and body,
-time in s and us, sender, type) and a sequence number, then the body, padded to a multiple of 8 bytes; the length does
-not count the padding. Each side numbers senders and types in its own way. Messages of type -1 and -2 give the names for
-these numbers.
+Each side first sends a cookie of 24 bytes, then messages. A message is a head, a sequence number, and a body that is
+padded to a multiple of 8 bytes. The head is five big-endian int32: the length of head and body without the padding, the
+time in s and us, the sender, and the type. Each side numbers senders and types in its own way. Messages of type -1 and
+-2 give the names for these numbers.
 """
 
 import struct

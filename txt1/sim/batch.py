@@ -5,7 +5,7 @@ How it works
 
 A processor can take several numbers in one instruction, but only if the same is done to each of them. `dynamics.move`
 is written for one vehicle: it branches, and it loops as often as a servo's turn takes pieces. So here the loops change
-places. The outer one goes over the pieces of a tick, the inner one over the vehicles, and the inner one has no branch.
+places. The outer loop goes over the pieces of a tick. The inner loop goes over the vehicles, and has no branch.
 
 *Arrays.* The state of n vehicles is an array of shape (7, n): a row for each quantity, so numbers that are used
 together lie side by side.

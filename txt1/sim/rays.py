@@ -69,9 +69,11 @@ def shapes_of(obstacles: Sequence[Obstacle]) -> Shapes:
 def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -> Floats:
     """Return the distance (m) from (x, y) along each of the angles (rad) to the first shape; inf if there is none.
 
-    x and y are numbers for all rays, or arrays with a number for each ray. A ray p + t u meets the edge from a to b
-    where t = (a - p) x (b - a) / (u x (b - a)) is not negative and s = (a - p) x u / (u x (b - a)) is in [0, 1]; it
-    meets a circle around c at t = u . (c - p) - sqrt(r^2 - (u x (c - p))^2).
+    x and y are numbers for all rays, or arrays with a number for each ray. Let p + t u be a ray.
+
+    - It meets the edge from a to b at t = (a - p) x (b - a) / (u x (b - a)), if t >= 0 and 0 <= s <= 1, with
+      s = (a - p) x u / (u x (b - a)).
+    - It meets the circle around c with the radius r at t = u . (c - p) - sqrt(r^2 - (u x (c - p))^2).
     """
     # a row for each shape: numpy is quickest along a row, and there are more rays than shapes
     ux, uy = np.cos(angles), np.sin(angles)

@@ -6,9 +6,9 @@ a file, writes the file again from them, and refuses it unless each byte is the 
 loop, an external file or an endless product cannot pass, as this module would not have written it. The remaining checks
 are of sizes, before they are used, and that the numbers are finite.
 
-The graph of one network, by its sensors: Sub and Mul (the mean and deviation of the lessons), Transpose to ONNX's order
-of axes, Conv and Relu, Transpose back, Reshape; then Concat of all sensors, Gemm and Relu, Gemm. The outputs of all
-networks are stacked.
+The graph of a network has a branch for each sensor: Sub and Mul (by the mean and deviation of the lessons), Transpose
+to ONNX's order of axes, Conv and Relu, Transpose back, Reshape. Concat joins the branches; Gemm, Relu and Gemm follow.
+The outputs of all networks are stacked.
 
 Field numbers are those of onnx.proto (ONNX 1.14, IR version 8).
 """

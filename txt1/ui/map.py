@@ -1,7 +1,7 @@
 """The MAP screen: room or walls, obstacles, light, path, particles, scan and robots on a canvas of braille dots.
 
-A braille character has two by four dots and a terminal's cell is about twice as high as it is wide, so the
-dots are square: one scale, in metres per dot, serves both axes and a circle is round.
+A braille character has two by four dots. A terminal's cell is about twice as high as wide, so the dots are square.
+Both axes have the same scale, in metres per dot, and a circle is round.
 """
 
 from collections.abc import Sequence

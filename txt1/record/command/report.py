@@ -8,7 +8,7 @@ from txt1.commands import OK, add, busy, need, takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the recording and the names of what is drawn."""
+    """Add the recording and the pictures' names."""
     add(
         parser,
         RECORDING | ONE_ROBOT | {"-o --output": takes("STEM", "STEM.png and STEM.html; FILE without .mcap", _stem)},

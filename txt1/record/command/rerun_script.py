@@ -1,4 +1,4 @@
-"""Shows FILE in Rerun with a layout, or saves that as a second one. Runs under the Python that has Rerun."""
+"""Shows FILE in Rerun with a layout, or saves the layout with it to another file. Runs under the Python with Rerun."""
 
 import sys
 

@@ -1,8 +1,8 @@
 """`txt1 log view`: a recording in a viewer of others, with all that it needs to show it.
 
-A copy of the recording is made first, with what recordings do not have and viewers want: each scan, the walls of a map,
-particles and the way on the map as points, as Rerun shows neither sensor_msgs/LaserScan nor nav_msgs/OccupancyGrid nor
-geometry_msgs/PoseArray, and the places of the sensors as static transforms.
+First a copy of the recording is made, with additions for viewers. Scans, walls of a map, particles and the path on the
+map are added as points, because Rerun shows no sensor_msgs/LaserScan, nav_msgs/OccupancyGrid or
+geometry_msgs/PoseArray. The sensors' places are added as static transforms.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class _Copy:
         self._numbers = count()
 
     def add(self, topic: str, schema: str, text: bytes, time: int, data: bytes) -> None:
-        """Add a message; its channel is made with the first one."""
+        """Add a message; the first message makes its channel."""
         if topic not in self._channels:
             if schema not in self._schemas:
                 self._schemas[schema] = self._writer.register_schema(schema, "ros2msg", text)
@@ -177,7 +177,7 @@ def _with_places(reading: FilePass, copy: _Copy) -> Iterator[Item]:
 
 
 def python_of_rerun() -> str | None:
-    """Return the Python that has Rerun's library: this one, or that beside the program `rerun`; None: there is none."""
+    """Return a Python with Rerun's library: this one, or the one beside the program `rerun`; None: there is none."""
     if find_spec("rerun") is not None:
         return sys.executable
     program = shutil.which("rerun")
