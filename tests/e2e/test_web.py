@@ -142,7 +142,7 @@ def armed(car: Live) -> None:
 def test_a_page_sees_the_robot_and_drives_it(car: Live) -> None:
     async def main() -> None:
         async with page(car) as browser:
-            assert {"/odom", "/surroundings", "/events", "/battery1"} <= browser.topics.keys()
+            await until(lambda: {"/odom", "/surroundings", "/events", "/battery1"} <= browser.topics.keys())
             await driven(car, browser, lambda robot: drives(robot) and robot.driver.name == "web", 0.5)
             await browser.send(do="release")
             await comes(car, stands)
