@@ -52,6 +52,7 @@ MODULES = {
     "sim": ["battery", "lamp", "obstacles", "room", "vehicle", "dynamics", "world"],
     "control": ["commander", "limits", "pid"],
     "tasks": ["battery", "controller", "encoder", "panel", "serial", "state"],
+    "record": ["encoder", "recorder"],
     "telemetry": ["bus"],
     "learning": ["light_direction", "task", "thesis", "trial"],
 }

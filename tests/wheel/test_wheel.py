@@ -116,7 +116,7 @@ def test_what_is_learned_is_the_same(installed: Path, tmp_path: Path) -> None:
 
 
 def test_it_keeps_what_the_robot_promises(installed: Path, tmp_path: Path) -> None:
-    for part in ("tests", "examples", "config", "benchmarks"):  # without the sources
+    for part in ("tests", "rigs", "examples", "config", "benchmarks"):  # without the sources
         copytree(REPOSITORY / part, tmp_path / part, ignore=ignore_patterns("__pycache__"))
     (tmp_path / "pyproject.toml").write_bytes((REPOSITORY / "pyproject.toml").read_bytes())
     suites = [str(tmp_path / "tests" / "e2e" / name) for name in SUITES]
