@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 from setuptools import setup
 from setuptools.command.build_py import build_py
@@ -43,7 +44,8 @@ class WithFiles(build_py):
         super().run()
         if not self.editable_mode:
             for folder in filter(os.path.isdir, SHIPPED):
-                self.copy_tree(folder, str(Path(self.build_lib, "txt1", "data", folder)))
+                there = Path(self.build_lib, "txt1", "data", folder)
+                copytree(folder, there, ignore=ignore_patterns("__pycache__"), dirs_exist_ok=True)
 
 
 MODULES = {
