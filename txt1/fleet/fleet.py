@@ -1,4 +1,4 @@
-"""Several simulated robots in one world, in one process: by name, with their events, and one stop for all."""
+"""Several simulated robots in one world and one process, with their events and a stop of all."""
 
 import asyncio
 import os

@@ -1,4 +1,4 @@
-"""A robot, or a console without one, among others on a network: peer to peer over Zenoh, with no broker.
+"""A robot or a console in a fleet on a network: peer to peer over Zenoh, without a broker.
 
 How it works
 ------------
@@ -8,14 +8,14 @@ goes on when any of its members ends. Messages are small JSON objects below the 
 (`txt1.fleet.key`). They may be lost, doubled or late. So an important message is repeated until it is answered, and the
 age of each message is measured with the sender's clock.
 
-| key | what it is |
+| key | meaning |
 |---|---|
-| ``alive/NAME/ID`` | a liveliness token: it comes and goes with the session, so an end without a word is noticed |
+| ``alive/NAME/ID`` | a liveliness token: it comes and goes with the session, so a sudden end is noticed, too |
 | ``state/NAME`` | the state of a robot, 20 times a second |
 | ``ping/NAME``, ``pong/NAME`` | measure clocks |
 | ``stop/FROM``, ``stopped/FROM`` | the stop of all, and its answers |
 | ``drive/NAME`` | a velocity for this robot |
-| ``learned/NAME`` | what a robot has learned, once a second |
+| ``learned/NAME`` | a robot's learned rows, once a second |
 
 **Stop of all.** A stop is repeated every 20 ms until every expected robot has answered that its gate is closed and that
 it was seen to stand. A robot is expected if it is alive, was heard in the last half minute, or was named. The stop is
@@ -272,7 +272,7 @@ class Peer:
         self._put(f"state/{self.name}", {**state, "up": min(self.now - self.began, UP_MAX)})
 
     def teach(self, learned: Mapping[str, Any]) -> None:
-        """Send the others what this robot has learned; the message may be lost."""
+        """Send the others this robot's learned rows; the message may be lost."""
         self._put(f"learned/{self.name}", learned)
 
     def drive(self, name: str, v: float, omega: float, age: float = 0.0) -> None:

@@ -43,8 +43,8 @@ def direction(readings: Readings) -> float:
 
     Each reading is a vector from the robot's centre out through its sensor; the direction is that of the vectors' sum.
 
-    The sum compresses the bearing. With the light at distance D in the direction u, a sensor at p, small beside D,
-    reads I = |D u - p|^-n, which is D^-n (1 + n p.u / D) to first order, so that with the offsets a and b
+    The sum compresses the bearing. Let the light be at the distance D in the direction u. A sensor at p, with |p| much
+    smaller than D, reads I = |D u - p|^-n. To first order that is D^-n (1 + n p.u / D). So with the offsets a and b
 
         sum of p I  =  n D^-(n+1)  sum of p (p.u)  =  n D^-(n+1)  (4 a^2 u_x, 4 b^2 u_y)
 

@@ -284,8 +284,9 @@ def _in_the_way(
 def steering_distance(v: float, schedule: Schedule, geometry: Geometry) -> float:
     """Return the distance in m in which the yaw-rate loop follows a set-point to 1 - 1/e at v m/s; inf without gains.
 
-    The steering turns u counts into abs(v) u / (18000 R_min): with g = abs(v) k and k = 1000 / (18000 R_min) the loop
-    is of first order, with the time constant (1 + K_P g) / (K_I g): times abs(v), that is (1 + K_P g) / (K_I k).
+    The steering turns u counts into the yaw rate abs(v) u / (18000 R_min). Let k = 1000 / (18000 R_min) and
+    g = abs(v) k. Then the loop is of first order, with the time constant (1 + K_P g) / (K_I g). In this time the robot
+    drives (1 + K_P g) / (K_I k).
     """
     kp, ki, _ = schedule.at(v)
     k = 1000.0 / (STEERING_MAX * geometry.radius_min)

@@ -4,8 +4,8 @@ So a key counts as held for HOLD seconds after its last press (a keyboard repeat
 effect decays within DECAY seconds. Only the last of several held keys repeats. So pressing a or d also renews a hold of
 w or s; otherwise a curve could not be driven.
 
-``a`` turns the steering wheel left, as in a car: forwards the robot turns left (omega > 0), and in reverse,
-the front wheels still pointing left, its yaw rate is negative.
+``a`` turns the steering wheel left, as in a car. Forwards the robot turns left (omega > 0). In reverse the front wheels
+point left, too, and the yaw rate is negative.
 """
 
 from dataclasses import dataclass

@@ -110,8 +110,8 @@ class Terminal:
         self.screens = self._beside.serve
         """A task for the robot's scheduler, of the lowest priority: it sends the snapshots from then on.
 
-        Encoding a snapshot takes a quarter of a millisecond. If the heartbeats did it, which come at any time, one tick
-        of the controller in two hundred would have to wait; a task waits for the controller instead.
+        Encoding a snapshot takes a quarter of a millisecond. Heartbeats come at any time, so if they encoded, the
+        controller would have to wait in one tick of two hundred. A task waits for the controller instead.
         """
 
     async def __aenter__(self) -> Self:

@@ -212,8 +212,10 @@ def _locks(front: float, rear: float, lever: float) -> tuple[float, float, float
         rear: the same of the rear axle's; the car's own middle runs on R, R**2 = (front**2 + rear**2) / 2 - lever**2.
         lever: half of the wheelbase, m.
 
-    Its nose points out of the curve by beta, sin(beta) = (front**2 - rear**2) / (4 R lever), and by the bicycle model
-    tan(front) = lever / (R cos(beta)) + tan(beta), tan(rear) = lever / (R cos(beta)) - tan(beta), both into the curve.
+    The car's nose points out of the curve by beta, with sin(beta) = (front**2 - rear**2) / (4 R lever). By the bicycle
+    model the angles of the axles into the curve are
+
+        tan(front) = lever / (R cos(beta)) + tan(beta),    tan(rear) = lever / (R cos(beta)) - tan(beta)
 
     Raises HalError: there is no such circle.
 
