@@ -144,7 +144,8 @@ def _done(work: Work, text: str) -> str:
 
 
 def _as_they_come(futures: dict[Any, K], ended: Ended) -> Iterator[tuple[K, Any]]:
-    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    # a signal at the end of its timeout lets SimpleQueue of Python 3.11 wait for ever
+    done: queue.Queue[Any] = queue.Queue()
     for future in list(futures):
         future.add_done_callback(done.put)
     while futures and not ended():

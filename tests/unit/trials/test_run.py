@@ -90,11 +90,32 @@ def test_ctrl_c_to_all_its_processes_ends_it_within_the_grace(tmp_path: Path) ->
     mark = tmp_path / "begun"
     words = [sys.executable, "-c", PROGRAM, str(mark)]
     with subprocess.Popen(words, stderr=subprocess.PIPE, start_new_session=True, text=True) as runner:
-        wait_until(mark.exists)
-        os.killpg(runner.pid, signal.SIGINT)
-        _, said = runner.communicate(timeout=LIMIT)
+        try:
+            wait_until(mark.exists)
+            os.killpg(runner.pid, signal.SIGINT)
+            _, said = runner.communicate(timeout=LIMIT)
+        finally:
+            runner.kill()
     assert runner.returncode == 128 + signal.SIGINT and not said
     assert GRACE <= 2.0, "s until one that does not look is killed"
+
+
+SIGNALLED = """
+import signal
+import sys
+from itertools import count
+from tests.unit.trials import test_run
+from txt1.trials import workers
+signal.signal(signal.SIGALRM, lambda *_: None)
+signal.setitimer(signal.ITIMER_REAL, 0.0007, 0.0007)
+workers.POLL, workers.GRACE, asked = 0.001, 0.1, count()
+assert not list(workers.Workers(1).each(test_run.hours, {1: sys.argv[1]}, lambda: next(asked) > 500))
+signal.setitimer(signal.ITIMER_REAL, 0)
+"""
+
+
+def test_a_signal_between_two_looks_never_keeps_them_from_being_done(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", SIGNALLED, str(tmp_path / "begun")], check=True, timeout=LIMIT)
 
 
 def test_rows_are_read_again_and_one_that_was_cut_off_is_told_and_done_again(
