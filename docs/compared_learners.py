@@ -25,6 +25,8 @@ WORLDS: Final = HERE.parent / "out" / "compared-worlds"
 PAGE: Final = RESULTS / "compared-learners.md"
 LEARNERS: Final = "thesis,sweeps,taxis,pilot,neural"
 SEED: Final = "1"
+# worlds of a learner that are named in the table of losses
+WORST: Final = 5
 
 
 def losses(results: Sequence[dict[str, Any]]) -> str:
@@ -36,10 +38,11 @@ def losses(results: Sequence[dict[str, Any]]) -> str:
             share = shown.get("success", 0.0)
             told = "refuses the sensors" if "refused" in shown else f"{100.0 * share:.0f} %"
             found.setdefault(one["agent"], []).append((share, f"`{one['world']}` {told}"))
-    worst = sorted(found.items(), key=lambda pair: -len(pair[1]))
-    lines = [f"- `{name}`, in {len(own)} worlds: {', '.join(text for _, text in sorted(own))}." for name, own in worst]
-    lines += [f"- `{name}`: in none." for name in LEARNERS.split(",") if name not in found]
-    return "\n".join(lines)
+    rows = ["| learner | worlds with a loss | the worst |", "|---|--:|---|"]
+    for name in sorted(LEARNERS.split(","), key=lambda name: -len(found.get(name, ()))):
+        own = sorted(found.get(name, ()))
+        rows.append(f"| `{name}` | {len(own)} | {', '.join(text for _, text in own[:WORST])} |")
+    return "\n".join(rows)
 
 
 def main() -> None:
