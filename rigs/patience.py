@@ -45,6 +45,7 @@ STALLED: Final = (
     ("txt1.hal.pi.driver", "HANGS", LIMIT),
     ("txt1.hal.restarts", "PAUSE", LIMIT),
     ("txt1.sidecar", "START", LIMIT),
+    ("txt1.fleet.network", "STOP_FOR", LIMIT),
     ("txt1.ui.terminal", "BACKLOG", LIMIT),
 )
 """The numbers by which, after a stall, odometry, host, board, guard or bridge seem lost, and a key is too old."""

@@ -395,14 +395,14 @@ async def test_who_has_stopped_is_told_in_the_log_and_on_the_screen_and_that_nob
         assert "stop of all" not in _text(robot.snapshot)
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is_wrong() -> None:
     zenoh = pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
     fleet = f"test{uuid4().hex}"
     key = fleet_key("", None, fleet)
 
     async def main() -> None:
-        patient = ("safety.missed_ticks_max=100000",)
-        async with Robot.open(hal="sim", name="net01", settings=patient) as robot, AsyncExitStack() as stack:
+        async with Robot.open(hal="sim", name="net01") as robot, AsyncExitStack() as stack:
             link = FleetLink(robot)
             at_work = bridge(robot, "fleet", {"name": "net01", "fleet": fleet}, link.requests, silence=LIMIT)
             beside = await stack.enter_async_context(at_work)

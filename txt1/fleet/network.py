@@ -21,7 +21,8 @@ age of each message is measured with the sender's clock.
 it was seen to stand. A robot is expected if it is alive, was heard in the last half minute, or was named. The stop is
 repeated for another second, in case a robot joins meanwhile. With a share p of all messages lost, one robot is still
 missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3. Every robot obeys each stop that it hears, even a
-stop that is not signed. After a second in which not all have answered, it is said through a new session, too.
+stop that is not signed. After a second in which not all have answered, it is said through a new session, too, and
+through another one every five seconds.
 
 **Names** are unique. The peer that joined later leaves, and so does a peer that hears its own name in use. A peer looks
 for its name when it joins. On a busy computer the others may not be found by then. So for another half minute it also
@@ -81,6 +82,8 @@ STOP_FOR: Final = 30.0
 SETTLED: Final = 5.0
 # s after which a stop that some robot has not answered is also said through a new session
 UNANSWERED: Final = 1.0
+# s after which that session is replaced by another one, if the stop is still not answered
+ANEW: Final = 5.0
 # s after which a stop ends if no robot is heard
 ALONE: Final = 3.0
 # s; a robot that was heard within this time is expected to answer a stop
@@ -329,14 +332,16 @@ class Peer:
             ends.set()
 
     def _say_anew(self, stop: StopOfAll, ends: threading.Event) -> None:
-        """Send a stop through a new session, too: it connects to all peers again, whatever is wrong with the
-        old session.
+        """Send a stop through new sessions, too: each connects to all peers again, whatever is wrong with the one
+        before.
         """
         try:
-            with suppress(ConfigError, self._zenoh.ZError), self._open(self._interface) as session:
-                session.declare_subscriber(f"{self._space}/stopped/{self.name}", self._checked(self._take_answer))
-                while not ends.wait(REPEAT) and not self._closing.is_set():
-                    self._put(f"stop/{self.name}", {"stop": stop.identity}, session)
+            while not ends.wait(REPEAT) and not self._closing.is_set():
+                with suppress(ConfigError, self._zenoh.ZError), self._open(self._interface) as session:
+                    session.declare_subscriber(f"{self._space}/stopped/{self.name}", self._checked(self._take_answer))
+                    replaced = self.now + ANEW
+                    while self.now < replaced and not ends.wait(REPEAT) and not self._closing.is_set():
+                        self._put(f"stop/{self.name}", {"stop": stop.identity}, session)
         finally:
             with self._lock:
                 self._anew.remove(threading.current_thread())

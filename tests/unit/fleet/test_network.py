@@ -372,6 +372,29 @@ def test_a_stop_is_not_said_for_long_to_a_robot_that_nobody_can_see_stand(
         stranger.close()
 
 
+def test_a_stop_that_is_not_answered_is_said_through_one_session_after_another(
+    team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(network, "UNANSWERED", 0.0)
+    monkeypatch.setattr(network, "ANEW", 0.05)
+    monkeypatch.setattr(network, "STOP_FOR", LIMIT)
+    console, _, put = team.join("console1", console=True), team.join("net01"), Peer.__dict__["_put"]
+    sessions: list[object] = []
+
+    def lost(peer: Peer, key: str, message: dict[str, Any], session: object = None) -> None:
+        """Lose each stop that goes through one of the first three sessions."""
+        if key == "stop/console1":
+            sessions.extend([] if session in sessions else [session])
+            if sessions.index(session) < 3:
+                return
+        put(peer, key, message, session)
+
+    monkeypatch.setattr(Peer, "_put", lost)
+    console.stop_all(["net01"])
+    assert team.until(lambda: standing(console) == Standing(("net01",)))
+    assert sessions[0] is None and len(sessions) >= 4
+
+
 def test_a_clock_is_measured_anew_when_a_robot_is_started_again(team: Team) -> None:
     console, first = team.join("console1", console=True), team.join("net01", ahead=1e3)
 
