@@ -1,8 +1,10 @@
-"""How late the controller task starts, in real time, beside a bare loop in C.
+"""How late the controller task starts, in real time, beside bare loops in C and a timer of rclpy.
 
 Ours is the whole robot: every task, the simulated hardware, a recording, and the terminal drawn in a pseudo-terminal.
-The peer does nothing but `clock_nanosleep` to the same 50 Hz deadlines with the same timer slack. Both run as any
-program does, and once more under SCHED_FIFO (`txt1 run --realtime`) where that is granted.
+The peers do nothing at the same 50 Hz deadlines. A loop in C sleeps by `clock_nanosleep` with the same timer slack;
+another one also wakes early and spins, by our scheduler's rule. The third peer is a node of rclpy with one timer, where
+ROS 2 is installed ("txt1 ros2 install"). All run as any program does; the loops and the robot run once more under
+SCHED_FIFO (`txt1 run --realtime`) where that is granted.
 
     python -m benchmarks.punctuality --rounds 12 --duration 20 --busy 2    beside two busy loops
     python -m benchmarks.punctuality --alone 3600                          an hour: are cycles missed?
@@ -28,7 +30,9 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from benchmarks.rounds import interleave, spread, table, verdict
+from txt1.errors import ConfigError
 from txt1.kernel.realtime import FIFO, grantable
+from txt1.ros.python import RosPython, ros2
 from txt1.tasks.controller import CONTROL_PERIOD
 
 LIMIT: Final = 1.5
@@ -37,6 +41,7 @@ LIMIT_FIFO: Final = 1.6
 """The same with both under SCHED_FIFO."""
 
 SOURCE: Final = Path(__file__).with_name("nanosleep.c")
+NODE: Final = Path(__file__).with_name("ros_peers.py")
 ROOT: Final = Path(__file__).parent.parent
 
 
@@ -72,12 +77,18 @@ def compare(rounds: int, duration: float, busy: int) -> None:
         peer = Path(directory, "nanosleep")
         subprocess.run([compiler, "-O2", "-o", str(peer), str(SOURCE)], check=True)
         contestants: dict[str, Callable[[], Round]] = {
-            "C loop": partial(c_loop, peer, duration),
+            "C loop": partial(c_loop, peer, duration, "0"),
+            "C loop, spins": partial(c_loop, peer, duration, "1"),
             "txt1": partial(robot, duration),
         }
+        try:
+            contestants["rclpy timer"] = partial(ros_timer, ros2(), duration)
+        except ConfigError as error:
+            print(f"\npunctuality: rclpy's timer did not run: {error}")
         fifo = grantable().fifo
         if fifo is not None:
-            contestants["C loop, SCHED_FIFO"] = partial(c_loop, peer, duration, str(fifo))
+            contestants["C loop, SCHED_FIFO"] = partial(c_loop, peer, duration, "0", str(fifo))
+            contestants["C loop, spins, SCHED_FIFO"] = partial(c_loop, peer, duration, "1", str(fifo))
             contestants["txt1 --realtime"] = partial(robot, duration, realtime=True)
         else:
             print(f"\npunctuality: SCHED_FIFO {FIFO} is not granted, so nothing is compared under it")
@@ -111,12 +122,14 @@ def show(results: dict[str, list[Round]], duration: float, busy: int) -> None:
         ("", "p50", "p99", "latest", "missed", "processor, %", "its screens, %"),
         rows,
     )
-    for theirs, ours, limit in (("C loop", "txt1", LIMIT), ("C loop, SCHED_FIFO", "txt1 --realtime", LIMIT_FIFO)):
-        if ours in results:
+    for ours, peers, limit in (
+        ("txt1", ("C loop", "C loop, spins", "rclpy timer"), LIMIT),
+        ("txt1 --realtime", ("C loop, SCHED_FIFO", "C loop, spins, SCHED_FIFO"), LIMIT_FIFO),
+    ):
+        for theirs in (each for each in peers if ours in results and each in results):
             ratio = median([r.p99 for r in results[ours]]) / median([r.p99 for r in results[theirs]])
-            print(
-                f"\n  p99 of {ours}: {ratio:.2f} times that of the {theirs} (limit {limit}: {verdict(ratio <= limit)})"
-            )
+            told = f" (limit {limit}: {verdict(ratio <= limit)})" if theirs == peers[0] else ""
+            print(f"\n  p99 of {ours}: {ratio:.2f} times that of the {theirs}{told}")
 
 
 def alone(duration: float, *, realtime: bool = False) -> None:
@@ -143,12 +156,20 @@ def loops(busy: int) -> Iterator[None]:
             process.wait()
 
 
-def c_loop(program: Path, duration: float, *priority: str) -> Round:
-    """One round of the peer."""
+def c_loop(program: Path, duration: float, spins: str, *priority: str) -> Round:
+    """One round of a loop in C."""
     cycles = round(duration / CONTROL_PERIOD)
-    words = [str(program), str(round(CONTROL_PERIOD * 1e9)), str(cycles), *priority]
+    words = [str(program), str(round(CONTROL_PERIOD * 1e9)), str(cycles), spins, *priority]
     *lines, last = subprocess.run(words, check=True, capture_output=True, text=True).stdout.splitlines()
     return _round([int(line) / 1e3 for line in lines], int(last.removeprefix("missed ")))
+
+
+def ros_timer(ros: RosPython, duration: float) -> Round:
+    """One round of a node of rclpy with one timer."""
+    words = [*ros.program, str(NODE), "timer", str(duration)]
+    told = subprocess.run(words, env=ros.environment, check=True, capture_output=True, text=True).stdout
+    result = json.loads(told.splitlines()[-1])
+    return _round([1e6 * each for each in result["late"]], result["missed"])
 
 
 def robot(duration: float, *, realtime: bool = False) -> Round:
@@ -202,7 +223,7 @@ def _main() -> None:
     parser.add_argument("--rounds", type=int, default=12)
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="of a round")
     parser.add_argument("--busy", type=int, default=0, metavar="N", help="busy loops beside it")
-    parser.add_argument("--alone", type=float, metavar="S", help="one run of so long instead, without the peer")
+    parser.add_argument("--alone", type=float, metavar="S", help="one run of so long instead, without peers")
     parser.add_argument("--realtime", action="store_true", help="with --alone: as txt1 run --realtime")
     arguments = parser.parse_args()
     if arguments.alone is not None:

@@ -1,4 +1,7 @@
-"""Programs of ROS 2 for `benchmarks.ros`, run by the Python that has ROS; each prints what it saw as a line of JSON."""
+"""Programs of ROS 2 for `benchmarks.ros` and `benchmarks.punctuality`, run by the Python that has ROS.
+
+Each prints what it saw as a line of JSON.
+"""
 
 import json
 import random
@@ -8,6 +11,7 @@ import time
 from importlib import import_module
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -139,6 +143,20 @@ def listen(seconds):
     ends = time.monotonic() + seconds
     spin(node, lambda: time.monotonic() > ends)
     return {"types": types, "came": came}
+
+
+def timer(seconds):
+    """Have a timer 50 times a second: how late each call was, s, and how many calls were missed."""
+    node = Node("timer")
+    period, called = round(CYCLE * 1e9), []
+    clock = Clock(clock_type=ClockType.STEADY_TIME)
+    timed = node.create_timer(CYCLE, lambda: called.append(time.monotonic_ns()), clock=clock)
+    first = time.monotonic_ns() + timed.time_until_next_call()  # rcl keeps to this grid
+    ends = time.monotonic() + seconds
+    spin(node, lambda: time.monotonic() > ends)
+    slots = [divmod(at - first, period) for at in called]
+    last = slots[-1][0] if slots else 0
+    return {"late": [late * 1e-9 for _, late in slots], "missed": last + 1 - len({slot for slot, _ in slots})}
 
 
 if __name__ == "__main__":
