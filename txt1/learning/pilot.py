@@ -122,11 +122,13 @@ SECOND: Final = 10
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
     """Return a learner as configured, or a driver by a stored survey; ValueError: the survey has another shape."""
-    settings = checked(PilotSettings, config.section(LearningConfig).pilot, "learning.pilot")
+    learning = config.section(LearningConfig)
+    settings = checked(PilotSettings, learning.pilot, "learning.pilot")
     body = config.geometry
     discs = body_of(body.length, body.width, body.centre)
-    agent = PilotAgent(rng, len(config.section(LearningConfig).actions), settings, discs)
-    _compile()
+    agent = PilotAgent(rng, len(learning.actions), settings, discs)
+    # one of them may be a laser
+    _compile(round_obstacles=bool(config.sensors.keys() - {learning.sensor, learning.pose}))
     if table is not None:
         table.shaped(*agent.table().values.shape)
         new = agent.memory()
@@ -693,11 +695,19 @@ def courses(table: StoredTable, lights: Array) -> Array:
     return np.asarray(scale * driven[1, found])
 
 
-def _compile() -> None:
-    """Let numba compile now the functions that are called while the robot drives, so that driving never waits."""
+def _compile(*, round_obstacles: bool) -> None:
+    """Let numba compile now the functions that are called while the robot drives, so that driving never waits.
+
+    Those for obstacles take seconds, and are needed only with a laser.
+    """
     rows, survey, square = np.ones((2, 2 + 2 * SENSORS)), np.ones(NUMBERS), np.ones(NUMBERS)
     surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 1)
     seen_along(survey, rows, 0.1)
     pending, c = np.zeros(1, np.int64), np.ones((2, 3))
     quickest((1.0, 0.0, 0.1, 0.1, 0.0), 0.1, 0.0, pending, np.zeros(2), c, 1.0, 0.5, 0.1)
     Effects(2, 1).learn(pending, (0.1, 0.1), (0.0, 0.0), 0.9)
+    if round_obstacles:
+        grid, body = distances(np.ones((1, 2))), body_of(0.5, 0.4, 0.0)
+        motion = 0.1, 0.0, pending, np.zeros(2), c, 1.0
+        quickest_clear((1.0, 0.0, 0.1, 0.1, 0.0), *motion, 0.5, 0.1, grid, body, (0, -1, 0, 0, 0))
+        clearest(0, *motion, grid, body)

@@ -1,8 +1,13 @@
 """The quickest course that keeps clear of what the laser has seen. All long, as numba has to compile it."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tests.patience import LIMIT
 from txt1.learning.clearance import (
     MARGIN,
     ActionPlan,
@@ -114,3 +119,30 @@ def test_what_was_seen_stays_where_it_is_while_the_robot_turns_and_drives() -> N
     assert seen.near() == pytest.approx(np.array([[0.5, -0.8]]))
     seen.add(np.array([[0.7, 0.0]]), (0.2, 0.0, 0.0))  # seen 0.2 m before here
     assert np.any(np.all(np.isclose(seen.near(), [0.5, 0.0]), axis=1))
+
+
+PROGRAM = """
+import sys
+from txt1.cli import execute
+from txt1.learning import clearance, pilot
+
+def compiled():
+    return [len(one.signatures) for one in (clearance.distances, clearance.quickest_clear, clearance.clearest)]
+
+def noted(**given):
+    compile(**given)
+    before.append(compiled())
+
+before, compile, pilot._compile = [], pilot._compile, noted
+words = "learn --agent pilot --trials 1 --episodes 2 --jobs 1 --no-pictures --out".split() + sys.argv[1:]
+assert execute(words) == 0
+assert before and set(map(tuple, before)) == {tuple(compiled())} == {(1, 1, 1)}, (before, compiled())
+"""
+POSTS = "[{kind: post, x: 1.0, y: 0.3, radius: 0.05}, {kind: post, x: -1.0, y: 0.3, radius: 0.05}]"
+
+
+def test_no_decision_waits_for_a_compiler(tmp_path: Path) -> None:
+    """It took four seconds when the laser saw the first obstacle, in which a robot in real time is disarmed."""
+    settings = ("learning.start_radius=2.2", "learning.boundary=4", "sensors.laser.driver=sim_laser")
+    words = [word for one in (*settings, f"sim.obstacles={POSTS}") for word in ("--set", one)]
+    subprocess.run([sys.executable, "-c", PROGRAM, str(tmp_path / "out"), *words], check=True, timeout=LIMIT)
