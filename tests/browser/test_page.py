@@ -290,7 +290,11 @@ def test_a_gamepad_drives_while_its_dead_man_is_held(page: Any, car: Live) -> No
     lets_go(9)
 
 
-def test_a_tap_on_the_map_is_a_waypoint(page: Any, car: Live) -> None:
+def test_a_tap_on_the_map_is_a_waypoint_even_under_no_news_from_the_robot(page: Any, car: Live) -> None:
+    x, y = centre(page, "#map")
+    hit = "([x, y]) => { document.getElementById('lost').hidden = false; return document.elementFromPoint(x, y).id }"
+    assert page.evaluate(hit, [x, y]) == "map"
+
     def go() -> None:
         page.locator("#waypoints").click()
         x, y = centre(page, "#map")
