@@ -12,8 +12,8 @@ H. Nijmeijer, "Lp string stability of cascaded systems: application to vehicle p
 
 Across the path: pure pursuit of a point on the track of the car ahead, so the followers cut no corners.
 
-The leader drives no faster and turns no more sharply than all cars that it hears can. Each follower drives as fast as
-its own car can.
+The leader drives no faster and turns no more sharply than all cars that it hears can. Its circle has room for the whole
+line, as otherwise it would meet the last car, and all would stand. Each follower drives as fast as its own car can.
 
 Limits: odometry drifts, so followers drive beside the track after long curves. The law knows no obstacles: a leader
 whose course ends at a wall is stopped there by the guard (`txt1.fleet.guard`).
@@ -49,7 +49,7 @@ CATCHING_UP: Final = 2.0 / 3.0
 LEADING: Final = 1.0 / 3.0
 # share of the slowest car's top speed that the leader never exceeds, so that the other cars can catch up
 RESERVE: Final = 0.6
-# the leader's smallest circle, in turning circles of the least agile car
+# the leader's smallest circle, in turning circles of the least agile car, and in circles as long as the line
 WIDER: Final = 1.1
 # m/s; a slower set-point counts as rest, as the motors' dead band makes slow driving uneven
 CREEP: Final = 0.08
@@ -92,11 +92,13 @@ class Leader:
         slowest = min(body.v_max for body in bodies)
         least = max(body.least for body in bodies)
         most = max(RESERVE * slowest, least)
-        v = (LEADING * slowest if self._speed is None else self._speed) + self._swing * sin(
-            2.0 * pi * time / self._period
-        )
-        v = min(max(v, -most), most)
-        sharpest = 1.0 / (WIDER * max(body.radius for body in bodies)) if heard else 1.0 / self._body.radius
+        pace = LEADING * slowest if self._speed is None else self._speed
+        v = min(max(pace + self._swing * sin(2.0 * pi * time / self._period), -most), most)
+        sharpest = 1.0 / self._body.radius
+        if heard:
+            apart = SLACK + HEADWAY * min(abs(pace) + abs(self._swing), most)
+            line = sum(2.0 * body.reach + apart for body in bodies)
+            sharpest = 1.0 / (WIDER * max(*(body.radius for body in bodies), line / (2.0 * pi)))
         curvature = 1.0 / self._radius if self._radius else 0.0
         return v, v * min(max(curvature, -sharpest), sharpest)
 

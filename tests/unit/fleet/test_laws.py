@@ -178,6 +178,16 @@ def test_a_leader_drives_as_the_slowest_and_the_widest_of_its_convoy_can() -> No
         make_law("txt01", TEAM, (10.0, 8.0), {"law": "convoy", "radius": 0.3})
 
 
+def test_a_leader_s_circle_has_room_for_the_whole_line() -> None:
+    team, rover = ["one", "two", "three", "four"], shape_of("rover")
+    settings = {"law": "convoy", "radius": 0.47}
+    laws = {name: make_law(name, team, (6.0, 6.0), settings, rover.body) for name in team}
+    starts = {name: (-0.6 * number, -0.5, 0.0) for number, name in enumerate(team)}
+    cars = Cars(starts, laws, room=(6.0, 6.0), shapes=dict.fromkeys(team, rover))
+    speeds = [cars.said["one"].v for time in cars.run(60.0) if time > 30.0]
+    assert min(speeds) > 0.2, "it does not meet the tail of its own convoy"
+
+
 def test_who_is_silent_for_one_law_is_waited_for() -> None:
     law = make_law("txt02", ["txt01", "txt02"], (6.0, 6.0), {"law": "convoy"})
     leader = make_law("txt01", ["txt01", "txt02"], (6.0, 6.0), {"law": "convoy"})
