@@ -10,7 +10,7 @@ import pytest
 
 from rigs.live_browser import Live, live
 from tests.browser.conftest import fresh, opened, waits
-from tests.patience import S, wait_until
+from tests.patience import LIMIT, S, wait_until
 from txt1.maps.files import read
 from txt1.maps.outlines import outlines
 
@@ -87,12 +87,23 @@ def where(x: float, y: float, within: float) -> str:
     return f"() => {{ const at = {found}; return at && Math.hypot(at[1] - {x}, at[2] - {y}) < {within} }}"
 
 
-def sent(page: Any, x: float, y: float) -> bool:
+def sent(page: Any, car: Live, x: float, y: float) -> bool:
     """Send the robot to a place; returns whether it gets there before a stall of the machine ends its way."""
+
+    def ended() -> float:
+        events = car.call(lambda robot: list(robot.runtime.state.events))
+        return max((event.time for event in events if "the route was ended" in event.text), default=0.0)
+
+    before = ended()
     page.locator("#waypoints").click()
     tap(page, x, y)
     page.locator("#go").click()
-    return waits(page, where(x, y, 0.2), 15.0 * S)
+    for _ in range(15):
+        if waits(page, where(x, y, 0.2), S):
+            return True
+        if ended() > before:
+            break
+    return False
 
 
 def put(page: Any, condition: str, *places: tuple[float, float]) -> bool:
@@ -109,5 +120,5 @@ def test_taps_say_where_the_robot_is_on_its_map_and_take_it_to_a_goal(browser: A
         page.wait_for_function(where(0.0, 0.0, 0.2))
         wait_until(lambda page=page: put(page, ELSEWHERE, (3.0, 2.0)))
         wait_until(lambda page=page: put(page, where(0.0, 0.0, 0.2), (0.0, 0.0), (1.0, 0.0)))
-        wait_until(lambda page=page: sent(page, 1.0, 0.0))
+        wait_until(lambda page=page: sent(page, located, 1.0, 0.0), 2.0 * LIMIT)  # each stall ends its way
         located.until(lambda robot: hypot(robot.pose[0] - 1.0, robot.pose[1]) < 0.2 and robot.odometry.v == 0.0)
