@@ -88,18 +88,22 @@ def where(x: float, y: float, within: float) -> str:
 
 
 def sent(page: Any, car: Live, x: float, y: float) -> bool:
-    """Send the robot to a place; returns whether it gets there before a stall of the machine ends its way."""
+    """Send the robot to a place; returns whether it comes to rest there before a stall of the machine ends its way."""
 
     def ended() -> float:
         events = car.call(lambda robot: list(robot.runtime.state.events))
         return max((event.time for event in events if "the route was ended" in event.text), default=0.0)
+
+    def rests(robot: Any) -> bool:
+        return hypot(robot.pose[0] - x, robot.pose[1] - y) < 0.2 and robot.odometry.v == 0.0
 
     before = ended()
     page.locator("#waypoints").click()
     tap(page, x, y)
     page.locator("#go").click()
     for _ in range(15):
-        if waits(page, where(x, y, 0.2), S):
+        page.wait_for_timeout(1000.0 * S)
+        if car.call(rests) and waits(page, where(x, y, 0.2), S):
             return True
         if ended() > before:
             break
@@ -121,4 +125,3 @@ def test_taps_say_where_the_robot_is_on_its_map_and_take_it_to_a_goal(browser: A
         wait_until(lambda page=page: put(page, ELSEWHERE, (3.0, 2.0)))
         wait_until(lambda page=page: put(page, where(0.0, 0.0, 0.2), (0.0, 0.0), (1.0, 0.0)))
         wait_until(lambda page=page: sent(page, located, 1.0, 0.0), 2.0 * LIMIT)  # each stall ends its way
-        located.until(lambda robot: hypot(robot.pose[0] - 1.0, robot.pose[1]) < 0.2 and robot.odometry.v == 0.0)

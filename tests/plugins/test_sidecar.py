@@ -89,8 +89,9 @@ def test_the_drawing_process_finds_the_screen_of_an_addition_and_its_topic_by_it
 
 @pytest.mark.usefixtures("patient")
 def test_an_addition_brings_a_bridge_that_is_named_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    room = ("--set", "sim.room.length=20")
     for duration in ("2", "10", "50"):
-        assert execute(["run", "--duration", duration, "--json", "--bridge", "limited:share=0.5", *LIMIT]) == 0
+        assert execute(["run", "--duration", duration, "--json", "--bridge", "limited:share=0.5", *LIMIT, *room]) == 0
         # not the odometry: the speed of a moment leaps where a busy machine is late
         v = json.loads(capsys.readouterr().out)["topics"]["/setpoint"]["v"]
         if v:
