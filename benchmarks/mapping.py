@@ -21,6 +21,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from benchmarks import revisits
 from benchmarks.peers import mrpt
 from txt1.errors import Txt1Error
 from txt1.mapping import drawing, logs
@@ -125,6 +126,24 @@ def told(log: logs.Log, seeds: int, python: Path | None, form: str, picture: Pat
     return [mine, theirs]
 
 
+def show_revisits(log: logs.Log, form: str) -> None:
+    """Print how well the map of a log fits at places passed twice, by our map and by the wheels alone."""
+    _, mapper = ours(log, log.odometry, form)
+    wheels = revisits.by_wheels(mapper, log.odometry)
+    for name, poses in (("map", mapper.graph.poses), ("wheels alone", wheels)):
+        found = revisits.offsets(mapper, poses)
+        apart = sorted(found.values())
+        if not apart:
+            print(f"- {log.name}, {name}: no place passed twice")
+            continue
+        worst = max(found, key=lambda each: found[each])
+        print(
+            f"- {log.name}, {name}: {len(apart)} revisits, worst {apart[-1]:.3f} m (keyframe {worst}), "
+            f"median {apart[len(apart) // 2]:.3f} m, {sum(each <= 0.05 for each in apart)} within 5 cm",
+            flush=True,
+        )
+
+
 def beside(log: logs.Log) -> None:
     """Have Debian's programs map a log with the first seed, and print what comes of it."""
     odometry = logs.drifted(log.odometry, 0) if log.reference is not None else log.odometry
@@ -182,6 +201,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for log in read:
         rows[log.name] = told(log, given.seeds, python, given.form, given.pictures)
     verdict(rows)
+    print("\nPlaces passed twice, without an error added:")
+    for log in read:
+        show_revisits(log, given.form)
     print("\nDebian's mrpt-apps:")
     for log in read:
         beside(log)

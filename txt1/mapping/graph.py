@@ -82,6 +82,10 @@ class Graph:
         _, error = self._errors(self._edges[self._links - 1 : self._links])
         return float(error[0] @ information @ error[0])
 
+    def restore(self, edges: NDArray[Any]) -> None:
+        """Take these edges in place of all that there are."""
+        self._edges, self._links = edges.copy(), len(edges)
+
     def _errors(self, edges: NDArray[Any]) -> tuple[Array, Array]:
         """Return the second nodes as seen from the first nodes, and their differences from the edges."""
         seen = difference(self.poses[edges["first"]], self.poses[edges["second"]])

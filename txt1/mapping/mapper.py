@@ -92,6 +92,16 @@ class Matching:
     """Score from which a chunk may close a loop, for a window without width."""
     wide: float = 0.04
     """Increase of this score per m of the window: among more poses one fits more easily by chance."""
+    rounds: int = 2
+    """Number of times that places passed again are matched again in the end."""
+    pair: int = 2
+    """Number of keyframes that are joined for this."""
+    beside: float = 1.5
+    """m from the middle of a chunk within which a keyframe is matched with it again."""
+    again: float = 6.0
+    """m of driving after which a place counts as passed again."""
+    most: int = 1000
+    """Largest number of keyframes that are matched again, evenly spaced: this bounds the time."""
     known: float = 0.35
     """Smallest share of the points on cells that the chunk's rays have reached."""
     near: float = 0.85
@@ -198,9 +208,11 @@ class Mapper:
         return self._keyed(time, cloud, since, score, information)
 
     def finish(self) -> None:
-        """Search for loops once more and optimise."""
+        """Search for loops, optimise, and match once more the places that were passed twice."""
         self._look()
         self.graph.optimise()
+        if self.placed:
+            self._settle()
         self._pose = composed(self.graph.poses[self._owners[-1]], self._steps[-1])
         self._rebuild()
 
@@ -329,6 +341,35 @@ class Mapper:
             self._pose = self.graph.poses[new].copy()
         return closed
 
+    def _settle(self) -> None:
+        """Match keyframes again with older keyframes of the same place, now that all are nearly in place, and optimise.
+
+        While driving, a loop is closed only where the way through the graph is long. A loop that was closed a little
+        wrong would stay so.
+        """
+        matching, poses, count = self._matching, self.graph.poses, len(self.keys)
+        middles = np.arange(matching.chunk // 2, count, matching.chunk)
+        along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+        before = self.graph.edges.copy()
+        for _ in range(matching.rounds):
+            found = []
+            for new in range(matching.apart, count, 1 + count // matching.most):
+                older = middles[(middles <= new - matching.apart) & (along[middles] < along[new] - matching.again)]
+                away = np.hypot(*(poses[older, :2] - poses[new, :2]).T)
+                if not len(older) or away.min() > matching.beside:
+                    continue
+                chunk = int(away.argmin())
+                query = sparse(self._cloud(range(new - matching.pair + 1, new + 1), poses[new]), 200)
+                edge = self._closed(chunk, query, 4.0, new) if len(query.points) >= 30 else None
+                if edge is not None:
+                    found.append((int(middles[chunk]), new, *edge[:2], True))
+            if not found:
+                return
+            self.graph.restore(before)
+            for each in found:
+                self.graph.link(*each)
+            self.graph.optimise()
+
     def _place(self) -> int:
         """Search the map of earlier drives for the last keyframes; return the number of new edges."""
         new, size = len(self.keys) - 1, self._matching.chunk
@@ -359,18 +400,21 @@ class Mapper:
         edges = self.graph.edges
         return int(np.flatnonzero((edges["first"] == self._old - 1) & (edges["second"] == self._old))[0])
 
-    def _closed(self, chunk: int, query: Cloud, way: float | None) -> tuple[Array, Array, float] | None:
+    def _closed(
+        self, chunk: int, query: Cloud, way: float | None, new: int | None = None
+    ) -> tuple[Array, Array, float] | None:
         """Return step, information and score with which the query closes a loop with a chunk, None if it does not fit.
 
         Args:
             chunk: its number.
             query: the cloud of the last keyframes, in the frame of the last.
             way: m through the graph between the two; None: the query may be anywhere.
+            new: the keyframe whose frame the query is in; None: the last.
 
         """
         matching = self._matching
         size = matching.chunk
-        middle, new = size * chunk + size // 2, len(self.keys) - 1
+        middle, new = size * chunk + size // 2, len(self.keys) - 1 if new is None else new
         if way is None:
             middle = min(middle, self._old - 1)
         if chunk not in self._chunks:

@@ -94,3 +94,17 @@ def test_glass_costs_a_third_of_the_beams_and_no_map():
         mapper.add(0.1 * k, points[rng.random(len(points)) > 0.3], told)
     mapper.finish()
     assert trajectory_error(mapper.poses, poses) < 0.05
+
+
+def test_a_loop_that_was_closed_a_little_wrong_is_put_right_in_the_end(monkeypatch):
+    monkeypatch.setattr(Mapper, "_look", lambda mapper: 0)
+    poses, rng, there, mapper = drive(1.3), np.random.default_rng(1), room(), Mapper(form="numpy")
+    for k, pose in enumerate(poses):
+        mapper.add(0.1 * k, scan(there, pose, rng), pose)
+    first, last = 2, len(mapper.keys) - 6
+    wrong = np.array([0.2, 0.1, 0.0]) + difference(poses[mapper.keys[first].number], poses[mapper.keys[last].number])
+    mapper.graph.link(first, last, wrong, 1e4 * np.eye(3), True)
+    mapper.graph.optimise()
+    assert trajectory_error(mapper.poses, poses) > 0.05
+    mapper.finish()
+    assert trajectory_error(mapper.poses, poses) < 0.01
