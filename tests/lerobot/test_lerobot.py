@@ -1,4 +1,4 @@
-"""LeRobot's own commands record and replay with a simulated robot. `make test-lerobot` runs it where LeRobot is."""
+"""LeRobot's own commands record, replay and train with a simulated robot: `make test-lerobot`, where LeRobot is."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 
 
-def test_a_drive_is_recorded_and_replayed_by_lerobots_commands(tmp_path: Path) -> None:
+def test_a_drive_is_recorded_replayed_and_learned_from_by_lerobots_commands(tmp_path: Path) -> None:
     python = os.environ.get("TXT1_LEROBOT")
     if not python:
         pytest.skip("did not run: TXT1_LEROBOT names no Python that has LeRobot and plugins/lerobot")
     environment = {**os.environ, "HF_HOME": str(tmp_path / "hf"), "HF_HUB_OFFLINE": "1"}
     words = [python, str(HERE / "trial.py"), str(tmp_path)]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=8.0 * LIMIT)
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=24.0 * LIMIT)
     assert done.returncode == 0, done.stderr[-3000:]
     told = json.loads(done.stdout.splitlines()[-1])
     assert told["state"] == ["x_m", "y_m", "theta_rad", "v_m_s", "omega_rad_s"]
@@ -35,3 +35,8 @@ def test_a_drive_is_recorded_and_replayed_by_lerobots_commands(tmp_path: Path) -
     assert max(state[2] for state in states) > 0.3
     count, height, width, _, spread = told["pictures"]
     assert count == len(states) and (height, width) == (120, 160) and spread > 1.0
+    losses = told["losses"]
+    assert len(losses) >= 5 and losses[-1] < 0.7 * losses[0], "it learns from the drive"
+    states, actions = told["by the policy"]["states"], told["by the policy"]["actions"]
+    assert len(states) == len(actions) >= 45
+    assert max(v for v, _ in actions) > 0.2 and max(state[0] for state in states) > 0.3, "the policy drives the car"
