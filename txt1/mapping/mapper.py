@@ -17,6 +17,7 @@ graph, the graph is optimised (`graph`).
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import hypot, radians
@@ -74,6 +75,8 @@ class Matching:
     """m, standard deviation of a point, as far as a wall's points have independent errors."""
     chunk: int = 8
     """Number of keyframes in a chunk for closing loops."""
+    kept: int = 64
+    """Number of chunks that are kept joined, half a megabyte each; others are joined again when they are needed."""
     query: int = 6
     """Number of keyframes that are joined and matched with a chunk."""
     every: int = 2
@@ -100,7 +103,7 @@ class Matching:
     """m from the middle of a chunk within which a keyframe is matched with it again."""
     again: float = 6.0
     """m of driving after which a place counts as passed again."""
-    most: int = 1000
+    most: int = 500
     """Largest number of keyframes that are matched again, evenly spaced: this bounds the time."""
     known: float = 0.35
     """Smallest share of the points on cells that the chunk's rays have reached."""
@@ -145,8 +148,8 @@ class Mapper:
         self.keys: list[KeyScan] = []
         self._matching = matching or Matching()
         self._odometry = odometry or OdometryNoise()
-        self._owners: list[int] = []
-        self._steps: list[Array] = []
+        # of each scan: its keyframe, and its pose relative to that, three numbers
+        self._owners, self._steps = array("q"), array("d")
         self._pose = np.zeros(3)
         self._before: Array | None = None
         self._local: LocalMap | None = None
@@ -178,7 +181,7 @@ class Mapper:
     @property
     def poses(self) -> Array:
         """Poses of all scans so far, a row each (m, rad)."""
-        return composed(self.graph.poses[self._owners], np.array(self._steps))
+        return composed(self.graph.poses[np.array(self._owners)], np.array(self._steps).reshape(-1, 3))
 
     def add(self, time: float, points: Array, odometry: Any) -> Match:
         """Take a scan: points (n, 2) in m, in the order of the beams, and odometry at its time, both in the
@@ -203,7 +206,7 @@ class Mapper:
         since = difference(self.graph.poses[-1], self._pose)
         if hypot(since[0], since[1]) < self._matching.key_way and abs(since[2]) < self._matching.key_turn:
             self._owners.append(len(self.keys) - 1)
-            self._steps.append(since)
+            self._steps.extend(since)
             return Match(self._pose, score, False, 0)
         return self._keyed(time, cloud, since, score, information)
 
@@ -213,7 +216,7 @@ class Mapper:
         self.graph.optimise()
         if self.placed:
             self._settle()
-        self._pose = composed(self.graph.poses[self._owners[-1]], self._steps[-1])
+        self._pose = composed(self.graph.poses[self._owners[-1]], self._steps[-3:])
         self._rebuild()
 
     def try_loop(self) -> None:
@@ -237,7 +240,7 @@ class Mapper:
     def _own(self, time: float, cloud: Cloud) -> None:
         self.keys.append(KeyScan(len(self._owners), time, cloud))
         self._owners.append(len(self.keys) - 1)
-        self._steps.append(np.zeros(3))
+        self._steps.extend((0.0, 0.0, 0.0))
 
     def _matched(
         self, cloud: Cloud, predicted: Array, deviation: tuple[float, float]
@@ -425,7 +428,9 @@ class Mapper:
             if made is None:
                 return None
             self._chunks[chunk] = made, SeenWalls([self.keys[k].cloud for k in around], poses, self.loops)
-        there, seen = self._chunks[chunk]
+        there, seen = self._chunks[chunk] = self._chunks.pop(chunk)
+        if self.placed and len(self._chunks) > matching.kept:
+            del self._chunks[next(iter(self._chunks))]
         if way is None:
             predicted, reach, turn = np.zeros(3), matching.anywhere, radians(180.0)
         else:
