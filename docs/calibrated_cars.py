@@ -6,6 +6,7 @@ That takes an hour of a processor. Ended and begun again, it goes on, as its car
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -64,20 +65,11 @@ def main() -> None:
     done = {}
     for kind, vehicle, settings in kinds():
         file = TABLES / f"{vehicle}{'-blind' if settings else ''}.csv"
-        execute(
-            [
-                "calibrate",
-                "--vehicle",
-                vehicle,
-                *settings,
-                "--practice",
-                str(count),
-                "--seed",
-                "1",
-                "--write",
-                str(file),
-            ]
-        )
+        words = ["calibrate", "--vehicle", vehicle, *settings, "--practice", str(count), "--seed", "1"]
+        code = execute([*words, "--write", str(file)])
+        if code > 1:
+            # 1: a car is outside a limit
+            sys.exit(code)
         done[kind] = [car for car in read_practised(file, vehicle) if car.seed <= count]
     page_parts.write(HERE / "calibrate.md", "calibrated_cars", table(done), "docs.calibrated_cars")
 

@@ -20,6 +20,12 @@ DRIFT: Final = radians(0.3)
 UNLIKE: Final = 0.5
 # largest number of drives
 TRIES: Final = 4
+# standard deviation of an axle's middle between its two stops, as a share of full lock; assumed
+MIDDLE: Final = 0.03
+# m, standard deviation of a measurement with a tape; assumed
+TAPE: Final = 0.005
+# rad, the same of the heading with which it is put on the line; assumed
+ALIGNED: Final = radians(0.3)
 LINE: Final = f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it."
 OFF: Final = "How far left of the line is it (right: negative)?"
 
@@ -33,6 +39,8 @@ async def straight(bench: Bench) -> None:
     if bench.skids and not geometry.counts_per_rev:
         await _even_sides(bench)
         return
+    # the car's nose may point aside of its way: variances of that angle before a drive, and as a tape tells it
+    known, told = (MIDDLE * geometry.steering_max) ** 2, (0.7 * TAPE / geometry.wheelbase) ** 2 + ALIGNED**2
     for number in range(TRIES):
         await ask.ready("line", LINE)
         shown = await _go_straight(bench)
@@ -44,10 +52,16 @@ async def straight(bench: Bench) -> None:
             crab = 0.5 * (front + rear) / ahead - 0.5 * bend * ahead
             off = 0.5 * bend * ahead * ahead
             angles = {"front": atan(crab + bend * geometry.lever), "rear": atan(crab - bend * geometry.lever)}
+            # over a short wheelbase a tape tells less of the nose than the axles' stops: one measure is weighed
+            # against the other, while the errors of the bend are averaged over the drives
+            weight, mean = known / (known + told), 1.0 / (1 + number)
+            known *= 1.0 - weight
+            turned = {"front": atan(mean * bend * geometry.lever), "rear": -atan(mean * bend * geometry.lever)}
+            shift = {axle: weight * crab + angle for axle, angle in turned.items()}
         else:
             off = await ask.number("off", OFF, "m")
             bend = _arc(ahead, off)[0]
-            angles = {"front": atan(bend * geometry.lever)}
+            angles = shift = {"front": atan(bend * geometry.lever)}
         if shown is not None:
             if shown < 0.1 * ahead:
                 raise HalError(f"its odometry shows {shown:.2f} m for {ahead:.2f} m: look after the encoder's wires")
@@ -58,11 +72,9 @@ async def straight(bench: Bench) -> None:
             return
         if max(abs(tan(angle)) for angle in angles.values()) < DRIFT * geometry.lever:
             return
-        # a tape measures the heading over a short wheelbase poorly: the error of two axles is averaged over the drives
-        weight = 1.0 / (1 + number) if geometry.steering == "both" else 1.0
-        for axle, angle in angles.items():
+        for axle, angle in shift.items():
             channel = getattr(bench.config.channels, axle)
-            too_far = -STEERING_MAX * weight * angle / geometry.steering_max
+            too_far = -STEERING_MAX * angle / geometry.steering_max
             trim = channel.trim - channel.direction * channel.scale * too_far
             bench.found({f"channels.{axle}.trim": float(round(trim))})
 
