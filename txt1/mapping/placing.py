@@ -67,6 +67,8 @@ UNKNOWN_NEAR: Final = 0.35
 """m from free floor at which a robot may stand on unknown cells."""
 SHOWN_RAYS: Final = 90
 """Number of a scan's rays on screens."""
+SOON: Final = 1.0
+"""s after the run until the user is told that the map takes longer."""
 JUMP: Final = 0.3
 """m; a larger correction of the pose means another place, so the floor seen from the old place is discarded."""
 
@@ -401,7 +403,11 @@ async def watch(runtime: Runtime, settings: MappingConfig) -> AsyncIterator[None
     finally:
         polled = runtime.sensors.get(NEWS)
         if polled is not None and isinstance(polled.sensor, NewsSensor):
-            for line in await polled.sensor.finish():
+            ending = asyncio.ensure_future(polled.sensor.finish())
+            if not (await asyncio.wait([ending], timeout=SOON))[0]:
+                # a second signal ends this process; the worker ignores it
+                say("the map is being finished, which takes some seconds; Ctrl-C leaves that to the background")
+            for line in await ending:
                 say(line)
 
 

@@ -14,6 +14,7 @@ from txt1.mapping import drawing, stored, works
 from txt1.mapping.drive import Sweep
 from txt1.mapping.growing import GrowingGrid
 from txt1.mapping.mapper import Mapper
+from txt1.mapping.placing import NewsSensor
 from txt1.mapping.worker import Far
 from txt1.maps import files
 from txt1.record.command.view import viewable
@@ -86,6 +87,20 @@ def test_what_is_wrong_is_told(plain, tmp_path, monkeypatch, capsys, options, wo
     monkeypatch.chdir(tmp_path)
     assert execute([*RUN, "--duration", "1", *options]) == 2
     assert word in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("takes", "told"), [(0.5, False), (4.0, True)])
+def test_a_map_that_takes_long_to_finish_can_be_left_to_the_background(
+    plain, tmp_path, monkeypatch, capsys, takes, told
+):
+    async def slow(sensor):
+        await asyncio.sleep(takes)
+        return ["room.yaml: written"]
+
+    monkeypatch.setattr(NewsSensor, "finish", slow)
+    assert execute([*RUN, "--duration", "1", "--map", str(tmp_path / "room")]) == 0
+    before, written, _ = capsys.readouterr().err.partition("written")
+    assert written and ("Ctrl-C leaves that to the background" in before) is told
 
 
 def test_a_map_that_grows_is_that_of_all_scans_at_once():
