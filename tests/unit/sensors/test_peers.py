@@ -27,6 +27,7 @@ from txt1.sensors.stream import Streamed
 GPSFAKE = shutil.which("gpsfake")
 GPSD = shutil.which("gpsd", path="/usr/sbin:/usr/local/sbin:/usr/bin")
 DATUM = (35.0844, -106.6504)
+PATIENCE = 5.0  # s that a program has to end
 TRACKED = (0.5, -0.25, 0.1)  # m
 
 
@@ -40,7 +41,12 @@ async def process(*command: str) -> AsyncIterator[asyncio.subprocess.Process]:
     finally:
         if started.returncode is None:
             started.terminate()
-            await started.wait()
+            # gpsfake catches the signal, and now and then waits for a gpsd that has ended already
+            try:
+                await asyncio.wait_for(started.wait(), PATIENCE)
+            except TimeoutError:
+                started.kill()
+                await started.wait()
 
 
 def listens(port: int) -> bool:
