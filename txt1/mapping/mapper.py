@@ -95,12 +95,12 @@ class Matching:
     """Score from which a chunk may close a loop, for a window without width."""
     wide: float = 0.04
     """Increase of this score per m of the window: among more poses one fits more easily by chance."""
-    rounds: int = 2
+    rounds: int = 3
     """Number of times that places passed again are matched again in the end."""
     pair: int = 2
     """Number of keyframes that are joined for this."""
     beside: float = 1.5
-    """m from the middle of a chunk within which a keyframe is matched with it again."""
+    """m from a keyframe within which a later one is matched again with the chunk of the former."""
     again: float = 6.0
     """m of driving after which a place counts as passed again."""
     most: int = 500
@@ -351,22 +351,23 @@ class Mapper:
         wrong would stay so.
         """
         matching, poses, count = self._matching, self.graph.poses, len(self.keys)
-        middles = np.arange(matching.chunk // 2, count, matching.chunk)
         along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
         before = self.graph.edges.copy()
         for _ in range(matching.rounds):
+            # joined before, when their keyframes lay a little differently
+            self._chunks.clear()
             found = []
             for new in range(matching.apart, count, 1 + count // matching.most):
-                older = middles[(middles <= new - matching.apart) & (along[middles] < along[new] - matching.again)]
-                away = np.hypot(*(poses[older, :2] - poses[new, :2]).T)
-                if not len(older) or away.min() > matching.beside:
+                older = min(int(np.searchsorted(along, along[new] - matching.again)), new - matching.apart + 1)
+                away = np.hypot(*(poses[:older, :2] - poses[new, :2]).T)
+                if not older or away.min() > matching.beside:
                     continue
-                chunk = int(away.argmin())
+                chunk = int(away.argmin()) // matching.chunk
                 query = sparse(self._cloud(range(new - matching.pair + 1, new + 1), poses[new]), 200)
                 # as after 4 m of driving: the window is 0.4 m and 4.6 degrees to each side
                 edge = self._closed(chunk, query, 4.0, new) if len(query.points) >= 30 else None
                 if edge is not None:
-                    found.append((int(middles[chunk]), new, *edge[:2], True))
+                    found.append((matching.chunk * chunk + matching.chunk // 2, new, *edge[:2], True))
             if not found:
                 return
             self.graph.restore(before)
