@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from txt1.mapping.mapper import Mapper
-from txt1.mapping.matcher import LocalMap, joined, moved, sparse
+from txt1.mapping.matcher import LocalMap, joined, sparse
 from txt1.mapping.poses import Array, composed, difference
 
 NEAR: Final = 1.5  # m
@@ -35,9 +35,8 @@ def offsets(mapper: Mapper, poses: Array) -> dict[int, float]:
             continue
         nearest = int(away.argmin())
         around = range(max(0, nearest - AROUND), min(nearest + AROUND + 1, older))
-        there = LocalMap(
-            joined([moved(mapper.keys[k].cloud, difference(pose, poses[k])) for k in around]), mapper.loops
-        )
+        clouds = [mapper.keys[k].cloud for k in around]
+        there = LocalMap(joined(clouds, difference(pose, poses[list(around)])), mapper.loops)
         cloud, here = mapper.keys[new].cloud, np.zeros(3)
         score, start = there.search(sparse(cloud, 200), here, REACH, TURN, (2.0 * REACH, 2.0 * TURN), FITS)
         if score > FITS:

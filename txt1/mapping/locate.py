@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.mapping.mapper import Mapper
-from txt1.mapping.matcher import GAP, Cloud, LocalMap, joined, kernels_of, moved, sparse
+from txt1.mapping.matcher import GAP, Cloud, LocalMap, joined, kernels_of, sparse
 from txt1.mapping.poses import composed, difference, wrapped
 from txt1.maps.grid import OCCUPIED_FROM, Grid
 from txt1.sim.batch import compiled
@@ -360,7 +360,7 @@ class Locator:
         """
         keys = trail.keys[-TRAIL:]
         back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
-        cloud = joined([moved(key.cloud, pose) for key, pose in zip(keys, back, strict=True)])
+        cloud = joined([key.cloud for key in keys], back)
         places = self._matches(sparse(cloud, 100)) if len(cloud.points) >= 50 else np.empty((0, 3))
         if not len(places):
             return None

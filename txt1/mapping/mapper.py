@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.mapping.graph import Graph
-from txt1.mapping.matcher import Cloud, LocalMap, SeenWalls, cloud_of, joined, kernels_of, moved, sparse
+from txt1.mapping.matcher import Cloud, LocalMap, SeenWalls, cloud_of, joined, kernels_of, sparse
 from txt1.mapping.poses import composed, difference, placed, wrapped
 
 Array = NDArray[np.float64]
@@ -306,8 +306,7 @@ class Mapper:
 
     def _cloud(self, numbers: Any, origin: Array) -> Cloud:
         """Return the clouds of these keyframes as a single cloud, in the frame of `origin`."""
-        poses = difference(origin, self.graph.poses[list(numbers)])
-        return joined([moved(self.keys[k].cloud, pose) for k, pose in zip(numbers, poses, strict=True)])
+        return joined([self.keys[k].cloud for k in numbers], difference(origin, self.graph.poses[list(numbers)]))
 
     def _look(self) -> int:
         """Search for loops with the last keyframes; return the number of closed loops."""

@@ -9,7 +9,7 @@ from tests.unit.mapping.rooms import drive, room, scan
 from txt1.mapping import drawing
 from txt1.mapping.logs import drifted
 from txt1.mapping.mapper import Mapper
-from txt1.mapping.matcher import LocalMap, cloud_of, kernels_of, moved
+from txt1.mapping.matcher import LocalMap, cloud_of, joined, kernels_of
 from txt1.mapping.poses import difference, trajectory_error
 from txt1.maps.grid import FREE, OCCUPIED
 
@@ -57,7 +57,8 @@ def test_a_scan_is_found_again_by_both_forms():
     for form in ("numba", "numpy"):
         loops = kernels_of(form)
         cloud = cloud_of(scan(there, true, np.random.default_rng(3)), loops)
-        around = moved(cloud_of(scan(there, (0.5, -1.8, 0.7), np.random.default_rng(4)), loops), (0.5, -1.8, 0.7))
+        other = np.array([0.5, -1.8, 0.7])
+        around = joined([cloud_of(scan(there, other, np.random.default_rng(4)), loops)], other[None])
         local = LocalMap(around, loops)
         guess = true + np.array([0.3, -0.35, radians(18.0)])
         score, start = local.search(cloud, guess, 0.5, radians(25.0), (2.0, 2.0), 0.3)
