@@ -95,7 +95,7 @@ class Matching:
     """Score from which a chunk may close a loop, for a window without width."""
     wide: float = 0.04
     """Increase of this score per m of the window: among more poses one fits more easily by chance."""
-    rounds: int = 3
+    rounds: int = 2
     """Number of times that places passed again are matched again in the end."""
     pair: int = 2
     """Number of keyframes that are joined for this."""
@@ -111,6 +111,8 @@ class Matching:
     """Share of these points near points of the chunk from which a loop is closed."""
 
 
+CONTRADICTS: Final = 7.8
+"""Chi-square of an edge's three numbers from which the graph is optimised at once; the 95 % quantile."""
 NOTHING: Final = 1e-6 * np.eye(3)
 """Information of an edge without a measurement."""
 
@@ -320,7 +322,7 @@ class Mapper:
         if count < 1:
             return 0
         middles = size * np.arange(count) + size // 2
-        ways = self._ways(new)[middles]
+        ways = self.graph.ways(new, self._old if self._found else 0)[middles]
         away = np.hypot(*(self.graph.poses[middles, :2] - self.graph.poses[new, :2]).T)
         wrong = np.minimum(matching.share * ways, 6.0)
         near = np.flatnonzero((away < matching.range + wrong) & (ways > 6.0))
@@ -337,7 +339,7 @@ class Mapper:
                 contradicted = max(contradicted, self.graph.link(int(middles[chunk]), new, *found[:2], True))
                 closed += 1
         self._unsettled += closed
-        if contradicted > 4.0 or self._unsettled > 20:
+        if contradicted > CONTRADICTS or self._unsettled > 20:
             self.graph.optimise()
             self._unsettled = 0
             self._pose = self.graph.poses[new].copy()
@@ -454,26 +456,6 @@ class Mapper:
             return None
         information = _floored((information + prior) / matching.noise**2)
         return np.array([pose[0], pose[1], wrapped(pose[2])]), information, score
-
-    def _ways(self, new: int) -> Array:
-        """Return the shortest distance from a node to each other through the graph, m."""
-        from scipy.sparse import csr_matrix
-        from scipy.sparse.csgraph import dijkstra
-
-        edges = self.graph.edges
-        steps, loop = edges["step"], edges["loop"]
-        lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
-        lengths = np.where(loop, 0.5, lengths) + 1e-6
-        if self._found:
-            lengths[self._seam()] = 1e6
-        size = len(self.keys)
-        return np.asarray(
-            dijkstra(
-                csr_matrix((lengths, (edges["first"], edges["second"])), shape=(size, size)),
-                directed=False,
-                indices=new,
-            )
-        )
 
 
 def _floored(information: Array) -> Array:

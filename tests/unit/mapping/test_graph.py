@@ -3,6 +3,8 @@
 from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 
 from txt1.mapping.graph import Graph
 from txt1.mapping.poses import composed, difference
@@ -54,3 +56,21 @@ def test_a_graph_without_a_loop_stays():
     before = graph.poses.copy()
     graph.optimise()
     assert np.array_equal(graph.poses, before)
+
+
+def test_ways_through_the_graph_are_the_shortest():
+    rng, graph = np.random.default_rng(1), Graph()
+    size, lengths = 60, {}
+    for k in range(size):
+        graph.add((0.0, 0.0, 0.0))
+        if k:
+            step = rng.uniform(-1.0, 1.0, 3)
+            graph.link(k - 1, k, step, np.eye(3), False)
+            lengths[k - 1, k] = np.hypot(*step[:2]) + 0.3 * abs(step[2])
+        if k > 10 and k % 7 == 0:
+            other = int(rng.integers(k - 5))
+            graph.link(other, k, np.zeros(3), np.eye(3), True)
+            lengths[other, k] = 0.5
+    matrix = csr_matrix((list(lengths.values()), tuple(zip(*lengths, strict=True))), shape=(size, size))
+    for new in (0, 30, size - 1):
+        assert np.abs(graph.ways(new) - dijkstra(matrix, directed=False, indices=new)).max() < 1e-6
