@@ -11,6 +11,7 @@ stands in a comment.
 
 import platform
 import re
+import shutil
 import subprocess
 import sys
 from hashlib import sha256
@@ -65,8 +66,10 @@ def versions(name: str = "txt1", without: tuple[str, ...] = DEVELOPERS) -> tuple
 
 
 def commit() -> str:
-    """Return the commit of the sources with "and changes" where files differ from it; "unknown" outside of git."""
+    """Return the commit of the sources with "and changes" where files differ from it; "unknown" without git."""
     root = Path(__file__).parents[1]
+    if shutil.which("git") is None:
+        return "unknown"
     told = []
     for words in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"]):
         done = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)

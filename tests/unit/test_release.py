@@ -9,7 +9,7 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
-from rigs.release import constraints, main, notes, versions
+from rigs.release import commit, constraints, main, notes, versions
 
 ROOT = Path(__file__).parents[2]
 
@@ -28,6 +28,12 @@ def test_the_constraints_name_the_installed_versions_and_the_untested_packages()
         # pip takes no others as constraints
         assert one.url is None and not one.extras
     assert f"Python {'.'.join(map(str, sys.version_info[:3]))}," in lines[1]
+
+
+def test_without_git_the_constraints_name_no_commit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    assert commit() == "unknown"
+    assert "unknown" in constraints()
 
 
 @pytest.mark.long  # pip runs twice
