@@ -19,6 +19,7 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from importlib import import_module
 from math import cos, nan, pi, sin, sqrt
 from pathlib import Path
 from typing import Any, Final
@@ -153,6 +154,9 @@ class NewsSensor:
             self._worker = Far({"make": settings.make, "resolution": settings.resolution})
         try:
             await self._worker.open()
+            if settings.room is not None:
+                # planning needs it; imported with the first goal, it stopped the loop for some cycles
+                import_module("scipy.ndimage")
         except ImportError:
             raise MissingExtra("a map", "mapping") from None
 
@@ -397,14 +401,13 @@ async def prepare(runtime: Runtime, settings: MappingConfig) -> OnMap | None:
 @asynccontextmanager
 async def watch(runtime: Runtime, settings: MappingConfig) -> AsyncIterator[None]:
     """End the work after the run; writing a map may take time."""
-    del settings
     try:
         yield
     finally:
         polled = runtime.sensors.get(NEWS)
         if polled is not None and isinstance(polled.sensor, NewsSensor):
             ending = asyncio.ensure_future(polled.sensor.finish())
-            if not (await asyncio.wait([ending], timeout=SOON))[0]:
+            if not (await asyncio.wait([ending], timeout=SOON))[0] and settings.make is not None:
                 # a second signal ends this process; the worker ignores it
                 say("the map is being finished, which takes some seconds; Ctrl-C leaves that to the background")
             for line in await ending:

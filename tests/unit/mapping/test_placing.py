@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from txt1.cli import execute
-from txt1.mapping import drawing, works
+from txt1.mapping import drawing, placing, works
 from txt1.mapping.locate import Locator
 from txt1.maps.grid import FREE, OCCUPIED, Grid
 from txt1.record.reading import Decoding, FilePass
@@ -81,6 +81,13 @@ def test_from_a_given_pose_it_knows_at_once(room, tmp_path):
     file = tmp_path / "at.mcap"
     assert execute([*RUN, "--duration", "1.5", "--in", f"{room}.yaml", "--at", "0,0,0", "--log", str(file)]) == 0
     assert told(file, "/sensors/map")[0][0] < 0.5
+
+
+def test_a_first_goal_does_not_import_what_takes_cycles(room, monkeypatch):
+    imported = []
+    monkeypatch.setattr(placing, "import_module", imported.append)
+    assert execute([*RUN, "--duration", "0.1", "--in", str(room)]) == 0
+    assert imported == ["scipy.ndimage"]
 
 
 @pytest.mark.parametrize(
