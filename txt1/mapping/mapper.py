@@ -103,7 +103,7 @@ class Matching:
     """m from a keyframe within which a later one is matched again with the chunk of the former."""
     again: float = 6.0
     """m of driving after which a place counts as passed again."""
-    most: int = 500
+    most: int = 250
     """Largest number of keyframes that are matched again, evenly spaced: this bounds the time."""
     known: float = 0.35
     """Smallest share of the points on cells that the chunk's rays have reached."""
