@@ -91,7 +91,7 @@ class Knowing(PilotAgent):
         """An episode begins, at a start that it knows."""
         super().begin()
         self.lost, self.goal, self._near = False, self._task.goal_radius, self._task.goal_radius
-        self._seen_before.add(self._points, (0.0, 0.0, 0.0))
+        self._seen_before.add(self._points, (0.0, 0.0, 0.0), hide=False)
         self._seen_before.pose = self._begins[self.episode].pose(self._task)
         self._place()
 

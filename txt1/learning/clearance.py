@@ -10,6 +10,9 @@ the straight way to the goal at the highest speed, and the clearance so far, whi
 plan before is tried first, so a course that was found clear is still there when the next decision comes.
 
 The body is three discs in a row. The clearance comes from a grid of distances to the points, in the robot's frame.
+
+A laser sees the front of a box. A course that passes close behind it may find no way out when the rest comes into view.
+So places up to `HIDDEN` behind the points of the newest sweep count as points, too.
 """
 
 from math import cos, floor, hypot, inf, pi, sin, sqrt
@@ -37,6 +40,8 @@ STRIDE: Final = 3
 APART: Final = 0.03
 # sweeps of the laser that are remembered
 SWEEPS: Final = 30
+# m behind a seen point that count as seen: a box is so long
+HIDDEN: Final = (0.1, 0.2, 0.3)
 # m, up to which distances count: more than the body's discs and the margin
 REACH: Final = 0.6
 
@@ -77,6 +82,8 @@ class SeenPoints:
 
     def __init__(self) -> None:
         self._sweeps: list[Array] = []
+        # what the newest sweep may hide
+        self._hidden: Array = np.empty((0, 2))
         # x, y, heading on the map
         self.pose = (0.0, 0.0, 0.0)
 
@@ -86,22 +93,32 @@ class SeenPoints:
         middle = heading + 0.5 * turn
         self.pose = x + distance * cos(middle), y + distance * sin(middle), heading + turn
 
-    def add(self, points: Array, since: tuple[float, float, float]) -> None:
-        """Take a sweep's points; `since` is the robot's motion after the sweep (x, y, turn), in the sweep's frame."""
+    def add(self, points: Array, since: tuple[float, float, float], *, hide: bool = True) -> None:
+        """Take a sweep's points; `since` is the robot's motion after the sweep (x, y, turn), in the sweep's frame.
+
+        `hide`: the places behind each point count as points until the next sweep.
+        """
+        self._sweeps.append(self._on_map(points, since))
+        del self._sweeps[:-SWEEPS]
+        if not hide:
+            return
+        away = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-6)[:, None]
+        self._hidden = self._on_map(np.concatenate([points * (1.0 + each / away) for each in HIDDEN]), since)
+
+    def _on_map(self, points: Array, since: tuple[float, float, float]) -> Array:
         ahead, left, turn = since
         back_x, back_y = points[:, 0] - ahead, points[:, 1] - left
         c, s = cos(turn), sin(turn)
         x, y, heading = self.pose
         here_x, here_y = c * back_x + s * back_y, c * back_y - s * back_x
         c, s = cos(heading), sin(heading)
-        self._sweeps.append(np.column_stack((x + c * here_x - s * here_y, y + s * here_x + c * here_y)))
-        del self._sweeps[:-SWEEPS]
+        return np.column_stack((x + c * here_x - s * here_y, y + s * here_x + c * here_y))
 
     def near(self) -> Array:
         """The points in the robot's frame that lie on the grid, each place once; shape (n, 2), m."""
         if not self._sweeps:
             return np.empty((0, 2))
-        points = np.concatenate(self._sweeps)
+        points = np.concatenate([*self._sweeps, self._hidden])
         x, y, heading = self.pose
         east, north = points[:, 0] - x, points[:, 1] - y
         c, s = cos(heading), sin(heading)

@@ -112,13 +112,25 @@ def test_without_a_light_an_action_that_leads_into_a_post_is_not_taken() -> None
 
 def test_what_was_seen_stays_where_it_is_while_the_robot_turns_and_drives() -> None:
     seen = SeenPoints()
-    seen.add(np.array([[1.0, 0.5]]), (0.0, 0.0, 0.0))
+    seen.add(np.array([[1.0, 0.5]]), (0.0, 0.0, 0.0), hide=False)
     seen.move(0.2, 0.0)
     assert seen.near() == pytest.approx(np.array([[0.8, 0.5]]))
     seen.move(0.0, np.pi / 2)
     assert seen.near() == pytest.approx(np.array([[0.5, -0.8]]))
-    seen.add(np.array([[0.7, 0.0]]), (0.2, 0.0, 0.0))  # seen 0.2 m before here
+    seen.add(np.array([[0.7, 0.0]]), (0.2, 0.0, 0.0), hide=False)  # seen 0.2 m before here
     assert np.any(np.all(np.isclose(seen.near(), [0.5, 0.0]), axis=1))
+
+
+def test_places_behind_what_the_newest_sweep_saw_are_no_way() -> None:
+    seen = SeenPoints()
+    seen.add(np.array([[0.0, 1.0]]), (0.0, 0.0, 0.0))
+    assert sorted(seen.near()[:, 1]) == pytest.approx([1.0, 1.1, 1.2, 1.3])
+    # the robot has driven on, and now sees the side of it
+    seen.move(1.0, 0.0)
+    seen.add(np.array([[-1.0, 1.02]]), (0.0, 0.0, 0.0))
+    behind = seen.near()
+    assert not np.any(np.all(np.isclose(behind, [-1.0, 1.3]), axis=1)), "that was hidden from there only"
+    assert np.any(np.all(np.isclose(behind, [-1.0, 1.0]), axis=1)), "what was seen stays"
 
 
 PROGRAM = """
