@@ -27,6 +27,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -97,6 +98,7 @@ class Far:
         self._over = False
         self._lines: list[str] = []
         self._thread: threading.Thread | None = None
+        self._ended = asyncio.Event()
         self._child: subprocess.Popen[bytes] | None = None
 
     async def open(self) -> None:
@@ -117,7 +119,9 @@ class Far:
             await asyncio.to_thread(end_beside, self._child, ENDING)
             raise HalError(f"the process that works on the map has ended: {told.error if told else 'see above'}")
         self._over = False
-        self._thread = threading.Thread(target=self._serve, daemon=True, name="map")
+        self._ended.clear()
+        loop = asyncio.get_running_loop()
+        self._thread = threading.Thread(target=self._serve, args=(loop,), daemon=True, name="map")
         self._thread.start()
 
     async def _ready(self) -> Ready | None:
@@ -140,20 +144,23 @@ class Far:
             self._wake.notify()
 
     async def finish(self) -> list[str]:
-        """Let the process end, however long it takes, and return lines for the event log."""
+        """Let the process end, however long it takes, and return lines for the event log.
+
+        Cancelled, it ends at once, and the process goes on.
+        """
         thread, self._thread = self._thread, None
         if thread is None:
             return []
         with self._wake:
             self._over = True
             self._wake.notify()
-        await asyncio.to_thread(thread.join)
+        await self._ended.wait()
         self._line.close()
         if self._child is not None:
             await asyncio.to_thread(end_beside, self._child, ENDING)
         return self._lines if not self.failure else [*self._lines, self.failure]
 
-    def _serve(self) -> None:
+    def _serve(self, loop: asyncio.AbstractEventLoop) -> None:
         """In the thread: send the newest scan, and receive its result."""
         line = self._line
         try:
@@ -175,6 +182,9 @@ class Far:
         except (OSError, EOFError, ValueError) as error:
             said = "" if isinstance(error, EOFError) else f": {error}"
             self.failure = f"the process that works on the map has ended{said}"
+        # the loop may have ended before
+        with suppress(RuntimeError):
+            loop.call_soon_threadsafe(self._ended.set)
 
 
 def send(line: socket.socket, value: object) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import signal
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -193,6 +194,20 @@ def test_who_ends_the_robot_while_the_process_compiles_does_not_wait_for_it(tmp_
         return far._child.poll()  # noqa: SLF001
 
     assert asyncio.run(ended()) == -signal.SIGKILL
+
+
+def test_who_leaves_the_finishing_of_a_map_to_its_process_does_not_wait_for_it():
+    far = Far({"make": "room", "resolution": 0.05})
+    far._thread = threading.Thread()  # noqa: SLF001 - its process works on
+
+    async def left() -> None:
+        finishing = asyncio.create_task(far.finish())
+        await asyncio.sleep(0)
+        finishing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await finishing
+
+    asyncio.run(left())
 
 
 def test_news_go_through_the_line_whole():
