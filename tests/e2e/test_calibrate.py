@@ -77,11 +77,11 @@ def test_an_unknown_car_drives_as_it_is_told_once_it_is_calibrated(
 
 
 @pytest.mark.long
-@pytest.mark.long
 def test_a_tape_does_not_spoil_the_lock_of_wheels_that_steer_a_little() -> None:
     assert execute(["calibrate", "--vehicle", "txt1", "--practice", "1", "--seed", "190"]) == OK, "its R_min is 1.49 m"
 
 
+@pytest.mark.long
 def test_a_table_of_calibrated_cars_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "rover.csv"
     command = ["calibrate", "--vehicle", "rover", "--write", str(table), "--practice"]

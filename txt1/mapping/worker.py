@@ -182,9 +182,10 @@ class Far:
         except (OSError, EOFError, ValueError) as error:
             said = "" if isinstance(error, EOFError) else f": {error}"
             self.failure = f"the process that works on the map has ended{said}"
-        # the loop may have ended before
-        with suppress(RuntimeError):
-            loop.call_soon_threadsafe(self._ended.set)
+        finally:
+            # the loop may have ended before
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(self._ended.set)
 
 
 def send(line: socket.socket, value: object) -> None:
