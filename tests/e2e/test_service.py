@@ -75,6 +75,8 @@ def test_systemd_finds_nothing_wrong_with_the_unit(user: str, tmp_path: Path) ->
     done = subprocess.run(
         [analyze, "verify", "--man=no", "--recursive-errors=no", str(written)], capture_output=True, text=True
     )
+    if "Failed to initialize manager" in done.stderr:
+        pytest.skip(f"systemd-analyze does not run for this user here: {done.stderr.strip()}")
     assert (done.returncode, done.stderr) == (0, "")
 
 

@@ -70,7 +70,8 @@ def test_two_robots_collide_and_stop_in_virtual_and_in_real_time(speed: Speed) -
             await asyncio.gather(drive(one, 0.3), drive(two, 0.3))
             assert 0.0 <= gap(*(each.outline(each.pose) for each in world.vehicles)) < 0.05
             assert all(abs(each.state.v) < 0.1 for each in world.vehicles)
-            assert (one.pose or LEFT)[0] < -0.2 < 0.2 < (two.pose or RIGHT)[0]
+            (west, *_), (east, *_) = one.pose or LEFT, two.pose or RIGHT
+            assert LEFT[0] < west < east - 0.4 < RIGHT[0] - 0.4, "both came nearer, and stand nose to nose"
 
     run(main(), speed=speed)
 
