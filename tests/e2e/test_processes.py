@@ -88,14 +88,15 @@ def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
                 "run", "--hal", "serial", "--port", str(path), "--arm", "--drive", "1,0", "--headless"
             ) as host:
                 speed = lambda: board.runtime.hal.vehicle.state.v  # type: ignore[attr-defined] # noqa: E731
+                outputs = lambda: board.runtime.hal.outputs[:3]  # type: ignore[attr-defined] # noqa: E731
                 await until(lambda: speed() > 0.95)
                 host.send_signal(number)
                 with lateness() as late:
-                    await until(lambda: abs(speed()) < 0.05)  # rolling out
+                    # on a busy computer the board may read the host's last words late, and stop again
+                    await until(lambda: abs(speed()) < 0.05 and outputs() == Outputs()[:3])
                 command = board.runtime.state.command
                 assert command is not None and command.v == 1.0, "its last words were to drive on"
                 assert passed[-1].time - passed[-1].given <= limit + TICK + (late() if timeout == "null" else 0.0)
-                assert board.runtime.hal.outputs[:3] == Outputs()[:3]  # type: ignore[attr-defined]
         finally:
             await board.power_down()
             listener.close()

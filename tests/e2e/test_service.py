@@ -75,7 +75,7 @@ def test_systemd_finds_nothing_wrong_with_the_unit(user: str, tmp_path: Path) ->
     done = subprocess.run(
         [analyze, "verify", "--man=no", "--recursive-errors=no", str(written)], capture_output=True, text=True
     )
-    if "Failed to initialize manager" in done.stderr:
+    if "Permission denied" in done.stderr:  # where systemd has never run, it may not make its folder in /run
         pytest.skip(f"systemd-analyze does not run for this user here: {done.stderr.strip()}")
     assert (done.returncode, done.stderr) == (0, "")
 
