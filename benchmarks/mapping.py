@@ -27,6 +27,7 @@ from txt1.errors import Txt1Error
 from txt1.mapping import drawing, logs
 from txt1.mapping.mapper import Mapper
 from txt1.mapping.poses import trajectory_error
+from txt1.maps.grid import OCCUPIED
 
 DATA: Final = Path("/work/shared/data/laser")
 LOGS: Final = ("intel", "aces", "csail", "freiburg-079")
@@ -111,9 +112,8 @@ def told(log: logs.Log, seeds: int, python: Path | None, form: str, picture: Pat
         if python is not None and (other := yag(python, log, odometry)) is not None:
             theirs.append(other)
         if picture is not None and seed == 0:
-            grid = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops)
             picture.mkdir(parents=True, exist_ok=True)
-            drawing.save(grid, picture / log.name, [("#d04010", mapper.poses)])
+            draw(mapper, odometry, picture / log.name)
         if log.reference is None:
             break
     cells = [log.name, str(len(log.scans)), str(len(mine)), f"{np.mean(wheels):.2f}"]
@@ -124,6 +124,28 @@ def told(log: logs.Log, seeds: int, python: Path | None, form: str, picture: Pat
         )
     print("| " + " | ".join(cells) + " |", flush=True)
     return [mine, theirs]
+
+
+def draw(mapper: Mapper, odometry: logs.Array, name: Path) -> None:
+    """Write the map as NAME.pgm, NAME.svg and NAME.yaml, and beside it the map by wheels alone as NAME.png."""
+    from matplotlib.figure import Figure
+
+    clouds = [key.cloud for key in mapper.keys]
+    grid = drawing.grid_of(clouds, mapper.graph.poses, mapper.loops)
+    drawing.save(grid, name, [("#d04010", mapper.poses)])
+    figure = Figure(figsize=(7.5, 4.6), layout="constrained")
+    axes = figure.subplots(1, 2)
+    maps = ("by the wheels alone", revisits.by_wheels(mapper, odometry)), ("matched, loops closed", mapper.graph.poses)
+    for each, (title, poses) in zip(axes, maps, strict=True):
+        walls = drawing.grid_of(clouds, poses, mapper.loops)
+        rows, columns = np.nonzero(walls.cells >= OCCUPIED // 2)
+        x, y = ((cells + 0.5) * walls.resolution for cells in (columns, rows))
+        x, y = x + walls.origin[0], y + walls.origin[1]
+        each.scatter(x, y, s=0.8, marker="s", linewidths=0, color="black", label="walls")
+        each.plot(*poses[:, :2].T, color="#d04010", linewidth=1.0, label="the laser's way")
+        each.set(title=title, xlabel="x, m", ylabel="y, m", aspect="equal")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4)
+    figure.savefig(name.with_name(f"{name.name}.png"), dpi=110)
 
 
 def show_revisits(log: logs.Log, form: str) -> None:
@@ -182,7 +204,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=20, help="of the error added to odometry (default 20)")
     parser.add_argument("--yag", default="0.2.5", metavar="VERSION", help="of yag-slam (default 0.2.5); none: without")
     parser.add_argument("--form", default="", choices=("numba", "numpy"), help="of the loops; default what there is")
-    parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="write the maps of the first seed there")
+    parser.add_argument(
+        "--pictures", type=Path, metavar="FOLDER", help="write the maps of the first seed there, and pictures"
+    )
     given = parser.parse_args(arguments)
     files = given.logs or [given.data / f"{name}.log.gz" for name in LOGS]
     python = None if given.yag == "none" else environment(given.yag)

@@ -29,8 +29,14 @@ HALF_AXLE: Final = 0.165
 """Half the distance between the wheels, m."""
 AHEAD: Final = 0.145
 """Distance of its laser ahead of the axle, m."""
-SWEEP: Final = 0.1 * 682 / 1024
-"""s from its laser's first beam to the last: ten turns of 1024 steps a second."""
+TURN: Final = 0.1
+"""s in which its laser turns once."""
+SWEEP: Final = TURN * 682 / 1024
+"""s from its laser's first beam to the last: a turn has 1024 steps."""
+EVEN: Final = 20
+"""Lines to either side by which an even turn of the laser is found, as lines are written up to 50 ms early or late; at
+this number those turning rates agree best.
+"""
 LATE: Final = 0.15
 """s by which a line's ranges are older than its ticks: the delay at which the turning rates of both agree best."""
 SHORTEST: Final = 0.05
@@ -197,15 +203,19 @@ class _Rover:
         if not self._lines:
             return
         times, poses = np.array([time for time, _ in self._lines]), np.array(self._poses)
+        turns = TURN * np.arange(len(times), dtype=np.float64)
+        off = times - turns
+        usual = [float(np.median(off[max(0, k - EVEN) : k + EVEN + 1])) for k in range(len(times))]
+        middles: Array = turns + np.array(usual) - LATE
 
         def laser(at: Any) -> Array:
             between = np.stack([np.interp(at, times, poses[:, k]) for k in range(3)], axis=-1)
             return composed(between, (AHEAD, 0.0, 0.0))
 
-        for time, ranges in self._lines:
+        for (time, ranges), at in zip(self._lines, middles, strict=True):
             step: Array = np.arange(len(ranges), dtype=np.float64) - (len(ranges) - 1) / 2.0
-            middle = laser(time - LATE)
-            swept = difference(middle, laser(time - LATE + step * SWEEP / len(ranges)))
+            middle = laser(at)
+            swept = difference(middle, laser(at + step * SWEEP / len(ranges)))
             x, y, theta = map(float, middle)
             yield LaserScan(time, ranges, 2.0 * pi / 1024.0 * step, (x, y, theta), None, swept)
 

@@ -47,6 +47,15 @@ def test_the_rover(tmp_path):
     assert (np.diff(log.scans[5].swept[:, 0]) > 0.0).all()
 
 
+def test_the_rovers_laser_turns_evenly_whenever_its_lines_are_written(tmp_path):
+    rest, ranges = " ".join(["0"] * 20), " ".join(["1000"] * 683)
+    times = [100_000 * k + (40_000 if k % 5 == 2 else 0) for k in range(40)]  # us; every fifth line is late
+    file = tmp_path / "c.dat"
+    file.write_text("".join(f"{at} 0 {at // 1000} {at // 1000} {rest} {ranges}\n" for at in times))
+    ways = np.diff(logs.read(file).odometry[2:, 0])
+    assert ways == pytest.approx(100 * 2.0 * np.pi * logs.WHEEL / logs.TICKS, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("content", "told"),
     [
