@@ -36,6 +36,9 @@ class TestTracker(SensorConformance):
 
 
 class TestLaser(SensorConformance):
+    # 682 rays take 0.1 ms of a processor, and twice as long where others use its cache
+    processor = 0.0003
+
     def make(self) -> Sensor[Any]:
         return twin("sim_laser")
 
