@@ -44,6 +44,7 @@ from txt1.sim.serial_line import Arrival, SerialLine
 from txt1.sim.vehicle import Vehicle
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
+UPRIGHT: Final = ("sensors.imu.driver=sim_imu", "roll_guard.enabled=true")
 TICK: Final = 0.02  # s, of the controller
 FRESH: Final = 0.25  # s for which a command is good
 EPSILON: Final = 1e-6  # s
@@ -488,7 +489,8 @@ def configuration(kind: str, seed: int, physics: str = "plain") -> Config:
     chosen = [*ENDLESS, *(() if vehicle == "txt1" else (f"vehicle={vehicle}",))]
     hal = kind if kind in VEHICLES else "serial"
     if kind == "sim":
-        hal, chosen = "sim", [*chosen, *(() if physics == "plain" else (f"sim.physics={physics}",))]
+        # a car of other people's physics rolls over, from lock to lock at full speed, without its guard
+        hal, chosen = "sim", [*chosen, *(() if physics == "plain" else (f"sim.physics={physics}", *UPRIGHT))]
     elif kind == "pi":
         chosen += ["hal_options.bus=desk", f"hal_options.watchdog={WATCHDOG}"]
     elif kind in ("ours", "original"):
