@@ -18,7 +18,8 @@ the configured track.
 
 **Slowly and backwards.** The multi-body model sets the wheels' slip to 0 below 0.1 m/s, and its wheels cannot turn
 backwards. There the package's kinematic model drives; above 0.1 m/s the package's `init_mb` sets the other states. The
-drift model fades into the kinematic model by itself; a standing car has no yaw rate.
+drift model fades into the kinematic model by itself; where that drives alone, yaw rate and slip are the kinematic ones,
+too, as the package's equations only integrate them.
 
 **Sides.** The multi-body model has the SAE's axes, with y to the right: seen from above it is the mirror image of this
 package's. So its left wheels are the car's right wheels, and its roll has the opposite sign.
@@ -219,7 +220,12 @@ def move_drift(
         x += h * first
         x[7], x[8] = max(x[7], 0.0), max(x[8], 0.0)
         if stops:
-            x[3], x[5], x[6], x[7], x[8] = 0.0, 0.0, atan(tan(x[2]) * p.b / wheelbase), 0.0, 0.0
+            x[3], x[7], x[8] = 0.0, 0.0, 0.0
+        if rolls and x[3] < 0.1:
+            # the model's kinematic part integrates slip, and would keep that of a slide for good
+            slip = atan(tan(x[2]) * p.b / wheelbase)
+            x[3] *= cos(x[6]) / cos(slip)
+            x[5], x[6] = x[3] * cos(slip) * tan(x[2]) / wheelbase, slip
         now = x[3] * cos(x[6]) if rolls else p.R_w * (p.T_se * x[7] + (1.0 - p.T_se) * x[8])
         path, turned = 0.5 * h * (v + now), 0.5 * p.T_r * (x[4] - turned)
         rolled[0] += path + turned

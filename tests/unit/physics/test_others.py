@@ -3,7 +3,7 @@
 import asyncio
 import re
 import sys
-from math import isfinite, nan, pi
+from math import cos, isfinite, nan, pi, sin
 
 import pytest
 
@@ -69,6 +69,19 @@ def test_it_drives_a_left_turn_and_stops_by_itself(name: str) -> None:
 def test_it_drives_backwards(name: str) -> None:
     motion = drive(PHYSICS.make("sim.physics", name, config(name)), AT_REST, 1.5, -1500.0, *LEFT)
     assert motion[0] < -0.1 and motion[3] < -0.1 and motion[2] < 0.0 and motion[6] < 0.0
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_after_a_slide_it_backs_along_its_wheels_and_not_sideways(name: str) -> None:
+    physics = PHYSICS.make("sim.physics", name, config(name))
+    motion = drive(physics, AT_REST, 2.0, 6000.0, 0.0, 0.0)
+    for side in (1.0, -1.0, 1.0):  # hard steering at full reverse, until it backs
+        motion = drive(physics, motion, 0.4, -8000.0, side * 18000.0, -side * 18000.0)
+    x, y, theta, *_ = drive(physics, motion, 1.0, -3000.0, 0.0, 0.0)
+    end = drive(physics, (x, y, theta, *_), 0.5, -3000.0, 0.0, 0.0)
+    along = (end[0] - x) * cos(theta) + (end[1] - y) * sin(theta)
+    beside = (end[1] - y) * cos(theta) - (end[0] - x) * sin(theta)
+    assert along < -0.2 and abs(beside) < 0.05 * abs(along)
 
 
 @pytest.mark.parametrize("name", EACH)
