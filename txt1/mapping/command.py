@@ -95,10 +95,10 @@ def _source(arguments: argparse.Namespace) -> ScanLog:
 
     log = logs.read(arguments.file)
     longest = log.longest
-    sweeps = [
-        drive.Sweep(scan.time, logs.points_of(scan.ranges, scan.angles, longest, scan.swept), np.array(scan.odometry))
-        for scan in log.scans
-    ]
+    sweeps = []
+    for scan in log.scans:
+        points, pose = logs.points_of(scan.ranges, scan.angles, longest, scan.swept), np.array(scan.odometry)
+        sweeps.append(drive.Sweep(scan.time, points, pose, pose))
     return ScanLog(sweeps, "the log's laser")
 
 
@@ -129,7 +129,7 @@ def _mapped(mapper: Mapper, sweeps: list[Sweep], file: Path) -> tuple[Mapper, in
 
     closed = 0
     for sweep in _shown(sweeps, f"mapping {file.name}"):
-        closed += mapper.add(sweep.time, sweep.points, sweep.odometry).closed
+        closed += mapper.add(sweep.time, sweep.points, sweep.predicted).closed
     mapper.finish()
     return mapper, closed, np.array([sweep.odometry for sweep in sweeps])
 

@@ -51,7 +51,7 @@ from txt1.maps.grid import OCCUPIED_FROM, Grid
 from txt1.model.odometry import Odometry
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Setup
-from txt1.sensors.readings import Mount, Scan, TrackerReading, tracker_topic
+from txt1.sensors.readings import ImuReading, Mount, Scan, TrackerReading, tracker_topic
 from txt1.sim.room import Room
 from txt1.sim.walls import Walls
 from txt1.tasks.encoder import ROOM, origin
@@ -133,6 +133,10 @@ class NewsSensor:
         """Take a function that returns odometry and its time; return the function that takes the laser's readings."""
         self._odometry = odometry
         return self._seen
+
+    def turned(self, reading: Reading[ImuReading]) -> None:
+        """Take a reading of the gyro."""
+        self._sweeper.turned(reading.time, reading.value.rates[2])
 
     def place(self, pose: Pose) -> None:
         """Start again at a pose on the map, with the next scan; theta nan: any heading."""
@@ -393,6 +397,9 @@ async def prepare(runtime: Runtime, settings: MappingConfig) -> OnMap | None:
     if real is not None:
         state = runtime.state
         runtime.sensors[laser].listeners.append(real.connect(lambda: (state.odometry, state.odometry_time)))
+        gyros = [each for each in runtime.sensors.values() if each.sensor.topic.type is ImuReading]
+        for each in gyros[:1]:
+            each.listeners.append(real.turned)
     if isinstance(pose, MapSensor):
         runtime.sensors[NEWS].listeners.append(pose.heard)
     return there

@@ -74,7 +74,7 @@ class Locating:
                 locator.place((x, y, 0.0), (0.3, 2.0 * pi))
             else:
                 locator.place(composed(task.place, task.mount))
-        found = locator.update(sweep.time, sweep.points, sweep.odometry)
+        found = locator.update(sweep.time, sweep.points, sweep.predicted)
         particles = locator.particles
         chosen = particles[np.linspace(0, len(particles) - 1, min(SHOWN, len(particles))).astype(int)]
         sheet, self._sheet = self._sheet, None
@@ -117,7 +117,7 @@ class Mapping:
         """Match the scan."""
         mapper, sweep = self.mapper, task.sweep
         self._scans += 1
-        match = mapper.add(sweep.time, sweep.points, sweep.odometry)
+        match = mapper.add(sweep.time, sweep.points, sweep.predicted)
         self._closed += match.closed
         unsure = float(np.sqrt(mapper.covariance[0, 0] + mapper.covariance[1, 1])) > UNSURE
         sheet = self._sheet(sweep.time)

@@ -1,5 +1,6 @@
 """`txt1 map`: from a recording to files, the same bytes again, a second drive, and what is wrong."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from txt1.cli import execute
 from txt1.errors import ConfigError
 from txt1.mapping import command
-from txt1.mapping.drive import Sweeper, awry
+from txt1.mapping.drive import Sweep, Sweeper, awry
 from txt1.mapping.poses import accumulated, composed, difference
 from txt1.maps import files
 from txt1.sensors.readings import Mount, Scan
@@ -132,6 +133,38 @@ def test_beams_leave_from_where_the_robot_was_then():
     # the middle of the sweep is where its pose is
     assert np.allclose(taken[0].odometry, (0.155, 0.0, 0.0))
     assert np.allclose(difference(taken[0].odometry, taken[0].odometry), 0.0)
+
+
+def predicted(rate_at: Callable[[float], float | None]) -> Sweep:
+    """The scan at 4 s of a robot that stands for 2 s, and then turns at 0.5 rad/s while its wheels say 0.6."""
+    sweeper, taken = Sweeper(), []
+    sweeper.seen(3.99, Scan(0.0, 0.0, 0.0, np.full(3, 2.0, np.float32), 0.1, 4.0, None, Mount()))
+    for k in range(230):
+        now = 0.02 * k
+        if (rate := rate_at(now)) is not None:
+            sweeper.turned(now, rate)
+        turning = max(0.0, now - 2.0)
+        taken += sweeper.moved(now, 0.1 * turning, 0.0, 0.6 * turning)
+    [sweep] = taken
+    return sweep
+
+
+def gyro(now: float) -> float:
+    return 0.02 + (0.5 if now > 2.0 else 0.0)  # its bias, and the turn
+
+
+def test_the_gyro_predicts_turns_and_its_bias_is_learned_at_rest():
+    sweep = predicted(gyro)
+    assert sweep.odometry[2] == pytest.approx(1.2, abs=0.02), "the wheels' own odometry stays"
+    assert sweep.predicted[2] == pytest.approx(1.0, abs=0.02)
+
+
+def test_without_a_gyro_wheels_predict_and_where_it_falls_silent_they_go_on():
+    for rate_at in (lambda _: None, lambda _: float("nan")):
+        without = predicted(rate_at)
+        assert np.array_equal(without.predicted, without.odometry) and without.odometry[2] == pytest.approx(1.194)
+    half = predicted(lambda now: gyro(now) if now < 3.0 else None)
+    assert half.predicted[2] == pytest.approx(0.5 + 0.6, abs=0.02)
 
 
 def test_the_number_of_beams_may_change_and_ranges_may_be_nonsense():

@@ -44,7 +44,7 @@ def plain(monkeypatch):
 def tasks(count: int) -> list[works.ScanTask]:
     rng, there = np.random.default_rng(1), room()
     return [
-        works.ScanTask(Sweep(0.1 * k, scan(there, pose, rng), np.array(pose)), MOUNT)
+        works.ScanTask(Sweep(0.1 * k, scan(there, pose, rng), np.array(pose), np.array(pose)), MOUNT)
         for k, pose in enumerate(drive(1.0)[:count])
     ]
 
