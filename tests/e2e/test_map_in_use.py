@@ -183,8 +183,8 @@ class Laser:
         pose = self._robot.pose
         assert pose is not None
         seen = placed(difference(pose, (0.0, 0.0, 0.0)), np.reshape(self._places(), (-1, 2)))
-        pose = np.array(self._robot.odometry[:3])
-        return Sweep(self._robot.now, seen[seen[:, 0] > 0.0], pose, pose)
+        by_wheels = np.array(self._robot.odometry[:3])
+        return Sweep(self._robot.now, seen[seen[:, 0] > 0.0], by_wheels, by_wheels)
 
 
 async def test_the_robot_drives_round_what_the_laser_sees_in_the_way(flat: Robot) -> None:

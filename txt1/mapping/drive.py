@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from math import atan2, cos, degrees, inf, isfinite, sin
+from math import atan2, cos, degrees, inf, sin
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -28,6 +28,10 @@ SILENT: Final = 0.2
 """s without a reading from which the gyro counts as silent, and the wheels' turns are used."""
 CREEP: Final = 0.05
 """rad/s; a robot whose wheels stand and that turns faster is carried, and its gyro's bias is not learned."""
+FASTEST: Final = 50.0
+"""rad/s; a faster reading is none, as gyros end at 35."""
+READINGS: Final = 1000
+"""Newest readings of the gyro that are kept while no odometry comes."""
 BIASES: Final = 500
 """Steps at rest over which the gyro's bias is averaged."""
 STRAIGHT: Final = 0.05
@@ -55,13 +59,13 @@ class Gyro:
     """A gyro's turns between two times, without its bias."""
 
     def __init__(self) -> None:
-        self._times: deque[float] = deque()
-        self._angles: deque[float] = deque()
+        self._times: deque[float] = deque(maxlen=READINGS)
+        self._angles: deque[float] = deque(maxlen=READINGS)
         self._rate, self._bias, self._rests = 0.0, 0.0, 0
 
     def turned(self, time: float, rate: float) -> None:
         """Take a yaw rate, rad/s."""
-        if not isfinite(rate) or (self._times and time <= self._times[-1]):
+        if not abs(rate) < FASTEST or (self._times and time <= self._times[-1]):
             return
         if self._times and time - self._times[-1] > SILENT:
             self._times.clear()
@@ -70,9 +74,6 @@ class Gyro:
         self._times.append(time)
         self._angles.append(angle)
         self._rate = rate
-        while self._times[0] < time - 2.0 * KEPT:
-            self._times.popleft()
-            self._angles.popleft()
 
     def awaited(self, at: float, now: float) -> bool:
         """Return whether it has not read yet at a time, s, and is not silent either."""
@@ -83,6 +84,9 @@ class Gyro:
         """Return its turn, rad, None where it has no readings; `rests`: the wheels stand."""
         if not self._times or since < self._times[0] or until > self._times[-1]:
             return None
+        while self._times[1] <= since:
+            self._times.popleft()
+            self._angles.popleft()
         before, after = np.interp((since, until), self._times, self._angles).tolist()
         rate = (after - before) / (until - since)
         if rests and abs(rate - self._bias) < CREEP:

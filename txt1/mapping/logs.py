@@ -34,8 +34,8 @@ TURN: Final = 0.1
 SWEEP: Final = TURN * 682 / 1024
 """s from its laser's first beam to the last: a turn has 1024 steps."""
 EVEN: Final = 20
-"""Lines to either side by which an even turn of the laser is found, as lines are written up to 50 ms early or late; at
-this number those turning rates agree best.
+"""Lines to either side whose median time tells when the laser turned, as lines are written up to 50 ms early or late.
+With 15 to 30 of them the turning rates of ranges and ticks agree best.
 """
 LATE: Final = 0.15
 """s by which a line's ranges are older than its ticks: the delay at which the turning rates of both agree best."""

@@ -160,7 +160,7 @@ def test_the_gyro_predicts_turns_and_its_bias_is_learned_at_rest():
 
 
 def test_without_a_gyro_wheels_predict_and_where_it_falls_silent_they_go_on():
-    for rate_at in (lambda _: None, lambda _: float("nan")):
+    for rate_at in (lambda _: None, lambda _: float("nan"), lambda _: 1e308):
         without = predicted(rate_at)
         assert np.array_equal(without.predicted, without.odometry) and without.odometry[2] == pytest.approx(1.194)
     half = predicted(lambda now: gyro(now) if now < 3.0 else None)
