@@ -60,11 +60,11 @@ def test_a_failure_in_one_round_is_the_verdict_and_the_rest_runs_nevertheless(
     go: Callable[..., int], capsys: pytest.CaptureFixture[str]
 ) -> None:
     failed = QUIET | {"failed": ["tests/unit/test_x.py::test_y"]}
-    assert go(lambda one: failed if one is ROUNDS[5] else QUIET) == 1
+    assert go(lambda one: failed if one is ROUNDS[6] else QUIET) == 1
     told = capsys.readouterr().out.splitlines()
-    assert told[5] == "the tests that wait, 6 of 20: 1 s, failed: tests/unit/test_x.py::test_y"
-    assert told[4] == "the tests that wait, 5 of 20 beside 4 busy loops: 1 s, 7 passed"
+    assert told[6] == "the tests that wait, 6 of 20: 1 s, failed: tests/unit/test_x.py::test_y"
+    assert told[5] == "the tests that wait, 5 of 20 beside 4 busy loops: 1 s, 7 passed"
     assert told[-1] == "1 failures: tests/unit/test_x.py::test_y"
     assert len(told) == len(ROUNDS) + 1
     assert go(lambda one: QUIET) == 1, "as kept"
-    assert json.loads(steady.KEPT.read_text())["rounds"][ROUNDS[5].name] == failed
+    assert json.loads(steady.KEPT.read_text())["rounds"][ROUNDS[6].name] == failed
