@@ -353,10 +353,16 @@ def test_a_recording_is_begun_fetched_and_shown(page: Any, car: Live) -> None:
     page.locator("#record").click()
     page.wait_for_function("() => document.getElementById('record').textContent === 'record'")
     page.wait_for_function("() => document.querySelectorAll('#panel a[download]').length")  # without Refresh
-    link = page.locator("#panel a[download]").first
+    page.locator("#panel a[download]").first.hover()
+    page.mouse.down()
+    page.evaluate("document.getElementById('record').click()")  # the list changes while the link is pressed
+    page.wait_for_timeout(2500 * S)
     with page.expect_download() as fetched:
-        link.click()
+        page.mouse.up()
     assert fetched.value.path().read_bytes().startswith(b"\x89MCAP")
+    page.wait_for_function("() => document.getElementById('record').textContent === 'stop recording'")
+    page.locator("#record").click()
+    page.wait_for_function("() => document.getElementById('record').textContent === 'record'")
     page.get_by_role("button", name="show").first.click()
     page.wait_for_function("() => document.getElementById('state').textContent === 'recording'")
     push(page, 0, -60)

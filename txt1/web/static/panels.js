@@ -195,10 +195,16 @@ const gains = (know, panel) => {
     undo && element("button", { type: "button", onclick: () => load(undo) }, "undo"), inForce.loaded ? span("in force", "good") : span("not loaded", "warn"))))
 }
 
+// whether a panel stays as it is: nothing has changed, or something in it is pressed, which would lose the click
+const kept = (panel, name, text) => {
+  if (panel.childElementCount && (panel.dataset[name] === text || panel.matches(":active"))) return true
+  panel.dataset[name] = text
+  return false
+}
+
 const files = (know, panel) => {
   const replay = know.page.replay, text = JSON.stringify([know.files, replay, know.topics["/recording"]])
-  if (panel.dataset.files === text && panel.childElementCount) return
-  panel.dataset.files = text
+  if (kept(panel, "files", text)) return
   const now = know.topics["/recording"]
   const parts = [element("div", { className: "row" },
     replay ? null : element("button", { id: "record", className: now ? "" : "primary", onclick: () => know.send({ do: "record", on: !now }) }, now ? "stop recording" : "record"),
@@ -232,8 +238,7 @@ const page = (know, panel) => {
     ["set-point", `${format(know.topics["/setpoint"]?.v)} m/s  ${format(know.topics["/setpoint"]?.omega)} rad/s`],
   ]
   const text = JSON.stringify(rows) + visitors
-  if (panel.dataset.page === text && panel.childElementCount) return
-  panel.dataset.page = text
+  if (kept(panel, "page", text)) return
   const parts = [table(null, rows, [1])]
   if (about.role === "operator") {
     const out = element("output", {}, `${visitors} m/s`)
