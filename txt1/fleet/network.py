@@ -33,6 +33,10 @@ with an error of at most half of the round trip (as in NTP). A velocity carries 
 pressed, in the clock of the robot that it drives. The possible error of the offset is subtracted from this instant. So
 the command never seems younger than it is, wherever it waited.
 
+**Waiting.** On a busy computer Zenoh took up to 20 s to accept a message. So states, answers and velocities wait in
+threads of their own (`_Outbox`), and only the newest of each waits. Neither the robot's bridge nor the thread that
+hears stops waits with them. A stop is said in threads of its own, too.
+
 **Where.** On loopback a peer listens on 127.0.0.1; with a named interface it listens on that interface only, and Zenoh
 asks for a password, which is made from the key.
 """
@@ -45,6 +49,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from hmac import compare_digest
+from math import inf
 from pathlib import Path
 from random import Random
 from typing import Any, Final
@@ -188,6 +193,46 @@ def need_zenoh() -> Any:
     return zenoh
 
 
+class _Outbox:
+    """Sends messages in a thread of its own; of those that wait under one key the newest is sent."""
+
+    def __init__(self, put: Callable[[str, Mapping[str, Any]], None]) -> None:
+        self._put = put
+        self._waiting: dict[str, Mapping[str, Any]] = {}
+        self._some = threading.Condition()
+        self._open = True
+        self._error: Exception | None = None
+        threading.Thread(target=self._send_all, name="fleet sends", daemon=True).start()
+
+    def add(self, key: str, message: Mapping[str, Any]) -> None:
+        """Send a message soon; raises the error by which an earlier one failed."""
+        if self._error is not None:
+            raise self._error
+        with self._some:
+            self._waiting[key] = message
+            self._some.notify()
+
+    def close(self) -> None:
+        """Send nothing more."""
+        with self._some:
+            self._open = False
+            self._some.notify()
+
+    def _send_all(self) -> None:
+        while True:
+            with self._some:
+                self._some.wait_for(lambda: self._waiting or not self._open)
+                if not self._open:
+                    return
+                key = next(iter(self._waiting))
+                message = self._waiting.pop(key)
+            try:
+                self._put(key, message)
+            except Exception as error:
+                self._error = error
+                return
+
+
 class Peer:
     """A member of a fleet on a network.
 
@@ -237,6 +282,9 @@ class Peer:
             raise ConfigError(f"name: '{name}': in a fleet a name has small letters, digits and _, 64 at most")
         self._interface = interface
         self._session = self._open(interface)
+        # one for states and learned rows, one for all that is urgent
+        put = lambda key, message: self._put(key, message)  # noqa: E731
+        self._outboxes = _Outbox(put), _Outbox(put)
         self.id = f"{wall_ns():020d}-{self._session.zid()}"
         self.began = self.now
         """When this peer joined, s of its clock."""
@@ -258,10 +306,14 @@ class Peer:
         self._unmeasured.set()
         with self._lock:
             saying = tuple(self._anew)
+        for outbox in self._outboxes:
+            outbox.close()
         # Python cannot end while a thread opens a session
         for each in saying:
-            each.join()
-        self._session.close()
+            each.join(ANEW)
+        # one that cannot be closed in time ends with the process
+        with suppress(self._zenoh.ZError):
+            self._session.close()
 
     @property
     def now(self) -> float:
@@ -272,11 +324,11 @@ class Peer:
 
     def tell(self, state: Mapping[str, Any]) -> None:
         """Send the others this robot's state."""
-        self._put(f"state/{self.name}", {**state, "up": min(self.now - self.began, UP_MAX)})
+        self._send(f"state/{self.name}", {**state, "up": min(self.now - self.began, UP_MAX)})
 
     def teach(self, learned: Mapping[str, Any]) -> None:
         """Send the others this robot's learned rows; the message may be lost."""
-        self._put(f"learned/{self.name}", learned)
+        self._send(f"learned/{self.name}", learned)
 
     def drive(self, name: str, v: float, omega: float, age: float = 0.0) -> None:
         """Command another robot for 0.25 s, m/s and rad/s; the key was pressed `age` s ago.
@@ -291,7 +343,7 @@ class Peer:
         if clock is None:
             self._unmeasured.set()
             return
-        self._put(f"drive/{name}", {"v": v, "omega": omega, "given": max(0, nanoseconds(theirs(given, *clock)))})
+        self._send(f"drive/{name}", {"v": v, "omega": omega, "given": max(0, nanoseconds(theirs(given, *clock)))})
 
     def stop_all(self, expected: Iterable[str] = ()) -> threading.Thread:
         """Stop every robot of the fleet; the thread returned repeats the stop until all have stopped.
@@ -302,26 +354,38 @@ class Peer:
         with self._lock:
             self._stop = stop
             self._said.append(stop.identity)
-        saying = threading.Thread(target=self._say_stop, args=(stop,), name="fleet stop", daemon=True)
-        saying.start()
-        return saying
+            self._expect(stop)
+        watching = threading.Thread(target=self._see_stop, args=(stop,), name="fleet stop", daemon=True)
+        watching.start()
+        return watching
 
-    def _say_stop(self, stop: StopOfAll) -> None:
+    def _expect(self, stop: StopOfAll) -> None:
+        now, others = self.now, self._others.items()
+        stop.expect(name for name, one in others if one.alive or 0.0 < now - one.heard < RECENT)
+
+    def _see_stop(self, stop: StopOfAll) -> None:
+        """Have other threads say a stop until all have stopped; through new sessions, too, if that takes long.
+
+        A thread that sends may wait for long: a message that nobody takes can hold up those that follow
+        (https://github.com/eclipse-zenoh/zenoh/issues/2584).
+        """
         complete = closed = 0.0
+        anew = stop.began + UNANSWERED
         ends = threading.Event()
-        anew = threading.Thread(target=self._say_anew, args=(stop, ends), name="fleet stop anew", daemon=True)
+        threading.Thread(target=self._say_stop, args=(stop, ends), name="fleet says stop", daemon=True).start()
         try:
             while stop is self._stop and self.now < stop.began + STOP_FOR:
-                self._put(f"stop/{self.name}", {"stop": stop.identity})
                 with self._lock:
-                    now, others = self.now, self._others.items()
-                    stop.expect(name for name, one in others if one.alive or 0.0 < now - one.heard < RECENT)
+                    now = self.now
+                    self._expect(stop)
                     standing = stop.standing()
-                    unanswered = now > stop.began + UNANSWERED and not standing.closed
                     # `close` waits for those that are in the list, and none comes after it has begun
-                    if unanswered and anew.ident is None and not self._closing.is_set():
-                        self._anew.append(anew)
-                        anew.start()
+                    if now > anew and not standing.closed and not self._closing.is_set():
+                        anew = now + ANEW
+                        more = threading.Thread(target=self._say_anew, args=(stop, ends), name="fleet stop anew")
+                        more.daemon = True
+                        self._anew.append(more)
+                        more.start()
                 alone = standing == Standing() and now > stop.began + ALONE
                 complete = (complete or now) if standing.complete else 0.0
                 closed = (closed or now) if standing.closed else 0.0
@@ -331,17 +395,21 @@ class Peer:
         finally:
             ends.set()
 
+    def _say_stop(self, stop: StopOfAll, ends: threading.Event, session: Any = None, until: float = inf) -> None:
+        """Repeat a stop through a session."""
+        while self.now < until and not self._closing.is_set():
+            self._put(f"stop/{self.name}", {"stop": stop.identity}, session)
+            if ends.wait(REPEAT):
+                return
+
     def _say_anew(self, stop: StopOfAll, ends: threading.Event) -> None:
-        """Send a stop through new sessions, too: each connects to all peers again, whatever is wrong with the one
-        before.
+        """Send a stop through a new session, too, which connects to all peers again, whatever is wrong with the others;
+        after `ANEW` another one replaces it.
         """
         try:
-            while not ends.wait(REPEAT) and not self._closing.is_set():
-                with suppress(ConfigError, self._zenoh.ZError), self._open(self._interface) as session:
-                    session.declare_subscriber(f"{self._space}/stopped/{self.name}", self._checked(self._take_answer))
-                    replaced = self.now + ANEW
-                    while self.now < replaced and not ends.wait(REPEAT) and not self._closing.is_set():
-                        self._put(f"stop/{self.name}", {"stop": stop.identity}, session)
+            with suppress(ConfigError, self._zenoh.ZError), self._open(self._interface) as session:
+                session.declare_subscriber(f"{self._space}/stopped/{self.name}", self._checked(self._take_answer))
+                self._say_stop(stop, ends, session, self.now + ANEW)
         finally:
             with self._lock:
                 self._anew.remove(threading.current_thread())
@@ -385,18 +453,22 @@ class Peer:
 
     # -- in Zenoh's threads ------------------------------------------------------------------------------------
 
+    def _send(self, key: str, message: Mapping[str, Any]) -> None:
+        """Send a message without waiting."""
+        self._outboxes[_is_urgent(key)].add(key, message)
+
     def _put(self, key: str, message: Mapping[str, Any], session: Any = None) -> None:
+        """Send a message; see "Waiting"."""
         if self._closing.is_set() or (self._loss and self._rng.random() < self._loss):
             return
         whole = {"from": self.name, "id": self.id, "sent": self._clock.now_ns(), **message}
-        urgent = not key.startswith(("state", "learned"))
         try:
             (session or self._session).put(
                 f"{self._space}/{key}",
                 self._key.signed(key, json.dumps(whole).encode()),
                 express=True,
                 congestion_control=self._zenoh.CongestionControl.DROP,
-                priority=self._zenoh.Priority.REAL_TIME if urgent else self._zenoh.Priority.DATA,
+                priority=self._zenoh.Priority.REAL_TIME if _is_urgent(key) else self._zenoh.Priority.DATA,
             )
         except self._zenoh.ZError:
             # it was closed in this instant
@@ -477,7 +549,7 @@ class Peer:
         who = who if text is not None and is_name(who) else STRANGER
         answer = self._hooks.stop(who, stop)
         if stop and answer is not None:
-            self._put(f"stopped/{who}", {"stop": stop, **answer._asdict()})
+            self._send(f"stopped/{who}", {"stop": stop, **answer._asdict()})
 
     def _take_answer(self, message: dict[str, Any]) -> None:
         with self._lock:
@@ -564,6 +636,11 @@ class Peer:
         """Whether the ID of a liveliness token is signed with the fleet's key."""
         one, _, signature = own.rpartition("-")
         return compare_digest(signature.encode(), self._key.signature(f"alive/{name}/{one}", b"").encode())
+
+
+def _is_urgent(key: str) -> bool:
+    """Whether messages under a key go before states and learned rows."""
+    return not key.startswith(("state/", "learned/"))
 
 
 def theirs(time: float, there_and_back: float, offset: float) -> float:

@@ -395,6 +395,53 @@ def test_a_stop_that_is_not_answered_is_said_through_one_session_after_another(
     assert sessions[0] is None and len(sessions) >= 4
 
 
+def test_a_peer_hears_and_obeys_stops_and_goes_on_while_a_message_of_its_own_cannot_be_sent(
+    team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    console, robot, put = team.join("console1", console=True), team.join("net01"), Peer.__dict__["_put"]
+    free = threading.Event()
+
+    def held_up(peer: Peer, key: str, message: dict[str, Any], session: object = None) -> None:
+        if peer is robot and key.startswith(("state", "stopped")):
+            free.wait(LIMIT)
+        put(peer, key, message, session)
+
+    monkeypatch.setattr(Peer, "_put", held_up)
+    try:
+        robot.tell(STATE)
+        robot.tell(STATE)
+        for number in (1, 2):
+            console.stop_all(["net01"])
+            assert team.until(lambda: len(team.stopped) == number)  # noqa: B023 - it waits here
+            assert standing(console) == Standing(silent=("net01",))
+    finally:
+        free.set()
+    assert team.until(lambda: standing(console) == Standing(("net01",)))
+    assert team.until(lambda: "net01" in console.heard())
+
+
+def test_a_stop_that_one_session_does_not_take_is_said_through_another_and_names_who_has_not_answered(
+    team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(network, "UNANSWERED", 1.0)
+    console, robot, put = team.join("console1", console=True), team.join("net01"), Peer.__dict__["_put"]
+    assert team.until(lambda: robot.tell(STATE) or "net01" in console.heard())
+    free = threading.Event()
+
+    def held_up(peer: Peer, key: str, message: dict[str, Any], session: object = None) -> None:
+        if key == "stop/console1" and session is None:
+            free.wait(LIMIT)
+        put(peer, key, message, session)
+
+    monkeypatch.setattr(Peer, "_put", held_up)
+    try:
+        console.stop_all()
+        assert standing(console) == Standing(silent=("net01",))
+        assert team.until(lambda: standing(console) == Standing(("net01",)))
+    finally:
+        free.set()
+
+
 def test_a_clock_is_measured_anew_when_a_robot_is_started_again(team: Team) -> None:
     console, first = team.join("console1", console=True), team.join("net01", ahead=1e3)
 
