@@ -283,8 +283,7 @@ class Peer:
         self._interface = interface
         self._session = self._open(interface)
         # one for states and learned rows, one for all that is urgent
-        put = lambda key, message: self._put(key, message)  # noqa: E731
-        self._outboxes = _Outbox(put), _Outbox(put)
+        self._outboxes = tuple(_Outbox(lambda key, message: self._put(key, message)) for _ in range(2))
         self.id = f"{wall_ns():020d}-{self._session.zid()}"
         self.began = self.now
         """When this peer joined, s of its clock."""

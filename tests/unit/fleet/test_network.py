@@ -376,7 +376,7 @@ def test_a_stop_that_is_not_answered_is_said_through_one_session_after_another(
     team: Team, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(network, "UNANSWERED", 0.0)
-    monkeypatch.setattr(network, "ANEW", 0.05)
+    monkeypatch.setattr(network, "ANEW", 0.5)  # as long as a session takes to open: few at a time, as ports are few
     monkeypatch.setattr(network, "STOP_FOR", LIMIT)
     console, _, put = team.join("console1", console=True), team.join("net01"), Peer.__dict__["_put"]
     sessions: list[object] = []
@@ -403,7 +403,7 @@ def test_a_peer_hears_and_obeys_stops_and_goes_on_while_a_message_of_its_own_can
 
     def held_up(peer: Peer, key: str, message: dict[str, Any], session: object = None) -> None:
         if peer is robot and key.startswith(("state", "stopped")):
-            free.wait(LIMIT)
+            assert free.wait(3.0 * LIMIT), "held up for longer than the test waits"
         put(peer, key, message, session)
 
     monkeypatch.setattr(Peer, "_put", held_up)
@@ -430,7 +430,7 @@ def test_a_stop_that_one_session_does_not_take_is_said_through_another_and_names
 
     def held_up(peer: Peer, key: str, message: dict[str, Any], session: object = None) -> None:
         if key == "stop/console1" and session is None:
-            free.wait(LIMIT)
+            assert free.wait(3.0 * LIMIT), "held up for longer than the test waits"
         put(peer, key, message, session)
 
     monkeypatch.setattr(Peer, "_put", held_up)
