@@ -29,8 +29,9 @@ from txt1.cli import execute
 from txt1.config import Config
 from txt1.control.hand import DEFAULT_HAND
 from txt1.errors import ConfigError
+from txt1.kernel.clock import RealClock, seconds
 from txt1.kernel.loop import run
-from txt1.record import options
+from txt1.record import live, options
 from txt1.record.live import LiveView, velocity
 from txt1.record.session import open_view, recording
 from txt1.telemetry.messages import fields
@@ -178,30 +179,39 @@ def test_a_turn_alone_is_driven_on_the_smallest_circle_as_the_teleop_panel_says_
         assert twist.linear.x / twist.angular.z == pytest.approx(0.56, abs=0.15)
 
 
-def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is() -> None:
+def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    # the server's times, the first of which is when the command came
+    read: list[int] = []
+
+    class Clock(RealClock):
+        def now_ns(self) -> int:
+            read.append(super().now_ns())
+            return read[-1]
+
+    clock = RealClock()
+    monkeypatch.setattr(live, "_CLOCK", Clock())
+
     async def body() -> float:
         loop = asyncio.get_running_loop()
         age: asyncio.Future[float] = loop.create_future()
         view = await asyncio.to_thread(LiveView, "127.0.0.1", 0, control=True)
-        sent: list[float] = []
 
         def command() -> None:
             with client_at(view.address) as client:
                 advertise(client)
                 drive(client, 0.5)
-                sent.append(loop.time())
 
         try:
             view.drive(lambda v, omega, since: age.set_result(since), DEFAULT_HAND)
-            commanding = loop.run_in_executor(None, command)
-            while not sent or loop.time() < sent[0] + 0.3:
+            commanding, ends = loop.run_in_executor(None, command), loop.time() + LIMIT
+            while loop.time() < ends and not (read and seconds(clock.now_ns() - read[0]) >= 0.3):
                 pass  # the loop is busy
             await commanding
             return await asyncio.wait_for(age, LIMIT)
         finally:
             await asyncio.to_thread(view.close, 0)
 
-    assert run(body()) > 0.2
+    assert run(body()) >= 0.3
 
 
 # -- the address -------------------------------------------------------------------------------------------------
