@@ -6,10 +6,13 @@ encoders, without noise; the floor is the earliest decision at which one of them
 The search is over these plans, so the floor is a time that can be reached; nothing can be quicker than the geometric
 optimum (`txt1.model.optimal`), and `gap` tells how much a third piece still brought: what further pieces would bring is
 a fraction of that.
+
+Where the light moves, the time depends on the place and heading of the start, and is searched for each by itself.
 """
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from math import cos, pi, sin
 from typing import Final
 
@@ -19,10 +22,10 @@ from numpy.typing import NDArray
 from studies.learners.lockstep import Loops, Wheels, loops_of, wheels_of
 from txt1.config import Config
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode, only_ours
-from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor
+from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor, rounded_up
 from txt1.learning.modelled import FLOOR, refuse_others
 from txt1.learning.settings import LearningConfig
-from txt1.learning.trial import Task, task_of
+from txt1.learning.trial import Start, task_of
 from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 
@@ -46,7 +49,7 @@ def _drive(
 ) -> tuple[Array, Array]:
     """Time at which each robot has the goal, s, and the way until then, m, by its plan (a, m, b, n, c).
 
-    Infinite: it never has. `late`: in ticks.
+    Infinite: it never has. `late`: in ticks. `light`: its place at each tick, shape (ticks, 2).
     """
     motor_max, schedule, linear, car, known = loops
     count_length, track_width = wheels
@@ -73,7 +76,7 @@ def _drive(
         encode(robots, rolled, dt, count_length, track_width)
         for i in range(count):
             if arrived[i] == np.inf:
-                away, step = np.hypot(robots[X, i] - light[0], robots[Y, i] - light[1]), 1.0
+                away, step = np.hypot(robots[X, i] - light[tick, 0], robots[Y, i] - light[tick, 1]), 1.0
                 if away <= goal:
                     step -= (goal - away) / max(before[i] - away, 1e-12)
                     arrived[i] = (tick - 1 + step) * dt
@@ -85,61 +88,112 @@ def _drive(
     return arrived, way
 
 
-def floor_of(config: Config) -> Floor:
-    """Search for the floor of a world; seconds with numba."""
-    only_ours(config)
-    refuse_others(config, FLOOR, "floors")
-    task = task_of(config)
-    commands = config.section(LearningConfig).actions
-    actions = len(commands)
-    # decisions for the quickest circle, which is no sharper than the car can turn, and for the way at the slowest speed
-    decision = 0.001 * DECISION_MS
-    rates = [min(abs(omega), abs(v) / config.geometry.radius_min) for v, omega in commands if v and omega]
-    turn = int(2.0 * pi / max(rates, default=1.0) / decision)
-    horizon = turn + int(task.start_radius / (min((abs(v) for v, _ in commands if v), default=1e-3) * decision)) + 20
-    switches = [m for m in range(turn) if m < 6 or m % 2 == 0]
-    two = [(a, m, b, 0, b) for a in range(actions) for m in switches for b in range(actions) if (b != a) == (m > 0)]
-    times, ways, gaps = [], [], []
-    for bearing in np.arange(BEARINGS) * (2.0 * pi / BEARINGS) - pi:
-        best, reached, way = _best(config, task, float(bearing), two, horizon)
+class Search:
+    """The plans of a world and their drives."""
+
+    def __init__(self, config: Config) -> None:
+        only_ours(config)
+        refuse_others(config, FLOOR, "floors")
+        self._config, self.task = config, task_of(config)
+        commands = config.section(LearningConfig).actions
+        self._actions = range(len(commands))
+        # decisions for the quickest circle, which is no sharper than the car can turn, and for the way at the slowest
+        # speed
+        decision = 0.001 * DECISION_MS
+        rates = [min(abs(omega), abs(v) / config.geometry.radius_min) for v, omega in commands if v and omega]
+        self._turn = int(2.0 * pi / max(rates, default=1.0) / decision)
+        slowest = min((abs(v) for v, _ in commands if v), default=1e-3)
+        self.horizon = self._turn + int(self.task.start_radius / (slowest * decision)) + 20
+        switches = [m for m in range(self._turn) if m < 6 or m % 2 == 0]
+        self._two = [
+            (a, m, b, 0, b) for a in self._actions for m in switches for b in self._actions if (b != a) == (m > 0)
+        ]
+
+    def best(self, light: Array) -> tuple[float, float, float]:
+        """The least time to the goal, s, and its way, m; the share of the time by which a third piece shortened it.
+
+        `light`: its place at each tick in the frame of the start, shape (ticks, 2), m.
+        """
+        best, reached, way = self._quickest(light, self._two)
         near = range(max(0, best[1] - 3), best[1] + 4)
-        rest = max(0, int(reached * 10.0) - best[1]) if np.isfinite(reached) else turn
+        rest = max(0, int(reached * 10.0) - best[1]) if np.isfinite(reached) else self._turn
         three = [
             (best[0], m, b, n, c)
             for m in near
-            for b in range(actions)
+            for b in self._actions
             for n in range(1, rest, 2)
-            for c in range(actions)
+            for c in self._actions
             if c != b
         ]
+        gap = np.nan
         if three:
-            _, finer, other = _best(config, task, float(bearing), three, horizon)
+            _, finer, other = self._quickest(light, three)
             if np.isfinite(reached):
-                gaps.append(max(0.0, reached - finer) / reached)
+                gap = max(0.0, reached - finer) / reached
             reached, way = min((reached, way), (finer, other))
+        return reached, way, gap
+
+    def _quickest(self, light: Array, plans: Sequence[Pieces]) -> tuple[Pieces, float, float]:
+        """The quickest of some plans, the time at which it has the goal, s, and the way, m."""
+        robots = np.zeros((ROWS, len(plans)))
+        robots[PHASE : PHASE + 2] = 0.5
+        config = self._config
+        arrived, ways = _drive(
+            robots,
+            np.array(plans),
+            np.array(config.section(LearningConfig).actions),
+            round(self.task.delay * 1000.0 / TICK_MS),
+            (len(light) - 1) // TICKS,
+            light,
+            self.task.goal_radius,
+            dynamics(powered(config.sim.vehicle, config.sim.battery), config.geometry),
+            loops_of(config),
+            wheels_of(config),
+        )
+        k = int(arrived.argmin())
+        return plans[k], float(arrived[k]), float(ways[k])
+
+
+def floor_of(config: Config) -> Floor:
+    """Search for the floor of a world; seconds with numba."""
+    search = Search(config)
+    times, ways, gaps = [], [], []
+    for bearing in np.arange(BEARINGS) * (2.0 * pi / BEARINGS) - pi:
+        place = search.task.start_radius * np.array([cos(bearing), sin(bearing)])
+        reached, way, gap = search.best(np.tile(place, (search.horizon * TICKS + 1, 1)))
         times.append(reached)
         ways.append(way)
+        if np.isfinite(gap):
+            gaps.append(gap)
     return Floor(tuple(times), float(np.mean(gaps)) if gaps else 0.0, tuple(ways))
 
 
-def _best(
-    config: Config, task: Task, bearing: float, plans: Sequence[Pieces], horizon: int
-) -> tuple[Pieces, float, float]:
-    """The quickest of some plans, the time at which it has the goal, s, and the way, m."""
-    robots = np.zeros((ROWS, len(plans)))
-    robots[PHASE : PHASE + 2] = 0.5
-    light = np.array([task.start_radius * cos(bearing), task.start_radius * sin(bearing)])
-    arrived, ways = _drive(
-        robots,
-        np.array(plans),
-        np.array(config.section(LearningConfig).actions),
-        round(task.delay * 1000.0 / TICK_MS),
-        horizon,
-        light,
-        task.goal_radius,
-        dynamics(powered(config.sim.vehicle, config.sim.battery), config.geometry),
-        loops_of(config),
-        wheels_of(config),
-    )
-    k = int(arrived.argmin())
-    return plans[k], float(arrived[k]), float(ways[k])
+@dataclass
+class MovingFloor:
+    """The floor of a world in which the light moves."""
+
+    config: Config
+    goal: Callable[[float], tuple[float, float]]
+    """Where the light is so long after the first decision, s; m."""
+    exists: bool = True
+    gap: float = 0.0
+    """The largest yet by which a third piece of a plan shortened the time, as a share of it."""
+
+    @cached_property
+    def _search(self) -> Search:
+        return Search(self.config)
+
+    @cached_property
+    def _path(self) -> Array:
+        # a light that flees at half the speed takes twice as long
+        ticks = 2 * self._search.horizon * TICKS
+        return np.array([self.goal(0.001 * TICK_MS * k) for k in range(ticks + 1)])
+
+    def time(self, start: Start) -> float:
+        """The least time from a start, s, rounded up to a decision; infinite: no plan reaches it in time."""
+        x, y, theta = start.pose(self._search.task)
+        east, north = (self._path - (x, y)).T
+        ahead, left = cos(theta) * east + sin(theta) * north, cos(theta) * north - sin(theta) * east
+        reached, _, gap = self._search.best(np.column_stack((ahead, left)))
+        self.gap = max(self.gap, 0.0 if np.isnan(gap) else gap)
+        return rounded_up(reached)

@@ -13,8 +13,8 @@ All learners are asked for the goal ten times a second.
 A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed. One that is wrong,
 that cannot be solved, or whose class raises (`txt1.learning.world`) is told in the table, and the others go on.
 
-Floors know a light that stands still and a floor with nothing on it: in other worlds that floor is the ratio's, and the
-result says so (`floor_leaves_out`).
+Floors know where the light goes, but a floor with nothing on it, and no world that changes what actions do in the midst
+of an episode: there that floor is the ratio's, and the result says so (`floor_leaves_out`).
 """
 
 import json
@@ -28,20 +28,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.learners import OWN
-from studies.learners.floor import floor_of
-from studies.learners.lockstep import asked_alike, trials, world_at
+from studies.learners.floor import MovingFloor, floor_of
+from studies.learners.lockstep import REST_MS, asked_alike, trials, world_at
 from txt1.commands import FAULT, OK
 from txt1.config import Config, completed, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, Txt1Error
 from txt1.learning.agents import make
 from txt1.learning.best_time import Floor, known_floor
+from txt1.learning.composed import options_of
 from txt1.learning.experiment import LEARNED
 from txt1.learning.modelled import lasers
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Episode
-from txt1.learning.world import settled
+from txt1.learning.world import settled, world_of
 from txt1.trials.provenance import provenance
 
 FORMAT: Final = "txt1 world result"
@@ -123,9 +124,19 @@ def drawn(config: Config, seed: int) -> list[SuiteWorld]:
     return found
 
 
-def floors(config: Config, episodes: int) -> list[Floor]:
+def floors(config: Config, episodes: int) -> list[Floor | MovingFloor]:
     """The floor of each episode's world."""
-    return [_floor(_stage(config, episode, episodes).model_dump_json()) for episode in range(1, episodes + 1)]
+    return [_floor_at(config, episode, episodes) for episode in range(1, episodes + 1)]
+
+
+def _floor_at(config: Config, episode: int, episodes: int) -> Floor | MovingFloor:
+    stage = _stage(config, episode, episodes)
+    if (world := world_of(world_at(config, episode, episodes), np.random.default_rng(0))) is not None:
+        world.begin(episode)
+        moves = any(world.goal(now) != stage.sim.room.light for now in np.arange(0.0, 60.0, 0.37).tolist())
+        if moves:
+            return MovingFloor(stage, lambda since: world.goal(0.001 * REST_MS + since))
+    return _floor(stage.model_dump_json())
 
 
 @cache
@@ -152,7 +163,13 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
 def leaves_out(config: Config) -> list[str]:
     """The settings that a world's floor knows nothing of."""
     one, sim = config.section(LearningConfig), config.sim
-    there = {"learning.world": one.world, "sim.obstacles": sim.obstacles, "sim.room.map": sim.room.map}
+    # of ours it is known what it does to commands
+    ours = one.world == "composed" and options_of(one.world_options).turning == 1.0
+    there = {
+        "learning.world": None if ours else one.world,
+        "sim.obstacles": sim.obstacles,
+        "sim.room.map": sim.room.map,
+    }
     return [key for key, value in there.items() if value]
 
 
@@ -168,6 +185,7 @@ def run(world: SuiteWorld, agent: str, first: int, count: int, episodes: int, se
     except LightFault as fault:
         every, refused = [], str(fault)
     floor = floors(config, episodes)
+    results = [[_row(*pair) for pair in zip(trial.episodes, floor, strict=True)] for trial in every]
     return {
         "format": FORMAT,
         "world": world.name,
@@ -191,11 +209,11 @@ def run(world: SuiteWorld, agent: str, first: int, count: int, episodes: int, se
             "unfit_s",
             "touched",
         ],
-        "results": [[_row(*pair) for pair in zip(trial.episodes, floor, strict=True)] for trial in every],
+        "results": results,
     }
 
 
-def _row(one: Episode, floor: Floor) -> list[float | None]:
+def _row(one: Episode, floor: Floor | MovingFloor) -> list[float | None]:
     values = (*one.start, one.time, one.success, one.optimal_time, floor.time(one.start))
     return [*(round(float(value), 6) for value in values), one.unfit, int(one.touched)]
 

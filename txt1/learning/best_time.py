@@ -56,7 +56,7 @@ class Floor(NamedTuple):
 
     def time(self, start: Start) -> float:
         """The least time from a start, s, rounded up to a decision."""
-        return float(np.ceil(self.exact(start) / (0.001 * DECISION_MS) - 1e-6)) * 0.001 * DECISION_MS
+        return rounded_up(self.exact(start))
 
     def exact(self, start: Start) -> float:
         """The least time from a start if the goal is looked for all the time, s."""
@@ -65,6 +65,11 @@ class Floor(NamedTuple):
     def way(self, start: Start) -> float:
         """The way driven in the least time, m; NaN: unknown."""
         return _between(self.ways, start) if self.ways else nan
+
+
+def rounded_up(time: float) -> float:
+    """Return a time, rounded up to a decision, s."""
+    return float(np.ceil(time / (0.001 * DECISION_MS) - 1e-6)) * 0.001 * DECISION_MS
 
 
 def _between(values: Sequence[float], start: Start) -> float:

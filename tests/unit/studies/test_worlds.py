@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import pi
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from studies.learners import OWN, suite
-from studies.learners.floor import floor_of
+from studies.learners.floor import MovingFloor, floor_of
 from studies.learners.lockstep import trials, world_at
 from txt1.config import Config, completed, load
 from txt1.errors import ConfigError
@@ -19,7 +20,7 @@ from txt1.learning.agents import make
 from txt1.learning.experiment import KEPT
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import TURN, LearningConfig
-from txt1.learning.trial import Trial, starts, task_of
+from txt1.learning.trial import Start, Trial, starts, task_of
 from txt1.trials.provenance import provenance
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
@@ -129,6 +130,27 @@ def test_nobody_is_quicker_than_the_floor_which_is_above_the_optimum() -> None:
     assert all(floor.way(one) < task.speed * floor.exact(one) <= task.speed * floor.time(one) for one in some)
     late = [one for trial in learned("sweeps") for one in trial.episodes[3:]]
     assert sum(one.time for one in late) > 0.995 * sum(floor.time(one.start) for one in late)
+
+
+@pytest.mark.long
+def test_the_floor_of_a_start_is_that_of_its_bearing_where_the_light_stands() -> None:
+    config = Config()
+    of_bearing, of_start = floor_of(config), MovingFloor(config, lambda since: config.sim.room.light)
+    some = starts(1, 1, 8)
+    # between two bearings the one is interpolated
+    assert [of_start.time(one) for one in some] == pytest.approx([of_bearing.time(one) for one in some], abs=0.11)
+
+
+@pytest.mark.long
+def test_a_light_that_comes_is_reached_earlier_and_one_that_goes_later() -> None:
+    config = Config()
+    task, ahead = task_of(config), Start(0.0, pi)
+    stands, comes, goes = (
+        MovingFloor(config, lambda since, v=v: (v * since, 0.0)).time(ahead) for v in (0.0, 0.1, -0.1)
+    )
+    way, speed = task.start_radius - task.goal_radius, task.speed
+    assert stands - comes == pytest.approx(way / speed - way / (speed + 0.1), abs=0.3)
+    assert goes - stands == pytest.approx(way / (speed - 0.1) - way / speed, abs=0.3)
 
 
 @pytest.mark.long
