@@ -495,8 +495,12 @@ def ten_robots(browser: Any, fleet: str) -> None:
         page.close()
 
 
-def test_robots_of_processes_of_their_own_are_one_choice_on_their_console_s_page(browser: Any) -> None:
+def test_robots_of_processes_of_their_own_are_one_choice_on_their_console_s_page(
+    browser: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
+    # a fleet with a key of its own, whose stop reaches no other robot of this user
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     names = [f"web{number}of{os.getpid()}" for number in (1, 2, 3)]
     with ExitStack() as stack:
         for name in names:
