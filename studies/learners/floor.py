@@ -176,6 +176,7 @@ class MovingFloor:
     goal: Callable[[float], tuple[float, float]]
     """Where the light is so long after the first decision, s; m."""
     exists: bool = True
+    """Whether the goal could be reached from all starts yet."""
     gap: float = 0.0
     """The largest yet by which a third piece of a plan shortened the time, as a share of it."""
 
@@ -196,4 +197,5 @@ class MovingFloor:
         ahead, left = cos(theta) * east + sin(theta) * north, cos(theta) * north - sin(theta) * east
         reached, _, gap = self._search.best(np.column_stack((ahead, left)))
         self.gap = max(self.gap, 0.0 if np.isnan(gap) else gap)
+        self.exists = self.exists and bool(np.isfinite(reached))
         return rounded_up(reached)

@@ -13,8 +13,8 @@ All learners are asked for the goal ten times a second.
 A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed. One that is wrong,
 that cannot be solved, or whose class raises (`txt1.learning.world`) is told in the table, and the others go on.
 
-Floors know where the light goes, but a floor with nothing on it, and no world that changes what actions do in the midst
-of an episode: there that floor is the ratio's, and the result says so (`floor_leaves_out`).
+Floors know where the light goes. They know no obstacles, and no world that changes what actions do: the ratio is to the
+floor without these, and the result says so (`floor_leaves_out`).
 """
 
 import json
@@ -160,13 +160,19 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
     return plain.model_copy(update={"learning": own, "sim": sim, "sensors": sensors})
 
 
+def _leaves_commands(learning: LearningConfig) -> bool:
+    """Whether commands are known to reach the robot as they are: in our own world, unless it turns them round."""
+    if learning.world != "composed":
+        return False
+    options = options_of(learning.world_options)
+    return options.turning == 1.0 and not any("turning" in change.set for change in options.changes)
+
+
 def leaves_out(config: Config) -> list[str]:
     """The settings that a world's floor knows nothing of."""
     one, sim = config.section(LearningConfig), config.sim
-    # of ours it is known what it does to commands
-    ours = one.world == "composed" and options_of(one.world_options).turning == 1.0
     there = {
-        "learning.world": None if ours else one.world,
+        "learning.world": None if _leaves_commands(one) else one.world,
         "sim.obstacles": sim.obstacles,
         "sim.room.map": sim.room.map,
     }
@@ -366,7 +372,8 @@ def figures(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def _ratio(data: NDArray[np.float64], won: NDArray[np.bool_], column: int) -> float:
-    """Times over least times, of successes; NaN without any."""
+    """Times over least times, of successes with a least time; NaN without any."""
+    won = won & np.isfinite(data[..., column])
     least = float(data[..., column][won].sum())
     return float(data[..., 2][won].sum()) / least if least else float("nan")
 

@@ -141,6 +141,20 @@ def test_the_floor_of_a_start_is_that_of_its_bearing_where_the_light_stands() ->
     assert [of_start.time(one) for one in some] == pytest.approx([of_bearing.time(one) for one in some], abs=0.11)
 
 
+def test_the_floor_follows_the_light_from_the_first_decision_on() -> None:
+    settings = ("learning.world=composed", "learning.world_options={lamps: [{velocity: [0.1, 0.0]}]}")
+    (floor,) = suite.floors(load(None, settings).config, 1)
+    assert isinstance(floor, MovingFloor)
+    # the robot has rested for half a second by then
+    assert floor.goal(1.0) == pytest.approx((0.15, 0.0))
+
+
+@pytest.mark.long
+def test_from_a_light_that_flees_faster_than_the_robot_no_floor_is_made_up() -> None:
+    flees = MovingFloor(Config(), lambda since: (-since, 0.0))
+    assert flees.time(Start(0.0, pi)) == np.inf and not flees.exists
+
+
 @pytest.mark.long
 def test_a_light_that_comes_is_reached_earlier_and_one_that_goes_later() -> None:
     config = Config()
