@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import socket
 import subprocess
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +16,7 @@ from time import monotonic
 from typing import Any, NamedTuple, TypeVar
 
 from rigs.patience import LIMIT, TXT1, surviving, wait_until
+from rigs.ports import free_port
 from txt1.bridges.registry import bridge
 from txt1.bridges.services import Services
 from txt1.cli.app import real_time
@@ -44,13 +44,6 @@ class Sample(NamedTuple):
     v: float
     omega: float
     origin: float  # of the command behind it, on the same clock
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 class Live:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from rigs.ports import free_port
 from tests.patience import TXT1
 from txt1.errors import MissingExtra
 from txt1.hal.pico.double import interpreter
@@ -36,9 +36,7 @@ def port() -> Iterator[int]:
         micropython = interpreter()
     except MissingExtra:
         pytest.skip("MicroPython's unix port is not installed")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
+    port = free_port()
     with subprocess.Popen([micropython, "-c", FIRMWARE % port], cwd=folder(), stdout=subprocess.PIPE) as firmware:
         assert firmware.stdout is not None and firmware.stdout.readline() == b"ready\n"
         yield port

@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -21,6 +20,7 @@ from typing import Any
 import pytest
 
 from benchmarks.ros import child
+from rigs.ports import free_port
 from tests.patience import LIMIT, TXT1, S, wait_until
 from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.errors import ConfigError
@@ -68,9 +68,7 @@ class Ros:
     """A ROS master, and what runs beside it; on two computers, where the robot and the master are on the first."""
 
     def __init__(self, package: Path, *, two: bool = False) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
+        self.port = free_port()
         self.place, self.peers_place = (within(HOST), within(GUEST)) if two else ([], [])
         here, there = (ADDRESSES[HOST], ADDRESSES[GUEST]) if two else ("127.0.0.1", "127.0.0.1")
         self.uri = {"ROS_MASTER_URI": f"http://{here}:{self.port}", "ROS_HOSTNAME": here}

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 from benchmarks.ros import child
+from rigs.ports import free_port
 from tests.patience import LIMIT, TXT1, S, wait_until
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.driver import REFRESH
@@ -372,9 +373,7 @@ def test_a_recording_is_published_again_with_its_time_and_a_description_of_the_r
 def test_a_virtual_board_tells_everything_and_obeys_who_stands_beside_it_but_takes_no_velocities(
     ros: RosPython, domain: dict[str, str]
 ) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     words = ["board", "--tcp", str(port), "--ros2"]
     board = subprocess.Popen([*TXT1, *words], cwd=ROOT, env={**os.environ, **domain})
 

@@ -11,17 +11,12 @@ import pytest
 from txt1pico import store, wifi
 from txt1pico.core import Core
 
+from rigs.ports import free_port
 from tests.patience import LIMIT, S
 from txt1.protocol.layout import encode
 from txt1.protocol.messages import Velocity
 
 SECRET = b"a long secret"
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from rigs.ports import free_port
 from tests.patience import LIMIT, until
 from txt1.link.tcp import listen_tcp
 from txt1.sensors.base import Reading
@@ -67,9 +68,7 @@ async def test_gpsd_reads_our_receiver_and_we_read_gpsd(tmp_path: Path) -> None:
             x = 0.2 * k
             fix = FixReading(*grid.earth(x, 0.0), x, 0.0, 1600.0, 0.0, 1.0, 3, 1.0, 1.0)
             file.write(nmea(Reading(0.2 * k, fix)))
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     assert GPSFAKE is not None
     fed = [GPSFAKE, "-1", "-q", "-c", "0.01", "-P", str(port), str(log)]
     sensor = Streamed(fix_topic("peer_gps"), 0.1, f"socket://127.0.0.1:{port}", lambda: GpsdDecoder(DATUM))

@@ -1,0 +1,16 @@
+"""Ports for tests."""
+
+import socket
+
+import pytest
+
+from rigs.ports import PORTS, free_port
+
+
+def test_a_port_is_free_and_given_to_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rigs.ports.PORTS", range(PORTS.start, PORTS.start + 20))
+    given = [free_port() for _ in range(10)]
+    assert len(set(given)) == 10
+    for port in given:
+        with socket.create_server(("127.0.0.1", port)):
+            pass
