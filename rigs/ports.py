@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import socket
 from contextlib import suppress
 from random import SystemRandom
@@ -9,7 +10,6 @@ from typing import Final
 
 # below the ports that the kernel gives to whoever asks for any
 PORTS: Final = range(12_000, 32_000)
-_kept: Final[list[socket.socket]] = []
 
 
 def free_port() -> int:
@@ -24,6 +24,6 @@ def free_port() -> int:
         with suppress(OSError), socket.socket() as probe:
             keeps.bind(("127.0.0.1", port))
             probe.bind(("127.0.0.1", port))
-            _kept.append(keeps)
+            atexit.register(keeps.close)
             return port
         keeps.close()
