@@ -11,7 +11,7 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import may_block
-from tests.patience import LIMIT
+from tests.patience import LIMIT, until
 from txt1.config import load
 from txt1.errors import ConfigError, NotArmed
 from txt1.hal.registry import in_world
@@ -71,8 +71,8 @@ def test_two_robots_collide_and_stop_in_virtual_and_in_real_time(speed: Speed) -
                     await asyncio.gather(drive(one, 0.1), drive(two, 0.1))
             stopped = await asyncio.gather(drive(one, 3.0), drive(two, 3.0))
             assert "another vehicle, two" in stopped[0] and "another vehicle, one" in stopped[1]
+            await until(lambda: all(abs(each.state.v) < 0.1 for each in world.vehicles))
             assert 0.0 <= gap(*(each.outline(each.pose) for each in world.vehicles)) < 0.05
-            assert all(abs(each.state.v) < 0.1 for each in world.vehicles)
             (west, *_), (east, *_) = one.pose or LEFT, two.pose or RIGHT
             assert LEFT[0] < west < east - 0.4 < RIGHT[0] - 0.4, "both came nearer, and stand nose to nose"
 
