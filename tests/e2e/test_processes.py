@@ -10,8 +10,8 @@ import os
 import select
 import signal
 import tty
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -65,6 +65,23 @@ def host_config(path: Path) -> Config:
     return load(None, [f"serial.port={path}", *PATIENT], None, {"hal": "serial"}).config
 
 
+async def driving(hosts: AsyncExitStack, path: Path, speed: Callable[[], float]) -> asyncio.subprocess.Process:
+    """A host that drives the board at 1 m/s.
+
+    A busy computer may halt the board or the host for so long that they stop the car, as they should, and keep it
+    stopped. Then another host drives it.
+    """
+    words = ("run", "--hal", "serial", "--port", str(path), "--arm", "--drive", "1,0", "--headless")
+    for _ in range(4):
+        host = await hosts.enter_async_context(process(*words))
+        with suppress(TimeoutError):
+            await until(lambda: speed() > 0.95, LIMIT / 4.0)
+            return host
+        host.kill()
+        await host.wait()
+    raise TimeoutError("no host drives the board")
+
+
 @pytest.mark.parametrize(
     ("number", "timeout", "limit"),
     [
@@ -83,13 +100,11 @@ def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
         listener = listen_pty(str(path), board.paced)
         await board.power_up()
         passed = passing(board.runtime)
+        speed = lambda: board.runtime.hal.vehicle.state.v  # type: ignore[attr-defined] # noqa: E731
+        outputs = lambda: board.runtime.hal.outputs[:3]  # type: ignore[attr-defined] # noqa: E731
         try:
-            async with process(
-                "run", "--hal", "serial", "--port", str(path), "--arm", "--drive", "1,0", "--headless"
-            ) as host:
-                speed = lambda: board.runtime.hal.vehicle.state.v  # type: ignore[attr-defined] # noqa: E731
-                outputs = lambda: board.runtime.hal.outputs[:3]  # type: ignore[attr-defined] # noqa: E731
-                await until(lambda: speed() > 0.95)
+            async with AsyncExitStack() as hosts:
+                host = await driving(hosts, path, speed)
                 host.send_signal(number)
                 with lateness() as late:
                     # on a busy computer the board may read the host's last words late, and stop again
