@@ -10,15 +10,15 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
     Q     <- places of the light in the robot's frame that z allows, at first; then each is moved by d, h and
              corrected by z (Kalman filters), and unlikely places are dropped (`sensor_map`)
     if lost, or late, or at an episode's end:
-        survey: p, g, n, s, b and the light of each episode  (Gauss-Newton, `sensor_map.surveyed`)
-                <- argmin sum (z - g + n log|q - p|)^2
+        survey: p, g, n, s, b, u and the light of each episode  (Gauss-Newton, `sensor_map.surveyed`)
+                <- argmin sum (z - g + n/2 log(|q - p|^2 + u))^2
     a     <- first action of the quickest plan "a for m decisions, then b" to the goal's distance from q, on average
              over the likely q (`planner.quickest`)
 
-The sensors sit at p with brightness g and power n; the robot turns by s h + b in a decision when odometry says h. A
-sensor that fits worse than the others is trusted less: its variances are multiplied by its own misfit. A course that
-only grazes the goal may miss it and go round again, so it counts as longer. The goal's distance is the mean of the
-distances at which episodes ended well.
+The sensors sit at p with brightness g and power n, and the light hangs sqrt(u) above them; the robot turns by s h + b
+in a decision when odometry says h. A sensor that fits worse than the others is trusted less: its variances are
+multiplied by its own misfit. A course that only grazes the goal may miss it and go round again, so it counts as longer.
+The goal's distance is the mean of the distances at which episodes ended well.
 
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
@@ -29,8 +29,8 @@ comes near to what was seen (`clearance`). While it is lost it takes only action
 
 Every half second it judges itself by the last 5 s (`_judge`). It says that its model does not fit if
 
-        sum (z - g + n log|q - p|)^2 / var z  >  chi^2   with the best survey for these readings and a light that stands
-        still
+        sum (z - g + n/2 log(|q - p|^2 + u))^2 / var z  >  chi^2   with the best survey for these readings and a light
+        that stands still
         (turn and way of the last second - those predicted) ^2 / (slip of odometry)^2  >  chi^2
 
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
@@ -56,6 +56,7 @@ from txt1.learning.planner import Array, Belief, Effects, Place, quickest
 from txt1.learning.qtable import StoredTable
 from txt1.learning.sensor_map import (
     DRIFT,
+    HEIGHT,
     NUMBERS,
     PLACES,
     POWER,
@@ -114,6 +115,8 @@ class PilotSettings:
 SETTINGS: Final = PilotSettings()
 # standard deviation of odometry's drift before anything is known, rad in a decision
 DRIFTS: Final = 0.01
+# standard deviation of the square of the light's height above the sensors, m2
+HEIGHTS: Final = 1.0
 # delays of which the effects are shared with other robots: a message has little room
 SHARED: Final = 5
 # decisions over which it predicts the effects of its actions, to judge itself
@@ -422,7 +425,7 @@ class PilotAgent(PeriodicAgent):
         curvature = np.abs(self.effects.c[0, 1] / (1.0 - self.effects.k[0, 1])).max()
         # half its smallest turning circle
         on_robot = 0.5 / max(curvature, 1e-3)
-        deviations = np.array([0.2] * 4 + [0.7] + [on_robot] * 8 + [0.1, DRIFTS])
+        deviations = np.array([0.2] * 4 + [0.7] + [on_robot] * 8 + [0.1, DRIFTS, HEIGHTS])
         mean = np.zeros(NUMBERS)
         mean[POWER], mean[SCALE] = 2.0, 1.0
         return mean, deviations**2
@@ -664,7 +667,7 @@ def _squares(survey: Array, rows: Array, light: Array) -> Array:
         np.cos(middle) * north - np.sin(middle) * east,
     )
     places = survey[PLACES:SCALE].reshape(SENSORS, 2)
-    square = (ahead[:, None] - places[:, 0]) ** 2 + (left[:, None] - places[:, 1]) ** 2 + 1e-4
+    square = (ahead[:, None] - places[:, 0]) ** 2 + (left[:, None] - places[:, 1]) ** 2 + survey[HEIGHT] + 1e-4
     foretold = survey[:SENSORS] - 0.5 * survey[POWER] * np.log(square)
     noise = rows[:, 2 + SENSORS :]
     return np.where(np.isfinite(noise), (rows[:, 2 : 2 + SENSORS] - foretold) ** 2 / noise, np.nan)

@@ -1,10 +1,10 @@
-"""A survey of light sensors: their places and brightness, the power by which light falls, the light's place.
+"""A survey of light sensors: their places and brightness, the power by which light falls, the light's place and height.
 
 It is made from an episode's rows, a row a decision: distance, turn, four log readings, their four variances (infinite
-for a useless sensor). The sensors sit at p with brightness g and power n; the robot turns by s h + b in a decision when
-odometry says h:
+for a useless sensor). The sensors sit at p with brightness g and power n, the light hangs sqrt(u) above them, and the
+robot turns by s h + b in a decision when odometry says h:
 
-        survey, light  <-  argmin  sum (z - g + n log|light - p|)^2        (Gauss-Newton, outliers count less)
+        survey, light  <-  argmin  sum (z - g + n/2 log(|light - p|^2 + u))^2      (Gauss-Newton, outliers count less)
 
 and between surveys a Kalman filter keeps the light's place in the robot's frame.
 """
@@ -17,9 +17,9 @@ import numpy as np
 from txt1.learning.planner import Array, Belief, compiled
 
 SENSORS: Final = 4
-# of the survey's numbers: brightness of the four first, then power, places, scale, drift
-POWER, PLACES, SCALE, DRIFT = 4, 5, 13, 14
-NUMBERS: Final = 15
+# of the survey's numbers: brightness of the four first, then power, places, scale, drift, square of the height
+POWER, PLACES, SCALE, DRIFT, HEIGHT = 4, 5, 13, 14, 15
+NUMBERS: Final = 16
 # least and largest power by which light may fall, and ...
 POWERS: Final = (0.5, 6.0)
 # ... scale of turns
@@ -53,7 +53,7 @@ def moved(belief: Belief, distance: float, turn: float, slip: float) -> Belief:
 def _foretold(survey: Array, k: int, x: float, y: float) -> tuple[float, float, float, float]:
     """Return the predicted log reading of sensor k with the light at (x, y), and its slopes by x, y and the power."""
     apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
-    square = apart_x * apart_x + apart_y * apart_y + 1e-4
+    square = apart_x * apart_x + apart_y * apart_y + survey[HEIGHT] + 1e-4
     by_power = -0.5 * log(square)
     steep = -survey[POWER] / square
     return survey[k] + survey[POWER] * by_power, steep * apart_x, steep * apart_y, by_power
@@ -209,8 +209,8 @@ def _cost(
         cost += off * off / square[i]
         gradient[i] += off / square[i]
         normal[i, i] += 1.0 / square[i]
-    column = np.zeros(8, np.int64)
-    slope = np.zeros(8)
+    column = np.zeros(9, np.int64)
+    slope = np.zeros(9)
     # on the map, and how they change with the scale of turns, and with their drift
     x = y = heading = x_by = y_by = heading_by = x_in = y_in = heading_in = 0.0
     for t in range(rows.shape[0]):
@@ -258,9 +258,11 @@ def _cost(
                 column[5], slope[5] = NUMBERS + 2 * e, by_x * c - by_y * s
                 column[6], slope[6] = NUMBERS + 2 * e + 1, by_x * s + by_y * c
                 column[7], slope[7] = DRIFT, by_x * ahead_in + by_y * left_in
-                for i in range(8):
+                # by_power is half the logarithm of one over the square
+                column[8], slope[8] = HEIGHT, -0.5 * survey[POWER] * exp(2.0 * by_power) * root
+                for i in range(len(column)):
                     gradient[column[i]] += trust * miss * slope[i]
-                    for j in range(8):
+                    for j in range(len(column)):
                         normal[column[i], column[j]] += trust * slope[i] * slope[j]
         heading, heading_by, heading_in = heading + turn, heading_by + turn_by, heading_in + since
     return cost
@@ -287,6 +289,7 @@ def surveyed(
         step = np.linalg.solve(damped, gradient)
         trial = survey - step[:NUMBERS]
         trial[POWER] = min(max(trial[POWER], POWERS[0]), POWERS[1])
+        trial[HEIGHT] = max(trial[HEIGHT], 0.0)
         trial[SCALE] = min(max(trial[SCALE], SCALES[0]), SCALES[1])
         moved_lights = lights - step[NUMBERS:].copy().reshape(lights.shape)
         new = _cost(rows, which, trial, moved_lights, mean, square, new_gradient, new_normal)

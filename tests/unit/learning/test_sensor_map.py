@@ -1,4 +1,4 @@
-"""Places of the light, from one set of readings."""
+"""Places of the light, from one set of readings, and surveys."""
 
 from math import inf
 
@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.learning.sensor_map import NUMBERS, PLACES, POWER, SCALE, UNLIKELY, followed, sighted
+from txt1.learning.sensor_map import HEIGHT, NUMBERS, PLACES, POWER, SCALE, UNLIKELY, followed, sighted, surveyed, way
 from txt1.model.light_sensors import MOUNT
 
 SURVEY = np.zeros(NUMBERS)
@@ -16,7 +16,7 @@ SURVEY[POWER], SURVEY[PLACES:SCALE], SURVEY[SCALE] = 2.0, np.ravel(MOUNT), 1.0
 def read(x: float, y: float, survey: np.ndarray = SURVEY) -> np.ndarray:
     """The log readings of the surveyed sensors with the light at a place, m."""
     apart = survey[PLACES:SCALE].reshape(4, 2) - (x, y)
-    return np.asarray(survey[:4] - survey[POWER] * np.log(np.hypot(*apart.T)))
+    return np.asarray(survey[:4] - 0.5 * survey[POWER] * np.log((apart**2).sum(axis=1) + survey[HEIGHT]))
 
 
 @given(st.floats(0.6, 3.0), st.floats(-3.1, 3.1))
@@ -42,3 +42,23 @@ def test_two_sensors_leave_two_places() -> None:
     z, noise = read(1.0, 0.5), np.array([1e-3, 1e-3, inf, inf])
     places = [(x, y) for (x, y, *_), _ in sighted(SURVEY, z, noise)]
     assert len(places) == 2 and any(np.hypot(x - 1.0, y - 0.5) < 0.05 for x, y in places)
+
+
+@given(st.floats(0.0, 2.0), st.floats(0.3, 1.0), st.floats(-1.0, 1.0))
+def test_a_drive_past_a_lamp_tells_how_high_it_hangs(height: float, ahead: float, left: float) -> None:
+    true = SURVEY.copy()
+    true[:4], true[HEIGHT] = 5.0, height**2
+    count = 150
+    distance, turn = np.full(count, 0.02), 0.02 * np.sin(np.arange(count) / 15.0)
+    x, y, heading = way(distance, turn)
+    # the readings belong to the middle of the way
+    x, y, heading = x - 0.5 * distance * np.cos(heading), y - 0.5 * distance * np.sin(heading), heading - 0.5 * turn
+    c, s = np.cos(heading), np.sin(heading)
+    places = np.column_stack([c * (ahead - x) + s * (left - y), c * (left - y) - s * (ahead - x)])
+    z = np.array([read(*place, true) for place in places])
+    rows = np.column_stack([distance, turn, z, np.full((count, 4), 1e-4)])
+    mean = SURVEY.copy()
+    square = np.array([0.2] * 4 + [0.1] + [1e-3] * 8 + [1e-3, 1e-3, 1.0]) ** 2
+    survey, lights, _, _ = surveyed(rows, np.zeros(count, np.int64), mean, np.array([[0.5, 0.2]]), mean, square, 60)
+    assert abs(np.sqrt(survey[HEIGHT]) - height) < 0.15
+    assert np.hypot(*(lights[0] - (ahead, left))) < 0.05
