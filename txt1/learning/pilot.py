@@ -124,7 +124,7 @@ SECOND: Final = 10
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
-    """Return a learner as configured, or a driver by a stored survey; ValueError: the survey has another shape."""
+    """Return a learner as configured, or a driver by a stored survey; ValueError: the survey cannot be."""
     learning = config.section(LearningConfig)
     settings = checked(PilotSettings, learning.pilot, "learning.pilot")
     body = config.geometry
@@ -140,6 +140,8 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
         for name in ("survey", "spread"):
             if np.shape(known[name]) != np.shape(new[name]):
                 raise ValueError(f"keeps '{name}' of the shape {np.shape(known[name])}, not {np.shape(new[name])}")
+        if not agent.survey[HEIGHT] >= 0.0:
+            raise ValueError(f"keeps a light whose squared height is {agent.survey[HEIGHT]:g} m2, below 0")
     return agent
 
 
@@ -677,7 +679,7 @@ def _possible(survey: Array, spread: Array, goal: float) -> bool:
     """Whether these numbers can belong to a real robot and goal."""
     usual = POWERS[0] <= survey[POWER] <= POWERS[1] and SCALES[0] <= survey[SCALE] <= SCALES[1]
     positive = 0.0 < spread.min() <= spread.max() < 10.0 and 0.0 < goal < 50.0
-    return bool(usual and positive and np.abs(survey).max() < 50.0)
+    return bool(usual and positive and survey[HEIGHT] >= 0.0 and np.abs(survey).max() < 50.0)
 
 
 def courses(table: StoredTable, lights: Array) -> Array:

@@ -20,6 +20,7 @@ from txt1.errors import QTableError
 from txt1.learning.agents import from_table, make
 from txt1.learning.light_direction import SECTORS
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, initial, load, save, update
+from txt1.learning.sensor_map import HEIGHT
 from txt1.learning.thesis import greedy_action
 
 # -- table and update --------------------------------------------------------------------------------------------
@@ -240,6 +241,18 @@ def test_a_table_without_what_its_learner_keeps_with_it_is_refused(
     else:
         with pytest.raises(QTableError):
             from_table(path, Config(), rng)
+
+
+@pytest.mark.long
+def test_a_survey_of_a_light_that_hangs_nowhere_is_refused(tmp_path: Path) -> None:
+    table = make("pilot", Config(), rng := np.random.default_rng(1)).table()
+    path = tmp_path / "qtable.json"
+    save(path, table)
+    assert from_table(path, Config(), rng).name == "pilot"
+    table.about["knows"]["survey"][HEIGHT] = -1.0
+    save(path, table)
+    with pytest.raises(QTableError, match="squared height is -1 m2, below 0"):
+        from_table(path, Config(), rng)
 
 
 @pytest.mark.parametrize("version", [0, 2, "1", None])

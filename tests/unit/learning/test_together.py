@@ -18,6 +18,7 @@ from txt1.learning.agents import make
 from txt1.learning.learned import NUMBERS_MAX, Learned, learned_of
 from txt1.learning.pilot import PilotAgent
 from txt1.learning.planner import Effects
+from txt1.learning.sensor_map import HEIGHT
 from txt1.learning.sharing import Lessons, Sharing, merge, sharer
 from txt1.learning.sweeps import SweepsAgent
 from txt1.learning.thesis import ThesisAgent, create
@@ -247,9 +248,9 @@ def test_a_pilot_tells_nothing_while_it_is_lost_and_takes_over_only_then() -> No
 
 
 def test_a_pilot_refuses_a_survey_that_cannot_be() -> None:
-    for place in range(19):
+    for place, value in [*((place, -1e6) for place in range(21)), (HEIGHT, -1.0)]:
         rows, agent = np.array(skilled().shared().rows), pilot()
-        rows[0, place] = -1e6
+        rows[0, place] = value
         assert agent.take(rows, np.array([True]), 0) == 0 and agent.lost
 
 
