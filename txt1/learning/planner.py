@@ -193,7 +193,9 @@ def onwards(
     x, y = cos(across), sin(across)
     doubt = sqrt(max(x * x * spread[0] + y * y * spread[1] + 2.0 * x * y * spread[2], 1e-12))
     misses = 0.5 * erfc(deep / doubt * sqrt(0.5))
-    on_average: float = time + misses * 2.0 * pi / sharpest / abs(step)
+    # the way round, and what is left of the way to the goal
+    again = 2.0 * pi / sharpest + max(-deep, 0.0)
+    on_average: float = time + misses * again / abs(step)
     return on_average
 
 

@@ -29,6 +29,13 @@ def test_a_light_ahead_is_driven_to_straight_on_and_one_beside_by_a_turn() -> No
     assert times(0.3, -1.5) == pytest.approx(times(0.3, 1.5)[::-1])
 
 
+@pytest.mark.parametrize("distance", [3.0, 6.0, 20.0])
+def test_a_light_far_to_the_left_is_turned_to_and_takes_as_long_as_its_distance(distance: float) -> None:
+    found = times(0.0, distance)
+    assert found.argmin() == LEFT
+    assert (distance - 0.5 - 2.0 * RADIUS) / STEP < found.min() < (distance - 0.5 + 2.0 * RADIUS) / STEP
+
+
 def test_a_light_behind_is_backed_to_where_an_action_does_that() -> None:
     back = C.copy()
     back[0, STRAIGHT] = -STEP
