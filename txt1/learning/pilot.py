@@ -37,6 +37,8 @@ Here chi^2 is the quantile that noise of the stated size exceeds with the probab
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
 Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). After such
 a report it drives on as before.
+
+A largest reading that repeats is the end of a sensor's range, which tells no distance (`ceilings`).
 """
 
 from dataclasses import dataclass
@@ -119,6 +121,8 @@ DRIFTS: Final = 0.01
 HEIGHTS: Final = 1.0
 # delays of which the effects are shared with other robots: a message has little room
 SHARED: Final = 5
+# samples that give the same largest reading, after which a sensor's range ends there
+REPEATED: Final = 10
 # decisions over which it predicts the effects of its actions, to judge itself
 SECOND: Final = 10
 
@@ -137,7 +141,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
         new = agent.memory()
         agent.recall({**new, **table.about["knows"]})
         known = agent.memory()
-        for name in ("survey", "spread"):
+        for name in ("survey", "spread", "most", "repeats"):
             if np.shape(known[name]) != np.shape(new[name]):
                 raise ValueError(f"keeps '{name}' of the shape {np.shape(known[name])}, not {np.shape(new[name])}")
         if not agent.survey[HEIGHT] >= 0.0:
@@ -174,6 +178,9 @@ class PilotAgent(PeriodicAgent):
         self._goals = 0
         # factor on each sensor's variances
         self.trust = np.ones(SENSORS)
+        # each sensor's largest reading, and the number of samples that gave it
+        self.most = np.zeros(SENSORS)
+        self.repeats = np.zeros(SENSORS, np.int64)
         self.lost = True
         self.misfit = 1.0
         self._rng = rng
@@ -348,7 +355,7 @@ class PilotAgent(PeriodicAgent):
         if not n:
             return z, noise
         varies = lux.std(axis=0) > 1e-6 * np.abs(lux.mean(axis=0))
-        dark, dazzled = (lux <= LUX_MIN).sum(axis=0), (lux >= LUX_MAX).sum(axis=0)
+        dark, dazzled = (lux <= LUX_MIN).sum(axis=0), (lux >= self.ceilings(lux)).sum(axis=0)
         for k in range(SENSORS):
             frozen = not varies[k] and varies.any()
             if not isfinite(lux[:, k].sum()) or 2 * dark[k] >= n or 2 * dazzled[k] >= n or frozen:
@@ -362,6 +369,14 @@ class PilotAgent(PeriodicAgent):
             z[k] = log(np.median(lux[:, k]) if clipped else mean)
             noise[k] = self.spread[k] * (0.5 * pi if clipped else 1.0) / n + self.settings.model**2
         return z, noise
+
+    def ceilings(self, lux: Array) -> Array:
+        """The largest readings that the sensors can give, as far as these and earlier samples show them."""
+        most = np.fmax(self.most, np.fmax.reduce(lux))
+        self.repeats[most > self.most] = 0
+        self.most = most
+        self.repeats += (lux == most).sum(axis=0)
+        return np.where(self.repeats >= REPEATED, np.minimum(most, LUX_MAX), LUX_MAX)
 
     def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
         """Move the light's place in the robot's frame, and correct it by the readings of the middle of the way."""
@@ -619,6 +634,8 @@ class PilotAgent(PeriodicAgent):
             "survey": self.survey.tolist(),
             "spread": self.spread.tolist(),
             "trust": self.trust.tolist(),
+            "most": self.most.tolist(),
+            "repeats": self.repeats.tolist(),
             "goal": self.goal,
             "goals": self._goals,
             "lost": self.lost,
@@ -634,6 +651,9 @@ class PilotAgent(PeriodicAgent):
             setattr(self.effects, name, np.array(kept))
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
         self.trust = np.array(memory["trust"])
+        # older memories have no ceilings
+        self.most = np.array(memory.get("most", self.most))
+        self.repeats = np.array(memory.get("repeats", self.repeats))
         self.goal, self.lost, self.episode = float(memory["goal"]), bool(memory["lost"]), int(memory["episode"])
         self._goals, self._untried = int(memory["goals"]), list(memory["untried"])
         self._past = [np.array(rows) for rows in memory["past"]]
