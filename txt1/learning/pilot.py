@@ -33,6 +33,8 @@ Every half second it judges itself by the last 5 s (`_judge`). It says that its 
         that stands still
         (turn and way of the last second - those predicted) ^2 / (slip of odometry)^2  >  chi^2
 
+It says so, too, when it is late, and when it forgets its survey.
+
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
 Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). After such
@@ -408,6 +410,7 @@ class PilotAgent(PeriodicAgent):
 
     def _late(self) -> None:
         """Survey again with the data of this episode; forget the survey if that was done before."""
+        self.unfit = self.unfit or "how long the way takes"
         if self._surveyed:
             self._lose()
             self._rows, self._untried = self._rows[-10:], self._all()
@@ -424,6 +427,7 @@ class PilotAgent(PeriodicAgent):
 
     def _lose(self) -> None:
         """Forget the survey, and the episodes before this one."""
+        self.unfit = self.unfit or "the light"
         self.lost = True
         self.misfit = 1.0
         self.trust = np.ones(SENSORS)

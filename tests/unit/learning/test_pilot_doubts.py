@@ -1,9 +1,10 @@
-"""The pilot says that its model does not fit where the world is another than it takes it for, and nowhere else."""
+"""The pilot says that its model does not fit where the world is another than it takes it for, and seldom elsewhere."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from studies.learners import lockstep
@@ -17,6 +18,7 @@ SWAPPED = (
     "learning.changes=[{episode: 3, set: {learning.actions: [[0.3, 0.5357142857142857], [0.3, 0.0], "
     "[0.3, -0.5357142857142857]]}}]"
 )
+FAST_LAMP = "learning.world_options={lamps: [{velocity: [0.09, 0.12]}]}"
 FLICKERS = "learning.world_options={lamps: [{flicker: 0.5, flicker_period: 2.0}]}"
 
 
@@ -31,9 +33,11 @@ def test_the_quantile_is_that_of_the_tables(count: int, alarm: float, tabled: fl
 
 
 @pytest.mark.long
-def test_in_its_own_world_it_never_says_so_in_800_episodes() -> None:
-    said = [one.unfit for trial in done(200, 4, 12) for one in trial.episodes]
-    assert said == [None] * 800
+def test_in_its_own_world_it_says_so_in_few_of_800_episodes_and_these_are_mostly_slow() -> None:
+    episodes = [one for trial in done(200, 4, 12) for one in trial.episodes]
+    said = [one.time for one in episodes if one.unfit is not None]
+    assert len(said) <= 10
+    assert np.median(said) > 1.5 * np.median([one.time for one in episodes])
 
 
 @pytest.mark.long
@@ -51,3 +55,11 @@ def test_actions_that_are_swapped_are_said_mostly_within_5_s() -> None:
 def test_a_lamp_that_flickers_is_said_within_5_s_in_each_episode() -> None:
     for trial in done(2, 2, 14, "learning.world=composed", FLICKERS):
         assert all(one.unfit is not None and one.unfit <= 5.0 for one in trial.episodes)
+
+
+@pytest.mark.long
+def test_most_episodes_that_a_lamp_on_the_move_makes_slow_are_said() -> None:
+    episodes = [one for trial in done(4, 12, 15, "learning.world=composed", FAST_LAMP) for one in trial.episodes[1:]]
+    slow = [one.unfit is not None for one in episodes if one.time > 15.0]
+    assert len(slow) >= 5
+    assert sum(slow) > 0.5 * len(slow)
