@@ -1,8 +1,8 @@
 """The states that robots send to each other, and which robots receive them.
 
-Each robot sends its pose and velocities twenty times a second, and receives those of some other robots. Cooperation
-needs no more. `Radio` connects robots of one process, with a range and losses if wanted. `txt1.fleet.network.Peer`
-connects robots over a network. Both are a `Medium`.
+Each robot sends its pose and velocities twenty times a second, and receives the states of some other robots.
+Cooperation needs no more. `Radio` connects robots of one process, with a range and losses if wanted.
+`txt1.fleet.network.Peer` connects robots over a network. Both are a `Medium`.
 """
 
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ class Medium(Protocol):
 
 
 class Radio:
-    """Carries the states of robots of one process to one another.
+    """Carries the states between the robots of a process.
 
     Args:
         reach: range, m.

@@ -5,9 +5,9 @@ nearer than `MARGIN` to a point that the laser has seen:
 
     cost = time + STEEP * max(0, MARGIN - clearance)  [+ TOUCHES where the clearance is less than NEAREST]
 
-All plans are searched by branch and bound. What a plan costs at least is known from its first pieces: the time so far,
-the straight way to the goal at the highest speed, and the clearance so far, which can only become less. The rest of the
-plan before is tried first, so a course that was found clear is still there when the next decision comes.
+All plans are searched by branch and bound. The first pieces of a plan show its least cost: the time so far, the
+straight way to the goal at the highest speed, and the clearance so far. The clearance can only become less. The rest of
+the plan before is tried first, so a course that was found clear is still there when the next decision comes.
 
 The body is three discs in a row. The clearance comes from a grid of distances to the points, in the robot's frame.
 

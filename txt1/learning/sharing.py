@@ -7,9 +7,9 @@ when 2 liars + 1 robots know it: then the true reports outvote the false. Two ro
 each believes the other. A lost robot is only missing.
 
 Each robot keeps its own episodes and its own random values. Its exploration fades by the episodes of all robots that it
-hears, because shared tables save no repetition while exploration goes on (each of n parallel learners needs a share of
-the repetitions: R. M. Kretchmar, "Parallel reinforcement learning", SCI 2002). The others' numbers of episodes are not
-asked for: each robot counts for as many episodes as this robot has done. So no robot can lie about its number.
+hears. Shared tables save no repetition while exploration goes on: each of n parallel learners needs a share of the
+repetitions (R. M. Kretchmar, "Parallel reinforcement learning", SCI 2002). A robot does not ask for the numbers of
+episodes of other robots: each counts for as many episodes as this robot has done. So no robot can lie about its number.
 """
 
 from collections.abc import Callable, Mapping, Sequence
