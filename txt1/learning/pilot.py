@@ -373,7 +373,7 @@ class PilotAgent(PeriodicAgent):
         return z, noise
 
     def ceilings(self, lux: Array) -> Array:
-        """The largest readings that the sensors can give, as far as these and earlier samples show them."""
+        """Take samples, lux; return the largest readings that the sensors can give, as far as all samples show them."""
         most = np.fmax(self.most, np.fmax.reduce(lux))
         self.repeats[most > self.most] = 0
         self.most = most
