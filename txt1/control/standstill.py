@@ -10,7 +10,8 @@ times a second three questions are asked:
 1. *Does it slow down?* The stop is on its way if the speed falls at least as fast as that of a coasting vehicle.
 2. *Does it stand?* It does when the speed was STILL or less for STANDS. Only this is called standing. An unknown speed
    is never taken for 0.
-3. *Does it move without a command?* Then an outside force moves it, and that is reported.
+3. *Does it move without a command?* Then an outside force moves it, and that is reported. Faster than any command, it
+   is no hand that pushes it: loops that are wound up drive it, and the ESC is switched off.
 
 If the answer to the first question is no, the stop escalates: zeros, which are sent all the time; then a PWM test of
 zeros, which bypasses the loops; then the ESC off. Within a stop it never goes back to a weaker measure. Each measure
@@ -28,11 +29,12 @@ From the instant t = 0 at which nothing moves it any more, a vehicle with speed 
 
 with the friction f and the time constant tau of a vehicle without brakes; loops that brake are faster. That is the
 envelope. From 0.5 s on the stop escalates if the speed is 0.1 m/s above the envelope, if it stays above STILL when the
-envelope has come to 0, or if it is unknown. Each measure gets the same 0.5 s and an envelope of its own.
+envelope has come to 0, or if it is unknown. Each measure gets the same 0.5 s and an envelope of its own. An envelope
+never begins above the speed at which a vehicle counts as a runaway: a counter that jumped would allow it seconds.
 """
 
 from enum import StrEnum
-from math import exp, log
+from math import exp, inf, log
 from typing import Final
 
 # s that each measure gets
@@ -91,6 +93,8 @@ def coasting_time(v0: float) -> float:
 class Standstill:
     """Watches stops; `step` it some twenty times a second.
 
+    No envelope begins above `fastest`, m/s.
+
     Attributes:
         stop: how the last stop is going.
         failed: the strongest measure that a stop of this run needed so far; NONE if zeros were enough.
@@ -99,7 +103,8 @@ class Standstill:
 
     """
 
-    def __init__(self) -> None:
+    def __init__(self, fastest: float = inf) -> None:
+        self._fastest = fastest
         self.stop = Stop.NONE
         self.failed = Stop.NONE
         self.blind = False
@@ -144,6 +149,8 @@ class Standstill:
             self.stop = Stop.UNSEEN
         elif self.stop in (Stop.STANDING, Stop.NONE, Stop.UNSEEN) and not (armed or commanded) and self._moves(now):
             self.stop = Stop.UNASKED
+        if self.stop is Stop.UNASKED and v is not None and abs(v) > self._fastest:
+            self._escalate(Stop.ESC_OFF, now, v)
         return self.stop
 
     def stands(self, now: float) -> bool:
@@ -164,7 +171,7 @@ class Standstill:
 
     def _begin(self, stop: Stop, now: float, v: float | None) -> None:
         self.stop, self._since = stop, now
-        self._v0 = SPEED_MAX if v is None else abs(v)
+        self._v0 = SPEED_MAX if v is None else min(abs(v), self._fastest)
 
     def _verify(self, now: float, v: float | None, connected: bool) -> None:
         t = now - self._since
@@ -176,12 +183,14 @@ class Standstill:
             return
         if v is not None and t <= DELAY:
             # it was still getting faster
-            self._v0 = max(self._v0, abs(v))
+            self._v0 = max(self._v0, min(abs(v), self._fastest))
         if t < GRACE - 1e-9:
             return
         over = v is None or abs(v) > envelope(self._v0, t) + MARGIN
         lingers = v is not None and abs(v) > STILL and t >= coasting_time(self._v0) + LINGERS
         if over or lingers:
-            following = Stop.ESC_OFF if self.stop in UNOBEYED else Stop.PWM_ZEROS
-            self.failed, self.blind = following, v is None
-            self._begin(following, now, v)
+            self._escalate(Stop.ESC_OFF if self.stop in UNOBEYED else Stop.PWM_ZEROS, now, v)
+
+    def _escalate(self, measure: Stop, now: float, v: float | None) -> None:
+        self.failed, self.blind = measure, v is None
+        self._begin(measure, now, v)

@@ -69,7 +69,7 @@ class Watch:
     ) -> None:
         self.state, self.hal, self.gate = state, hal, gate
         self._track_width = track_width
-        self.standstill = Standstill()
+        self.standstill = Standstill(gate.limits.runaway_speed)
         self._switch = switch
         self._clear_loops: Callable[[float], None] = getattr(hal, "clear_loops", lambda now: None)
         self._halt_due = 0.0

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from itertools import pairwise
-from math import e, log
+from math import e, inf, log
 from random import Random
 
 import pytest
@@ -21,9 +21,10 @@ def stops_of(
     driven: float | None = 1.0,
     armed: bool = False,
     connected: bool = True,
+    fastest: float = inf,
 ) -> list[tuple[float, Stop]]:
     """When the stop at 0 s became what, for a speed (m/s) by the time since then; driven at so many m/s before it."""
-    watch, seen = Standstill(), []
+    watch, seen = Standstill(fastest), []
     if driven is not None:
         watch.step(-PERIOD, driven, commanded=True, armed=True, connected=True)
     for k in range(round(duration / PERIOD)):
@@ -219,6 +220,24 @@ def test_the_envelope_decays_to_zero_in_its_time(v0: float) -> None:
     assert envelope(v0, coasting_time(v0) + 1e-6) == 0.0
     assert envelope(v0, 0.0) == pytest.approx(v0)
     assert MARGIN > 0.0
+
+
+@given(jump=st.floats(2.0, 1e6), v=st.floats(0.12, 1.6))
+def test_a_counter_that_jumps_does_not_give_a_stop_more_time_than_the_fastest_vehicle(jump: float, v: float) -> None:
+    seen = stops_of(lambda t: jump if t < 0.1 else v, driven=v, fastest=2.0)
+    assert kinds(seen) == [Stop.SLOWING, Stop.PWM_ZEROS, Stop.ESC_OFF]
+    assert seen[1][0] <= coasting_time(2.0) + 0.5 + PERIOD
+
+
+@pytest.mark.parametrize("speed", [2.1, -4.4])
+def test_what_moves_by_itself_faster_than_any_command_loses_its_esc_and_what_is_pushed_keeps_it(speed: float) -> None:
+    assert kinds(stops_of(lambda t: 0.0 if t < 1.0 else speed, driven=None, fastest=2.0)) == [
+        Stop.NONE,
+        Stop.STANDING,
+        Stop.ESC_OFF,
+    ]
+    pushed = stops_of(lambda t: 0.0 if t < 1.0 else 1.9, driven=None, fastest=2.0)
+    assert kinds(pushed) == [Stop.NONE, Stop.STANDING, Stop.UNASKED]
 
 
 def test_a_vehicle_whose_speed_fell_faster_than_it_can_is_not_seen_to_stand() -> None:
