@@ -266,10 +266,13 @@ class SerialHal(PlainHal):
         self._gains.load(encode(gains), answered)
 
     def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
-        """Send combined odometry, 50 times a second at most."""
+        """Send combined odometry, 50 times a second at most; none while the board's loops are being cleared.
+
+        A board uses the last one for up to a second, and would wind its loops up by it before the ESC comes on.
+        """
         if not self.capabilities.combined:
             self._refuse("combined")
-        if now >= self._combined_due - 1e-9:
+        if now >= self._combined_due - 1e-9 and not self._clearing:
             self._combined_due = now + COMBINED_PERIOD
             self._send(combined)
 

@@ -284,6 +284,17 @@ def test_combined_odometry_goes_out_50_times_a_second_at_most(desk: Desk) -> Non
     assert [message for _, message in desk.heard(CombinedOdometry)] == [combined] * 15
 
 
+def test_no_combined_odometry_goes_out_while_a_board_s_loops_are_cleared(desk: Desk) -> None:
+    combined = CombinedOdometry(0.0, 0.0, 0.0, 0.045, 0.0)
+    desk.do(lambda: desk.hal.switch(Switch.ESC, True, desk.now))
+    while not desk.heard(PowerControl):
+        desk.do(lambda: desk.hal.offer_odometry(combined, desk.now))
+        desk.runs(0.02)
+    assert not desk.heard(CombinedOdometry), "the loops would wind up by the last one, and the ESC come on"
+    desk.do(lambda: desk.hal.offer_odometry(combined, desk.now))
+    assert len(desk.heard(CombinedOdometry)) == 1
+
+
 def test_combined_odometry_outside_the_world_is_refused_and_counted(desk: Desk) -> None:
     before = desk.link
     desk.do(lambda: desk.hal.offer_odometry(CombinedOdometry(3e6, 0.0, 0.0, 0.0, 0.0), 2.0))
