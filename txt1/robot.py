@@ -513,15 +513,13 @@ class Robot:
 
         Raises NotCapable: the HAL has no such switch; CommandRefused: it is not safe. The ATX supply feeds the encoders
         and the computer; it cannot be turned off while armed, or before the robot was seen to stand. A board's ESC
-        cannot be turned on while armed.
+        goes off with it, and cannot be turned on without it or while armed.
         """
         self._require("power")
-        reason = self.runtime.reason_to_keep_atx(self.now) if switch is Switch.ATX and not on else None
+        reason = self.runtime.reason_not_to_switch(switch, on, self.now)
         self.runtime.post(PowerControl(switch, on), self.now)
         if reason is not None:
             raise CommandRefused(reason)
-        if switch is Switch.ESC and on and self.armed and not self.hal.capabilities.power_known:
-            raise CommandRefused("the ESC can come on only while the robot is disarmed: call Robot.disarm() first")
 
     def toggle_esc(self) -> None:
         """Turn the ESC on if it is known or was asked to be off, else turn it off; raises as `switch_power`."""

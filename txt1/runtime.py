@@ -65,7 +65,7 @@ def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
         gate=gate,
         send=robot.send,
         answered=robot.answer,
-        reason_to_keep_atx=robot.reason_to_keep_atx,
+        reason_not_to_switch=robot.reason_not_to_switch,
         gain_limits=robot.config.gain_limits,
     )
     yield (
@@ -323,9 +323,10 @@ class Runtime:
         self.gate.arm(now)
         self.state.tell(now, "armed")
 
-    def reason_to_keep_atx(self, now: float) -> str | None:
-        """Return why the ATX supply may not be turned off at `now`, with the remedy; None if it may."""
-        return standstill.reason_to_keep_atx(self.state, self.hal.capabilities, self.gate, self.stands(now))
+    def reason_not_to_switch(self, switch: Switch, on: bool, now: float) -> str | None:
+        """Return why a supply may not be turned on or off at `now`, with the remedy; None if it may."""
+        can, stands = self.hal.capabilities, self.stands(now)
+        return standstill.reason_not_to_switch(switch, on, self.state, can, self.gate, self.watch, stands)
 
     def stands(self, now: float) -> bool:
         """Whether the robot was seen to stand, and still stands at `now`.

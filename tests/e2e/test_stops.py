@@ -96,7 +96,42 @@ async def test_a_board_whose_atx_supply_is_off_sends_zeros_and_is_not_seen_to_st
         robot.switch_power(Switch.ATX, True)
         await asyncio.sleep(0.5)
         assert robot.stop_state is Stop.STANDING
+
+
+async def test_a_board_s_esc_goes_off_with_its_atx_supply_and_stays_off_without_it() -> None:
+    async with robot_and_board() as (robot, board):
+        robot.disarm()
+        await asyncio.sleep(0.5)
+        robot.switch_power(Switch.ESC, True)
+        await asyncio.sleep(1.0)  # it would come on in two more
+        robot.switch_power(Switch.ATX, False)
+        await asyncio.sleep(3.0)
+        assert (board.vehicle.atx_on, board.vehicle.esc_on) == (False, False)
+        with pytest.raises(
+            CommandRefused, match="without the ATX supply the encoders see nothing; switch that on first"
+        ):
+            robot.switch_power(Switch.ESC, True)
+        robot.runtime.post(PowerControl(Switch.ESC, True), robot.now)
+        await asyncio.sleep(4.0)
+        assert not board.vehicle.esc_on, "nor by a message"
+        robot.switch_power(Switch.ATX, True)
+        await asyncio.sleep(0.1)
+        robot.switch_power(Switch.ESC, True)
+        await asyncio.sleep(4.0)
+        assert board.vehicle.esc_on
         robot.arm()
+
+
+async def test_the_esc_stays_off_until_a_robot_that_did_not_stop_was_seen_to_stand() -> None:
+    with suppress(StopNotVerified):
+        async with robot_and_board() as (robot, board):
+            await drive(robot, 1.0, 3.0)
+            board.happen(BoardEvent("restart", 3600.0))
+            robot.disarm()
+            await asyncio.sleep(3.0)
+            assert robot.stop_state is Stop.ESC_OFF
+            with pytest.raises(CommandRefused, match="did not stop when told to; ask again when it was seen to stand"):
+                robot.switch_power(Switch.ESC, True)
 
 
 async def test_a_robot_that_stood_and_fell_silent_is_not_seen_and_keeps_its_atx_supply() -> None:

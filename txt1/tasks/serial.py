@@ -55,14 +55,14 @@ async def serial(
     gate: Gate,
     send: Callable[[BoardMessage], None],
     answered: Callable[[bool], None],
-    reason_to_keep_atx: Callable[[float], str | None],
+    reason_not_to_switch: Callable[[Switch, bool, float], str | None],
     gain_limits: Callable[[], Any],
 ) -> None:
     """Carry out every message that has arrived, in order.
 
     `answered` is for a HAL that closes its own loops: it is called with whether they accept the gains, and posts a
-    PidResponse here. Gains beyond `gain_limits` (a `txt1.control.gains.GainLimits`) are refused. `reason_to_keep_atx`
-    returns why the ATX supply may not be turned off at a time, s of the run; None if it may.
+    PidResponse here. Gains beyond `gain_limits` (a `txt1.control.gains.GainLimits`) are refused. `reason_not_to_switch`
+    returns why a supply may not be turned on or off at a time, s of the run; None if it may.
     """
     async for now in arrivals:
         while inbox:
@@ -98,15 +98,14 @@ async def serial(
                 case PowerControl() if not hal.capabilities.power:
                     gate.count(Fault.POWER)
                 case PowerControl(switch, on):
-                    reason = reason_to_keep_atx(now) if switch is Switch.ATX and not on else None
+                    reason = reason_not_to_switch(switch, on, now)
                     if reason is not None:
                         gate.count(Fault.POWER)
                         state.tell(now, reason)
                         continue
-                    if switch is Switch.ESC and on and gate.armed and not hal.capabilities.power_known:
-                        gate.count(Fault.POWER)
-                        state.tell(now, "the ESC is left as it is: disarm first, loops that are wound up would set off")
-                        continue
+                    if switch is Switch.ATX and not on and not hal.capabilities.power_known:
+                        # the board's loops would drive against encoders that say 0
+                        switch_power(state, hal, Switch.ESC, False, now)
                     switch_power(state, hal, switch, on, now)
                 case PidSet():
                     table = gain_table(message)

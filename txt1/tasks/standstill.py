@@ -183,12 +183,26 @@ def stands(state: State, watch: Watch | None, now: float) -> bool:
     return sees(state, now) and state.odometry_time - state.moved_time >= STANDS - 1e-9
 
 
-def reason_to_keep_atx(state: State, can: Capabilities, gate: Gate, stands: bool) -> str | None:
-    """Return why the ATX supply may not be turned off, with the remedy; None if it may.
+def reason_not_to_switch(
+    switch: Switch, on: bool, state: State, can: Capabilities, gate: Gate, watch: Watch | None, stands: bool
+) -> str | None:
+    """Return why a supply may not be turned on or off now, with the remedy; None if it may.
 
-    It feeds the encoders, so it stays on until the robot was seen to stand (`stands`).
+    The ATX supply feeds the encoders, so it stays on until the robot was seen to stand (`stands`). The ESC behind a
+    line comes on only while the robot is disarmed, its encoders have power, and no stop has failed: loops that are
+    wound up would move it.
     """
-    if state.power.atx is False:
+    if switch is Switch.ESC:
+        if not on or can.power_known:
+            return None
+        if gate.armed:
+            return "the ESC can come on only while the robot is disarmed: disarm first (m, or Robot.disarm)"
+        if state.power.atx is False:
+            return "the ESC stays off: without the ATX supply the encoders see nothing; switch that on first"
+        if watch is not None and watch.standstill.stop in UNOBEYED:
+            return "the ESC stays off: the robot did not stop when told to; ask again when it was seen to stand"
+        return None
+    if on or state.power.atx is False:
         return None
     if gate.armed:
         return "the ATX supply feeds encoders and computer, so it stays on: disarm first (m, or Robot.disarm)"
