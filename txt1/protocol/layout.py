@@ -8,6 +8,7 @@ All fields of a message are integers of one size, big-endian and two's complemen
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
+from math import inf
 from operator import index
 from struct import Struct
 from typing import Any, Final, NamedTuple
@@ -182,8 +183,18 @@ def encode(message: Message) -> bytes:
 
 
 def numbers(message: Message) -> tuple[float, ...]:
-    """Return a message's values as plain numbers in the order of the wire, as recordings hold them."""
-    return tuple([float(value) for _, value in LAYOUTS[type(message)].values(message)])
+    """Return a message's values as plain numbers in the order of the wire, as recordings hold them.
+
+    A whole number that no float holds is infinite.
+    """
+    return tuple([_as_float(value) for _, value in LAYOUTS[type(message)].values(message)])
+
+
+def _as_float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return inf if value > 0 else -inf
 
 
 def from_numbers(name: str, values: Sequence[float]) -> Message:

@@ -1,6 +1,7 @@
 """A message's place in the protocol, and its numbers as recordings have them."""
 
 from dataclasses import dataclass
+from math import inf
 
 import protocol_streams as streams
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from txt1.errors import EncodeError
 from txt1.protocol.layout import LAYOUTS, Role, declare, encode, from_numbers, numbers
-from txt1.protocol.messages import BoardMessage, HostMessage, Message, PowerControl, Switch, Velocity
+from txt1.protocol.messages import BoardMessage, HostMessage, Message, PowerControl, PwmCommand, Switch, Velocity
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,10 @@ class Answer(BoardMessage):
 @given(st.one_of(streams.MESSAGES[Role.BOARD], streams.MESSAGES[Role.HOST]))
 def test_a_message_is_made_again_of_its_numbers(message: Message) -> None:
     assert from_numbers(type(message).__name__, numbers(message)) == message
+
+
+def test_a_whole_number_that_no_float_holds_is_infinite_in_a_recording() -> None:
+    assert numbers(PwmCommand(10**400, -(10**400))) == (inf, -inf)
 
 
 @pytest.mark.parametrize("name, count", [("Velocity", 3), ("Velocity", 0), ("Nothing", 2), ("PidSet", 4)])
