@@ -369,8 +369,7 @@ def encoder_reversed(desk: Desk, value: float) -> None:
 @strike
 def encoder_jump(desk: Desk, value: float) -> None:
     """A counter is suddenly far away, and is back."""
-    far = 100000 if desk.kind != "pico" else 15000  # whose cycle counts in 16 bits
-    by = int(spread(value, -far, far))
+    by = int(spread(value, -100000, 100000))
     desk.falsify(spread(7 * value % 1.0, 0.02, 0.2), lambda ticks: (ticks[0] + by, ticks[1]))
 
 

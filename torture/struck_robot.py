@@ -17,6 +17,7 @@ from numpy.random import Generator
 from txt1.board.board import Board, BoardEvent, VirtualPort
 from txt1.bridges.registry import RobotEnd
 from txt1.config import Config, checked, load
+from txt1.control.standstill import Stop
 from txt1.errors import CommandRefused, NotArmed, NotCapable, StopNotVerified
 from txt1.fleet.link import FleetLink
 from txt1.hal.base import Button, Hal, Inputs, Outputs
@@ -343,7 +344,10 @@ class Desk:
     async def _operator(self) -> None:
         while True:
             if not self.robot.armed and self.now >= self._may_arm_at:
-                if self.kind != "sim" and self.robot.runtime.state.power.esc is False:
+                power = self.robot.runtime.state.power
+                if power.atx is False or self.robot.stop_state is Stop.UNSEEN:  # it looked at the car
+                    self.switch(Switch.ATX, True)
+                elif self.kind != "sim" and power.esc is False:
                     self.switch(Switch.ESC, True)
                 else:
                     self.arm()

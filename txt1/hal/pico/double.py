@@ -155,7 +155,7 @@ class Pico(Station):
         inputs = self.hal.read(now)
         right, left = inputs.ticks or self._counts
         one, two = (round(1000.0 * volts) for volts in inputs.batteries or (0.0, 0.0))
-        moved = right - self._counts[0], left - self._counts[1]
+        moved = _of_16_bits(right - self._counts[0]), _of_16_bits(left - self._counts[1])
         self._counts = right, left
         self._exchange(periods, moved, (one, two), b"")
 
@@ -206,6 +206,11 @@ class Pico(Station):
         """Pass the host's bytes to the firmware."""
         for start in range(0, len(data), CHUNK):
             self._exchange(0, (0, 0), (0, 0), data[start : start + CHUNK])
+
+
+def _of_16_bits(counts: int) -> int:
+    """Return counts as a 16-bit number tells them, so as far as it can."""
+    return min(max(counts, -0x8000), 0x7FFF)
 
 
 def _start() -> subprocess.Popen[bytes]:
