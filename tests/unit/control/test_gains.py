@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan, nextafter
+from math import e, inf, nan, nextafter
 
 import pytest
 from hypothesis import given
@@ -19,7 +19,12 @@ from txt1.protocol.layout import encode
 from txt1.protocol.messages import PidSet
 from txt1.tasks.serial import gain_table
 
-LIMITS = Config().gain_limits()
+
+def txt1() -> GainLimits:
+    """The limits of the TXT-1 as it is configured by default."""
+    return Config().gain_limits()
+
+
 PLACES = [(loop, name) for loop in GainLimits._fields for name in Gains._fields]
 places = st.sampled_from(PLACES)
 
@@ -41,8 +46,8 @@ def asked(loop: str, name: str, value: float) -> tuple[Gains, list[GainSet]]:
 @given(places, st.data())
 def test_no_gain_outside_its_limits_passes_and_the_words_name_it(place: tuple[str, str], data: st.DataObject) -> None:
     loop, name = place
-    value = data.draw(outside(getattr(getattr(LIMITS, loop), name)))
-    refused = LIMITS.refused(*asked(loop, name, value))
+    value = data.draw(outside(getattr(getattr(txt1(), loop), name)))
+    refused = txt1().refused(*asked(loop, name, value))
     assert refused is not None
     assert refused[0] == (f"linear.{name}" if loop == "linear" else f"angular.2.{name}")
     assert refused[2].startswith("give 0 to") and "counts per m" in refused[2]
@@ -53,8 +58,8 @@ def test_every_gain_within_its_limits_passes_and_passes_again_behind_the_wire(
     place: tuple[str, str], share: float
 ) -> None:
     loop, name = place
-    linear, sets = asked(loop, name, share * getattr(getattr(LIMITS, loop), name))
-    assert LIMITS.refused(linear, sets) is None
+    linear, sets = asked(loop, name, share * getattr(getattr(txt1(), loop), name))
+    assert txt1().refused(linear, sets) is None
     message = PidSet(linear, tuple((s.v_max, *s.gains) for s in sets))
     thousandths = PidSet(
         tuple(round(k, 3) for k in message.linear),  # type: ignore[arg-type]
@@ -62,13 +67,37 @@ def test_every_gain_within_its_limits_passes_and_passes_again_behind_the_wire(
     )
     assert encode(message) == encode(thousandths)
     table = gain_table(thousandths)
-    assert table is not None and LIMITS.refused(table.linear, table.angular.sets) is None
+    assert table is not None and txt1().refused(table.linear, table.angular.sets) is None
 
 
 @pytest.mark.parametrize("bad", [nan, inf, -inf, 10**400])
 def test_gains_that_are_no_floats_are_no_table(bad: float) -> None:
     assert gain_table(PidSet((bad, 0.0, 0.0), ())) is None
     assert gain_table(PidSet((1.0, 0.0, 0.0), ((1.0, 1.0, bad, 0.0),))) is None
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "linear", "angular"),
+    [
+        # 2 S = 4 (1 + a) / ((1 - a) K), a = exp(-0.02 / tau), K = 1000 speed_gain; steered: a = 0, K = 300 / (R 18000)
+        ("txt1", (181.886, 18188.552, 1.819), (67.2, 6720.0, 0.672)),
+        # no wheel steers: the lag of the speed, and K = 2/3 of its 1000 speed_gain over 0.172 m
+        ("rover", (250.208, 25020.83, 2.502), (64.554, 6455.374, 0.646)),
+    ],
+)
+def test_the_limits_are_those_of_the_equations(
+    vehicle: str, linear: tuple[float, ...], angular: tuple[float, ...]
+) -> None:
+    config = load(overrides=[f"vehicle={vehicle}"]).config
+    assert config.gain_limits() == GainLimits(Gains(*linear), Gains(*angular))
+    car, k = config.sim.vehicle, 1000.0 * config.sim.vehicle.speed_gain
+    a = e ** (-0.02 / car.speed_time_constant)
+    assert linear[0] == pytest.approx(2.0 * (1.0 + a) / ((1.0 - a) * k), rel=1e-5)
+    if vehicle == "rover":
+        turn = k * 2.0 / (3.0 * config.geometry.track_width * car.skid)
+        assert angular[0] == pytest.approx(2.0 * (1.0 + a) / ((1.0 - a) * turn), rel=1e-5)
+    else:
+        assert angular[0] == pytest.approx(2.0 / (300.0 / (config.geometry.radius_min * 18000.0)), rel=1e-5)
 
 
 @given(
@@ -93,7 +122,7 @@ def test_the_thesis_gains_pass_on_any_vehicle(
 def test_a_loop_swings_beyond_the_bound_and_not_within(name: str, share: float, swings: bool) -> None:
     # without the margin, on the vehicle that the equations are about
     period, lag, k = 0.02, 2.718281828459045 ** (-0.02 / 0.3), 0.33
-    gains = Gains(**{name: share / MARGIN * getattr(LIMITS.linear, name)})
+    gains = Gains(**{name: share / MARGIN * getattr(txt1().linear, name)})
     past, y, ys = CLEAR, 0.0, []
     for _ in range(2000):
         past = pid(past, (1.0 if len(ys) < 5 else 0.0) - y, gains, period, 1e6)
