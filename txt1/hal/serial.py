@@ -13,7 +13,7 @@ and an answer comes to each PID set.
 
 *Sending.* `write` is called at every tick, 50 times a second, and sends what is due: Velocity 20 times a second, at
 once on a stop, and at every tick while the line loses frames. Servo positions and "ESC off" are sent once a second, as
-a board may have missed them. Gains are sent once a second until the board acknowledges them (`txt1.hal.acknowledged`).
+a board may have missed them; while the robot does not stop, "ESC off" goes with each PWM test of zeros. Gains are sent once a second until the board acknowledges them (`txt1.hal.acknowledged`).
 The command "ESC on" and the commands of the ATX supply are sent only once: a command that can move the robot is not
 repeated.
 
@@ -277,8 +277,13 @@ class SerialHal(PlainHal):
             self._send(combined)
 
     def halt(self, outputs: Outputs, now: float) -> None:
-        """Send a PWM test of zeros, which original boards obey in manual mode, too; it keeps channels 4 and 5."""
+        """Send a PWM test of zeros, which original boards obey in manual mode, too; it keeps channels 4 and 5.
+
+        "ESC off" goes with it, if it was requested: a line that damages frames may have lost it.
+        """
         self._send(PwmTest(0, 0, 0, *outputs[3:5]))
+        if self._esc_off:
+            self._send(PowerControl(Switch.ESC, False))
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Send a power switch's new state: "ESC off" again and again, everything else once.

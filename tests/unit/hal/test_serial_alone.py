@@ -242,6 +242,14 @@ def test_what_stops_a_board_goes_out_while_its_loops_are_cleared(desk: Desk) -> 
     assert not desk.times(Velocity, since=2.2)
 
 
+def test_an_esc_that_is_off_is_told_so_with_each_pwm_test_of_zeros(desk: Desk) -> None:
+    desk.do(lambda: desk.hal.switch(Switch.ESC, False, desk.now))
+    for _ in range(5):
+        desk.do(lambda: desk.hal.halt(Outputs(), desk.now))
+    off = PowerControl(Switch.ESC, False)
+    assert [message for _, message in desk.sent[-10:]] == [PwmTest(0, 0, 0, 0, 0), off] * 5
+
+
 def test_an_esc_that_is_to_come_on_while_loops_are_cleared_comes_on_after_a_silence_of_its_own(desk: Desk) -> None:
     desk.do(lambda: desk.hal.clear_loops(desk.now))
     desk.runs(1.0)
