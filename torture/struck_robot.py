@@ -477,12 +477,10 @@ class Desk:
     def kept_moving_by(self) -> str | None:
         """Why it may go on moving whatever the host does; None when it may not."""
         board = self.board
-        if board is None:
-            return None
         unheard = self.now < self._bad_line_until or not self.robot.runtime.linked
-        if self.kind == "original" and board.runtime.state.panel.manual and unheard:
+        if board is not None and self.kind == "original" and board.runtime.state.panel.manual and unheard:
             return "an original board in manual mode keeps its PWM, and cannot be told to leave it"
-        if self.now < self._false_until + 0.5:
+        if (board is not None or self.kind == "pico") and self.now < self._false_until + 0.5:
             return "a board makes it stand by its encoders, and they lie"
         return None
 
