@@ -95,7 +95,7 @@ TESTS: Final = (
     "tests/e2e/test_stops.py",
 )
 EQUIVALENT: Final = ROOT / "torture" / "equivalent.yaml"
-SLOW: Final = 4.0  # s of processor: tests that take longer are not asked
+SLOW: Final = 4.0  # s: tests that take longer are not asked
 ENOUGH: Final = 12.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
 FEW: Final = 250  # tests that are asked in an interpreter of its own
 EXTRA: Final = 10.0  # s of processor beside three times what its tests take, after which a mutant counts as hanging
@@ -103,7 +103,7 @@ SURVIVED, KILLED, HANGING, BROKEN = "survived", "killed", "hanging", "broken"
 
 
 class Known(NamedTuple):
-    """What a test runs: lines of the modules in question, and how long it takes, s of processor."""
+    """What a test runs: lines of the modules in question, and how long it takes, s."""
 
     lines: frozenset[tuple[str, int]]
     took: float
@@ -165,7 +165,7 @@ class Warm:
 
 
 def _run_traced(session: pytest.Session, items: list[pytest.Item], files: list[Path]) -> Iterator[list[Any]]:
-    """Run tests in a child: their names, whether they pass, how long they take (s of processor), the lines they run."""
+    """Run tests in a child: their names, whether they pass, how long they take (s), the lines they run."""
     watched = {str(file): str(file.relative_to(ROOT)) for file in files}
     reader, writer = os.pipe()
 
@@ -178,7 +178,8 @@ def _run_traced(session: pytest.Session, items: list[pytest.Item], files: list[P
                 with _Tracing(watched, lines):
                     item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
                 ended = os.times()
-                took = ended.user - began.user + ended.system - began.system
+                worked = ended.user - began.user + ended.system - began.system
+                took = max(worked, ended.elapsed - began.elapsed)  # tests of processes mostly wait
                 row = [item.nodeid, session.testsfailed == failed, took, sorted(lines)]
                 print(json.dumps(row), file=told, flush=True)
         return 0
