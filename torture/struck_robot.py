@@ -119,7 +119,7 @@ class Desk:
         self._failure: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._quiet_until = 0.0
         self._may_arm_at = 0.0
-        self._false_until = self._bad_line_until = self._silent_until = -inf
+        self._false_until = self._bad_line_until = self._flips_until = self._silent_until = -inf
         # what the watch knows
         self._given = -inf  # when the newest command was given that may move it, s of the run
         self._given_nonzero = False
@@ -277,6 +277,8 @@ class Desk:
             if wanted:
                 way.spoil(faults, loop.time())
         self._bad_line_until = max(self._bad_line_until, self.now + duration + 0.5)
+        if faults.flip:
+            self._flips_until = max(self._flips_until, self.now + duration + RULES["waveshare"])
         self.later(duration, lambda: [way.spoil(None, loop.time()) for way in self._ways] and None)
 
     # -- what goes on meanwhile ----------------------------------------------------------------------------------------
@@ -480,6 +482,8 @@ class Desk:
         unheard = self.now < self._bad_line_until or not self.robot.runtime.linked
         if board is not None and self.kind == "original" and board.runtime.state.panel.manual and unheard:
             return "an original board in manual mode keeps its PWM, and cannot be told to leave it"
+        if self.kind == "waveshare" and self.now < self._flips_until:
+            return "a rover's line has no checksum, so a wrong digit of a command is a command"
         if (board is not None or self.kind == "pico") and self.now < self._false_until + 0.5:
             return "a board makes it stand by its encoders, and they lie"
         return None
