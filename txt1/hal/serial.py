@@ -13,9 +13,9 @@ and an answer comes to each PID set.
 
 *Sending.* `write` is called at every tick, 50 times a second, and sends what is due: Velocity 20 times a second, at
 once on a stop, and at every tick while the line loses frames. Servo positions and "ESC off" are sent once a second, as
-a board may have missed them; while the robot does not stop, "ESC off" goes with each PWM test of zeros. Gains are sent once a second until the board acknowledges them (`txt1.hal.acknowledged`).
-The command "ESC on" and the commands of the ATX supply are sent only once: a command that can move the robot is not
-repeated.
+a board may have missed them; while the robot does not stop, "ESC off" goes with each PWM test of zeros. Gains are sent
+once a second until the board acknowledges them (`txt1.hal.acknowledged`). The command "ESC on" and the commands of the
+ATX supply are sent only once: a command that can move the robot is not repeated.
 
 *When the board has been away.* It may have restarted, and then it has no gains. `txt1.hal.restarts` recognises a
 restart. Each loss disarms the robot. A board that was found again gets zeros until it has SETTLED, and until it has
@@ -24,7 +24,9 @@ acknowledged its gains.
 *When the ESC was off.* The board's loops are in velocity form: their output stays wound up as long as zeros come, and
 with the ESC back the vehicle would lurch. Only silence clears the loops, by the board's own link rule. So before the
 ESC comes on there are LAST_ZEROS of zeros, ESC_SILENCE of nothing, and ESC_ZEROS of zeros again. Meanwhile the board is
-not ready.
+not ready. A line that stalls keeps zeros for later, and so breaks the silence. So the silence begins again after a
+pause of the odometry in its first ALIVE s, and whenever there is none at its end. Later pauses are harmless: boards of
+ours fall silent with their host.
 
 There are two clocks. `now` is the time of the run, for the tasks. `line.time()` is the time of the event loop, for
 bytes, which may arrive before the run.
@@ -78,6 +80,10 @@ LOSSY: Final = 5.0
 # s after which servos and an ESC that is off are sent again: nothing else mends a lost frame, or a restart. No switch
 # is ever turned on again, and the ATX supply is never switched twice.
 REPEAT_PERIOD: Final = 1.0
+# s between two odometry messages after which a line has stalled: what was sent may still be on its way
+PAUSE: Final = 0.2
+# s of silence that no board notices: its link rule counts the messages of a second
+ALIVE: Final = 0.8
 # s of zeros before the board's loops are cleared: the set-point is then 0 even if the line loses a frame
 LAST_ZEROS: Final = 0.15
 # s without Velocity before the ESC may come on: by the link rule of 1 to 2 s the board clears its loops ...
@@ -209,6 +215,9 @@ class SerialHal(PlainHal):
         if LATE < since <= LOST:
             self._lost_frames += round(since / SEND_PERIOD) - 1
             self._lossy_until = time + LOSSY
+        if self._clearing and since > PAUSE and self.line.run_time(self.line.last) < self._clearing_since + ALIVE:
+            # zeros from before the silence may have come only now
+            self._clearing_since = self.line.run_time(time)
         if self.line.heard():
             self._pose, self._odometry = pose, None
             # the board may have lost everything
@@ -240,7 +249,10 @@ class SerialHal(PlainHal):
             self._servos = PwmCommand(outputs.pwm4, outputs.pwm5)
             self._repeat_due = -inf
         if self._clearing and now >= self._clearing_since + ESC_SILENCE + ESC_ZEROS:
-            self._end_clearing()
+            if self.line.time() - self.line.last > PAUSE:
+                self._clearing_since = now
+            else:
+                self._end_clearing()
         if self.line.link is None:
             return
         if now >= self._repeat_due:

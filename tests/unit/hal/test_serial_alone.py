@@ -274,15 +274,31 @@ def test_loops_at_the_hosts_end_need_no_silence(make: Callable[..., Desk]) -> No
     assert len(desk.times(Velocity, since=2.0)) == 60 and desk.link.ready
 
 
-def test_the_esc_comes_on_where_the_line_is_down_meanwhile_as_late_as_ever(desk: Desk) -> None:
+def test_the_esc_comes_on_only_after_a_silence_that_no_line_has_broken(desk: Desk) -> None:
     desk.do(lambda: desk.hal.switch(Switch.ESC, True, desk.now))
     desk.trouble = HalError("no")
     desk.do(lambda: desk.hal.line.lost("cut"))
     desk.runs(4.0)
     assert desk.link.text == "no"
     desk.trouble = None
-    desk.runs(3.0, DRIVE)
+    desk.runs(5.0, DRIVE)
     assert desk.sent[-1][1] == HALF
+    (came,) = (time for time, message in desk.heard(PowerControl) if message == PowerControl(Switch.ESC, True))
+    assert came - desk.opened[-1] >= 3.2
+
+
+@pytest.mark.parametrize(("begins", "pauses", "comes"), [(0.5, 0.3, 4.06), (0.5, 0.1, 3.26), (1.9, 1.0, 3.26)])
+def test_zeros_that_a_stalled_line_may_keep_for_later_make_the_silence_begin_again(
+    desk: Desk, begins: float, pauses: float, comes: float
+) -> None:
+    desk.do(lambda: desk.hal.switch(Switch.ESC, True, desk.now))
+    desk.runs(begins)
+    desk.says = None
+    desk.runs(pauses)
+    desk.says = STANDING
+    desk.runs(5.0)
+    (came,) = (time for time, message in desk.heard(PowerControl) if message == PowerControl(Switch.ESC, True))
+    assert came - 2.0 == pytest.approx(comes, abs=0.06)
 
 
 def test_combined_odometry_goes_out_50_times_a_second_at_most(desk: Desk) -> None:
