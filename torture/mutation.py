@@ -95,7 +95,7 @@ TESTS: Final = (
     "tests/e2e/test_stops.py",
 )
 EQUIVALENT: Final = ROOT / "torture" / "equivalent.yaml"
-SLOW: Final = 4.0  # s: tests that take longer are not asked
+SLOW: Final = 8.0  # s: tests that take longer are not asked
 ENOUGH: Final = 12.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
 FEW: Final = 250  # tests that are asked in an interpreter of its own
 EXTRA: Final = 10.0  # s of processor beside three times what its tests take, after which a mutant counts as hanging
