@@ -370,3 +370,8 @@ def test_who_holds_the_wheel_by_asking_does_not_hold_the_command_before() -> Non
     assert moving(one, 0.2) == FAST
     assert drives(one, "a", 0.3)
     assert one.setpoint(0.3) == (0.0, 0.0, 0.0)
+
+
+def test_before_anybody_has_commanded_nobody_drives_and_no_set_point_is_fresh() -> None:
+    assert SetPoint() == (0.0, 0.0, -inf)
+    assert Driver() == ("", 0.0, {})

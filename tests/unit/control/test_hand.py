@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import copysign, inf, nan
 
 import pytest
 from hypothesis import given
@@ -102,3 +102,7 @@ def test_an_axis_is_at_rest_around_its_middle_and_goes_to_its_ends(value: float)
 def test_the_ends_of_an_axis() -> None:
     assert [shaped(value) for value in (-1.0, -DEAD, nan, DEAD, 1.0)] == [-1.0, 0.0, 0.0, 0.0, 1.0]
     assert Hand() == DEFAULT_HAND == CARS["txt1"].hand()
+
+
+def test_no_velocity_is_minus_zero() -> None:
+    assert [copysign(1.0, each) for each in Hand().velocity(0.5, -0.0, -0.0)] == [1.0, 1.0]

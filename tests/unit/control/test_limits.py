@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.limits import Fault, Gate, Outputs, RunawayWatch, SetpointBounds
+from txt1.control.limits import LARGEST, Fault, Gate, Outputs, RunawayWatch, SetpointBounds
 from txt1.control.parameters import Limits
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
@@ -487,3 +487,12 @@ def test_a_command_from_the_future_is_not_fresh_but_one_that_a_late_tick_sees_is
 
 def test_outputs_are_neutral_unless_something_else_is_said() -> None:
     assert Outputs() == (0, 0, 0, 0, 0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("largest", [LARGEST, -LARGEST])
+def test_the_largest_number_is_a_number_and_is_limited(largest: float) -> None:
+    gate = Gate(Limits(), on_close=lambda reason: None)
+    assert gate.admit_velocity(largest, 0.0) is not None
+    assert gate.admit_velocity(0.0, largest) is not None
+    assert gate.admit_finite(largest)
+    assert gate.counts[Fault.NOT_FINITE] == 0

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from txt1.config import Config, load
+from txt1.errors import HalError
 from txt1.hal.languages import LANGUAGES, answering, known, named
 from txt1.hal.registry import PORTS
 from txt1.hal.serial import SerialHal
@@ -114,3 +115,51 @@ def test_a_device_is_known_by_its_answer(device: str) -> None:
 
     found = run(answering(port_for), speed="max")
     assert [name for name, _ in found] == [device]
+
+
+class Counting(Speaker):
+    """A port that is counted."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self.baud: list[int] = []
+        self.closed = self.hung_up = 0
+
+    async def close(self) -> None:
+        self.closed += 1
+        await super().close()
+
+    def lost(self, reason: str) -> None:
+        self.hung_up += 1
+
+
+def test_each_language_is_listened_to_for_0_8_s_and_every_line_is_closed() -> None:
+    port = Counting(b"nothing that anybody speaks")
+
+    def port_for(language: Any) -> Any:
+        port.baud.append(language.baud)
+        return port
+
+    async def ask() -> float:
+        began = asyncio.get_running_loop().time()
+        assert await answering(port_for) == []
+        return asyncio.get_running_loop().time() - began
+
+    languages = [language for _, language in known()]
+    assert run(ask(), speed="max") == pytest.approx(0.8 * len(languages))
+    assert (port.closed, port.hung_up) == (len(languages), len(languages))
+    assert port.baud == [language.baud for language in languages] and 57600 in port.baud
+
+
+def test_a_line_that_does_not_open_is_closed_and_nothing_hangs_up() -> None:
+    class Busy(Counting):
+        async def open(self, end: End) -> Link:
+            raise HalError("somebody else has it")
+
+        async def close(self) -> None:
+            self.closed += 1
+
+    port = Busy(b"")
+    with pytest.raises(HalError, match="somebody else"):
+        run(answering(lambda language: port), speed="max")
+    assert port.closed == 1

@@ -195,6 +195,8 @@ def test_the_esc_comes_on_after_silence_and_zeros_and_meanwhile_the_board_is_not
     assert not desk.link.ready
     assert desk.times(Velocity, since=2.0)[0] == pytest.approx(4.2)
     assert len(desk.times(Velocity, since=4.2)) == pytest.approx(21, abs=1)
+    assert len(desk.times(PwmTest, since=2.0)) == pytest.approx(110, abs=1), "with each cycle of the silence"
+    assert desk.times(PwmTest)[-1] < 4.2, "and with none after it"
     assert {message for _, message in desk.heard(Velocity, since=2.0)} == {ZERO}
     assert len(desk.heard(PowerControl)) == 1
     desk.runs(0.1, DRIVE)
@@ -257,6 +259,25 @@ def test_an_esc_that_is_to_come_on_while_loops_are_cleared_comes_on_after_a_sile
     desk.runs(4.0)
     assert desk.heard(PowerControl) == [(6.26, PowerControl(Switch.ESC, True))]
     assert min(desk.times(Velocity, since=3.0)) == pytest.approx(5.2)
+
+
+def test_only_a_board_in_manual_mode_that_was_moved_by_hand_is_sent_pwm_counts(make: Callable[..., Desk]) -> None:
+    hand, zeros = Outputs(motor=500, front=3), Outputs()
+    desk = make(by_hand=True)
+    assert desk.hal.capabilities.by_hand and not make().hal.capabilities.by_hand
+    desk.runs(2.0, zeros)
+    assert not desk.heard(PwmTest), "nobody has moved it"
+    for outputs, counts in ((hand, [(500, 3)]), (zeros, [(0, 0)]), (DRIVE, []), (zeros, [])):
+        since = desk.loop.time()
+        desk.runs(0.2, outputs)
+        sent = desk.heard(Velocity, PwmTest)[-1][1]
+        assert isinstance(sent, PwmTest) is bool(counts), outputs
+        if isinstance(sent, PwmTest):
+            assert [(sent.motor, sent.front)] == counts
+        assert desk.loop.time() > since
+    plain = make()
+    plain.runs(2.0, zeros).runs(0.2, hand)
+    assert not plain.heard(PwmTest), "whose user did not ask for it"
 
 
 def test_an_esc_that_was_switched_on_is_not_switched_on_again_when_loops_are_cleared(desk: Desk) -> None:

@@ -295,3 +295,48 @@ def test_at_rest_nothing_is_told_anew_but_where_the_velocities_come_from() -> No
     desk.state.combined = CombinedSample(0.0, 0.0, desk.now)
     desk.step(None, 0.0, AT_REST)
     assert desk.state.control == first._replace(source=Source.COMBINED)
+
+
+def told(desk: Desk) -> list[str]:
+    """The first words of what it has told."""
+    return [event.text.partition(",")[0] for event in desk.state.events]
+
+
+def without_gains() -> Desk:
+    desk = Desk(gains=True)
+    desk.state.gains = GainTable()
+    return desk
+
+
+def test_commands_that_move_nothing_are_explained_after_half_a_second_once_an_attempt() -> None:
+    desk = without_gains()
+    for _ in range(25):
+        desk.step(0.5, 0.0, AT_REST)
+    assert told(desk) == []
+    desk.step(0.5, 0.0, AT_REST)
+    assert told(desk) == ["no gains are loaded"]
+    for _ in range(100):
+        desk.step(0.5, 0.0, AT_REST)
+    assert told(desk) == ["no gains are loaded"], "once is enough"
+    desk.step(0.0, 0.0, AT_REST)
+    for _ in range(27):
+        desk.step(0.5, 0.0, AT_REST)
+    assert told(desk) == ["no gains are loaded"] * 2, "the next attempt is told, too"
+
+
+@pytest.mark.parametrize("v", [0.0, None])
+def test_nobody_who_commands_nothing_is_told_why_it_does_not_move(v: float | None) -> None:
+    desk = without_gains()
+    desk.step(0.5, 0.0, AT_REST)
+    for _ in range(100):
+        desk.step(v, 0.0, AT_REST)
+    assert told(desk) == []
+
+
+@pytest.mark.parametrize("esc", [True, False, None])
+def test_an_esc_that_is_off_is_told_and_one_that_is_on_or_unknown_is_not(esc: bool | None) -> None:
+    desk = Desk()
+    desk.state.power = Power(True, esc)
+    for _ in range(50):
+        desk.step(0.5, 0.0, AT_REST)
+    assert told(desk) == (["the ESC is off"] if esc is False else [])

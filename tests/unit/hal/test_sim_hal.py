@@ -1,0 +1,136 @@
+"""The simulated robot as a hardware layer: it does at each instant what it was told before, and no sooner."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from txt1.config import load
+from txt1.hal.base import Capabilities, Indicators, Outputs
+from txt1.hal.registry import create
+from txt1.hal.sim import SimHal
+from txt1.kernel.loop import run
+from txt1.model.channels import STRAIGHT, Channel, Channels
+from txt1.protocol.messages import Switch
+
+DRIVE = Outputs(motor=3000)
+TURN = Outputs(motor=3000, front=9000, rear=-9000)
+
+
+def made(*settings: str) -> Any:
+    """A simulated robot in a room of 5 m, at its middle."""
+    return create(load(overrides=["sim.noise.drag=0", *settings]).config)
+
+
+def opened(*settings: str) -> Any:
+    """The same, open."""
+
+    async def opening() -> Any:
+        hal = made(*settings)
+        await hal.open()
+        return hal
+
+    return run(opening(), speed="max")
+
+
+def where(hal: Any, now: float) -> tuple[float, float, float]:
+    x, y, theta = hal.read(now).pose
+    return x, y, theta
+
+
+def test_it_has_all_that_the_thesis_s_robot_had() -> None:
+    can = SimHal(made().vehicle).capabilities
+    assert can == Capabilities(
+        ticks=True,
+        pwm=True,
+        battery=True,
+        power=True,
+        power_known=True,
+        servos=True,
+        place=True,
+        pose=True,
+        simulated=True,
+    )
+    assert SimHal(made().vehicle, alone=True).capabilities.repeats, "alone in its world, its run repeats exactly"
+    assert not can.repeats
+
+
+def test_without_encoders_it_reports_no_counts() -> None:
+    hal = made("vehicle=donkeycar")
+    assert not hal.vehicle.body.counts_per_rev and not hal.capabilities.ticks
+    assert hal.read(0.02).ticks is None
+
+
+def test_it_moves_from_the_instant_on_at_which_it_is_told_and_stops_being_driven_when_it_is_told() -> None:
+    hal = opened()
+    hal.write(DRIVE, 1.0)
+    assert where(hal, 1.0) == where(opened(), 0.0), "not a millimetre before"
+    x = where(hal, 2.0)[0]
+    assert x > 0.1
+    hal.switch(Switch.ESC, False, 3.0)
+    assert where(hal, 3.0)[0] > x + 0.3, "it drove until then"
+    assert where(hal, 9.0) == where(hal, 8.0), "and rolls out"
+    hal.place(0.5, -0.5, 0.25, 10.0)
+    assert where(hal, 10.0) == (0.5, -0.5, 0.25)
+
+
+def test_opened_and_closed_its_outputs_are_neutral() -> None:
+    hal = made()
+    assert hal.outputs == Outputs()
+    hal.write(DRIVE, 0.0)
+
+    async def opening() -> None:
+        await hal.open()
+
+    run(opening(), speed="max")
+    assert hal.outputs == Outputs()
+    assert where(hal, 1.0) == where(hal, 0.0)
+    hal.write(DRIVE, 1.0)
+    assert hal.outputs == DRIVE
+
+    async def closing() -> None:
+        await hal.close()
+
+    run(closing(), speed="max")
+    assert hal.outputs == Outputs()
+
+
+def test_a_report_is_the_same_one_until_something_is_another() -> None:
+    hal = opened()
+    report = hal.read(0.02)
+    assert hal.read(0.02) is report and report.odometry_time == 0.0
+    hal.write(DRIVE, 0.02)
+    assert hal.read(0.5) is not report
+
+
+@pytest.mark.parametrize("steering", ["both", "front"])
+@pytest.mark.parametrize("wiring", [STRAIGHT, Channels(front=Channel(trim=0.0, scale=0.999999))])
+def test_a_car_that_steers_in_front_turns_whatever_its_wiring(steering: str, wiring: Channels) -> None:
+    vehicle = made(f"geometry.steering={steering}").vehicle
+    hal = SimHal(vehicle, wiring=wiring)
+    hal.write(TURN, 0.0)
+    reference = SimHal(made(f"geometry.steering={steering}").vehicle)
+    reference.write(TURN, 0.0)
+    assert where(hal, 2.0) == pytest.approx(where(reference, 2.0), abs=1e-3)
+    assert abs(where(hal, 2.0)[2]) > 0.2
+
+
+def test_what_is_in_its_way_is_named_only_when_it_is_there() -> None:
+    hal = opened("sim.room.length=5.0", "sim.room.width=5.0")
+    assert hal.blocked_by() is None
+    hal.place(2.0, 0.0, 0.0, 0.0)
+    assert hal.blocked_by() is None, "0.2 m of room"
+    hal.place(2.5 - 0.255 - 0.01, 0.0, 0.0, 0.0)
+    assert hal.blocked_by() is not None
+
+
+def test_it_keeps_what_its_buzzer_and_leds_show_and_stands_level_on_a_level_floor() -> None:
+    hal = opened()
+    hal.indicate(Indicators())
+    shown = Indicators(*[True] * len(Indicators._fields))
+    hal.indicate(shown)
+    assert hal.indicators == shown
+    assert hal.attitude() == (0.0, 0.0)
+    rough = opened("sim.ground.height=0.03", "sim.ground.longest=1.0", "sim.ground.shortest=0.2")
+    assert rough.attitude() != (0.0, 0.0)
