@@ -217,7 +217,7 @@ class SerialHal(PlainHal):
             self._lossy_until = time + LOSSY
         if self._clearing and since > PAUSE and self.line.run_time(self.line.last) < self._clearing_since + ALIVE:
             # zeros from before the silence may have come only now
-            self._clearing_since = self.line.run_time(time)
+            self._clearing_since = max(self._clearing_since, self.line.run_time(time))
         if self.line.heard():
             self._pose, self._odometry = pose, None
             # the board may have lost everything

@@ -261,6 +261,16 @@ def test_an_esc_that_is_to_come_on_while_loops_are_cleared_comes_on_after_a_sile
     assert min(desk.times(Velocity, since=3.0)) == pytest.approx(5.2)
 
 
+def test_the_last_zeros_before_the_silence_go_out_whatever_the_line_does(desk: Desk) -> None:
+    desk.runs(1.0, DRIVE)
+    desk.says = None
+    desk.runs(0.3, DRIVE)
+    desk.do(lambda: desk.hal.clear_loops(desk.now))
+    desk.tells(STANDING)
+    desk.runs(0.1, DRIVE)
+    assert [message for _, message in desk.heard(Velocity)][-1] == ZERO
+
+
 def test_only_a_board_in_manual_mode_that_was_moved_by_hand_is_sent_pwm_counts(make: Callable[..., Desk]) -> None:
     hand, zeros = Outputs(motor=500, front=3), Outputs()
     desk = make(by_hand=True)
