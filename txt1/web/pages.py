@@ -88,6 +88,8 @@ class Page:
     chosen: frozenset[str] = frozenset()
     # player of the recording that it shows in place of the robot
     player: PagePlayer | None = None
+    # how often it has asked for a recording, or for the robot again
+    replays: int = 0
     outbox: deque[str] = field(default_factory=lambda: deque(maxlen=50))
     # telemetry that waits to be sent
     newest: str | None = None

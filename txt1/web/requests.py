@@ -235,6 +235,7 @@ def _files(pages: Pages, page: Page, message: Message, present: float) -> None:
 def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
     """Show a recording in place of the robot; without a name show the robot again."""
     name = message.get("name")
+    page.replays += 1
     if page.player is not None:
         page.player.stop()
         page.player = None
@@ -242,18 +243,25 @@ def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
         raise ValueError("name")
     _give(pages, page, message, present)
     if name is not None:
-        pages.later(_play(pages, page, str(name)))
+        pages.later(_play(pages, page, str(name), page.replays))
     else:
         page.show(page.car.full)
     pages.status(page)
 
 
-async def _play(pages: Pages, page: Page, name: str) -> None:
+async def _play(pages: Pages, page: Page, name: str, asked: int) -> None:
+    """Play a recording, unless the page has gone meanwhile, or asked for something else."""
+
+    def wanted() -> bool:
+        return page.number in pages.connected and page.replays == asked
+
     try:
         # one at a time, because it takes memory
         async with pages.loading:
+            if not wanted():
+                return
             player = await asyncio.to_thread(PagePlayer.open, pages.folder / name)
-        if page.number in pages.connected:
+        if wanted():
             page.player = player
             pages.status(page)
             await player.play(page.show, now)
