@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from txt1.commands import is_loopback
 from txt1.errors import ConfigError
-from txt1.web.auth import SESSION, Auth, token_in, visitors_token
+from txt1.web.auth import ADDRESSES_MAX, Auth, token_in, visitors_token
 
 TOKEN = "t0ken-of-the-robot-long-enough"
 
@@ -21,9 +21,10 @@ def test_the_right_token_makes_a_cookie_that_lasts_twelve_hours() -> None:
     door = Auth(TOKEN, "https", 8443)
     signed = door.sign_in(TOKEN, 1e9)
     assert signed is not None and signed[0] == "operator"
-    assert door.role(signed[1], 1e9 + SESSION - 1.0) == "operator"
-    assert door.role(signed[1], 1e9 + SESSION + 1.0) is None
-    assert door.role(signed[1], 1e9 - 10.0) is None, "from the future"
+    ends = 1e9 + 12 * 3600
+    assert [door.role(signed[1], now) for now in (1e9, ends - 1.0, ends)] == ["operator", "operator", None]
+    assert door.role(signed[1], 1e9 - 1.0) == "operator", "the clock may be set back a little"
+    assert door.role(signed[1], 1e9 - 1.5) is None, "from the future"
     assert TOKEN not in signed[1]
 
 
@@ -59,11 +60,42 @@ def test_no_other_word_is_a_token_or_a_cookie(text: str) -> None:
     assert text in (TOKEN, visitors_token(TOKEN)) or door.sign_in(text, 1e9) is None
 
 
+def test_a_cookie_s_time_is_in_the_digits_that_the_robot_writes() -> None:
+    door = Auth(TOKEN, "https", 8443)
+    signed = door.sign_in(TOKEN, 1e9)
+    assert signed is not None
+    role, time, proof = signed[1].split(".")
+    other = "".join(chr(0x660 + int(digit)) for digit in time)
+    assert float(other) == float(time)
+    assert door.role(f"{role}.{other}.{proof}", 1e9) is None
+
+
+def test_pages_of_two_robots_on_one_computer_have_two_cookies() -> None:
+    assert Auth(TOKEN, "https", 8443).cookie != Auth(TOKEN, "https", 8444).cookie
+
+
 def test_an_address_has_five_wrong_tokens_and_then_one_in_five_seconds() -> None:
     door = Auth(TOKEN, "https", 8443)
     assert [door.failed("10.0.0.9", 0.0) for _ in range(7)] == [True] * 5 + [False] * 2
     assert door.failed("10.0.0.8", 0.0)
     assert door.failed("10.0.0.9", 5.1) and not door.failed("10.0.0.9", 5.2)
+
+
+def test_wrong_tokens_from_many_addresses_fill_no_memory() -> None:
+    door = Auth(TOKEN, "https", 8443)
+    while door.failed("10.0.0.9", 0.0):
+        pass
+    for k in range(ADDRESSES_MAX + 1):
+        assert door.failed(f"10.1.{k // 256}.{k % 256}", 0.0)
+    assert door.failed("10.0.0.9", 0.0), "the counts begin anew"
+
+
+@pytest.mark.parametrize(
+    "host", ["robot;script-src *", "robot/", "robot@evil.example", "robot\r\nX: y", "robot 'self'"]
+)
+@pytest.mark.parametrize("token", [TOKEN, None])
+def test_a_host_that_could_not_stand_in_a_header_is_never_known(host: str, token: str | None) -> None:
+    assert not Auth(token, "https", 8443).knows_host(host)
 
 
 @pytest.mark.parametrize(
@@ -124,6 +156,24 @@ def test_a_token_is_kept_in_a_regular_file(name: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=f"--web-token {tmp_path / name}: not a regular file") as refused:
         token_in(tmp_path / name)
     assert "chmod" not in str(refused.value)
+
+
+def test_a_token_s_folder_that_is_missing_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere/token: No such file or directory; give a file that can be read"):
+        token_in(tmp_path / "nowhere" / "token")
+
+
+def test_a_token_is_complete_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    linked: list[str] = []
+    link = Path.hardlink_to
+
+    def watched(file: Path, made: str) -> None:
+        linked.append(Path(made).read_text())
+        link(file, made)
+
+    monkeypatch.setattr(Path, "hardlink_to", watched)
+    token = token_in(tmp_path / "token")
+    assert linked == [f"{token}\n"]
 
 
 def test_who_make_a_token_at_once_have_the_same(tmp_path: Path) -> None:

@@ -99,10 +99,10 @@ async def test_in_a_flood_nothing_but_a_stop_is_heard(robot: Robot) -> None:
         '{"do": "stop", "x": "%s"}' % (STOP_MAX * "x"),
     ):
         take(pages, page, no_stop)
-    assert robot.times("stop") == 0
-    for stop in (STOP, '{"n": 7, "t": 1.5, "do": "stop"}', '{ "do" : "stop" }'):
+    assert robot.times("stop") == 0 and page.counts["malformed"] == 0, "only counted as dropped"
+    for stop in (STOP, '{"n": 7, "t": 1.5, "do": "stop"}', '{ "do" : "stop" }', STOP.ljust(STOP_MAX)):
         take(pages, page, stop)
-    assert robot.times("stop") == 3
+    assert robot.times("stop") == 4
 
 
 async def test_a_stop_is_confirmed_to_the_page_that_sent_it_unless_the_robot_is_gone(robot: Robot) -> None:
@@ -199,5 +199,6 @@ async def test_a_mistake_of_ours_costs_one_message(robot: Robot, monkeypatch: py
     page = join(pages)
     take(pages, page, '{"do": "broken"}')
     assert json.loads(page.outbox[-1]) == {"told": "that failed: ZeroDivisionError: of ours"}
+    assert page.counts == {"malformed": 1}
     take(pages, page, STOP)
     assert robot.times("stop") == 1

@@ -50,8 +50,27 @@ def test_before_a_page_has_answered_every_command_is_late() -> None:
 
 def test_what_an_answer_cannot_be_is_ignored() -> None:
     clock = PageClock()
-    clock.answered(2.0, 5.0, 1.0)
-    clock.answered(1.0, nan, 2.0)
+    for sent, page, now in ((2.0, 5.0, 1.0), (1.0, nan, 2.0), (1.0, inf, 2.0)):
+        clock.answered(sent, page, now)
+        assert isinf(clock.age(5.0, 2.0))
+
+
+def test_half_a_second_that_a_page_s_clock_jumps_is_noticed() -> None:
+    clock = PageClock()
+    clock.answered(0.0, 0.005, 0.01)
+    clock.answered(1.0, 1.505, 1.01)
+    assert 0.0 <= clock.age(1.505, 1.01) <= 0.011
+
+
+def test_a_page_counts_from_zero_as_far_as_it_can_count() -> None:
+    exact = 2**53 - 1  # JavaScript's largest
+    assert [Sequence().accepts(number) for number in (-1, 0, exact, exact + 1)] == [False, True, True, False]
+
+
+def test_the_wheel_is_free_at_first_and_again_after_ten_idle_seconds() -> None:
+    wheel = PageWheel()
+    assert wheel.holder == 0 and wheel.drive(2, 0.0)
+    assert [wheel.take(3, now) for now in (0.0, 9.9, 10.0)] == [False, False, True]
 
 
 @given(st.lists(st.integers(-5, 50) | st.none() | st.text(max_size=2) | st.booleans() | st.floats()))
