@@ -40,6 +40,17 @@ def wall() -> float:
     return wall_ns() / NS_PER_S
 
 
+def _limit(request: web.Request, answer: web.StreamResponse) -> None:
+    """Add the headers that limit what a browser may do with an answer."""
+    answer.headers.update(HEADERS)
+    sockets = f"{'wss' if request.secure else 'ws'}://{request.host}"
+    answer.headers["Content-Security-Policy"] = (
+        f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+        f"connect-src 'self' {sockets}; manifest-src 'self'; form-action 'self'; base-uri 'none'; "
+        "frame-ancestors 'none'"
+    )
+
+
 class Routes:
     """Answers requests of admitted pages."""
 
@@ -81,18 +92,13 @@ class Routes:
                 raise web.HTTPForbidden(text="only the robot's own page may ask for that\n")
             response = await handler(request)
         except web.HTTPException as answer:
-            response = answer
+            _limit(request, answer)
+            raise
         except (TimeoutError, ConnectionError):
             # the client sends no request, or is gone before the answer
             response = web.Response(status=408)
         if not response.prepared:
-            response.headers.update(HEADERS)
-            sockets = f"{'wss' if request.secure else 'ws'}://{request.host}"
-            response.headers["Content-Security-Policy"] = (
-                f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
-                f"connect-src 'self' {sockets}; manifest-src 'self'; form-action 'self'; base-uri 'none'; "
-                "frame-ancestors 'none'"
-            )
+            _limit(request, response)
         return response
 
     def _role(self, request: web.Request) -> Role | None:
