@@ -143,6 +143,18 @@ async def test_a_stop_waits_for_few_messages_of_a_flood_that_has_come_before_it(
     await flooding
 
 
+@pytest.mark.usefixtures("frozen")
+async def test_only_what_is_beyond_a_page_s_budget_waits(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    pages, socket, waited = pages_of(robot), Socket(*[ALIKE] * (BURST + 3)), []
+
+    async def overrun() -> None:
+        waited.append(socket.read)
+
+    monkeypatch.setattr(pages, "overrun", overrun)
+    await listen(pages, join(pages, socket), socket)  # type: ignore[arg-type]
+    assert waited == [BURST + 1, BURST + 2, BURST + 3]
+
+
 @pytest.mark.parametrize("late", [0.0, 0.1, 0.24])
 async def test_a_command_is_handed_on_with_its_age(late: float, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(requests, "now", lambda: 50.0)
