@@ -18,6 +18,7 @@ aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the e
 from aiohttp.test_utils import TestClient, TestServer  # noqa: E402
 
 import txt1.web  # noqa: E402
+from tests.patience import LIMIT  # noqa: E402
 from tests.unit.web.test_web_requests import Robot, Socket  # noqa: E402
 from txt1.kernel.clock import NS_PER_S  # noqa: E402
 from txt1.web import files, routes  # noqa: E402
@@ -65,8 +66,9 @@ class Site:
 
     async def until(self, condition: Callable[[], object]) -> None:
         """Wait for what the server does next."""
-        while not condition():
-            await asyncio.sleep(0)
+        async with asyncio.timeout(LIMIT):
+            while not condition():
+                await asyncio.sleep(0)
 
 
 @asynccontextmanager
