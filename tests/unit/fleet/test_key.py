@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from txt1.errors import ConfigError
 from txt1.fleet import key as module
-from txt1.fleet.key import SIGNATURE, FleetKey, fleet_key, users_key
+from txt1.fleet.key import KEY_MIN, SIGNATURE, FleetKey, fleet_key, users_key
 
 PASSWORD = "long enough for a password"
 
@@ -59,6 +59,35 @@ def test_a_key_that_cannot_be_kept_is_refused_with_the_remedy(fleet_s_key: Path)
         users_key()
 
 
+def test_a_key_is_made_in_a_folder_that_is_missing_or_empty_and_one_that_is_there_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "none" / "yet"))
+    path = users_key()
+    path.unlink()
+    told = users_key().read_text()
+
+    def no(length: int) -> str:
+        raise AssertionError(f"a new key of {length} bytes")
+
+    monkeypatch.setattr(module, "token_hex", no)
+    assert users_key().read_text() == told
+    monkeypatch.delenv("XDG_CONFIG_HOME")
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    (tmp_path / ".config").symlink_to(path.parents[1])
+    assert users_key() == tmp_path / ".config" / "txt1" / "fleet-key"
+
+
+def test_without_a_home_a_key_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CONFIG_HOME")
+    monkeypatch.setattr(Path, "home", homeless)
+    with pytest.raises(ConfigError, match="you have no home to keep it in; add --fleet-key FILE"):
+        fleet_key("", None)
+
+
 @pytest.mark.parametrize("mode", [0o604, 0o640, 0o620, 0o602, 0o610, 0o666, 0o644])
 def test_a_key_that_others_may_use_is_refused_with_the_remedy(file: Path, mode: int) -> None:
     file.chmod(mode)
@@ -100,10 +129,16 @@ def test_a_file_that_holds_no_password_is_refused(file: Path, content: bytes, wh
         fleet_key("", file)
     with pytest.raises(ConfigError, match="cannot read it: No such file"):
         fleet_key("", file.with_name("none"))
+    file.write_text("x" * KEY_MIN)
+    assert fleet_key("", file).space
 
 
 def test_beyond_loopback_a_key_is_asked_for(file: Path) -> None:
-    with pytest.raises(ConfigError, match="--fleet eth0: beyond loopback all share a key; add --fleet-key FILE"):
+    why = "--fleet eth0: beyond loopback all share a key; add --fleet-key FILE"
+    with pytest.raises(ConfigError, match=rf"{why} \(make one\)"):
+        fleet_key("eth0", None)
+    users_key()
+    with pytest.raises(ConfigError, match=rf"{why} \(copy your own \({users_key()}\) to each robot\)"):
         fleet_key("eth0", None)
     assert fleet_key("eth0", file).password != PASSWORD
 

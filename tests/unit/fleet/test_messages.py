@@ -16,9 +16,12 @@ from txt1.control.hand import DEFAULT_HAND, Hand
 from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.bridge import fitting
 from txt1.fleet.messages import (
+    DATA_MAX,
     LARGEST,
     MESSAGE_SIZE,
+    SIZE_MAX,
     TEXT_MAX,
+    TIME_MAX,
     StopAnswer,
     answer_of,
     drive_of,
@@ -76,7 +79,16 @@ def test_a_proper_state_comes_through() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"reach": -1.0}, {"v_max": 1e9}, {"centre": 200.0}, {"least": 4.0}, {"radius": None}]
+    "wrong",
+    [
+        {"reach": -1.0},
+        {"reach": 0.0},
+        {"v_max": 1e9},
+        {"centre": 200.0},
+        {"least": 4.0},
+        {"least": -0.1},
+        {"radius": None},
+    ],
 )
 def test_a_body_that_no_car_has_is_refused(wrong: dict[str, object]) -> None:
     body = {**Body(0.7, 3.0, 0.33)._asdict(), **wrong}
@@ -91,6 +103,8 @@ def test_a_body_that_no_car_has_is_refused(wrong: dict[str, object]) -> None:
         ({"v": float("nan")}, "v: it is not finite, or beyond 1e+06"),
         ({"theta": 10**400}, "theta: it is not finite, or beyond 1e+06"),
         ({"omega": True}, "omega: it is no number"),
+        ({"x": 1.1 * LARGEST}, "x: it is not finite, or beyond 1e+06"),
+        ({"data": "7"}, "data: give at most 16 numbers"),
         ({"data": [0.0] * 17}, "data: give at most 16 numbers"),
         ({"reason": ["x"]}, "reason: it is no text"),
     ],
@@ -99,6 +113,40 @@ def test_a_wrong_state_is_refused_by_its_field(wrong: dict[str, Any], why: str) 
     with pytest.raises(ValueError) as refused:
         state_of({**PROPER, **wrong})
     assert str(refused.value) == why
+
+
+@pytest.mark.parametrize(
+    "body",
+    [Body(0.1, 0.4, 0.2, SIZE_MAX, 0.4, True), Body(SIZE_MAX, SIZE_MAX, SIZE_MAX, -SIZE_MAX), Body(1.0, 3.0, 1.0)],
+)
+def test_a_body_and_a_hand_rule_at_their_limits_come_through(body: Body) -> None:
+    hand = Hand(SIZE_MAX, 0.5, 0.1, True, 0.5)
+    state = state_of({**PROPER, "body": body._asdict(), "hand": hand._asdict()})
+    assert (state.body, state.hand) == (body, hand)
+    more = {**PROPER, "body": {**body._asdict(), "pivots": 1}, "hand": {**hand._asdict(), "pivots": 1, "turn": 5.0}}
+    state = state_of(more)
+    assert (state.body.pivots, state.hand.pivots, state.hand.turn) == (False, False, 1.0), "only true is true"
+
+
+def test_what_is_as_long_or_large_as_may_be_comes_through_and_a_reason_is_cut() -> None:
+    told = {
+        **PROPER,
+        "x": LARGEST,
+        "y": -LARGEST,
+        "data": [1] * DATA_MAX,
+        "armed": 1,
+        "reason": "a\n\x1b[2J" + "b" * 200,
+    }
+    state = state_of(told)
+    assert (state.x, state.y, state.data, state.armed) == (LARGEST, -LARGEST, (1.0,) * DATA_MAX, False)
+    assert len(state.reason) == TEXT_MAX and state.reason.startswith("a  [2Jbbb")
+    payload = json.dumps(PROPER).encode()
+    assert message_of(payload.ljust(MESSAGE_SIZE)) == PROPER and message_of(payload.ljust(MESSAGE_SIZE + 1)) is None
+    for time in (0, 1, TIME_MAX - 1):
+        assert time_of({"sent": time}, "sent") == time
+    for wrong in (-1, TIME_MAX, True, 1.5, "1", None):
+        with pytest.raises(ValueError, match="sent: it is no time in ns"):
+            time_of({"sent": wrong}, "sent")
 
 
 @pytest.mark.parametrize("name", ["", "TXT", "a/b", "*", "a b", "1st", "x" * 65, 7, None, ["txt01"]])
