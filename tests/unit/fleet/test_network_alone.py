@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -18,12 +19,13 @@ from txt1.fleet import network
 from txt1.fleet.key import FleetKey, fleet_key
 from txt1.fleet.members import NEW, Member
 from txt1.fleet.messages import StopAnswer
-from txt1.fleet.network import OTHERS_MAX, PORTS, Hooks, Peer, configuration, gives_way
+from txt1.fleet.network import OTHERS_MAX, PORTS, REPEAT, Hooks, Peer, configuration, gives_way
 from txt1.fleet.radio import SILENCE
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock, VirtualClock
 
 FLEET: Final = "alone"
+FREE: Final = vars(network)["_free"]
 ONE: Final = "1" * 32
 BEGAN: Final = 100.0  # s, when the peer joins
 STATE: Final[dict[str, Any]] = {
@@ -285,8 +287,8 @@ def test_with_a_share_of_messages_lost_the_others_come_both_ways(join: Join) -> 
         robot.says("stop/console1", stop=ONE)
         robot.says("state/net07", **STATE)
         robot.says("ping/net01", sent=1)
-    pongs = robot.said("pong/net07")
-    assert all(30 < len(each) < 95 for each in (robot.stops, robot.states)) and 20 < len(pongs) < 90
+    assert all(60 <= len(each) <= 80 for each in (robot.stops, robot.states))
+    assert 40 <= len(robot.said("pong/net07")) <= 58, "they are lost on both ways"
 
 
 # -- commands and clocks
@@ -628,6 +630,10 @@ def test_a_stop_is_said_for_its_time_and_no_longer(join: Join, answer: dict[str,
     assert last[0].stands == (("net07",) if answer and "stands" in answer else ())
 
 
+def test_a_stop_is_said_often_enough_to_arrive_in_half_a_second_though_a_third_of_the_messages_is_lost() -> None:
+    assert 0.3 ** int(0.5 / REPEAT) < 1e-12
+
+
 def test_a_stop_is_said_on_to_a_robot_that_was_armed_again_and_its_time_begins_anew(join: Join) -> None:
     console = join("console1", console=True)
     saying = console.peer.stop_all(["net07"])
@@ -738,6 +744,7 @@ def test_a_peer_that_is_closed_says_nothing_more_and_waits_for_a_session_that_op
     assert {each.name for each in threads()} <= {"fleet pings", "fleet sends"}
     said = len(console.session.put_there)
     console.peer.tell(STATE)
+    console.says("ping/console1", sent=1)
     console.peer.stop_all(["net07"]).join(LIMIT)
     assert len(console.session.put_there) == said and console.session.closed and not console.said("x", air.sessions[1])
     assert not air.sessions[1].put_there
@@ -774,6 +781,19 @@ def test_a_peer_on_loopback_takes_the_first_free_port_and_connects_to_the_others
     monkeypatch.setattr(network, "_free", lambda port: False)
     with pytest.raises(ConfigError, match=f"no port free on loopback from {PORTS[0]} to {PORTS[-1]}; end some robots"):
         join("console2", console=True)
+
+
+def test_a_port_on_which_another_program_listens_is_left_out(join: Join, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(network, "_free", FREE)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            ports = other.getsockname()[1], free.getsockname()[1]
+        monkeypatch.setattr(network, "PORTS", ports)
+        told = join("console1", console=True).session.settings
+    assert told["listen/endpoints"] == [f"tcp/127.0.0.1:{ports[1]}"]
 
 
 def test_an_interface_that_cannot_be_used_is_refused_by_its_name(air: Air, fleet_s_key: Any) -> None:
