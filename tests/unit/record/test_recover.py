@@ -92,6 +92,12 @@ class Full(RawIOBase):
     def writable(self) -> bool:
         return True
 
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return 0
+
     def write(self, data: object) -> int:
         raise OSError(ENOSPC, strerror(ENOSPC))
 
