@@ -94,6 +94,8 @@ def test_the_limits_are_those_of_the_equations(
     a = e ** (-0.02 / car.speed_time_constant)
     assert linear[0] == pytest.approx(2.0 * (1.0 + a) / ((1.0 - a) * k), rel=1e-5)
     if vehicle == "rover":
+        wider = load(overrides=[f"vehicle={vehicle}", f"sim.vehicle.skid={2.0 * car.skid}"]).config.gain_limits()
+        assert wider.angular.kp == pytest.approx(2.0 * angular[0], rel=1e-4), "it turns half as fast"
         turn = k * 2.0 / (3.0 * config.geometry.track_width * car.skid)
         assert angular[0] == pytest.approx(2.0 * (1.0 + a) / ((1.0 - a) * turn), rel=1e-5)
     else:

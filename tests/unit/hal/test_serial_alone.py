@@ -277,7 +277,15 @@ def test_only_a_board_in_manual_mode_that_was_moved_by_hand_is_sent_pwm_counts(m
     assert desk.hal.capabilities.by_hand and not make().hal.capabilities.by_hand
     desk.runs(2.0, zeros)
     assert not desk.heard(PwmTest), "nobody has moved it"
-    for outputs, counts in ((hand, [(500, 3)]), (zeros, [(0, 0)]), (DRIVE, []), (zeros, [])):
+    for outputs, counts in (
+        (hand, [(500, 3)]),
+        (zeros, [(0, 0)]),
+        (DRIVE, []),
+        (zeros, []),
+        (hand, [(500, 3)]),
+        (Outputs(v=0.5), []),
+        (zeros, []),
+    ):
         since = desk.loop.time()
         desk.runs(0.2, outputs)
         sent = desk.heard(Velocity, PwmTest)[-1][1]
@@ -318,7 +326,10 @@ def test_the_esc_comes_on_only_after_a_silence_that_no_line_has_broken(desk: Des
     assert came - desk.opened[-1] >= 3.2
 
 
-@pytest.mark.parametrize(("begins", "pauses", "comes"), [(0.5, 0.3, 4.06), (0.5, 0.1, 3.26), (1.9, 1.0, 3.26)])
+@pytest.mark.parametrize(
+    ("begins", "pauses", "comes"),
+    [(0.5, 0.3, 4.06), (0.5, 0.1, 3.26), (1.0, 0.3, 3.26), (1.9, 1.0, 3.26), (1.5, 3.0, 7.76)],
+)
 def test_zeros_that_a_stalled_line_may_keep_for_later_make_the_silence_begin_again(
     desk: Desk, begins: float, pauses: float, comes: float
 ) -> None:
