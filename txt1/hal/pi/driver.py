@@ -261,7 +261,8 @@ def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
     if not begun:
         process.kill()
         with suppress(subprocess.TimeoutExpired):
-            process.wait(DIES)
+            # also closes the pipes
+            process.communicate(timeout=DIES)
         raise HalError(explain(setup, f"nothing within {START:g} s"))
     if len(process.stdout.read(ANSWER.size)) < ANSWER.size:
         error = process.stderr.read().decode(errors="replace").strip().splitlines()
