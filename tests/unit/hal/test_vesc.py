@@ -2,9 +2,11 @@
 
 import asyncio
 import sys
+from collections.abc import Callable, Coroutine
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from math import hypot
+from struct import pack
 from typing import Any
 
 import pytest
@@ -12,14 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.config import Config, load
-from txt1.errors import ConfigError, TaskFault
+from txt1.control.limits import Outputs
+from txt1.errors import ConfigError, HalError, TaskFault
 from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
 from txt1.hal.vesc import driver as vesc
 from txt1.hal.vesc.double import Vesc
 from txt1.hal.vesc.driver import PacketId, Unpacker, VescHal, VescOptions, packet
 from txt1.kernel.loop import run
-from txt1.link.base import Link, connect
+from txt1.link.base import End, Link, connect
+from txt1.model.odometry import Odometry
 from txt1.robot import Robot
 from txt1.sim.parameters import LineFaults
 
@@ -52,6 +56,8 @@ def crc_bit_by_bit(data: bytes) -> int:
         (vesc.order(PacketId.SET_CURRENT_BRAKE, 5.0), "02 05 07 00001388 2174 03"),
         (vesc.order(PacketId.SET_SERVO_POS, 0.5), "02 03 0c 01f4 e9cb 03"),
         (vesc.order(PacketId.SET_RPM, -1000.0)[:7], "02 05 08 fffffc18"),
+        (vesc.order(PacketId.SET_DUTY, 1.0)[:7], "02 05 05 000186a0"),
+        (vesc.order(PacketId.SET_SERVO_POS, 1.0)[:5], "02 03 0c 03e8"),
     ],
 )
 def test_golden_packets(frame: bytes, golden: str) -> None:
@@ -389,3 +395,458 @@ def test_a_cut_line_disarms_and_is_found_again() -> None:
 def test_a_rover_is_refused() -> None:
     with pytest.raises(ConfigError, match="a VESC drives one motor"):
         create(load(None, ["vehicle=rover", "serial.port=vesc"], {}, {"hal": "vesc"}).config)
+
+
+# -- what goes over the line, and what is made of what comes -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1, 255, 256, 257, 512])
+def test_a_packet_is_found_once_all_its_bytes_are_there(size: int) -> None:
+    payload, unpacker = bytes((7,)) * size, Unpacker()
+    frame = packet(payload)
+    assert (frame[0], len(frame)) == ((2, size + 5) if size < 256 else (3, size + 6))
+    assert unpacker.feed(frame[:1]) == unpacker.feed(frame[1:-1]) == []
+    assert unpacker.feed(frame[-1:]) == [payload]
+    assert unpacker.faults == 0
+
+
+@pytest.mark.parametrize(
+    ("stream", "faults"),
+    [
+        (b"\x01", 1),
+        (b"\x02\x00", 1),  # an empty payload
+        (b"\x04" + packet(b"a"), 1),
+        (b"\x01\x01" + packet(b"a") + b"\x05\x05" + packet(b"b"), 2),
+        (packet(b"a") + packet(b"b"), 0),
+        (packet(b"a")[:-1], 0),
+        (packet(b"a")[:-1] + b"\x04", 1),
+        (packet(b"a")[:-2] + b"\x00\x03", 1),
+        (b"\x03\x00\xff" + packet(bytes(255))[2:], 1),  # a short payload with a long head
+        (packet(bytes(513)), 1),  # longer than any answer
+        (b"\x03\x02", 0),
+    ],
+)
+def test_each_stretch_of_other_bytes_is_a_fault(stream: bytes, faults: int) -> None:
+    unpacker = Unpacker()
+    unpacker.feed(stream)
+    unpacker.feed(b"")
+    assert unpacker.faults == faults
+
+
+def test_a_long_head_is_no_packet_unless_its_payload_needs_it() -> None:
+    assert Unpacker().feed(b"\x03\x00\xff" + packet(bytes(255))[2:]) == []
+    assert Unpacker().feed(packet(bytes(513))) == []
+    unpacker = Unpacker()
+    assert unpacker.feed(b"\x03\x01\x00") == []
+    assert unpacker.feed(packet(bytes(256))[3:]) == [bytes(256)]
+    unpacker = Unpacker()
+    unpacker.feed(b"\x03\x02\x01")  # 513 bytes are not waited for
+    assert unpacker.feed(packet(b"a")) == [b"a"]
+
+
+@pytest.mark.parametrize(("status", "timed_out"), [(b"\x00", False), (b"\x01", True), (b"\x02", False), (b"", None)])
+def test_the_first_bit_of_the_status_says_that_no_command_came_in_time(status: bytes, timed_out: bool | None) -> None:
+    told = vesc.values_of(VALUES + REST + status)
+    assert told is not None and told.timed_out is timed_out
+    assert vesc.values_of(VALUES) == vesc.values_of(VALUES + REST)
+
+
+@pytest.mark.parametrize(("ms", "timeout"), [(0, 0.0), (1, 0.001), (600_000, 600.0), (600_001, None), (2**31, None)])
+def test_a_time_out_of_more_than_ten_minutes_is_another_layout_of_the_settings(ms: int, timeout: float | None) -> None:
+    head = bytes((17, 0x0B, 0x5C, 0x8F, 0x1D, 0))
+    assert vesc.timeout_of(head + ms.to_bytes(4)) == timeout
+    assert vesc.timeout_of(head + ms.to_bytes(4)[:3]) is None
+
+
+def test_the_settings_are_those_of_a_slash_unless_others_are_given() -> None:
+    hal = create(config())
+    assert isinstance(hal, VescHal)
+    assert hal.options == VescOptions(115200, 2, 11.82, False, 0.5, 0.4, 5.0)
+
+
+class Script(Listener):
+    """A port with a VESC behind it that answers what it is told to, and keeps what it is sent."""
+
+    address = "script"
+
+    async def open(self, end: End) -> Link:
+        return connect(end, self)[0]
+
+    async def close(self) -> None: ...
+
+    async def sent(self) -> list[bytes]:
+        """What came since the last call."""
+        await asyncio.sleep(0.0)
+        await asyncio.sleep(0.0)
+        payloads, self.came = Unpacker().feed(self.came), b""
+        return payloads
+
+    async def tell(self, payload: bytes) -> None:
+        self.link.write(packet(payload))
+        await asyncio.sleep(0.0)
+        await asyncio.sleep(0.0)
+
+    async def values(
+        self, tachometer: int = 0, distance: int = 0, erpm: int = 0, volts: int = 120, fault: int = 0
+    ) -> None:
+        body = pack(">hhiiiihihiiiiiiB", *[0] * 7, erpm, volts, *[0] * 4, tachometer, distance, fault)
+        await self.tell(b"\x04" + body)
+
+
+def scripted(look: Callable[[VescHal, Script], Coroutine[Any, Any, None]], **options: Any) -> None:
+    """Do this with an open HAL and its VESC."""
+
+    async def body() -> None:
+        script = Script()
+        hal = VescHal(script, VescOptions(**options), config().geometry, lambda end: end)
+        await hal.open()
+        await look(hal, script)
+        await hal.close()
+
+    run(body(), speed="max")
+
+
+async def settle(hal: VescHal, script: Script) -> None:
+    """Answer until it takes set-points."""
+    hal.read(0.0)
+    for _ in range(30):
+        await script.values()
+        await asyncio.sleep(0.02)
+    await script.sent()
+
+
+def orders_in(payloads: list[bytes]) -> list[tuple[PacketId, int]]:
+    """What is commanded in these payloads, with its number; requests have no number."""
+    return [(PacketId(each[0]), int.from_bytes(each[1:], signed=True)) for each in payloads if len(each) > 1]
+
+
+STRAIGHT, BRAKED = (PacketId.SET_SERVO_POS, 500), (PacketId.SET_CURRENT_BRAKE, 5000)
+FULL_BRAKE, ROLLS = (PacketId.SET_DUTY, 0), (PacketId.SET_CURRENT, 0)
+
+
+@pytest.mark.parametrize(
+    ("v", "omega", "options", "expected"),
+    [
+        (0.0, 0.0, {}, [BRAKED, STRAIGHT]),
+        (0.0, 2.0, {}, [BRAKED, STRAIGHT]),  # a car that stands does not turn
+        (0.0, 0.0, {"brake": 0.0}, [ROLLS, STRAIGHT]),
+        (1.0, 0.0, {"pole_pairs": 3, "gear": 10.0}, [(PacketId.SET_RPM, 1800.0), STRAIGHT]),
+        (-2.0, 0.0, {"pole_pairs": 3, "gear": 10.0}, [(PacketId.SET_RPM, -3600.0), STRAIGHT]),
+        (1.0, 0.0, {"pole_pairs": 3, "gear": 10.0, "backwards": True}, [(PacketId.SET_RPM, -1800.0), STRAIGHT]),
+        (1e9, 0.0, {}, [(PacketId.SET_RPM, 1e6), STRAIGHT]),
+        (-1e9, 0.0, {}, [(PacketId.SET_RPM, -1e6), STRAIGHT]),
+        (2.0, 1e3, {}, [None, (PacketId.SET_SERVO_POS, 900)]),
+        (2.0, -1e3, {}, [None, (PacketId.SET_SERVO_POS, 100)]),
+        (-2.0, 1e3, {}, [None, (PacketId.SET_SERVO_POS, 100)]),
+        (2.0, 1e3, {"servo_range": -0.4}, [None, (PacketId.SET_SERVO_POS, 100)]),
+        (2.0, 1e3, {"servo_range": 0.8}, [None, (PacketId.SET_SERVO_POS, 1000)]),
+        (2.0, -1e3, {"servo_range": 0.8}, [None, (PacketId.SET_SERVO_POS, 0)]),
+        (1.0, 0.0, {"servo_centre": 0.47}, [None, (PacketId.SET_SERVO_POS, 470)]),
+    ],
+)
+def test_the_controller_is_sent_what_is_commanded_within_its_limits(
+    v: float, omega: float, options: dict[str, Any], expected: list[tuple[PacketId, float] | None]
+) -> None:
+    circumference = config().geometry.circumference
+
+    async def look(hal: VescHal, script: Script) -> None:
+        hal.write(Outputs(v=v, omega=omega), 0.0)
+        rest = ROLLS if options.get("brake") == 0.0 else BRAKED
+        before = orders_in(await script.sent())
+        assert before[0] == rest, "nothing drives before the controller has answered for a while"
+        assert before[1][1] == 1000 * options.get("servo_centre", 0.5)
+        await settle(hal, script)
+        hal.write(Outputs(v=v, omega=omega), 1.0)
+        (drive, steer) = orders_in(await script.sent())
+        if expected[0] is not None:
+            command, value = expected[0]
+            if command is PacketId.SET_RPM and abs(value) < 1e6:
+                value /= circumference
+            assert drive == (command, round(value))
+        assert steer == expected[1]
+        hal.write(Outputs(v=0.0, omega=omega), 1.1)
+        assert orders_in(await script.sent()) == [rest, (PacketId.SET_SERVO_POS, before[1][1])], "and it rests again"
+
+    scripted(look, **options)
+
+
+def test_a_curve_is_steered_by_its_curvature() -> None:
+    geometry = config().geometry
+
+    async def look(hal: VescHal, script: Script) -> None:
+        await settle(hal, script)
+        for share in (0.5, -0.25):
+            hal.write(Outputs(v=2.0, omega=2.0 * geometry.curvature(share)), 1.0)
+            assert orders_in(await script.sent())[1] == (PacketId.SET_SERVO_POS, round(500 + 400 * share))
+
+    scripted(look)
+
+
+def test_an_emergency_stop_brakes_with_all_the_motor_has_until_a_speed_is_commanded() -> None:
+    async def look(hal: VescHal, script: Script) -> None:
+        await settle(hal, script)
+        hal.write(Outputs(v=1.0), 1.0)
+        await script.sent()
+        hal.halt(Outputs(), 1.0)
+        assert orders_in(await script.sent()) == [FULL_BRAKE], "at once, without waiting for the next tick"
+        hal.write(Outputs(), 1.02)
+        assert orders_in(await script.sent()) == [FULL_BRAKE, STRAIGHT]
+        hal.write(Outputs(v=1.0), 1.04)
+        assert orders_in(await script.sent())[0][0] is PacketId.SET_RPM
+        hal.write(Outputs(), 1.06)
+        assert orders_in(await script.sent()) == [BRAKED, STRAIGHT]
+        hal.halt(Outputs(), 1.08)
+        await hal.close()
+        assert set(orders_in(await script.sent())) == {FULL_BRAKE, STRAIGHT}
+        await hal.open()
+        hal.write(Outputs(), 0.0)
+        assert orders_in(await script.sent()) == [BRAKED, STRAIGHT], "another run knows nothing of it"
+
+    scripted(look)
+
+
+@pytest.mark.parametrize(("brake", "rest"), [(5.0, BRAKED), (0.0, ROLLS)])
+def test_closing_leaves_the_motor_without_power(brake: float, rest: tuple[PacketId, int]) -> None:
+    async def look(hal: VescHal, script: Script) -> None:
+        await settle(hal, script)
+        hal.write(Outputs(v=1.0), 1.0)
+        await script.sent()
+        await hal.close()
+        sent = orders_in(await script.sent())
+        assert sent[:2] == [rest, STRAIGHT] and set(sent) == {rest, STRAIGHT}
+
+    scripted(look, brake=brake)
+
+
+def test_values_are_asked_for_each_time_and_firmware_and_settings_each_second_until_they_are_known() -> None:
+    values, firmware, settings = b"\x04", b"\x00", b"\x11"
+
+    async def look(hal: VescHal, script: Script) -> None:
+        async def asked() -> list[bytes]:
+            hal.write(Outputs(), 0.0)
+            return [each for each in await script.sent() if len(each) == 1]
+
+        assert await asked() == [values, firmware, settings]
+        await asyncio.sleep(0.98)
+        assert await asked() == [values]
+        await asyncio.sleep(0.02)
+        assert await asked() == [values, firmware, settings]
+        await script.tell(b"\x00\x06\x05")
+        await asyncio.sleep(1.0)
+        assert await asked() == [values, firmware, settings], "the settings are not known"
+        script.link.close()
+        await asyncio.sleep(0.5)
+        assert await asked() == [values, firmware, settings], "at once: another controller may be there now"
+        await script.tell(b"\x00\x06\x05")
+        await script.tell(b"\x11" + bytes(5) + (500).to_bytes(4))
+        await asyncio.sleep(1.0)
+        assert await asked() == [values]
+        script.link.close()
+        await asyncio.sleep(0.5)
+        assert await asked() == [values, firmware, settings]
+        await script.tell(b"\x11" + bytes(5) + (500).to_bytes(4))
+        await asyncio.sleep(1.0)
+        assert await asked() == [values, firmware, settings], "the firmware is not known"
+
+    scripted(look)
+
+
+@pytest.mark.parametrize(
+    ("answers", "text"),
+    [
+        ([b"\x00\x05\x02"], "VESC with firmware 5.02"),
+        ([b"\x00\x06\x05abc"], "VESC with firmware 6.05"),
+        ([500, b"\x00\x06\x05"], "VESC with firmware 6.05, stops by itself after 0.5 s"),
+        ([b"\x00\x06\x05", 1000], "VESC with firmware 6.05, stops by itself after 1 s"),
+        ([b"\x00\x06\x05", 1001], "VESC with firmware 6.05, stops by itself after 1.001 s: set 0.5 s in VESC Tool"),
+        ([b"\x00\x06\x05", 0], "VESC with firmware 6.05, never stops by itself: set 0.5 s in VESC Tool"),
+        ([b"\x00\x06\x05", 2**31], "VESC with firmware 6.05"),
+        ([500], "connected to memory, waiting for answers of the VESC"),
+        ([b"\x00\x06"], "connected to memory, waiting for answers of the VESC"),
+    ],
+)
+def test_firmware_and_time_out_are_told_and_a_long_time_out_is_remarked_on(
+    answers: list[bytes | int], text: str
+) -> None:
+    async def look(hal: VescHal, script: Script) -> None:
+        for each in answers:
+            await script.tell(each if isinstance(each, bytes) else b"\x11" + bytes(5) + each.to_bytes(4))
+        link = hal.read(0.0).link
+        assert link is not None
+        told, _, advice = link.text.partition(", App Settings, General")
+        assert (told, advice) == (text, "")
+
+    scripted(look)
+
+
+@pytest.mark.parametrize("major", [0, 3, 4])
+def test_firmware_before_5_ends_the_run(major: int) -> None:
+    async def look(hal: VescHal, script: Script) -> None:
+        await script.tell(bytes((0, major, 99)))
+        with pytest.raises(HalError, match=rf"firmware {major}\.99: update it with VESC Tool: 5 and 6 are spoken"):
+            hal.read(0.0)
+
+    scripted(look)
+
+
+def test_the_battery_is_told_with_the_time_of_its_report_and_is_never_negative() -> None:
+    async def look(hal: VescHal, script: Script) -> None:
+        assert (hal.read(0.0).batteries, hal.read(0.0).odometry) == (None, None)
+        await asyncio.sleep(0.25)
+        await script.values(volts=126)
+        await asyncio.sleep(0.25)
+        told = hal.read(0.5)
+        assert (told.batteries, told.battery_time, told.odometry_time) == ((12.6, 0.0), 0.25, 0.25)
+        assert told.link is not None
+        assert "fault" not in told.link.text
+        await script.values(volts=-1)
+        assert hal.read(0.5).batteries == (0.0, 0.0)
+        script.link.close()
+        await asyncio.sleep(0.2)
+        told = hal.read(0.7)
+        assert (told.batteries, told.odometry, told.odometry_time) == (None, Odometry(), 0.5), "of a line that was lost"
+
+    scripted(look)
+
+
+def test_damage_of_all_lines_is_counted() -> None:
+    async def look(hal: VescHal, script: Script) -> None:
+        def damaged() -> int:
+            link = hal.read(0.0).link
+            assert link is not None
+            return link.faults["line_damaged"]
+
+        assert damaged() == 0
+        script.link.write(b"\x01")
+        await script.sent()
+        assert damaged() == 1
+        script.link.write(b"\x01\x02\x07")  # and half a packet
+        await script.sent()
+        script.link.close()
+        await asyncio.sleep(0.2)
+        assert damaged() == 2
+        await script.values()
+        assert damaged() == 2, "the half packet is forgotten"
+        script.link.write(b"\x01")
+        await script.sent()
+        assert damaged() == 3
+
+    scripted(look)
+
+
+@pytest.mark.parametrize(
+    ("before", "fault", "reason"),
+    [
+        (False, 2, "under-voltage"),
+        (True, 2, "under-voltage"),
+        (True, 99, "code 99"),
+    ],
+)
+def test_a_controller_with_a_fault_is_lost_until_the_fault_is_gone(before: bool, fault: int, reason: str) -> None:
+    async def look(hal: VescHal, script: Script) -> None:
+        if before:
+            await settle(hal, script)
+        for _ in range(30):
+            await script.values(fault=fault)
+            await asyncio.sleep(0.02)
+        link = hal.read(2.0).link
+        assert link is not None
+        assert (link.ready, link.losses, link.text) == (False, int(before), f"the VESC reports a fault: {reason}")
+        await script.values(fault=3)
+        link = hal.read(2.0).link
+        assert link is not None and link.text == "the VESC reports a fault: gate driver", "the newest is told"
+        hal.write(Outputs(v=1.0), 2.0)
+        assert orders_in(await script.sent())[0] == BRAKED
+        await settle(hal, script)
+        link = hal.read(3.0).link
+        assert link is not None and link.ready
+
+    scripted(look)
+
+
+def test_every_fault_of_the_firmware_is_told_in_words() -> None:
+    async def look(hal: VescHal, script: Script) -> None:
+        told = []
+        for code in range(1, 28):
+            await script.values(fault=code)
+            link = hal.read(0.0).link
+            assert link is not None
+            told.append(link.text.removeprefix("the VESC reports a fault: "))
+        assert told == list(vesc.FAULTS.values()), "each code has words"
+        assert (told[0], told[9], told[23]) == (
+            "over-voltage",
+            "restarted by its watchdog",
+            "settings of the motor lost",
+        )
+
+    scripted(look)
+
+
+COUNT = 6 * VescOptions().pole_pairs * VescOptions().gear
+"""Counts of the tachometer in a turn of the wheels."""
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize(
+    ("first", "second", "moved"),
+    [
+        ((0, 0), (200, 200), 200),
+        ((200, 200), (50, 350), -150),
+        ((2**31 - 50, 2**31 - 50), (-(2**31) + 50, -(2**31) + 50), 100),  # the counters run over
+        ((-(2**31) + 50, 7), (2**31 - 50, 107), -100),
+        ((200, 200), (200, 200), 0),
+        ((200, 200), (201, 199), None),  # the path without sign never gets shorter
+        ((0, 0), (-200, -1), None),
+        ((0, 0), (900, 900), None),  # 2.1 m between two reports
+        ((0, 0), (-900, 900), None),
+        ((0, 0), (800, 800), 800),  # 1.9 m
+    ],
+)
+def test_the_tachometer_moves_the_car_and_a_leap_is_a_restart(
+    first: tuple[int, int], second: tuple[int, int], moved: int | None, backwards: bool
+) -> None:
+    length = config().geometry.circumference / COUNT * (-1.0 if backwards else 1.0)
+
+    async def look(hal: VescHal, script: Script) -> None:
+        await script.values(*first)
+        before = hal.read(1.0)
+        assert before.odometry is not None and before.link is not None
+        await script.values(*second, erpm=900)
+        after = hal.read(1.0)
+        assert after.odometry is not None and after.link is not None
+        assert after.odometry.x - before.odometry.x == pytest.approx((moved or 0) * length)
+        assert after.odometry.v == pytest.approx(900 / 60 * 6 * length)
+        restarts = after.link.losses - before.link.losses
+        assert restarts == (moved is None)
+        assert ("restarted: its tachometer started again at 0" in after.link.reason) == (moved is None)
+
+    scripted(look, backwards=backwards)
+
+
+def test_the_pose_of_a_new_run_begins_at_the_origin_and_turns_with_the_steering() -> None:
+    geometry = config().geometry
+
+    async def look(hal: VescHal, script: Script) -> None:
+        await settle(hal, script)
+        hal.write(Outputs(v=1.0, omega=geometry.curvature(0.5)), 1.0)
+        await script.values(100, 100)
+        told = hal.read(1.0).odometry
+        assert told is not None
+        assert told.theta == pytest.approx(100 * geometry.circumference / COUNT * geometry.curvature(0.5))
+        await hal.close()
+        await hal.open()
+        await script.values(300, 300)
+        hal.read(0.0)
+        assert hal.read(0.0).odometry == Odometry()
+
+    scripted(look)
+
+
+def test_the_vesc_says_what_it_can_do() -> None:
+    made = config()
+    hal = VescHal(Script(), VescOptions(gear=3.0), made.geometry, lambda end: end)
+    told = hal.capabilities
+    assert (told.odometry, told.battery, told.halt, told.pwm, told.ticks, told.simulated) == (
+        True, True, True, False, False, False,
+    )  # fmt: skip
+    assert hal.options == VescOptions(gear=3.0)
