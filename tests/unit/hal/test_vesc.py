@@ -56,12 +56,28 @@ def crc_bit_by_bit(data: bytes) -> int:
         (vesc.order(PacketId.SET_CURRENT_BRAKE, 5.0), "02 05 07 00001388 2174 03"),
         (vesc.order(PacketId.SET_SERVO_POS, 0.5), "02 03 0c 01f4 e9cb 03"),
         (vesc.order(PacketId.SET_RPM, -1000.0)[:7], "02 05 08 fffffc18"),
-        (vesc.order(PacketId.SET_DUTY, 1.0)[:7], "02 05 05 000186a0"),
-        (vesc.order(PacketId.SET_SERVO_POS, 1.0)[:5], "02 03 0c 03e8"),
     ],
 )
 def test_golden_packets(frame: bytes, golden: str) -> None:
     assert frame == bytes.fromhex(golden)
+
+
+@pytest.mark.parametrize(
+    ("command", "parts"),
+    [
+        (PacketId.SET_RPM, 1),
+        (PacketId.SET_DUTY, 100000),
+        (PacketId.SET_CURRENT, 1000),
+        (PacketId.SET_CURRENT_BRAKE, 1000),
+        (PacketId.SET_SERVO_POS, 1000),
+    ],
+)
+def test_a_number_is_sent_in_parts_of_its_unit(command: PacketId, parts: int) -> None:
+    size = 2 if command is PacketId.SET_SERVO_POS else 4
+    for value in (1, -3):
+        assert vesc.order(command, float(value)) == packet(
+            bytes((command,)) + (value * parts).to_bytes(size, signed=True)
+        )
 
 
 VALUES = bytes.fromhex(
