@@ -1586,9 +1586,10 @@ def test_a_guard_that_does_not_begin_is_told_and_leaves_no_process(
     if "sleep" in program:
         monkeypatch.setattr(driver, "START", 0.2)
     process = pretends(program, tmp_path, monkeypatch)
-    with pytest.raises(HalError, match=error):
+    before = opened()
+    with pytest.raises(HalError, match=error) as told:
         run(process.open())
-    assert processes_of(tmp_path / "registers") == []
+    assert (processes_of(tmp_path / "registers"), opened()) == ([], before), told
 
 
 @pytest.mark.parametrize(
