@@ -1289,7 +1289,7 @@ def test_the_settings_are_those_of_an_ordinary_servo_board_unless_others_are_giv
     both = checked(PiOptions, {"steering": (1, 2)}, "x")
     assert pulses_of(full, both, BOTH) == (2000.0, 1900.0, 1900.0)
     assert pulses_of(Outputs(), both, BOTH) == (1500.0, 1500.0, 1500.0)
-    assert setup_of(both, BOTH).channels == (0, 1, 2)
+    assert (setup_of(both, BOTH).channels, setup_of(both, BOTH).neutral) == ((0, 1, 2), (1500.0, 1500.0, 1500.0))
     assert setup_of(checked(PiOptions, {"motor": (3, 4)}, "x"), SKID).channels == (3, 4)
     assert [setup(battery=each).battery_address for each in ("ina219", "ads1115")] == [0x41, 0x48]
     assert setup(battery="ina219", battery_address=0x45).battery_address == 0x45
@@ -1448,6 +1448,13 @@ def test_a_guard_that_never_answers_is_waited_for_and_is_no_loss() -> None:
         assert (told.link.ready, told.link.losses, told.link.reason) == (False, 0, "")
         assert told.link.text == "waiting for the guard of the outputs"
         assert told.odometry_time == 0.0
+
+
+def test_counts_begin_at_0_behind_a_guard_that_never_answered() -> None:
+    hal, _ = car(
+        HalError("ended"), GuardAnswer(True, None, (3, 4)), geometry=SKID, motor=(0, 1), encoders=((17, 27), (22, 23))
+    )
+    assert [hal.read(now).ticks for now in (0.0, 0.1)] == [(0, 0), (3, 4)]
 
 
 def test_another_run_begins_anew() -> None:
