@@ -54,7 +54,6 @@ PRESCALE: Final = 0xFE
 SLEEP: Final = 0x10
 # the register advances with each byte
 AUTO: Final = 0x20
-RESTART: Final = 0x80
 TOTEM_POLE: Final = 0x04
 # counts of a period
 STEPS: Final = 4096
