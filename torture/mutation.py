@@ -96,7 +96,7 @@ TESTS: Final = (
 )
 EQUIVALENT: Final = ROOT / "torture" / "equivalent.yaml"
 SLOW: Final = 8.0  # s: tests that take longer are not asked
-ENOUGH: Final = 12.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
+ENOUGH: Final = 30.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
 FEW: Final = 250  # tests that are asked in an interpreter of its own
 EXTRA: Final = 10.0  # s of processor beside three times what its tests take, after which a mutant counts as hanging
 SURVIVED, KILLED, HANGING, BROKEN = "survived", "killed", "hanging", "broken"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.guards.roll_guard.guard import GRAVITY, Guard, lean, tipping
+from txt1.guards.roll_guard.guard import GRAVITY, Guard, lean, sideways_max, tipping
 from txt1.guards.roll_guard.settings import RollGuard
 from txt1.guards.roll_guard.watching import roll_of, watching
 from txt1.model.vehicle import Geometry
@@ -72,6 +72,17 @@ def test_a_body_that_leans_on_soft_springs_is_slowed_before_the_curve(
 
 
 ALLOWED = atan(0.75 * 0.5 * BODY.track_width / 0.15)  # of the lean: three quarters of the way to lifting wheels
+
+
+@given(st.floats(0.05, 0.6), st.floats(0.0, 0.7), st.floats(0.001, 0.1))
+def test_a_curve_is_as_fast_as_the_lean_that_is_left_to_it(largest: float, roll: float, gradient: float) -> None:
+    stiff, soft = sideways_max(largest, roll), sideways_max(largest, roll, gradient)
+    if roll >= largest:
+        assert stiff == soft == 0.0
+        return
+    assert roll + atan(stiff / GRAVITY) == pytest.approx(largest), "rigid: the force leans by atan(a / g)"
+    assert roll + soft / GRAVITY + gradient * soft == pytest.approx(largest), "on springs the body leans, too"
+    assert soft < stiff
 
 
 def test_the_force_on_a_car_leans_with_its_roll_and_its_turn() -> None:
