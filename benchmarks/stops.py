@@ -26,7 +26,7 @@ from txt1 import run
 from txt1.board.board import Board, BoardEvent
 from txt1.config import load
 from txt1.errors import CommandRefused, HalError, LinkLost, NotArmed, StopNotVerified, TaskFault
-from txt1.hal import serial
+from txt1.hal import restarts, serial
 from txt1.hal.base import LINK, Inputs, Outputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
@@ -559,7 +559,7 @@ def results(case: Case, seeds: int) -> list[Result]:
     """What so many runs show."""
     with ExitStack() as blind:
         if case.unmended:
-            blind.enter_context(mock.patch.object(serial, "at_origin", lambda pose: False))
+            blind.enter_context(mock.patch.object(restarts, "at_origin", lambda pose: False))
             blind.enter_context(mock.patch.object(serial, "started_again", lambda before, after: False))
         return [run(once(case, seed), speed="max") for seed in range(seeds)]
 
