@@ -100,6 +100,7 @@ ENOUGH: Final = 30.0  # s that the tests may take that one mutant is shown, the 
 FEW: Final = 250  # tests that are asked in an interpreter of its own
 EXTRA: Final = 10.0  # s of processor beside three times what its tests take, after which a mutant counts as hanging
 SURVIVED, KILLED, HANGING, BROKEN = "survived", "killed", "hanging", "broken"
+REASON: Final = "with a reason"  # of those that survived
 
 
 class Known(NamedTuple):
@@ -416,7 +417,7 @@ def concerned(mutant: Mutant, known: dict[str, Known]) -> list[str]:
 
 
 def equivalent() -> dict[str, str]:
-    """The mutants that change nothing anybody could notice, with the reason why."""
+    """The mutants that change nothing that a test should notice, with the reason why."""
     if not EQUIVALENT.exists():
         return {}
     return {name: why for each in yaml.safe_load(EQUIVALENT.read_text()) for name, why in each.items()}
@@ -497,8 +498,8 @@ def report(everyone: Sequence[Mutant], results: dict[str, str], fine: dict[str, 
     for mutant in everyone:
         result = results.get(mutant.name, "not run")
         if mutant.name in fine:
-            if result == SURVIVED:
-                result = "equivalent"
+            if result in (SURVIVED, BROKEN):
+                result = REASON
             elif result != "not run":
                 print(f"is noticed, so it is not equivalent: {mutant.name}")
                 wrong += 1
@@ -506,7 +507,7 @@ def report(everyone: Sequence[Mutant], results: dict[str, str], fine: dict[str, 
     for name in sorted(fine.keys() - {each.name for each in all_mutants()}):
         print(f"there is no such mutant any more: {name}")
         wrong += 1
-    columns = (KILLED, HANGING, "equivalent", SURVIVED, BROKEN, "not run")
+    columns = (KILLED, HANGING, REASON, SURVIVED, BROKEN, "not run")
     total = sum(counts.values(), Counter())
     lines = [f"| module | mutants | {' | '.join(columns)} |", f"|---|{'--:|' * 7}"]
     for file, count in [*counts.items(), ("all", total)]:
