@@ -480,7 +480,7 @@ STALE, SILENT, ENCODER, AGAINST = (
 MISSED, CUT, UNOBEYED, UNMOVED = (
     "the controller misses",
     "the board is silent",
-    "a stop that a board",
+    "a board does not obey a stop",
     "commanded at 0.1",
 )
 
