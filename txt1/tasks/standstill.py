@@ -192,25 +192,31 @@ def reason_not_to_switch(
     line comes on only while the robot is disarmed, its encoders have power, and no stop has failed: loops that are
     wound up would move it.
     """
-    if switch is Switch.ESC:
-        if not on or can.power_known:
-            return None
-        if gate.armed:
-            return "the ESC can come on only while the robot is disarmed: disarm first (m, or Robot.disarm)"
-        if state.power.atx is False:
-            return "the ESC stays off: without the ATX supply the encoders see nothing; switch that on first"
-        if watch is not None and watch.standstill.stop in UNOBEYED:
-            return "the ESC stays off: the robot did not stop when told to; ask again when it was seen to stand"
+    esc = switch is Switch.ESC
+    if (not on or can.power_known) if esc else (on or state.power.atx is False):
         return None
-    if on or state.power.atx is False:
-        return None
-    if gate.armed:
-        return "the ATX supply feeds encoders and computer, so it stays on: disarm first (m, or Robot.disarm)"
-    if can.blind:
-        return "the ATX supply stays on: there are no encoders that see the robot stand; switch it off at the robot"
-    if stands:
-        return None
-    return "the ATX supply feeds the encoders, so it stays on until they have seen the robot stand: ask again then"
+    failed = watch is not None and watch.standstill.stop in UNOBEYED
+    reasons = (
+        (esc and gate.armed, "the ESC can come on only while the robot is disarmed: disarm first (m, or Robot.disarm)"),
+        (
+            esc and state.power.atx is False,
+            "the ESC stays off: without the ATX supply the encoders see nothing; switch that on first",
+        ),
+        (esc and failed, "the ESC stays off: the robot did not stop when told to; ask again when it was seen to stand"),
+        (
+            not esc and gate.armed,
+            "the ATX supply feeds encoders and computer, so it stays on: disarm first (m, or Robot.disarm)",
+        ),
+        (
+            not esc and can.blind,
+            "the ATX supply stays on: there are no encoders that see the robot stand; switch it off at the robot",
+        ),
+        (
+            not esc and not stands,
+            "the ATX supply feeds the encoders, so it stays on until they have seen the robot stand: ask again then",
+        ),
+    )
+    return next((reason for holds, reason in reasons if holds), None)
 
 
 async def standstill(ticks: Ticks, watch: Watch) -> None:
