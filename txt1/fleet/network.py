@@ -430,7 +430,7 @@ class Peer:
         }
 
     def refused(self) -> Mapping[str, str]:
-        """Why the last message of a peer was refused, by its name; only peers with a refused message are listed."""
+        """Why the first message of a peer was refused, by its name; only peers with a refused message are listed."""
         with self._lock:
             return dict(self._refused)
 

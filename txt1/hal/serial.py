@@ -301,7 +301,7 @@ class SerialHal(PlainHal):
         """Send a power switch's new state: "ESC off" again and again, everything else once.
 
         Before the ESC comes on, the board's loops are cleared by silence, then zeros. The switch follows 3.2 s after
-        the request. Meanwhile the board is not ready.
+        the request, later on a line that stalls. Meanwhile the board is not ready.
         """
         if switch is Switch.ESC:
             self._esc_off, self._esc_comes_on = not on, on
