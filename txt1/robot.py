@@ -509,7 +509,8 @@ class Robot:
     def switch_power(self, switch: Switch, on: bool) -> None:
         """Turn the ATX supply or the ESC on or off.
 
-        The ESC of a board comes on 3.2 s later at the earliest: first the board's loops have to forget their integral part.
+        The ESC of a board comes on 3.2 s later at the earliest: first the board's loops have to forget their integral
+        part.
 
         Raises NotCapable: the HAL has no such switch; CommandRefused: it is not safe. The ATX supply feeds the encoders
         and the computer; it cannot be turned off while armed, or before the robot was seen to stand. A board's ESC
