@@ -10,8 +10,10 @@ times a second three questions are asked:
 1. *Does it slow down?* The stop is on its way if the speed falls at least as fast as that of a coasting vehicle.
 2. *Does it stand?* It does when the speed was STILL or less for STANDS. Only this is called standing. An unknown speed
    is never taken for 0.
-3. *Does it move without a command?* Then an outside force moves it, and that is reported. Faster than any command, it
-   is no hand that pushes it: loops that are wound up drive it, and the ESC is switched off.
+3. *Does it move without a command?* Then an outside force moves it, and that is reported.
+
+A robot that is faster than any command, and again RACES later, is neither pushed by a hand nor slowing down. Its loops
+drive it, and the ESC is switched off at once: a PWM test of zeros interrupts loops, but they wind up further.
 
 If the answer to the first question is no, the stop escalates: zeros, which are sent all the time; then a PWM test of
 zeros, which bypasses the loops; then the ESC off. Within a stop it never goes back to a weaker measure. Each measure
@@ -34,7 +36,7 @@ never begins above the speed at which a vehicle counts as a runaway: a counter t
 """
 
 from enum import StrEnum
-from math import exp, inf, log
+from math import exp, inf, log, nan
 from typing import Final
 
 # s that each measure gets
@@ -57,6 +59,10 @@ LINGERS: Final = 0.5
 MOVES: Final = 0.1
 # s of such motion after which it is reported
 MOVED: Final = 0.5
+# s between two readings above any command, which show that loops drive it: a counter that jumped makes only one
+RACES: Final = 0.15
+# s after which the first of the two is forgotten
+RACED: Final = 1.0
 # m/s, assumed for a vehicle whose speed at the stop is unknown
 SPEED_MAX: Final = 1.5
 
@@ -115,8 +121,10 @@ class Standstill:
         self._v0: float
         # state of a vehicle that does not move
         self._rest: Stop
-        self._still_since: float | None = None
-        self._moving_since: float | None = None
+        # since when it has been still, or has moved, s of the run; inf while it has not
+        self._still_since = self._moving_since = inf
+        # when it first was faster than any command, s of the run
+        self._raced = -inf
 
     def step(
         self, now: float, v: float | None, *, commanded: bool, armed: bool, connected: bool, fell: bool = False
@@ -134,6 +142,7 @@ class Standstill:
         """
         self._look(now, v)
         self._rest = Stop.UNSEEN if fell else Stop.STANDING
+        moves = now - self._moving_since >= MOVED - 1e-9
         if commanded:
             self.stop, self.drove = Stop.NONE, True
         elif self.stop is Stop.NONE:
@@ -147,9 +156,9 @@ class Standstill:
             self.stop = self._rest
         elif self.stop is Stop.STANDING and (v is None or fell):
             self.stop = Stop.UNSEEN
-        elif self.stop in (Stop.STANDING, Stop.NONE, Stop.UNSEEN) and not (armed or commanded) and self._moves(now):
+        elif self.stop in (Stop.STANDING, Stop.NONE, Stop.UNSEEN) and not (armed or commanded) and moves:
             self.stop = Stop.UNASKED
-        if self.stop is Stop.UNASKED and v is not None and abs(v) > self._fastest:
+        if self.stop not in (Stop.NONE, Stop.ESC_OFF) and self._races:
             self._escalate(Stop.ESC_OFF, now, v)
         return self.stop
 
@@ -158,16 +167,16 @@ class Standstill:
         return self.stop is Stop.STANDING and self._is_still(now)
 
     def _look(self, now: float, v: float | None) -> None:
-        still = v is not None and abs(v) <= STILL
-        moving = v is not None and abs(v) > MOVES
-        self._still_since = (now if self._still_since is None else self._still_since) if still else None
-        self._moving_since = (now if self._moving_since is None else self._moving_since) if moving else None
+        speed = nan if v is None else abs(v)
+        self._still_since = min(self._still_since, now) if speed <= STILL else inf
+        self._moving_since = min(self._moving_since, now) if speed > MOVES else inf
+        racing = speed > self._fastest
+        if racing and now - self._raced > RACED:
+            self._raced = now
+        self._races = racing and now - self._raced >= RACES - 1e-9
 
     def _is_still(self, now: float) -> bool:
-        return self._still_since is not None and now - self._still_since >= STANDS - 1e-9
-
-    def _moves(self, now: float) -> bool:
-        return self._moving_since is not None and now - self._moving_since >= MOVED - 1e-9
+        return now - self._still_since >= STANDS - 1e-9
 
     def _begin(self, stop: Stop, now: float, v: float | None) -> None:
         self.stop, self._since = stop, now
@@ -175,7 +184,7 @@ class Standstill:
 
     def _verify(self, now: float, v: float | None, connected: bool) -> None:
         t = now - self._since
-        if self._is_still(now) and self._still_since is not None and now >= self._since + STANDS:
+        if self._is_still(now) and now >= self._since + STANDS:
             self.stop = self._rest
             return
         if not connected and v is None:

@@ -90,17 +90,21 @@ class Watch:
         v = state.odometry.v if known else None
         # the faster wheel's: if an encoder counts backwards, the odometry of a fast car looks like a turn
         wheel = None if v is None else abs(v) + 0.5 * self._track_width * abs(state.odometry.omega)
-        connected = state.board is None or state.board.connected
-        commanded = bool(outputs.motor or outputs.v or outputs.omega)
-        armed = self.gate.armed
-        stop = watch.step(now, wheel, commanded=commanded, armed=armed, connected=connected, fell=fell(state))
+        stop = watch.step(
+            now,
+            wheel,
+            commanded=bool(outputs.motor or outputs.v or outputs.omega),
+            armed=self.gate.armed,
+            connected=state.board is None or state.board.connected,
+            fell=fell(state),
+        )
         if stop is not before:
             self._enter(stop, before, now, blind=v is None)
         if stop in (*UNOBEYED, Stop.UNASKED) and now >= self._halt_due - 1e-9:
             self._halt_due = now + AGAIN
             self.hal.halt(self.gate.neutral(state.servos), now)
         self._check_obedience(now, v, outputs)
-        full = now < self._full_until and not armed and self.hal.capabilities.power
+        full = now < self._full_until and not self.gate.armed and self.hal.capabilities.power
         if full and wheel is not None and wheel > STILL:
             # the ESC was switched on too soon: full loops would drive the car whatever the commands are
             self._full_until = 0.0
@@ -116,9 +120,8 @@ class Watch:
         elif stop is Stop.STANDING and before in (*UNOBEYED, Stop.UNASKED):
             self.state.tell(now, "the robot stands")
         elif stop is Stop.UNSEEN and fell(self.state):
-            self.state.tell(
-                now, "the speed fell faster than it can: a wall, or encoders without power; look at the robot"
-            )
+            causes = "a wall, wheels that spun, or encoders without power"
+            self.state.tell(now, f"the speed fell faster than it can: {causes}; look at the robot")
             # the loops drive on against a speed that they do not see
             self._clear_loops(now)
         if stop in UNOBEYED:

@@ -240,6 +240,30 @@ def test_what_moves_by_itself_faster_than_any_command_loses_its_esc_and_what_is_
     assert kinds(pushed) == [Stop.NONE, Stop.STANDING, Stop.UNASKED]
 
 
+@pytest.mark.parametrize("between", [-4.4, 0.3, 0.0])
+def test_loops_that_race_during_a_stop_lose_the_esc_at_the_second_reading(between: float) -> None:
+    """The loops of a board may flip between their limits; a look may also fall between two of these moments."""
+    seen = stops_of(lambda t: -4.4 if round(t / PERIOD) % 3 == 0 else between, driven=1.0, fastest=2.0)
+    assert kinds(seen)[:2] == [Stop.SLOWING, Stop.ESC_OFF]
+    assert seen[1][0] == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize(("apart", "expected"), [(0.1, False), (0.15, True), (1.0, True), (1.05, False), (3.0, False)])
+def test_two_readings_above_any_command_count_if_one_jump_did_not_make_both(apart: float, expected: bool) -> None:
+    """In every state but that of a vehicle that is commanded: then the safety gate decides."""
+    for begin in (0.05, 1.0):
+        jumps = (round(begin / PERIOD), round((begin + apart) / PERIOD))
+        seen = stops_of(lambda t, jumps=jumps: 2.1 if round(t / PERIOD) in jumps else 0.0, fastest=2.0, duration=7.0)
+        assert (Stop.ESC_OFF in kinds(seen)) is expected, (begin, seen)
+
+
+def test_a_vehicle_that_stays_faster_than_any_command_while_commanded_is_no_failed_stop() -> None:
+    watch = Standstill(2.0)
+    for k in range(60):
+        assert watch.step(k * PERIOD, 2.5, commanded=True, armed=True, connected=True) is Stop.NONE
+    assert watch.failed is Stop.NONE
+
+
 def test_a_vehicle_whose_speed_fell_faster_than_it_can_is_not_seen_to_stand() -> None:
     watch = Standstill()
     watch.step(0.0, 1.0, commanded=True, armed=True, connected=True)
