@@ -2,9 +2,9 @@
 
 from argparse import ArgumentParser
 
-from benchmarks.teaching import laps, pictures, takeovers
+from benchmarks.teaching import laps, light, pictures, takeovers
 
-NAMES = {"pictures": pictures, "laps": laps, "takeovers": takeovers}
+NAMES = {"pictures": pictures, "laps": laps, "light": light, "takeovers": takeovers}
 
 
 def main() -> None:

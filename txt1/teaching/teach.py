@@ -73,7 +73,7 @@ def _policy(drives: Sequence[HumanDrive], recipe: Recipe, made: str, held: Judge
         made,
         sights,
         many,
-        recipe.dense,
+        ensemble.networks[0].shape.dense,
         drives[0].v_max,
         drives[0].radius_min,
         slow,

@@ -27,6 +27,10 @@ from txt1.teaching.seeing import Seen, Sight, mirrored, shape_of
 Array = NDArray[np.float32]
 SCALE: Final = 2.0
 """Largest factor by which a world is scaled up or down, if lessons are scaled."""
+HABIT: Final = 0.5
+"""Disturbance of odometry in training, as a share of its deviation. A car mostly goes on turning as it turns, so a
+network that trusts odometry does the same, whatever it sees.
+"""
 SPEED_WEIGHT: Final = 0.3
 """Weight of a speed error relative to a steering error."""
 
@@ -37,8 +41,8 @@ class Recipe:
 
     members: int = 5
     """Number of networks."""
-    dense: tuple[int, ...] = (32,)
-    """Units of the layers after the convolutions."""
+    dense: tuple[int, ...] | None = None
+    """Units of the dense layers; None: 32 after convolutions, 64 and 64 if all inputs are plain numbers."""
     epochs: int = 60
     """Largest number of passes over all lessons; with many lessons fewer, because of `steps`."""
     steps: int = 3000
@@ -125,7 +129,8 @@ def train(
     """Return networks taught from the lessons, starting from the networks in `begin` if given."""
     norms = norms_of(lessons.seen)
     normal = Seen(tuple(normalised(lessons.seen.parts, norms)))
-    shape = shape_of(sights, recipe.dense)
+    dense = (32,) if any(sight.trunk for sight in sights) else (64, 64)
+    shape = shape_of(sights, recipe.dense or dense)
     networks, curves = [], []
     for number in range(recipe.members):
 
@@ -155,7 +160,8 @@ def _member(
     count = len(lessons)
     batches = max(1, count // recipe.batch)
     epochs = max(1, min(recipe.epochs, recipe.steps // batches))
-    features = shape.layers()[-len(recipe.dense) - 1][0]
+    shares = dropped(shape, recipe.drop)
+    held = (1.0 - shares).astype(np.float32)
     counts = np.array([1.0, SPEED_WEIGHT], np.float32)
     scalable = recipe.scale and {sight.kind for sight in sights} == {"laser"}
     chances = lessons.weights.astype(float) / lessons.weights.sum()
@@ -171,7 +177,7 @@ def _member(
             commands[flip, 0] *= -1.0
             if scalable:
                 parts, commands = _scaled(sights, parts, norms, commands, rng)
-            keep = [(rng.random((len(index), features)) >= recipe.drop).astype(np.float32) / (1.0 - recipe.drop)]
+            keep = [(rng.random((len(index), len(shares))) >= shares).astype(np.float32) / held]
             kept: list[Any] = []
             error = network(parts, kept, keep) - commands
             by_weights, by_biases, _ = network.gradients(parts, error * counts / np.float32(len(index)), kept, keep)
@@ -182,6 +188,18 @@ def _member(
         curve.append(total / batches)
         tell(step / (epochs * batches), curve[-1])
     return network, curve
+
+
+def dropped(shape: Shape, share: float) -> NDArray[np.float64]:
+    """Return the share of each dense input that is dropped: of convolutions' outputs, not of the few numbers."""
+    shares = []
+    for size, trunk in zip(shape.inputs, shape.trunks, strict=True):
+        height, width, channels = size
+        for each in trunk:
+            height, width = each.size(height, width)
+            channels = each.filters
+        shares.append(np.full(height * width * channels, share if trunk else 0.0))
+    return np.concatenate(shares)
 
 
 def _disturbed(sight: Sight, normal: Array, norm: Norm, flip: NDArray[np.bool_], rng: Generator) -> Array:
@@ -203,8 +221,10 @@ def _disturbed(sight: Sight, normal: Array, norm: Norm, flip: NDArray[np.bool_],
             lost = rng.random((count, rows, columns, 1), np.float32) < 0.02
             none = ((1.0 - norm.mean) / norm.deviation).astype(np.float32)
             normal = np.where(lost, none, normal + 0.02 * rng.standard_normal(normal.shape, np.float32))
-        case "light" | "odometry":
+        case "light":
             normal = normal + 0.05 * rng.standard_normal(normal.shape, np.float32)
+        case "odometry":
+            normal = normal + HABIT * rng.standard_normal(normal.shape, np.float32)
     return normal
 
 

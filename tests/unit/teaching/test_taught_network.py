@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from txt1.teaching.network import Convolution, PolicyNetwork, Shape
-from txt1.teaching.seeing import Layer, Seen, Sight
-from txt1.teaching.training import LessonSet, Recipe, blocks, judged, train
+from txt1.teaching.seeing import Layer, Seen, Sight, shape_of
+from txt1.teaching.training import LessonSet, Recipe, blocks, dropped, judged, train
 
 SHAPE = Shape(
     ((12, 20, 3), (1, 1, 4), (1, 40, 1)),
@@ -57,6 +57,31 @@ def test_what_a_human_does_is_learned_and_held_out_blocks_show_it():
     results = judged(sights, lessons, recipe, 4, 1.0).results()
     assert results["steering_correlation"] > 0.9
     assert results["steering_rms"] < 0.5 * results["steering_deviation"]
+
+
+def test_plain_numbers_are_never_dropped_and_of_a_picture_a_share_is() -> None:
+    picture = Sight("camera", "camera", (8, 12, 1), (Layer(4, (3, 3), (2, 2)),))
+    shape = shape_of([Sight("odometry", "", (1, 1, 2)), picture], (8,))
+    shares = dropped(shape, 0.3)
+    assert len(shares) == shape.layers()[1][0] == 2 + 3 * 5 * 4
+    assert shares.tolist() == pytest.approx([0.0] * 2 + [0.3] * 60)
+
+
+def bright_sensor(count: int, rng: np.random.Generator) -> tuple[list[Sight], LessonSet]:
+    """Readings of four light sensors, and a human who steers by the first."""
+    light = rng.random((count, 1, 1, 5), np.float32)
+    commands = np.column_stack((light[:, 0, 0, 0], np.ones(count, np.float32)))
+    return [Sight("light", "light", (1, 1, 5))], LessonSet(
+        Seen((light,)), commands, np.ones(count, np.float32), 0.1 * np.arange(count)
+    )
+
+
+def test_numbers_alone_have_two_layers_and_convolutions_one() -> None:
+    for (sights, lessons), dense in (
+        (bright_sensor(100, np.random.default_rng(4)), (64, 64)),
+        (bright_side(100, np.random.default_rng(5)), (32,)),
+    ):
+        assert train(sights, lessons, Recipe(members=1, epochs=1)).networks[0].shape.dense == dense
 
 
 def test_the_same_seed_makes_the_same_networks():
