@@ -98,7 +98,7 @@ EQUIVALENT: Final = ROOT / "torture" / "equivalent.yaml"
 SLOW: Final = 8.0  # s: tests that take longer are not asked
 ENOUGH: Final = 30.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
 FEW: Final = 250  # tests that are asked in an interpreter of its own
-EXTRA: Final = 10.0  # s of processor beside three times what its tests take, after which a mutant counts as hanging
+EXTRA: Final = 10.0  # s beside three times what a test takes, after which a mutant counts as hanging
 SURVIVED, KILLED, HANGING, BROKEN = "survived", "killed", "hanging", "broken"
 REASON: Final = "with a reason"  # of those that survived
 
@@ -132,7 +132,7 @@ class Warm:
         items = {item.nodeid: item for item in session.items}
         known = self._watch(session, files_of(MODULES))
         for mutant, tests in self._wanted(known):
-            chosen = [items[name] for name in tests]
+            chosen = [(items[name], 3.0 * known[name].took + EXTRA) for name in tests]
             limit = 3.0 * sum(known[name].took for name in tests) + EXTRA
             result = _in_child(partial(_try, session, chosen, mutant), limit)
             ran = {line for name in tests for _, line in known[name].lines}
@@ -255,13 +255,14 @@ def _in_child(work: Callable[[], int], limit: float) -> str:
     return {0: SURVIVED, 1: KILLED}.get(os.waitstatus_to_exitcode(status), BROKEN)
 
 
-def _try(session: pytest.Session, items: list[pytest.Item], mutant: Mutant) -> int:
-    """Put the mistake in and run these tests up to the first that fails; 1 if one did."""
+def _try(session: pytest.Session, items: list[tuple[pytest.Item, float]], mutant: Mutant) -> int:
+    """Put the mistake in and run these tests, each for so many s at most, up to the first that fails; 1 if one did."""
     try:
         put_in(mutant)
     except BaseException:
         return 3
-    for item, after in zip(items, [*items[1:], None], strict=True):
+    for (item, patience), (after, _) in zip(items, [*items[1:], (None, 0.0)], strict=True):
+        signal.alarm(int(patience) + 1)
         item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
         if session.testsfailed:
             return 1
