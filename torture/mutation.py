@@ -1,9 +1,10 @@
 """Mutation: small mistakes in the modules that keep the robot safe, and the tests that have to notice them.
 
 The tests are collected once, in one process. First they run as they are, and it is noted which lines each of them runs.
-Then a process is forked for every mutant: there the function with the mistake takes the place of the right one, and the
-tests that run its lines follow, the quickest first, up to the first that fails. A mistake in what runs at the import
-needs an interpreter of its own. A mutant that no test notices survives, and has to stand in `EQUIVALENT` with a reason.
+Then a process is forked for every mutant, one at a time for each processor. There the function with the mistake takes
+the place of the right one, and the tests that run its lines follow, the quickest first, up to the first that fails. A
+mistake in what runs at the import needs an interpreter of its own. A mutant that no test notices survives, and has to
+stand in `EQUIVALENT` with a reason.
 
 What came out is kept in a file, by mutant and by what the module and its tests are: a run that was ended goes on there.
 """
@@ -26,7 +27,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any, Final, NamedTuple
@@ -99,6 +100,7 @@ SLOW: Final = 8.0  # s: tests that take longer are not asked
 ENOUGH: Final = 30.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
 FEW: Final = 250  # tests that are asked in an interpreter of its own
 EXTRA: Final = 10.0  # s beside three times what a test takes, after which a mutant counts as hanging
+SIZE: Final = 4  # bytes of a number in a pipe
 SURVIVED, KILLED, HANGING, BROKEN = "survived", "killed", "hanging", "broken"
 REASON: Final = "with a reason"  # of those that survived
 
@@ -131,7 +133,10 @@ class Warm:
         """Take the place of pytest's own loop."""
         items = {item.nodeid: item for item in session.items}
         known = self._watch(session, files_of(MODULES))
-        for mutant, tests in self._wanted(known):
+        left = list(self._wanted(known))
+
+        def result_of(number: int) -> str:
+            mutant, tests = left[number]
             chosen = [(items[name], 3.0 * known[name].took + EXTRA) for name in tests]
             limit = 3.0 * sum(known[name].took for name in tests) + EXTRA
             result = _in_child(partial(_try, session, chosen, mutant), limit)
@@ -139,6 +144,10 @@ class Warm:
             at_import = not mutant.owner or ran.isdisjoint(range(mutant.lines[0], mutant.lines[1] + 1))
             if at_import and result in (SURVIVED, BROKEN):  # others have made something of it before
                 result = _anew(mutant, tests[:FEW], limit)
+            return result
+
+        for number, result in _shared(result_of, len(left)):
+            mutant, tests = left[number]
             self.told(mutant, result, tests)
         return True
 
@@ -236,6 +245,42 @@ def _fork(work: Callable[[], int]) -> int:
         os._exit(code)
 
 
+def _shared(work: Callable[[int], str], count: int) -> Iterator[tuple[int, str]]:
+    """Do the work of each number below `count`, in as many children as there are processors; numbers and results."""
+    numbers, to_do = os.pipe()
+    reader, writer = os.pipe()
+
+    def share() -> int:
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+        os.close(to_do)
+        while number := os.read(numbers, SIZE):
+            row = int.from_bytes(number), work(int.from_bytes(number))
+            os.write(writer, f"{json.dumps(row)}\n".encode())
+        return 0
+
+    children = [_fork(share) for _ in os.sched_getaffinity(0)]
+    for end in (numbers, writer):
+        os.close(end)
+    try:
+        threading.Thread(target=_put_numbers, args=(to_do, count), daemon=True).start()
+        with os.fdopen(reader) as told:
+            for line in islice(told, count):
+                number, result = json.loads(line)
+                yield number, result
+    finally:
+        for child in children:
+            with suppress(ProcessLookupError):
+                os.kill(child, signal.SIGTERM)
+            os.waitpid(child, 0)
+
+
+def _put_numbers(to_do: int, count: int) -> None:
+    with suppress(BrokenPipeError):
+        for number in range(count):
+            os.write(to_do, number.to_bytes(SIZE))
+    os.close(to_do)
+
+
 def _in_child(work: Callable[[], int], limit: float) -> str:
     """What came out, of a child that may take `limit` s of processor and three times that in all."""
 
@@ -247,9 +292,11 @@ def _in_child(work: Callable[[], int], limit: float) -> str:
         return work()
 
     child = _fork(limited)
-    _, status = os.waitpid(child, 0)
-    with suppress(ProcessLookupError):
-        os.killpg(child, signal.SIGKILL)  # what its tests have started
+    try:
+        _, status = os.waitpid(child, 0)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)  # what its tests have started
     if os.WIFSIGNALED(status):
         return HANGING
     return {0: SURVIVED, 1: KILLED}.get(os.waitstatus_to_exitcode(status), BROKEN)

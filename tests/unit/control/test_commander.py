@@ -35,6 +35,15 @@ def moving(one: Commander, now: float) -> tuple[float, float]:
     return one.setpoint(now)[:2]
 
 
+@pytest.mark.parametrize(("name", "rank"), [("keys", 50), ("program", 10), ("unheard of", 10)])
+def test_the_keys_have_50_and_a_program_10(name: str, rank: int) -> None:
+    made = commander(equal=rank, above=rank + 1)
+    made.add(name)
+    assert made.command(name, *FAST, 0.0, 0.0)
+    assert not made.command("equal", *SLOW, 0.0, 0.0)
+    assert made.command("above", *SLOW, 0.0, 0.0)
+
+
 # -- every pair of priorities ----------------------------------------------------------------------------------
 
 RANKS = {**PRIORITIES, **{name: rank for each in ours().values() for name, rank in each.sources.items()}}

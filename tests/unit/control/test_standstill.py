@@ -257,6 +257,11 @@ def test_two_readings_above_any_command_count_if_one_jump_did_not_make_both(apar
         assert (Stop.ESC_OFF in kinds(seen)) is expected, (begin, seen)
 
 
+@pytest.mark.parametrize(("speed", "expected"), [(2.0, False), (-2.0, False), (2.001, True), (-2.001, True)])
+def test_the_fastest_command_itself_is_no_race(speed: float, expected: bool) -> None:
+    assert (Stop.ESC_OFF in kinds(stops_of(lambda t: speed, driven=2.0, fastest=2.0, duration=0.3))) is expected
+
+
 def test_a_vehicle_that_stays_faster_than_any_command_while_commanded_is_no_failed_stop() -> None:
     watch = Standstill(2.0)
     for k in range(60):
