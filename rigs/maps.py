@@ -1,4 +1,4 @@
-"""Draws the maps in config/maps: three rooms, a corridor, and six tracks for cars of 1:10 with their centre lines.
+"""Draws the maps in config/maps: three rooms, a corridor, and seven tracks for cars of 1:10 with their centre lines.
 
     python -m rigs.maps [FOLDER]
 
@@ -25,7 +25,7 @@ CELL: Final = 0.05  # m
 WALL: Final = 3  # cells that a wall is thick
 SPACING: Final = 0.2  # m between two points of a centre line
 APART: Final = 0.3  # m at least between two parts of a track
-SHARPEST: Final = 1.3  # m, least radius of a centre line: the car of 1:10 turns within 0.74 m
+SHARPEST: Final = 0.9  # m, least radius of a centre line: the car of 1:10 turns within 0.74 m
 
 Box = tuple[float, float, float, float]  # from x, y to x, y; m
 
@@ -123,6 +123,14 @@ TRACKS: Final = {
             (-8, 11), (-11, 6), (-8, 1),
         ),
         (2.2, 3.0), 6,
+    ),
+    "kart": Track(
+        (
+            (0, 0), (2.5, 0), (5, 0), (7.5, 0), (10, 0), (10, 2.5), (10, 5), (12.5, 5), (15, 5), (15, 7.5), (15, 10),
+            (12.5, 10), (10, 10), (7.5, 10), (7.5, 7.5), (7.5, 5), (5, 5), (5, 7.5), (5, 10), (2.5, 10), (0, 10),
+            (0, 7.5), (0, 5), (-2.5, 5), (-5, 5), (-5.5, 2.5), (-5, 0), (-2.5, 0),
+        ),
+        (1.9, 2.2), 5,
     ),
 }  # fmt: skip
 

@@ -36,7 +36,7 @@ CLIP: Final = 10.0  # m, of TinyLidarNet's ranges
 
 def arguments(parser: ArgumentParser) -> None:
     """Add what the benchmark takes."""
-    parser.add_argument("--taught", nargs="+", default=["clover", "hairpins"], help="maps that are taught")
+    parser.add_argument("--taught", nargs="+", default=["hairpins", "kart"], help="maps that are taught")
     parser.add_argument("--tracks", nargs="+", default=list(TRACKS), help="maps that are driven")
     parser.add_argument("--minutes", type=float, default=10.0, help="of the human, on all taught maps together")
     parser.add_argument("--laps", type=int, default=20, help="on all tracks together")

@@ -114,6 +114,7 @@ class Human:
     period: float = 0.05  # s
     v_max: float = V_MAX
     look: float = 1.0  # m ahead at standstill
+    foresight: float = 0.4  # s within which a bend makes it slower
     _hand: float = 0.0
     _aim: float = 0.0
     _seen: deque[tuple[float, float, float, float]] = field(default_factory=deque)
@@ -142,7 +143,7 @@ class Human:
         gx, gy = goal[0] - self._aim * sin(way) - x, goal[1] + self._aim * cos(way) - y
         left = -sin(theta) * gx + cos(theta) * gy
         curvature = 2.0 * left / max(gx * gx + gy * gy, 1e-6)
-        bend = self.place.curvature(0.0, 0.5 + 0.8 * max(v, 1.0))
+        bend = self.place.curvature(0.0, 0.3 + self.foresight * max(v, 1.0))
         speed = min(self.v_max, float(np.sqrt(A_MAX / max(bend, 1e-6))))
         curvature += self._hand / radius_min
         curvature = min(max(curvature, -1.0 / radius_min), 1.0 / radius_min)

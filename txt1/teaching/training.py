@@ -27,6 +27,8 @@ from txt1.teaching.seeing import Seen, Sight, mirrored, shape_of
 Array = NDArray[np.float32]
 SCALE: Final = 2.0
 """Largest factor by which a world is scaled up or down, if lessons are scaled."""
+FULL: Final = 0.98
+"""Share of the fastest speed from which a human might have driven faster still, if that had been allowed."""
 HABIT: Final = 0.5
 """Disturbance of odometry in training, as a share of its deviation. A car mostly goes on turning as it turns, so a
 network that trusts odometry does the same, whatever it sees.
@@ -54,7 +56,7 @@ class Recipe:
     decay: float = 0.1
     """Decay of the weights (`txt1.teaching.network.Adam`)."""
     drop: float = 0.3
-    """Share of the convolutions' outputs that is dropped in each step."""
+    """Share of the outputs of a camera's convolutions that is dropped in each step."""
     mirror: bool = True
     """Whether half of the lessons are mirrored; not if a rule requires one side of the way."""
     scale: bool = True
@@ -160,7 +162,7 @@ def _member(
     count = len(lessons)
     batches = max(1, count // recipe.batch)
     epochs = max(1, min(recipe.epochs, recipe.steps // batches))
-    shares = dropped(shape, recipe.drop)
+    shares = dropped(sights, shape, recipe.drop)
     held = (1.0 - shares).astype(np.float32)
     counts = np.array([1.0, SPEED_WEIGHT], np.float32)
     scalable = recipe.scale and {sight.kind for sight in sights} == {"laser"}
@@ -190,15 +192,15 @@ def _member(
     return network, curve
 
 
-def dropped(shape: Shape, share: float) -> NDArray[np.float64]:
-    """Return the share of each dense input that is dropped: of convolutions' outputs, not of the few numbers."""
+def dropped(sights: Sequence[Sight], shape: Shape, share: float) -> NDArray[np.float64]:
+    """Return the share of each dense input that is dropped: of a camera's, which are many for few lessons."""
     shares = []
-    for size, trunk in zip(shape.inputs, shape.trunks, strict=True):
+    for sight, size, trunk in zip(sights, shape.inputs, shape.trunks, strict=True):
         height, width, channels = size
         for each in trunk:
             height, width = each.size(height, width)
             channels = each.filters
-        shares.append(np.full(height * width * channels, share if trunk else 0.0))
+        shares.append(np.full(height * width * channels, share if sight.kind == "camera" else 0.0))
     return np.concatenate(shares)
 
 
@@ -237,6 +239,7 @@ def _scaled(
     range r is seen as f = r / (r + 1), so r = f / (1 - f).
     """
     size = (SCALE ** rng.uniform(-1.0, 1.0, len(commands))).astype(np.float32)
+    size = np.where(commands[:, 1] > FULL, np.maximum(size, 1.0 / size), size)
     found = []
     for _, part, norm in zip(sights, parts, norms, strict=True):
         share = (part * norm.deviation + norm.mean).clip(0.0, 1.0)

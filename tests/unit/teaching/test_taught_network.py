@@ -59,12 +59,17 @@ def test_what_a_human_does_is_learned_and_held_out_blocks_show_it():
     assert results["steering_rms"] < 0.5 * results["steering_deviation"]
 
 
-def test_plain_numbers_are_never_dropped_and_of_a_picture_a_share_is() -> None:
-    picture = Sight("camera", "camera", (8, 12, 1), (Layer(4, (3, 3), (2, 2)),))
-    shape = shape_of([Sight("odometry", "", (1, 1, 2)), picture], (8,))
-    shares = dropped(shape, 0.3)
-    assert len(shares) == shape.layers()[1][0] == 2 + 3 * 5 * 4
-    assert shares.tolist() == pytest.approx([0.0] * 2 + [0.3] * 60)
+def test_a_share_of_a_camera_is_dropped_and_nothing_else() -> None:
+    layers = (Layer(4, (3, 3), (2, 2)),)
+    sights = [
+        Sight("odometry", "", (1, 1, 2)),
+        Sight("camera", "camera", (8, 12, 1), layers),
+        Sight("laser", "laser", (1, 40, 1), (Layer(3, (1, 5), (1, 2)),)),
+    ]
+    shape = shape_of(sights, (8,))
+    shares = dropped(sights, shape, 0.3)
+    assert len(shares) == shape.layers()[-2][0] == 2 + 3 * 5 * 4 + 18 * 3
+    assert shares.tolist() == pytest.approx([0.0] * 2 + [0.3] * 60 + [0.0] * 54)
 
 
 def bright_sensor(count: int, rng: np.random.Generator) -> tuple[list[Sight], LessonSet]:
