@@ -206,7 +206,7 @@ TARGETS: Final[dict[str, Callable[[bytes], None]]] = {
     "view": _view,
     **files.TARGETS,
 }
-SHARES: Final = {"recording": 100, "file": 10, "replay": 200, "table": 100, "map": 20, "policy": 20}
+SHARES: Final = {"recording": 100, "file": 10, "replay": 200, "table": 50, "map": 20, "policy": 20}
 """One input of so many for a target that takes long."""
 VIEW_SEEDS: Final = (
     b'{"linear": {"x": 0.5, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0.1}}',

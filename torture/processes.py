@@ -155,6 +155,8 @@ async def host(fault: str, rng: random.Random, folder: Path, seen: dict[str, flo
         seen |= {"neutral": neutral, "standing": loop.time() - began}
         if fault == "SIGSTOP":
             await asyncio.sleep(rng.uniform(0.7, 1.5))
+            if process.returncode is not None:
+                raise Broken(f"the host had ended by itself, exit code {process.returncode}")
             process.send_signal(signal.SIGCONT)
         await stays(lambda: abs(board.vehicle.state.v) < STANDS, 2.5, "it set off again by itself")
         ended_by = fault
