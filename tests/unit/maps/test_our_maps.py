@@ -14,9 +14,9 @@ from txt1.sim.walls import PLENTY, walls_of
 FOLDER = resource(MAPS)
 
 
-def test_there_are_three_rooms_a_corridor_and_six_tracks() -> None:
+def test_there_are_three_rooms_a_corridor_and_seven_tracks() -> None:
     assert names() == sorted([*maps.ROOMS, *maps.TRACKS])
-    assert (len(maps.ROOMS), len(maps.TRACKS)) == (4, 6)
+    assert (len(maps.ROOMS), len(maps.TRACKS)) == (4, 7)
 
 
 @pytest.mark.parametrize("name", names())
@@ -34,7 +34,10 @@ def test_a_centre_line_lies_between_walls_at_its_widths(name: str) -> None:
     assert length == pytest.approx(maps.SPACING, abs=0.01)
     assert line[0, :2] == pytest.approx([0.0, 0.0], abs=1e-3)
     assert ahead[0, 1] == pytest.approx(0.0, abs=0.01) and ahead[0, 0] > 0.0
-    assert np.all((line[:, 2] + line[:, 3] >= 2.0) & (line[:, 2] + line[:, 3] <= 3.0))
+    least, most = maps.TRACKS[name].width
+    assert 1.9 <= least < most <= 3.0
+    across = line[:, 2] + line[:, 3]
+    assert np.all((across >= least - 2e-3) & (across <= most + 2e-3))
     left = np.column_stack((-ahead[:, 1], ahead[:, 0])) / length[:, None]
     for side, width in ((left, line[:, 3]), (-left, line[:, 2])):
         for beyond, free in ((-0.15, True), (0.1, False)):
