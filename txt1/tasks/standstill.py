@@ -164,7 +164,10 @@ class Watch:
         if not self.settled:
             return f"the robot was not seen to stand ({watch.stop.value}{blind}): look at it"
         means = "a PWM test of zeros" if watch.failed is Stop.PWM_ZEROS else "switching the ESC off"
-        return f"the robot did not stop when told to; it took {means}{blind}; is the board in manual mode?"
+        return (
+            f"the robot did not stop when told to; it took {means}{blind}; is the board in manual mode, or did the "
+            "wheels spin?"
+        )
 
 
 def fell(state: State) -> bool:
