@@ -99,7 +99,7 @@ def coasting_time(v0: float) -> float:
 class Standstill:
     """Watches stops; `step` it some twenty times a second.
 
-    No envelope begins above `fastest`, m/s.
+    No command is faster than `fastest`, m/s, and no envelope begins above it.
 
     Attributes:
         stop: how the last stop is going.

@@ -50,15 +50,24 @@ class Shape(NamedTuple):
     """Units of the dense layers."""
     outputs: int
 
-    def layers(self) -> list[tuple[int, int]]:
-        """Return rows and columns of every layer's weights, in the order of `PolicyNetwork.weights`."""
-        found, features = [], 0
+    def features(self) -> list[int]:
+        """Return how many numbers each sensor's trunk gives to the dense layers."""
+        found = []
         for (height, width, channels), trunk in zip(self.inputs, self.trunks, strict=True):
             for each in trunk:
-                found.append((each.window[0] * each.window[1] * channels, each.filters))
                 height, width = each.size(height, width)
                 channels = each.filters
-            features += height * width * channels
+            found.append(height * width * channels)
+        return found
+
+    def layers(self) -> list[tuple[int, int]]:
+        """Return rows and columns of every layer's weights, in the order of `PolicyNetwork.weights`."""
+        found = []
+        for (_, _, channels), trunk in zip(self.inputs, self.trunks, strict=True):
+            for each in trunk:
+                found.append((each.window[0] * each.window[1] * channels, each.filters))
+                channels = each.filters
+        features = sum(self.features())
         for units in (*self.dense, self.outputs):
             found.append((features, units))
             features = units

@@ -194,14 +194,7 @@ def _member(
 
 def dropped(sights: Sequence[Sight], shape: Shape, share: float) -> NDArray[np.float64]:
     """Return the share of each dense input that is dropped: of a camera's, which are many for few lessons."""
-    shares = []
-    for sight, size, trunk in zip(sights, shape.inputs, shape.trunks, strict=True):
-        height, width, channels = size
-        for each in trunk:
-            height, width = each.size(height, width)
-            channels = each.filters
-        shares.append(np.full(height * width * channels, share if sight.kind == "camera" else 0.0))
-    return np.concatenate(shares)
+    return np.repeat([share if sight.kind == "camera" else 0.0 for sight in sights], shape.features())
 
 
 def _disturbed(sight: Sight, normal: Array, norm: Norm, flip: NDArray[np.bool_], rng: Generator) -> Array:
@@ -237,6 +230,8 @@ def _scaled(
 
     The path's curvature is divided by s. At the same sideways acceleration the speed is multiplied by the root of s. A
     range r is seen as f = r / (r + 1), so r = f / (1 - f).
+
+    A lesson at the top speed is taken to larger worlds only: in a smaller one, the human might drive just as fast.
     """
     size = (SCALE ** rng.uniform(-1.0, 1.0, len(commands))).astype(np.float32)
     size = np.where(commands[:, 1] > FULL, np.maximum(size, 1.0 / size), size)
