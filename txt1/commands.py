@@ -86,6 +86,7 @@ def _word(make: Callable[[str], T], fits: Callable[[T], bool], what: str) -> Cal
 number = _word(float, isfinite, "a finite number")
 positive = _word(float, lambda value: 0.0 < value < inf, "a positive number")
 count = _word(int, lambda value: value >= 1, "a whole number from 1")
+seed = _word(int, lambda value: value >= 0, "a whole number from 0")
 speed = _word(
     lambda text: text if text == "max" else float(text),
     lambda value: value == "max" or 0.0 < float(value) < inf,

@@ -8,6 +8,7 @@ import shlex
 from dataclasses import replace
 from math import atan2, cos, nan, sin
 from pathlib import Path
+from shutil import copyfile
 
 import numpy as np
 import pytest
@@ -123,13 +124,13 @@ def test_too_little_or_nobody_is_refused_in_a_line(seconds: float, source: str, 
 
 def test_recordings_of_two_cars_or_two_lasers_do_not_go_together(lesson: Path) -> None:
     one = drive_in(lesson, [Ask("laser")])
-    other = replace(one, radius_min=0.7)
+    other = replace(one, taught=replace(one.taught, sha256="other"))
     with pytest.raises(RecordingError, match="another car"):
-        together([one, other])
+        together([one, replace(other, radius_min=0.7)])
     sight = replace(one.sights[0], mount=(0.5, 0.0, 0.2, 0.0))
     with pytest.raises(RecordingError, match="sits elsewhere"):
-        together([one, replace(one, sights=(sight,))])
-    assert len(together([one, one])[1]) == 2 * len(one.lessons)
+        together([one, replace(other, sights=(sight,))])
+    assert len(together([one, other])[1]) == 2 * len(one.lessons)
 
 
 def test_a_sensor_that_is_not_in_a_recording_is_told_with_those_that_are(lesson: Path) -> None:
@@ -159,6 +160,8 @@ def test_teach_writes_a_policy_and_a_report(lesson: Path, tmp_path: Path, capsys
         ("{file}", "--see", "nose", "-o", "a.onnx"),
         ("{file}", "--see", "laser,laser", "-o", "a.onnx"),
         ("--from", "{file}", "--more", "{file}", "-o", "a.onnx"),
+        ("{file}", "--see", "laser", "-o", "a.onnx", "--seed", "-1"),
+        ("{file}", "--see", "laser", "-o", "a.onnx", "--lag", "-0.1"),
     ],
 )
 def test_words_that_make_no_sense_are_refused(words: tuple[str, ...], lesson: Path, capsys: Capture) -> None:
@@ -321,21 +324,35 @@ async def test_a_robot_without_the_sensor_is_refused(policy: Policy) -> None:
 @pytest.mark.long
 def test_a_policy_is_taught_more_from_its_own_recordings_on(lesson: Path, file: Path, tmp_path: Path) -> None:
     later, output = recorded(tmp_path / "later.mcap", 20.0), tmp_path / "more.onnx"
-    words = [
-        "--more",
-        str(later),
-        "--from",
-        str(file),
-        "-o",
-        str(output),
-        "--networks",
-        "1",
-        "--epochs",
-        "2",
-        "--no-report",
-    ]
-    assert execute(["teach", *words]) == 0
+    few = ["--networks", "1", "--epochs", "2", "--no-report"]
+    assert execute(["teach", "--more", str(later), "--from", str(file), "-o", str(output), *few]) == 0
     assert [Path(each.file).name for each in load(output).card.taught_by] == ["lesson.mcap", "later.mcap"]
+
+
+@pytest.mark.long
+def test_a_policy_that_is_taught_more_in_its_place_is_kept(lesson: Path, file: Path, tmp_path: Path) -> None:
+    policy, few = tmp_path / "track.onnx", ["--networks", "1", "--epochs", "1", "--no-report"]
+    copyfile(file, policy)
+    for number, seconds in ((1, 3.0), (2, 4.0)):
+        before, later = policy.read_bytes(), recorded(tmp_path / f"later-{number}.mcap", seconds)
+        assert execute(["teach", "--more", str(later), "--from", str(policy), *few]) == 0
+        assert (tmp_path / f"track-{number}.onnx").read_bytes() == before != policy.read_bytes()
+
+
+def test_the_same_recording_twice_is_refused(lesson: Path) -> None:
+    drive = drive_in(lesson, [Ask("laser")])
+    with pytest.raises(RecordingError, match=r"lesson\.mcap: it is the recording .*lesson\.mcap once more"):
+        together([drive, drive])
+
+
+def test_an_output_that_cannot_be_written_is_refused_before_the_training(
+    lesson: Path, file: Path, capsys: Capture
+) -> None:
+    before = file.read_bytes()
+    for output, words in ((lesson.parent / "none" / "x.onnx", "there is no folder"), (file, "already; choose another")):
+        assert execute(["teach", str(lesson), "-o", str(output), "--see", "laser"]) == 2
+        assert words in capsys.readouterr().err
+    assert file.read_bytes() == before
 
 
 def test_a_recording_that_is_gone_or_changed_is_told(policy: Policy, tmp_path: Path, capsys: Capture) -> None:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from itertools import count as numbers
 from pathlib import Path
-from typing import Any
+from shutil import copyfile
+from typing import Any, Final
 
-from txt1.commands import OK, add, count, existing, flag, names, need, number, path, say, takes
+from txt1.commands import OK, add, count, existing, flag, names, need, number, path, say, seed, takes
 from txt1.errors import ConfigError
+
+LAG_MAX: Final = 2.0
+"""s; nobody drives with a longer reaction time."""
 
 
 def _sensors(text: str) -> list[Any]:
@@ -53,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             ),
             "--epochs": takes("N", "largest number of passes over all lessons; 60 by default", count, default=60),
             "--no-mirror": flag("do not mirror lessons, for example if cars have to keep to one side"),
-            "--seed": takes("N", "repeats the training", int, default=0),
+            "--seed": takes("N", "repeats the training", seed, default=0),
             "--no-report": flag("write no report"),
         },
     )
@@ -70,9 +75,15 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError("--see: name its sensors: laser, camera or light")
     if arguments.networks > 16:
         raise ConfigError("--networks: 16 at most")
+    if not 0.0 <= arguments.lag <= LAG_MAX:
+        raise ConfigError(f"--lag: {arguments.lag:g} s is no reaction time of a human; give 0 to {LAG_MAX:g}")
     output = arguments.output or arguments.before
     if output is None or output.suffix != ".onnx":
         raise ConfigError("-o: name the policy to be written, FILE.onnx")
+    if not output.parent.is_dir():
+        raise ConfigError(f"-o: {output}: there is no folder {output.parent}; make it, or choose another")
+    if output.exists() and output != arguments.before:
+        raise ConfigError(f"-o: there is a {output} already; choose another name, or teach it further by --from")
     from txt1.teaching import teach as teaching
     from txt1.teaching.lessons import Ask, drive_in
     from txt1.teaching.policy import load
@@ -106,6 +117,9 @@ def main(arguments: argparse.Namespace) -> int:
         f"{results['steering_correlation']:.3f}; always the mean would be {results['steering_deviation']:.4f}"
     )
     print(f"loss of each network, first and last epoch: {_ends(lesson.ensemble.curves)}")
+    if output == arguments.before:
+        former = _former(output)
+        print(f"{former}: the policy as it was before")
     lesson.policy.save(output)
     card = lesson.policy.card
     print(f"{output}: {card.members} networks, {results['parameters']:.0f} numbers, weights {card.weights[:12]}")
@@ -116,6 +130,17 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _ends(curves: list[list[float]]) -> str:
     return ", ".join(f"{curve[0]:.4f} to {curve[-1]:.4f}" for curve in curves)
+
+
+def _former(policy: Path) -> Path:
+    """Copy a policy to the first unused name with a number; return it. Raises ConfigError."""
+    names = (policy.with_name(f"{policy.stem}-{number}.onnx") for number in numbers(1))
+    former = next(each for each in names if not each.exists())
+    try:
+        copyfile(policy, former)
+    except OSError as error:
+        raise ConfigError(f"{former}: cannot write it: {error.strerror}") from None
+    return former
 
 
 def _report(lesson: Any, output: Path) -> None:

@@ -341,11 +341,14 @@ def _shares(v: float, omega: float, radius: float, v_max: float) -> tuple[float,
 def together(drives: Sequence[HumanDrive]) -> tuple[tuple[Sight, ...], LessonSet, NDArray[np.int64]]:
     """Return the sights and lessons of all recordings, and the recording of each lesson.
 
-    Raises RecordingError: they are of different cars or sensors, or too short.
+    Raises RecordingError: they are of different cars or sensors, too short, or one is there twice.
     """
-    first = drives[0]
-    for each in drives[1:]:
+    first, files = drives[0], dict[str, str]()
+    for each in drives:
         file = each.taught.file
+        if each.taught.sha256 in files:
+            raise RecordingError(f"{file}: it is the recording {files[each.taught.sha256]} once more; name it once")
+        files[each.taught.sha256] = file
         if (each.vehicle, each.radius_min) != (first.vehicle, first.radius_min):
             raise RecordingError(
                 f"{file}: it is of another car ({each.vehicle}, turning radius {each.radius_min:g} m) than "
