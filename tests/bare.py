@@ -4,6 +4,7 @@
     make try-bare BARE="--suite forky"              # ... of another Debian
     make try-bare BARE="--suite noble --mirror http://archive.ubuntu.com/ubuntu"  # ... of Ubuntu
     make try-bare BARE="--python /usr/bin/python3"  # this machine, in a new folder, with another Python: no root needed
+    make try-bare BARE="--teach 600"                # instead: from nothing to a policy, by 600 s of driving
 
 The Debian root is debootstrap's smallest, with nothing added but how this machine reaches its mirrors: names of
 servers, certificates, pip's settings, and that they may be late. A user without rights types; root types `apt` alone.
@@ -165,6 +166,47 @@ def attempt(shell: Shell, line: str) -> None:
         raise SystemExit(1)
 
 
+def lesson(file: Path, seconds: float) -> None:
+    """Record the simulated human of the benchmarks on a track."""
+    sys.path.insert(0, str(ROOT))
+    from numpy.random import default_rng
+
+    from benchmarks.teaching.takeovers import alone
+    from benchmarks.teaching.track import Human, config_of, track_of
+    from txt1.kernel.loop import run
+
+    track = track_of("hairpins")
+    run(alone(config_of(track, 1), Human(track, default_rng(1)), seconds, file), speed="max")
+
+
+def teach(user: Shell, folder: Path, seconds: float) -> None:
+    """Type what installs txt1, and teaches a first policy."""
+    lesson(folder / "first.mcap", seconds)
+    (folder / "first.mcap").chmod(0o644)
+    print(f"From nothing to a policy taught by {seconds:g} s of driving:")
+    began = time.monotonic()
+    attempt(user, "python3 -m venv .venv")
+    attempt(user, "PATH=$PWD/.venv/bin:$PATH")
+    attempt(user, "pip install '.[teach,record,plots]'")
+    attempt(user, "txt1 teach first.mcap -o track.onnx --see laser")
+    print(f"{time.monotonic() - began:8.1f} s  in all")
+
+
+def readme_and_start(user: Shell, folder: str, tests: bool) -> None:
+    """Type README's commands, and the Start page."""
+    print("README:")
+    attempt(user, "make run")
+    attempt(user, "make run")
+    if tests:
+        attempt(user, "make test")
+    print("Start, in a copy of its own:")
+    user.type(f"rm -rf .venv && cp -r {folder} {folder}-2 && cd {folder}-2")
+    began = time.monotonic()
+    for line in typed(ROOT / "docs" / "start.md"):
+        attempt(user, line)
+    print(f"{time.monotonic() - began:8.1f} s  the whole page")
+
+
 def main() -> None:
     """Try what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -173,11 +215,12 @@ def main() -> None:
     parser.add_argument("--root", type=Path, help="the folder of that Debian (default: a new one)")
     parser.add_argument("--python", type=Path, help="try this Python on this machine instead of a Debian root")
     parser.add_argument("--tests", action="store_true", help="README's second command, make test, too: minutes")
+    parser.add_argument("--teach", type=float, metavar="SECONDS", help="a first policy, and no README: minutes")
     arguments = parser.parse_args()
     if arguments.python is None and (os.geteuid() or shutil.which("debootstrap") is None):
         parser.error("a Debian root needs debootstrap and the rights of root; or try this machine: --python python3")
     with tempfile.TemporaryDirectory(prefix="txt1-bare-") as scratch:
-        root = None
+        root, place = None, Path("/")
         if arguments.python is None:
             place = arguments.root or Path(scratch, "debian")
             root, user, folder = bare_debian(place, arguments.suite, arguments.mirror)
@@ -195,17 +238,11 @@ def main() -> None:
             mine = {"HOME": scratch, "PATH": f"{scratch}/bin:{BARE['PATH']}", "TERM": BARE["TERM"]}
             user = Shell(["env"], kept | mine, folder)
         user.type("python3 --version")
-        print(f"{user.told().splitlines()[0].strip()}; README:")
-        attempt(user, "make run")
-        attempt(user, "make run")
-        if arguments.tests:
-            attempt(user, "make test")
-        print("Start, in a copy of its own:")
-        user.type(f"rm -rf .venv && cp -r {folder} {folder}-2 && cd {folder}-2")
-        began = time.monotonic()
-        for line in typed(ROOT / "docs" / "start.md"):
-            attempt(user, line)
-        print(f"{time.monotonic() - began:8.1f} s  the whole page")
+        print(user.told().splitlines()[0].strip())
+        if arguments.teach:
+            teach(user, place / folder.lstrip("/"), arguments.teach)
+        else:
+            readme_and_start(user, folder, arguments.tests)
         user.leave()
         if root is not None:
             root.leave()
