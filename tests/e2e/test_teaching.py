@@ -331,12 +331,15 @@ def test_a_policy_is_taught_more_from_its_own_recordings_on(lesson: Path, file: 
 
 
 @pytest.mark.long
-def test_a_policy_that_is_taught_more_in_its_place_is_kept(lesson: Path, file: Path, tmp_path: Path) -> None:
+def test_a_policy_that_is_taught_more_in_its_place_is_kept(
+    lesson: Path, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     policy, few = tmp_path / "track.onnx", ["--networks", "1", "--epochs", "1", "--no-report"]
     copyfile(file, policy)
-    for number, seconds in ((1, 3.0), (2, 4.0)):
-        before, later = policy.read_bytes(), recorded(tmp_path / f"later-{number}.mcap", seconds)
-        assert execute(["teach", "--more", str(later), "--from", str(policy), *few]) == 0
+    monkeypatch.chdir(tmp_path)
+    for number, output in ((1, []), (2, ["-o", "track.onnx"])):
+        before, later = policy.read_bytes(), recorded(tmp_path / f"later-{number}.mcap", 2.0 + number)
+        assert execute(["teach", "--more", str(later), "--from", str(policy), *output, *few]) == 0
         assert (tmp_path / f"track-{number}.onnx").read_bytes() == before != policy.read_bytes()
 
 

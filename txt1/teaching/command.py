@@ -82,7 +82,8 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError("-o: name the policy to be written, FILE.onnx")
     if not output.parent.is_dir():
         raise ConfigError(f"-o: {output}: there is no folder {output.parent}; make it, or choose another")
-    if output.exists() and output != arguments.before:
+    again = arguments.before is not None and output.exists() and output.samefile(arguments.before)
+    if output.exists() and not again:
         raise ConfigError(f"-o: there is a {output} already; choose another name, or teach it further by --from")
     from txt1.teaching import teach as teaching
     from txt1.teaching.lessons import Ask, drive_in
@@ -117,7 +118,7 @@ def main(arguments: argparse.Namespace) -> int:
         f"{results['steering_correlation']:.3f}; always the mean would be {results['steering_deviation']:.4f}"
     )
     print(f"loss of each network, first and last epoch: {_ends(lesson.ensemble.curves)}")
-    if output == arguments.before:
+    if again:
         former = _former(output)
         print(f"{former}: the policy as it was before")
     lesson.policy.save(output)
