@@ -47,7 +47,7 @@ def no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def a_status_line_may_block(blocking_calls_fail: BlockBuster) -> None:
     """It is written only where it fits."""
-    may_block(blocking_calls_fail, "txt1/cli/app.py", "_status_lines")
+    may_block(blocking_calls_fail, "txt1/cli/app.py", "_put")
 
 
 def report(capsys: Capture, *words: str, code: int = 0) -> dict[str, Any]:
@@ -152,11 +152,18 @@ def test_a_robot_that_was_not_armed_does_not_move(capsys: Capture) -> None:
     assert armed["odometry"]["x"] > 1.0
 
 
-def test_without_a_terminal_one_status_line_a_second_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+def test_without_a_terminal_a_status_line_a_second_and_the_event_log_are_printed(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     assert execute([*SIM, "--duration", "5.5"]) == 0
     out, err = capfd.readouterr()
     assert err == ""
-    assert [line.split(" s ")[0] for line in out.splitlines()] == [f"t={float(t):8.2f}" for t in range(6)]
+    lines = out.splitlines()
+    assert [line.split(" s ")[0] for line in lines if "battery=" in line] == [f"t={float(t):8.2f}" for t in range(6)]
+    assert [line.split(" s  ")[1] for line in lines if "battery=" not in line] == [
+        "armed",
+        "disarmed: the run has ended",
+    ]
 
 
 def test_a_velocity_beyond_the_limits_is_clipped_and_counted(capsys: Capture) -> None:

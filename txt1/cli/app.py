@@ -292,8 +292,11 @@ async def _first_of(*futures: asyncio.Future[Any]) -> None:
 
 
 async def _status_lines(runtime: Runtime) -> None:
-    """Print a status line a second. A slow reader misses lines, and never delays the robot."""
+    """Print a status line a second, and new lines of the event log. A slow reader misses lines, and never delays the
+    robot.
+    """
     sys.stdout.flush()
+    runtime.bus.subscribe(lambda topic, event, time: _put(f"t={time:8.2f} s  {event.text}"), [LOG])
     while True:
         _put(status_line(runtime.snapshot(SHOWN)))
         await asyncio.sleep(1.0)
