@@ -24,7 +24,7 @@ from txt1.robot import Robot
 from txt1.teaching.driving import LOOK, POLICY, Look
 from txt1.teaching.lessons import Ask, drive_in, together
 from txt1.teaching.policy import Judgement, Policy, load
-from txt1.teaching.teach import teach
+from txt1.teaching.teach import summary, teach
 from txt1.teaching.training import Recipe
 
 Capture = pytest.CaptureFixture[str]
@@ -341,6 +341,13 @@ def test_a_policy_that_is_taught_more_in_its_place_is_kept(
         before, later = policy.read_bytes(), recorded(tmp_path / f"later-{number}.mcap", 2.0 + number)
         assert execute(["teach", "--more", str(later), "--from", str(policy), *output, *few]) == 0
         assert (tmp_path / f"track-{number}.onnx").read_bytes() == before != policy.read_bytes()
+
+
+def test_a_recording_that_breaks_off_is_told(lesson: Path, tmp_path: Path) -> None:
+    whole, broken = lesson.read_bytes(), tmp_path / "broken.mcap"
+    broken.write_bytes(whole[: len(whole) * 9 // 10])
+    assert "breaks off; 'txt1 log recover'" in "\n".join(summary(drive_in(broken, [Ask("laser")])))
+    assert "breaks off" not in "\n".join(summary(drive_in(lesson, [Ask("laser")])))
 
 
 def test_the_same_recording_twice_is_refused(lesson: Path) -> None:
