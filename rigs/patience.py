@@ -80,13 +80,12 @@ def lateness() -> Iterator[Callable[[], float]]:
         while not done.wait(LOOK):
             worst, before = max(worst, time.monotonic() - before - LOOK), time.monotonic()
 
-    thread = threading.Thread(target=look)
-    thread.start()
+    threading.Thread(target=look, daemon=True).start()
     try:
         yield lambda: worst
     finally:
+        # it ends at its next look; an event loop must not wait for it
         done.set()
-        thread.join()
 
 
 @contextmanager
