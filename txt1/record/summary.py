@@ -60,7 +60,7 @@ def info(path: Path) -> Iterator[str]:
     """A recording's summary as lines."""
     reading = FilePass(path)
     summaries = summarise(reading)
-    yield f"{path}: {path.stat().st_size / 1e6:.2f} MB, {state_of(reading)}"
+    yield f"{path}: {path.stat().st_size / 1e6:.2f} MB, {ending_of(reading)}"
     about = reading.metadata.get("txt1", {})
     yield from (f"{name:<12}{about[name]}" for name in SHOWN if name in about)
     dropped = reading.metadata.get("txt1.end", {}).get("dropped", "0")
@@ -78,8 +78,8 @@ def info(path: Path) -> Iterator[str]:
         yield f"{topic:<16}{each.count:>9}{each.rate:>9.2f}{gap:>15.3f}{each.lost:>6}  {each.schema}"
 
 
-def state_of(reading: FilePass) -> str:
-    """Whether a file that was read to its end is complete."""
+def ending_of(reading: FilePass) -> str:
+    """Whether a file that was read to its end is complete, in words."""
     if reading.complete and not reading.damaged:
         return "complete"
     damaged = f", {reading.damaged} damaged chunks left out" if reading.damaged else ""

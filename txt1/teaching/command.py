@@ -77,14 +77,7 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError("--networks: 16 at most")
     if not 0.0 <= arguments.lag <= LAG_MAX:
         raise ConfigError(f"--lag: {arguments.lag:g} s is no reaction time of a human; give 0 to {LAG_MAX:g}")
-    output = arguments.output or arguments.before
-    if output is None or output.suffix != ".onnx":
-        raise ConfigError("-o: name the policy to be written, FILE.onnx")
-    if not output.parent.is_dir():
-        raise ConfigError(f"-o: {output}: there is no folder {output.parent}; make it, or choose another")
-    again = arguments.before is not None and output.exists() and output.samefile(arguments.before)
-    if output.exists() and not again:
-        raise ConfigError(f"-o: there is a {output} already; choose another name, or teach it further by --from")
+    output = _output(arguments.output or arguments.before, arguments.before)
     from txt1.teaching import teach as teaching
     from txt1.teaching.lessons import Ask, drive_in
     from txt1.teaching.policy import load
@@ -118,15 +111,25 @@ def main(arguments: argparse.Namespace) -> int:
         f"{results['steering_correlation']:.3f}; always the mean would be {results['steering_deviation']:.4f}"
     )
     print(f"loss of each network, first and last epoch: {_ends(lesson.ensemble.curves)}")
-    if again:
-        former = _former(output)
-        print(f"{former}: the policy as it was before")
+    if output.exists():
+        print(f"{_former(output)}: the policy as it was before")
     lesson.policy.save(output)
     card = lesson.policy.card
     print(f"{output}: {card.members} networks, {results['parameters']:.0f} numbers, weights {card.weights[:12]}")
     if not arguments.no_report:
         _report(lesson, output)
     return OK
+
+
+def _output(output: Path | None, before: Path | None) -> Path:
+    """Return where the policy is to be written; raises ConfigError: it cannot be, or another file is there."""
+    if output is None or output.suffix != ".onnx":
+        raise ConfigError("-o: name the policy to be written, FILE.onnx")
+    if not output.parent.is_dir():
+        raise ConfigError(f"-o: {output}: there is no folder {output.parent}; make it, or choose another")
+    if output.exists() and (before is None or not output.samefile(before)):
+        raise ConfigError(f"-o: there is a {output} already; choose another name, or teach it further by --from")
+    return output
 
 
 def _ends(curves: list[list[float]]) -> str:

@@ -32,7 +32,7 @@ from txt1.control.commander import PRIORITIES
 from txt1.errors import ConfigError, RecordingError
 from txt1.model.light_sensors import Readings
 from txt1.record.reading import Decoding, FilePass, robot_in, robots_in, trusting
-from txt1.record.summary import state_of
+from txt1.record.summary import ending_of
 from txt1.sensors.readings import Image, Scan
 from txt1.teaching.driving import POLICY
 from txt1.teaching.policy import Taught
@@ -87,8 +87,8 @@ class HumanDrive:
     vehicle: str
     radius_min: float
     v_max: float
-    broken: str = ""
-    """How the file ends, if it is not complete."""
+    ends: str = "complete"
+    """Whether the file is complete, or breaks off."""
 
 
 def is_hand(source: str, also: Collection[str] = ()) -> bool:
@@ -313,8 +313,8 @@ class _Reader:
             self._takeovers,
             {reason: round(seconds, 3) for reason, seconds in self._left.items() if seconds > 0.0},
         )
-        broken = "" if self.file.complete and not self.file.damaged else state_of(self.file)
-        return HumanDrive(taught, tuple(self._sights), lessons, config.vehicle, radius, v_max, broken)
+        sights, ends = tuple(self._sights), ending_of(self.file)
+        return HumanDrive(taught, sights, lessons, config.vehicle, radius, v_max, ends)
 
     def _later(self, row: _Row) -> tuple[float, float]:
         """Return the same human's command a little later; the last command if the human released the wheel before."""

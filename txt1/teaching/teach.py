@@ -115,8 +115,8 @@ def summary(drive: HumanDrive) -> list[str]:
     lines = [f"{taught.file}: {len(drive.lessons)} lessons, driven by {by}"]
     if taught.takeover:
         lines.append(f"  {taught.takeovers} take-overs from a policy: {taught.takeover:.1f} s, which count more")
-    if drive.broken:
-        lines.append(f"  it {drive.broken}")
+    if drive.ends != "complete":
+        lines.append(f"  it {drive.ends}")
     left = sorted(taught.left_out.items(), key=lambda one: -one[1])
     if left:
         lines.append("  left out: " + ", ".join(f"{reason} {seconds:.1f} s" for reason, seconds in left))
