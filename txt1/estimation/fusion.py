@@ -796,7 +796,7 @@ def _considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sig
 def _moved(belief: Belief, by: tuple[float, float, float]) -> Belief:
     """The belief somewhere else (m, m), with this slip."""
     x, y, theta, rolled, omega, bias, _ = belief.mean
-    return belief._replace(mean=(x + by[0], y + by[1], theta, rolled, omega, bias, by[2]))
+    return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2]), belief.triangle)
 
 
 def _slot(time: float) -> int:
