@@ -23,6 +23,7 @@ import numpy as np
 
 from txt1.estimation.alignment import about, aligned
 from txt1.estimation.ekf import (
+    BIAS,
     GYRO,
     OMEGA,
     POSE,
@@ -101,6 +102,7 @@ MISSES: Final = 0.5
 RECENT: Final = 1.0
 
 _UNITS: Final = np.eye(SIZE)
+_KEY: Final = attrgetter("key")
 
 Doubt = Callable[[Seven], tuple[float, float, float, float]]
 """Variances (x, x and y, y, theta) that a sensor's errors of mount and clock cause at a mean."""
@@ -229,35 +231,36 @@ class Fusion:
         if self._base_time < 0.0:
             self._base_time = max(0.0, now - FIRST)
         first = len(self._entries)
-        pending: dict[tuple[str, Kind, int], tuple[Measurement, int]] = {}
+        pending: dict[tuple[str, int], tuple[Measurement, int]] = {}
         for measurement in self._arrived:
             if not self._admits(measurement):
                 continue
-            if measurement.kind is not Kind.GYRO and measurement.kind is not Kind.POSE:
+            kind = measurement.kind
+            if kind is not Kind.GYRO and kind is not Kind.POSE:
                 first = min(first, self._insert(measurement, 1))
                 continue
-            key = measurement.sensor, measurement.kind, _slot(measurement.time)
+            key = measurement.sensor, _slot(measurement.time)
             so_far = pending.get(key)
             if so_far is None:
                 pending[key] = measurement, 1
-            elif so_far[0].rows == measurement.rows and so_far[0].at == measurement.at:
+            elif _alike(so_far[0], measurement):
                 pending[key] = _averaged(*so_far, measurement, 1), so_far[1] + 1
             else:
                 first = min(first, self._insert(measurement, 1))
         for measurement, count in pending.values():
             first = min(first, self._insert(measurement, count))
         self._arrived.clear()
-        believed = self._believed()
-        self._placed = any(each.settings.tells_pose for each in believed)
-        self._turning = any(each.name in self._gyros for each in believed)
-        self._rolling = any(each.name in self._wheels_of for each in believed)
+        believed = {name for name, judge in self._judges.items() if judge.believed}
+        self._placed = not believed.isdisjoint(self._frames)
+        self._turning = not believed.isdisjoint(self._gyros)
+        self._rolling = not believed.isdisjoint(self._wheels_of)
         self._apply(first)
         self._forget(now - HORIZON)
         for judge in self._judges.values():
             if now - judge.since > judge.settings.timeout and judge.reason != "silent":
                 self._tell(judge.doubt("silent"))
         belief, time = (self._entries[-1].belief, self._entries[-1].time) if self._entries else self._began()
-        return self._estimate(self._predicted(belief, now - time))
+        return self._estimate(self._predicted(belief, now - time) if now - time >= SAME_INSTANT else belief)
 
     @property
     def turning(self) -> bool:
@@ -270,9 +273,10 @@ class Fusion:
         frames = self._frames
         if not frames or not self._located:
             return
-        if not all(self._judges[name].believed or self._judges[name].reason == WHEELS for name in self._wheels_of):
-            self._reckoning.clear()
-            return
+        for name in self._wheels_of:
+            if not self._judges[name].believed and self._judges[name].reason != WHEELS:
+                self._reckoning.clear()
+                return
         _, v, turning, gyro, _ = cycle
         omega = gyro if gyro is not None and self._turning else turning
         slip = (self._entries[-1].belief if self._entries else self._base).mean[SLIP]
@@ -349,23 +353,18 @@ class Fusion:
         # of the same instant, too, there is one order
         key = (round(time / SAME_INSTANT), measurement.sensor)
         last = not entries or entries[-1].key <= key
-        place = len(entries) if last else bisect_right(entries, key, key=attrgetter("key"))
+        place = len(entries) if last else bisect_right(entries, key, key=_KEY)
         entries.insert(place, _Entry(measurement, self._base, time, key, count=count))
         return min(place, removed)
 
     def _companion(self, measurement: Measurement) -> int | None:
         """The place of a reading of the same sensor in the same slot."""
-        slot = _slot(measurement.time)
-        entries = self._entries
-        for place in range(len(entries) - 1, -1, -1):
-            entry = entries[place]
-            if entry.time < slot * SLOT - SAME_INSTANT:
-                return None
-            other = entry.measurement
-            if other.sensor != measurement.sensor or other.kind is not measurement.kind or _slot(entry.time) != slot:
-                continue
-            if other.rows == measurement.rows and other.at == measurement.at:
+        sensor, slot, entries = measurement.sensor, _slot(measurement.time), self._entries
+        place, begin = len(entries) - 1, slot * SLOT - SAME_INSTANT
+        while place >= 0 and (entry := entries[place]).time >= begin:
+            if entry.key[1] == sensor and _slot(entry.time) == slot and _alike(entry.measurement, measurement):
                 return place
+            place -= 1
         return None
 
     def _began(self) -> tuple[Belief, float]:
@@ -382,8 +381,6 @@ class Fusion:
             del entries[:old]
 
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
-        if bend == 0.0 and dt < SAME_INSTANT:
-            return belief
         density, sideways = self._moving, self.sideways
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, 0.0, sideways), dt - STEP_MAX
@@ -398,7 +395,9 @@ class Fusion:
             measurement = entry.measurement
             steering = measurement.kind is Kind.STEERING
             bend = measurement.values[0] if steering else 0.0
-            belief, time = self._predicted(belief, entry.time - time, bend), entry.time
+            if bend or entry.time - time >= SAME_INSTANT:
+                belief = self._predicted(belief, entry.time - time, bend)
+            time = entry.time
             if not steering:
                 if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
                     belief = self._slip_unknown(belief)
@@ -536,10 +535,10 @@ class Fusion:
         measurement = entry.measurement
         sigmas = measurement.sigmas
         after, nis, _ = update(belief, residual, h, sigmas)
-        gate = judge.settings.gate**2
         if not entry.new:
             return self._softly(belief, after, nis, residual, h, sigmas) if entry.used else belief
         entry.new = False
+        gate = judge.settings.gate**2
         judge.surprised(nis, len(residual))
         leapt = judge.leapt(measurement)
         frame = self._frames.get(judge.name)
@@ -690,17 +689,17 @@ class Fusion:
 
     def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Row]]:
         """The measurement less its expectation, and the rows of the Jacobian."""
-        kind, rows, values = measurement.kind, measurement.rows, measurement.values
+        kind, values = measurement.kind, measurement.values
+        if kind is Kind.GYRO:
+            return (values[0] - mean[OMEGA] - mean[BIAS],), (GYRO,)
+        rows = measurement.rows
         expected: Sequence[float]
         h: Sequence[Row]
-        if kind is Kind.GYRO:
-            _, _, _, _, omega, bias, _ = mean
-            return (values[0] - omega - bias,), (GYRO,)
         if kind is Kind.ENCODERS:
-            expected, h = encoders(mean)
             # how far they turn is told by `Kind.TURN`
             if self._turning and rows == (0, 1):
-                return (values[0] - expected[0],), h[:1]
+                return (values[0] - mean[ROLLED],), (ROLLED,)
+            expected, h = encoders(mean)
         elif kind is Kind.VELOCITY:
             expected, h = velocities(mean)
         elif measurement.at == (0.0, 0.0):
@@ -748,31 +747,25 @@ class Fusion:
 
     def _estimate(self, belief: Belief) -> Estimate:
         x, y, theta, _, omega, bias, slip = belief.mean
-        v, told = outside(belief)
         xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
-        others = [(OTHER, self._carried), (OTHER, self._dispute)]
-        others += [
-            (frame.probability, (*frame.pulled, 0.0))
-            for name, frame in self._frames.items()
-            if frame.probability and self._judges[name].believed
-        ]
-        for probability, other in others:
-            if other is not None:
-                # of two hypotheses: the pose, and where a sensor or dead reckoning would have it
-                share = probability * (1.0 - probability)
-                dx, dy, turn = other
-                xx, xy = xx + share * dx * dx, xy + share * dx * dy
-                yy, tt = yy + share * dy * dy, tt + share * turn * turn
+        others: list[tuple[float, Sequence[float]]] = []
+        if self._carried is not None:
+            others.append((OTHER, self._carried))
+        if any(self._dispute):
+            others.append((OTHER, self._dispute))
+        for name, frame in self._frames.items():
+            if frame.probability and self._judges[name].believed:
+                others.append((frame.probability, (*frame.pulled, 0.0)))
+        for probability, (dx, dy, turn) in others:
+            # of two hypotheses: the pose, and where a sensor or dead reckoning would have it
+            share = probability * (1.0 - probability)
+            xx, xy = xx + share * dx * dx, xy + share * dx * dy
+            yy, tt = yy + share * dy * dy, tt + share * turn * turn
         if self.doubt is not None:
             more = self.doubt(belief.mean)
             xx, xy, yy, tt = xx + more[0], xy + more[1], yy + more[2], tt + more[3]
         way_x, way_y = self._way_doubt
-        xx, yy = xx + way_x * way_x, yy + way_y * way_y
-        if xx or yy or tt:
-            told = (
-                told[0] + xx, told[1] + xy, *told[2:5], told[5] + xy, told[6] + yy, *told[7:12], told[12] + tt,
-                *told[13:],
-            )  # fmt: skip
+        v, told = outside(belief, (xx + way_x * way_x, xy, yy + way_y * way_y, tt))
         return Estimate(x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located)
 
 
@@ -803,18 +796,21 @@ def _slot(time: float) -> int:
     return int(time / SLOT + 1e-6)
 
 
+def _alike(one: Measurement, two: Measurement) -> bool:
+    """Whether two readings of a sensor may be averaged."""
+    return one.kind is two.kind and one.rows == two.rows and one.at == two.at
+
+
 def _averaged(mean: Measurement, count: int, more: Measurement, further: int) -> Measurement:
     """The mean of two groups of readings with independent errors, from the means and sizes of the groups."""
     share = further / (count + further)
-    values = [one + share * (two - one) for one, two in zip(mean.values, more.values, strict=True)]
-    if mean.kind is Kind.POSE and mean.rows[-1] == THETA:
-        values[-1] = mean.values[-1] + share * wrap_angle(more.values[-1] - mean.values[-1])
     less = sqrt(1.0 - share)
-    return mean._replace(
-        time=mean.time + share * (more.time - mean.time),
-        values=tuple(values),
-        sigmas=tuple([less * sigma for sigma in mean.sigmas]),
-    )
+    time, sensor, kind, rows, values, sigmas, at = mean
+    means = [one + share * (two - one) for one, two in zip(values, more.values, strict=True)]
+    if kind is Kind.POSE and rows[-1] == THETA:
+        means[-1] = values[-1] + share * wrap_angle(more.values[-1] - values[-1])
+    time += share * (more.time - time)
+    return Measurement(time, sensor, kind, rows, tuple(means), tuple([less * sigma for sigma in sigmas]), at)
 
 
 def _grown(rows: Sequence[int], residual: Sequence[float], slid: float) -> Array:
