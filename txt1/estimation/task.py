@@ -75,6 +75,9 @@ _COVARIANCES: Final = [
 ]
 
 
+_SIGMA: Final = itemgetter(1)
+
+
 def _message(estimate: Estimate) -> tuple[float, ...]:
     x, y, theta, v, omega, covariance = estimate[:6]
     return x, y, sin(0.5 * theta), cos(0.5 * theta), v, omega, *(covariance[own] for _, _, own in _COVARIANCES)
@@ -170,6 +173,9 @@ class Estimator:
             self.fusion.doubt = self._doubt
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
+        # of it, m, rad and m: they take a while to compute
+        self._count_length = geometry.count_length
+        self._steering_max, self._lever = geometry.steering_max, geometry.lever
         self._read = 0.0
         # of the steering as it should be, rad, left positive
         self._angle = 0.0
@@ -225,12 +231,15 @@ class Estimator:
         given = (measurement,) if self.through is None else self.through(measurement)
         for each in given:
             self.fusion.take(each)
-            if each.kind is Kind.GYRO and isfinite(each.values[0]):
-                self._turns.append(each.values[0])
-                if not self._gyro or each.time > self._gyro[-1][0]:
-                    # as it came, without what was learned of its scale
-                    self._gyro.append((each.time, each.values[0]))
-            elif each.kind is Kind.ENCODERS and each.rows == (0, 1) and isfinite(sum(each.values)):
+            kind = each.kind
+            if kind is Kind.GYRO:
+                time, (rate,) = each.time, each.values
+                if isfinite(rate):
+                    self._turns.append(rate)
+                    if not self._gyro or time > self._gyro[-1][0]:
+                        # as it came, without what was learned of its scale
+                        self._gyro.append((time, rate))
+            elif kind is Kind.ENCODERS and each.rows == (0, 1) and isfinite(sum(each.values)):
                 self._wheels = each.values[0], each.values[1]
 
     def step(self, now: float, wheels: Wheels) -> Estimate:
@@ -258,10 +267,9 @@ class Estimator:
 
     def _doubt(self, mean: Seven) -> tuple[float, float, float, float]:
         """Variances of the pose by mounts and clocks: of the sensor that leaves the least of them."""
-        doubts = [each.doubt(mean) for name, each in self._calibrations.items() if self.fusion.believes(name)]
-        if not doubts:
-            return 0.0, 0.0, 0.0, 0.0
-        return doubts[0] if len(doubts) == 1 else min(doubts)
+        believes = self.fusion.believes
+        doubts = [each.doubt(mean) for name, each in self._calibrations.items() if believes(name)]
+        return min(doubts, default=(0.0, 0.0, 0.0, 0.0))
 
     def _vote(self, dt: float, bias: float) -> None:
         """Let the witnesses of the yaw rate report, and vote."""
@@ -276,7 +284,7 @@ class Estimator:
                 calibration.cycle(self._read, dt, *wheels, self._gyro)
                 self._gyro_scale = calibration.corrections.scale
             if self._calibrations:
-                self.fusion.sideways = min((each.sideways for each in self._calibrations.values()), key=itemgetter(1))
+                self.fusion.sideways = min([each.sideways for each in self._calibrations.values()], key=_SIGMA)
         turns.clear()
         self._wheels = None
         if not self.fusion.turning:
@@ -299,7 +307,7 @@ class Estimator:
         elif turning.still is not still:
             self._compared.append(turning)
             turning = Turning(begin, begin, 0.0, still)
-        turning = turning._replace(end=self._read, angle=turning.angle + omega * dt)
+        turning = Turning(turning.begin, self._read, turning.angle + omega * dt, turning.still)
         if turning.end - turning.begin >= TURN_TIME:
             self._compared.append(turning)
             turning = Turning(self._read, self._read, 0.0, still)
@@ -324,7 +332,7 @@ class Estimator:
         dt = end - begin
         share = SKID_SHARE if self._geometry.steering == "skid" else 0.0
         # infinite without encoders
-        counts = self._geometry.count_length / (self._geometry.track_width * sqrt(3.0))
+        counts = self._count_length / (self._geometry.track_width * sqrt(3.0))
         noise = TURN_NOISE * sqrt(dt)
         by_wheels = 0.0 if still else hypot(counts, noise, share * path, GYRO_CLOCK * swing)
         sigma = hypot(by_wheels, SIGMA_GYRO * sqrt(dt * 0.01))
@@ -340,22 +348,24 @@ class Estimator:
         settings = self.settings.get(ENCODERS)
         if settings is None:
             return
-        body = self._geometry
-        if isfinite(body.count_length):
+        if self._counts:
             known = self._steering is not None
             v, omega = centred(v, omega, self._wheelbase, 0.5 * (before + self._angle) if known else None)
             # a count more or less at both ends of the time: a difference of two uniform errors
-            count = body.count_length / dt / sqrt(6.0)
-            own = hypot(count / sqrt(2.0), SPEED_MODEL), hypot(count * sqrt(2.0) / body.track_width, YAW_MODEL)
+            count, track_width = self._count_length / dt / sqrt(6.0), self._geometry.track_width
+            own = hypot(count / sqrt(2.0), SPEED_MODEL), hypot(count * sqrt(2.0) / track_width, YAW_MODEL)
         else:
             # no encoders: speed and yaw rate are what was asked for
             own = BLIND_SPEED + BLIND_SHARE * abs(v), BLIND_YAW + BLIND_SHARE * abs(omega)
-        values, sigmas = (v, omega), (settings.sigma.get("v") or own[0], settings.sigma.get("omega") or own[1])
         rows: tuple[int, ...] = (0, 1)
+        values: tuple[float, ...] = (v, omega)
+        sigmas: tuple[float, ...] = own
+        if settings.sigma:
+            sigmas = settings.sigma.get("v", own[0]), settings.sigma.get("omega", own[1])
         if settings.fields is not None:
             rows = tuple(row for row, name in enumerate(("v", "omega")) if name in settings.fields)
-        told, its = tuple([values[row] for row in rows]), tuple([sigmas[row] for row in rows])
-        self._give(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, told, its))
+            values, sigmas = tuple(values[row] for row in rows), tuple(sigmas[row] for row in rows)
+        self._give(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, values, sigmas))
         spun, news = self._spinning.doubt(v, dt) if self._counts else (0.0, "")
         if news:
             self.fusion.changes.append(news)
@@ -374,11 +384,10 @@ class Estimator:
         before, self._steering = self._steering, steering
         if before is None:
             return
-        body = self._geometry
-        aimed = body.steering_max * max(-1.0, min(1.0, before / STEERING_MAX))
+        aimed = self._steering_max * max(-1.0, min(1.0, before / STEERING_MAX))
         turned = max(-SERVO_RATE * dt, min(SERVO_RATE * dt, aimed - self._angle))
         self._angle += turned
-        curvature = tan(self._angle) / body.lever
+        curvature = tan(self._angle) / self._lever
         bend, self._curvature = curvature - self._curvature, curvature
         if bend:
             half = 0.5 * abs(turned) / SERVO_RATE
