@@ -38,7 +38,10 @@ def fusable(kind: type) -> bool:
 
 
 def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]], list[Measurement]]:
-    """The function that makes measurements of a sensor's readings, one for each kind of quantity in it."""
+    """The function that makes measurements of a sensor's readings, one for each kind of quantity in it.
+
+    Numbers become Python's: a single numpy.float32 among them would make the whole filter one of 7 digits.
+    """
     wanted = USUAL[kind] if settings.fields is None else settings.fields
     given, assumed, delay = settings.sigma, SIGMAS[kind], settings.delay
     ahead, left = settings.lever
@@ -46,7 +49,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
         rate, factor = given.get("omega", assumed["omega"]), 1.0 + settings.scale
 
         def gyro(reading: Reading[ImuReading]) -> list[Measurement]:
-            turning = reading.value.rates[2] / factor
+            turning = float(reading.value.rates[2]) / factor
             return [Measurement(reading.time - delay, name, Kind.GYRO, (0,), (turning,), (rate,))]
 
         return gyro if "omega" in wanted else lambda reading: []
@@ -72,7 +75,8 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
                 values, sigmas = tuple(values[place] for place in known), tuple(sigmas[place] for place in known)
                 rows = tuple(rows[place] for place in known)
             if values:
-                made.append(Measurement(time, name, what, rows, values, sigmas, at))
+                told, its = tuple(map(float, values)), tuple(map(float, sigmas))
+                made.append(Measurement(time, name, what, rows, told, its, at))
         return made
 
     return moving
