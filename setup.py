@@ -53,6 +53,7 @@ MODULES = {
     "model": ["kinematics", "odometry"],
     "sim": ["battery", "lamp", "obstacles", "room", "vehicle", "dynamics", "world"],
     "control": ["commander", "limits", "pid"],
+    "estimation": ["ekf", "frame", "fusion", "judge", "measurement", "motor", "readings", "spinning", "task", "vote"],
     "tasks": ["battery", "controller", "encoder", "panel", "serial", "state"],
     "record": ["encoder", "recorder"],
     "telemetry": ["bus"],
@@ -63,7 +64,8 @@ MODULES = {
 So the driver, the messages and the simulated hardware layer are not here, which costs a run of one robot 1.5 per cent:
 compiled, they would refuse a wrong value with a TypeError of their own, and nobody could replace their methods.
 Nor is what a snapshot tells in nested tuples: they would lose the types by which they are read back; nor
-`model.light_sensors`: mypyc 2.4 takes a constant of tuples of floats for not set where it is a parameter's default.
+`model.light_sensors`: mypyc 2.4 takes a constant of tuples of floats for not set where it is a parameter's default, and
+a tuple of floats likewise, unless its type is `tuple[float, ...]`. `estimation.readings` makes floats of all values.
 """
 
 COMPILE = os.environ.get("COMPILE_TXT1") == "1"

@@ -14,8 +14,8 @@ from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import ConfigError, NotCapable
 from txt1.estimation.calibration import Corrections
+from txt1.estimation.ekf import Seven
 from txt1.estimation.filtering import wheels
-from txt1.estimation.fusion import Estimate
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ESTIMATION_PERIOD, FILTERED, PRIORITY, TRUSTS, Estimator
@@ -190,10 +190,10 @@ async def fused() -> AsyncIterator[Robot]:
 
 
 def in_the_filter(estimator: Estimator, now: float) -> None:
-    def step(now: float) -> Estimate:
+    def doubt(mean: Seven) -> tuple[float, float, float, float]:
         raise ValueError("a mistake\nin the filter")
 
-    estimator.fusion.step = step  # type: ignore[method-assign]
+    estimator.fusion.doubt = doubt
 
 
 def in_a_reading(estimator: Estimator, now: float) -> None:

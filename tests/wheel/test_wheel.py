@@ -20,7 +20,8 @@ RUN = ("run", "--hal", "sim", "--headless", "--json", "--speed", "max", "--seed"
 SUITES = (
     *("test_robot.py", "test_closed_loop.py", "test_safety.py", "test_learning.py", "test_learning_on_hardware.py"),
     *("test_commander.py", "test_sensors.py", "test_world.py", "../conformance"),
-    *("test_processes.py", "test_record_replay.py", "../unit/ui", "../unit/telemetry"),
+    *("test_processes.py", "test_record_replay.py", "test_estimation.py"),
+    *("../unit/ui", "../unit/telemetry", "../unit/estimation"),
 )
 LEARN = ("learn", "--agent", "thesis", "--trials", "2", "--episodes", "6", "--seed", "3")
 
@@ -74,8 +75,8 @@ def test_the_wheel_is_compiled_and_the_sources_are_not(installed: Path) -> None:
 @pytest.mark.parametrize("hal", ["sim", "serial"])
 def test_a_run_and_its_recording_are_the_same(installed: Path, tmp_path: Path, hal: str) -> None:
     def run(package: Path, file: Path) -> dict[str, Any]:
-        port = ("--port", "virtual") if hal == "serial" else ()
-        command = ("-m", "txt1", *RUN, "--hal", hal, *port, "--duration", "30", "--log", str(file))
+        more = ("--port", "virtual") if hal == "serial" else ("--set", "estimation.preset=vicon")
+        command = ("-m", "txt1", *RUN, "--hal", hal, *more, "--duration", "30", "--log", str(file))
         result: dict[str, Any] = json.loads(python(package, *command))
         return unmeasured(result)
 

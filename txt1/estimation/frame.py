@@ -30,7 +30,7 @@ from txt1.estimation.ekf import Array, Belief
 from txt1.estimation.measurement import Measurement
 
 # s: a precise sensor tells soon, a GPS of 1 m later
-WINDOWS: Final = (0.8, 1.6, 3.2)
+WINDOWS: Final[tuple[float, ...]] = (0.8, 1.6, 3.2)
 # s between two readings that are compared
 PICKED: Final = 0.1
 # readings

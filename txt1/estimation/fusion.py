@@ -47,8 +47,9 @@ from txt1.estimation.ekf import (
     velocities,
 )
 from txt1.estimation.frame import USUAL, Frame, Reckoning
-from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge, Trust
+from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.trust import Trust
 from txt1.estimation.vote import Cycle, Place, Vote
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
@@ -324,7 +325,7 @@ class Fusion:
             self._gyros.add(measurement.sensor)
         elif kind is Kind.ENCODERS:
             self._wheels_of.add(measurement.sensor)
-        if not isfinite(sum(measurement.values)) or not min(measurement.sigmas) > 0.0:
+        if not all(map(isfinite, measurement.values)) or not min(measurement.sigmas) > 0.0:
             wrong = "no number"
         elif not recent:
             judge.late += 1

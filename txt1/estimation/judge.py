@@ -22,9 +22,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 from operator import sub
-from typing import Final, NamedTuple
+from typing import Final
 
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.trust import Trust
 from txt1.model.kinematics import wrap_angle
 
 # s for which readings fit before a sensor that failed is believed again,
@@ -52,28 +53,9 @@ OTHER: Final = 0.2
 # readings after a leap, before anybody may have been carried anywhere
 SEVERAL: Final = 3
 # chi-square of 1, 2, 3 numbers at 99 %
-CHI99: Final = (6.635, 9.210, 11.345)
+CHI99: Final[tuple[float, ...]] = (6.635, 9.210, 11.345)
 # chi-square of 1, 2, 3 numbers at 95 %
-CHI95: Final = (3.841, 5.991, 7.815)
-
-
-class Trust(NamedTuple):
-    """How much a sensor is believed, and why."""
-
-    name: str
-    believed: bool
-    # why not; empty while it is
-    reason: str
-    # readings that were taken in
-    used: int
-    # readings that were not
-    rejected: int
-    # readings that were older than the horizon
-    late: int
-    # mean of NIS over the number of values: about 1 when its covariance is right
-    surprise: float
-    # of the last reading, s of the run
-    time: float | None
+CHI95: Final[tuple[float, ...]] = (3.841, 5.991, 7.815)
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,8 @@ def fusable(kind: type) -> bool:
 def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]], list[Measurement]]:
     """The function that makes measurements of a sensor's readings, one for each kind of quantity in it.
 
-    Numbers become Python's: a single numpy.float32 among them would make the whole filter one of 7 digits.
+    Numbers become Python's: a single numpy.float32 among them would make the whole filter one of 7 digits. Readings are
+    anybody's, so they have no type here that the compiled wheel would insist on.
     """
     wanted = USUAL[kind] if settings.fields is None else settings.fields
     given, assumed, delay = settings.sigma, SIGMAS[kind], settings.delay
@@ -48,7 +49,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
     if kind is ImuReading:
         rate, factor = given.get("omega", assumed["omega"]), 1.0 + settings.scale
 
-        def gyro(reading: Reading[ImuReading]) -> list[Measurement]:
+        def gyro(reading: Reading[Any]) -> list[Measurement]:
             turning = float(reading.value.rates[2]) / factor
             return [Measurement(reading.time - delay, name, Kind.GYRO, (0,), (turning,), (rate,))]
 

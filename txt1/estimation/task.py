@@ -11,12 +11,13 @@ import numpy as np
 from txt1.estimation.calibration import GYRO_CLOCK, Calibration
 from txt1.estimation.ekf import Seven, centred
 from txt1.estimation.fusion import Fusion
-from txt1.estimation.judge import Belonging, Trust
+from txt1.estimation.judge import Belonging
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.motor import MotorWitness
 from txt1.estimation.readings import plan, tells_pose
 from txt1.estimation.settings import EstimationConfig, FusedConfig
 from txt1.estimation.spinning import SpinWitness
+from txt1.estimation.trust import Trust
 from txt1.estimation.vote import Cycle
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
@@ -239,7 +240,7 @@ class Estimator:
                     if not self._gyro or time > self._gyro[-1][0]:
                         # as it came, without what was learned of its scale
                         self._gyro.append((time, rate))
-            elif kind is Kind.ENCODERS and each.rows == (0, 1) and isfinite(sum(each.values)):
+            elif kind is Kind.ENCODERS and each.rows == (0, 1) and all(map(isfinite, each.values)):
                 self._wheels = each.values[0], each.values[1]
 
     def step(self, now: float, wheels: Wheels) -> Estimate:
@@ -250,8 +251,8 @@ class Estimator:
                 self._take_wheels(wheels, dt)
             self._read = wheels.time
         estimate = self.fusion.step(now)
-        *moving, covariance, bias, slip, _ = estimate
-        if not isfinite(sum(moving) + sum(covariance) + bias + slip):
+        x, y, theta, v, omega, covariance, bias, slip, _ = estimate
+        if not isfinite(x + y + theta + v + omega + bias + slip + sum(covariance)):
             raise ArithmeticError("the filter's state is not finite")
         self.estimate = estimate
         self._vote(dt, bias)

@@ -177,7 +177,8 @@ def test_the_covariance_stays_symmetric_and_positive_whatever_is_measured(seed: 
         h = rng.normal(size=(int(rng.integers(1, 4)), SIZE))
         h[:, slice(0, ROLLED) if rng.random() < 0.5 else slice(ROLLED, SIZE)] = 0.0
         sigmas = 10.0 ** rng.uniform(-4.0, 0.0, len(h))
-        belief, nis, _ = update(belief, rng.normal(size=len(h)).tolist(), h.tolist(), sigmas.tolist())
+        told = list(map(tuple, h.tolist()))
+        belief, nis, _ = update(belief, rng.normal(size=len(h)).tolist(), told, sigmas.tolist())
         assert nis >= 0.0
         assert np.linalg.eigvalsh(belief.covariance).min() > -1e-14 * before, "but for rounding"
 
