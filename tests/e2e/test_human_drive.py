@@ -40,3 +40,15 @@ def test_a_seed_repeats_a_drive_and_the_gate_lets_all_of_it_pass() -> None:
             return robot.pose
 
     assert run(drive(), speed="max") == run(drive(), speed="max")
+
+
+@pytest.mark.parametrize("seed", [3, 22])
+def test_slip_that_changes_in_a_curve_is_no_frame_that_moves(seed: int) -> None:
+    async def drive() -> list[str]:
+        config = load(None, [f"seed={seed}", *ENDLESS, "estimation.preset=vicon"]).config
+        async with Robot.open(config=config, hal="sim") as robot:
+            await robot.load_gains()
+            await drive_as_a_person(robot, seed, 17.0)
+            return [each.text for each in robot.runtime.state.events]
+
+    assert not any("frame moves" in each for each in run(drive(), speed="max"))

@@ -5,16 +5,16 @@ it slides aside a little, the mount and the clock are not quite as stated. So ov
 sensor's positions z and the reckoned ones p (both in the room's axes, P from the window's middle) is by hypothesis
 
     usual  z - p = c + s P + a J P + R(theta) e - tau v
-    car    the same, with more slip, + u M
+    car    the same, + u M in each piece of the window
     frame  the same as usual, + w t
 
 with J a quarter turn and M the way at 1 m/s, all linear with normal priors: slip s, direction a, lever arm e, clock
-tau, another speed u than the wheels tell, and the frame's own velocity w. The frame moves where the likelihood ratio of
-the two refutes the car, which does not fit, while the frame does: a generalised likelihood ratio test (A. S. Willsky,
-H. L. Jones, IEEE TAC 21(1), 1976). Slip that changes within the window fits neither, and decides nothing. Where gyro
-and wheels miss the headings, they err: nothing is decided. On a straight way slip and a frame that moves along it are
-the same: the next curve tells. Meanwhile the frame's probability, by the densities of both hypotheses, weighs the
-covariance of a pose that follows it.
+tau, another speed u than the wheels tell, as they slip, and the frame's own velocity w. The frame moves where the
+likelihood ratio of the two refutes the car, which does not fit, while the frame does: a generalised likelihood ratio
+test (A. S. Willsky, H. L. Jones, IEEE TAC 21(1), 1976). The car's speed may be another in each piece, as slip changes.
+So only what goes across its way refutes it: on a straight way slip and a frame that moves along it are the same, and
+the next curve tells. Where gyro and wheels miss the headings, they err, and nothing is decided. Meanwhile the frame's
+probability, by the densities of both hypotheses, weighs the covariance of a pose that follows it.
 """
 
 from bisect import bisect_left
@@ -35,6 +35,8 @@ WINDOWS: Final[tuple[float, ...]] = (0.8, 1.6, 3.2)
 PICKED: Final = 0.1
 # readings
 ENOUGH: Final = 7
+# s for which the wheels miss the car's speed by the same
+PIECE: Final = 0.2
 # s of reckoning
 KEPT: Final = 2.0
 # s over which slip is averaged, to tell whether it has changed
@@ -214,20 +216,20 @@ class Frame:
         headings = turn + spots[:, 3]
         ahead, aside = np.cos(headings), np.sin(headings)
         one, none = np.ones(count), np.zeros(count)
+        ways, speeds = _pieces(times, ahead, aside, spots[:, 6])
         rows = np.array([
             [one, none], [none, one], [px, py], [-py, px], [ahead, aside], [-aside, ahead],
-            [-ahead * spots[:, 6], -aside * spots[:, 6]], [_integral(ahead, times), _integral(aside, times)],
-            [times, none], [none, times],
-        ]).reshape(10, -1)  # fmt: skip
+            [-ahead * spots[:, 6], -aside * spots[:, 6]], [times, none], [none, times], *ways,
+        ]).reshape(9 + len(ways), -1)  # fmt: skip
         turned = abs(spots[-1, 3] - spots[0, 3]) / span
         direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()))
         shared = [1e3, 1e3, USUAL, direction, LEVER, LEVER, CLOCK]
         noise = hypot(max(each.sigma for each in picks), RECKONED)
         left = np.concatenate((xs - xs.mean(), ys - ys.mean())) / noise
         rows = rows / noise
-        frame, frame_unlikely = _misfit(left, np.delete(rows, 7, 0), [*shared, MOVES, MOVES])
-        shared[2] = SLIPS
-        car, car_unlikely = _misfit(left, rows[:8], [*shared, UNTOLD])
+        frame, frame_unlikely = _misfit(left, rows[:9], [*shared, MOVES, MOVES])
+        slips = [hypot(SLIPS * speed, UNTOLD) for speed in speeds]
+        car, car_unlikely = _misfit(left, np.delete(rows, (7, 8), 0), [*shared, *slips])
         free = 2 * count - 2
         # Wilson and Hilferty's quantile of chi-square
         limit = free * (1.0 - 2.0 / (9.0 * free) + FITS * sqrt(2.0 / (9.0 * free))) ** 3
@@ -273,11 +275,16 @@ def _agrees(one: _Pick, two: _Pick) -> bool:
     return hypot(two.x - one.x - dx, two.y - one.y - dy) < _noise(one, two)
 
 
-def _integral(values: Array, times: Array) -> Array:
-    """The integral of values over times, less its mean."""
-    total = np.concatenate(((0.0,), np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(times))))
-    middled: Array = total - total.mean()
-    return middled
+def _pieces(times: Array, ahead: Array, aside: Array, speeds: Array) -> tuple[list[list[Array]], list[float]]:
+    """The way within each piece of a window at 1 m/s, by the heading's cosine and sine, and the wheels' speed there."""
+    which = ((times - times[0] - 1e-6) / PIECE).astype(int)[1:]
+    spans, middled = np.diff(times), [0.5 * (each[1:] + each[:-1]) for each in (ahead, aside)]
+    ways, told = [], []
+    for piece in range(int(which[-1]) + 1):
+        inside = which == piece
+        ways.append([np.concatenate(((0.0,), np.cumsum(each * spans * inside))) for each in middled])
+        told.append(float(np.abs(speeds[1:][inside]).mean()) if inside.any() else 0.0)
+    return ways, told
 
 
 def _misfit(left: Array, rows: Array, priors: list[float]) -> tuple[float, float]:
