@@ -49,6 +49,7 @@ from txt1.estimation.ekf import (
 from txt1.estimation.frame import USUAL, Frame, Reckoning
 from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.spinning import HOLDS
 from txt1.estimation.trust import Trust
 from txt1.estimation.vote import Cycle, Place, Vote
 from txt1.model.estimate import Estimate
@@ -484,11 +485,13 @@ class Fusion:
         misses: Sequence[float],
     ) -> Belief:
         """Return the belief with the wheels' speed and yaw rate, if either misses by more than chance."""
-        wide = belief
-        for row, left, miss in zip(measurement.rows, residual, misses, strict=False):
+        wide, sigmas = belief, list(measurement.sigmas[: len(residual)])
+        for place, (row, left, miss) in enumerate(zip(measurement.rows, residual, misses, strict=False)):
             if not -TRACKS <= miss <= TRACKS:
                 wide = ramped(wide, ROLLED if row == 0 else OMEGA, left * left, SLOT)
-        sigmas = measurement.sigmas[: len(residual)]
+                if row == 0 and abs(left) > HOLDS * SLOT:
+                    # wheels that lock or spin: the car's speed is anywhere between its last one and theirs
+                    sigmas[place] = abs(left)
         if not self._turning and not self._placed:
             return _considered(wide, residual, h, sigmas)
         return after if wide is belief else update(wide, residual, h, sigmas)[0]

@@ -271,6 +271,16 @@ def test_wheels_that_slip_are_no_frame_that_moves(share: float) -> None:
     assert not any("frame moves" in each for each in drive.fusion.changes)
 
 
+def test_wheels_that_lock_for_a_moment_do_not_stop_the_car() -> None:
+    drive = Drive(("imu", "encoders"))
+    drive.go(2.0)
+    locked = lambda m: m._replace(values=(0.0, 0.0)) if m.sensor == "encoders" else m  # noqa: E731
+    drive.go(0.02, locked)
+    assert V - 0.3 <= drive.estimate.v <= V, "no tyre stops it at once"
+    drive.go(0.1, locked)
+    assert drive.estimate.v == pytest.approx(0.0, abs=0.05), "it stands, as wheels do not lock for so long"
+
+
 def test_a_gyro_that_errs_is_no_frame_that_moves() -> None:
     drive = Drive()
     drive.go(10.0)
