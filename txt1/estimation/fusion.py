@@ -159,9 +159,9 @@ class Fusion:
         self.sideways = 0.0, drift.sideways
         """How much it slides outwards in curves, and the standard deviation of that, s^2/m, of `ekf.predict`."""
         self._density: Seven = drift.density()
-        # as it is by itself, and with slip as it changes here
-        self._moving = self._density
-        self._slips = self._density[SLIP]
+        # as it is by itself, and with slip as it changes here: much, until turns tell otherwise
+        self._slips = slip_sigma**2
+        self._moving = _walking(self._density, self._slips)
         self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
         self._slip_sigma = slip_sigma
         sigmas = np.array([BEGUN, BEGUN, BEGUN, SPEED, YAW_RATE, BIASED, slip_sigma])
@@ -529,8 +529,7 @@ class Fusion:
         expectation is added to the expectation.
         """
         self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
-        x, y, theta, rolled, omega, bias, usual = self._density
-        self._moving = x, y, theta, rolled, omega, bias, max(usual, self._slips)
+        self._moving = _walking(self._density, self._slips)
 
     def _place(
         self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float], h: Sequence[Row]
@@ -794,6 +793,12 @@ def _moved(belief: Belief, by: tuple[float, float, float]) -> Belief:
     """The belief somewhere else (m, m), with this slip."""
     x, y, theta, rolled, omega, bias, _ = belief.mean
     return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2]), belief.triangle)
+
+
+def _walking(density: Seven, slips: float) -> Seven:
+    """The density with slip that changes by so much at least, a variance of a second."""
+    x, y, theta, rolled, omega, bias, usual = density
+    return x, y, theta, rolled, omega, bias, max(usual, slips)
 
 
 def _slot(time: float) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import Estimator, Wheels
+from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import Geometry
 from txt1.sensors.base import Reading
@@ -17,30 +18,48 @@ CYCLE = 0.02  # s
 LARGEST = 0.001  # rad/s
 
 
-def missed(seconds: float, rate: Callable[[float], float], *, v: float = 0.5, late: float = 0.0) -> list[float]:
-    """By how much the bias is missed (rad/s) in each cycle, with a yaw rate (rad/s) over time and a late gyro (s)."""
+def missed(
+    seconds: float,
+    rate: Callable[[float], float],
+    *,
+    v: float = 0.5,
+    late: float = 0.0,
+    slip: Callable[[float], float] = lambda _: 0.0,
+) -> list[tuple[float, float]]:
+    """By how much the bias is missed (rad/s), and the heading (of its sigma), in each cycle.
+
+    With a yaw rate (rad/s) and a slip over time, and a late gyro (s).
+    """
     rng = np.random.default_rng(1)
     car = Geometry(steering="front")
     estimator = Estimator(EstimationConfig(sensors=("imu", "encoders")), {"imu": ImuReading}, car)
-    found = []
+    found, theta = [], 0.0
     for cycle in range(1, round(seconds / CYCLE) + 1):
         now = cycle * CYCLE
         for time in (now - 0.5 * CYCLE, now):
             told = rate(time - late) + BIAS + NOISE * float(rng.normal())
             estimator.take("imu", Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
-        omega = rate(now - 0.5 * CYCLE)
+        omega = rate(now - 0.5 * CYCLE) / (1.0 - slip(now))
         wheels = Wheels(Odometry(0.0, 0.0, 0.0, v, omega), now, None, v, None)
-        found.append(estimator.step(now, wheels).bias - BIAS)
+        theta += CYCLE * rate(now - 0.5 * CYCLE)
+        estimate = estimator.step(now, wheels)
+        found.append((estimate.bias - BIAS, wrap_angle(estimate.theta - theta) / estimate.sigma(2)))
     return found
 
 
 def test_a_car_that_stands_tells_the_gyros_bias_as_well_as_the_gyros_noise_lets_it() -> None:
     mean = NOISE / np.sqrt(100.0 * 3.0)
-    assert abs(missed(4.0, lambda _: 0.0, v=0.0)[-1]) < 4.0 * mean
+    assert abs(missed(4.0, lambda _: 0.0, v=0.0)[-1][0]) < 4.0 * mean
 
 
 def test_a_gyro_that_is_late_by_half_its_period_seems_to_have_little_bias_besides() -> None:
     # it stands, then turns to one side and the other: a late clock makes each change of side look like a bias
     turns = lambda time: 0.0 if time < 5.0 else 1.2 if int(time / 1.7) % 2 else -1.2  # noqa: E731
-    apart = np.subtract(missed(20.0, turns, late=0.005), missed(20.0, turns))
+    apart = np.subtract(missed(20.0, turns, late=0.005), missed(20.0, turns))[:, 0]
     assert np.abs(apart).max() < LARGEST
+
+
+def test_slip_that_begins_in_the_second_curve_is_not_surely_a_gyros_bias() -> None:
+    turns = lambda time: 1.0 if time < 2.5 else -0.35  # noqa: E731
+    found = missed(8.0, turns, slip=lambda time: 0.15 if time > 2.5 else 0.0)
+    assert max(abs(heading) for _, heading in found) < 3.0
