@@ -81,6 +81,8 @@ TURNS: Final = 3.0
 CURVE: Final = 0.1
 # standard deviation of the slip after an absolute sensor contradicted the wheels
 SLID: Final = 0.1
+# s over which the slip of two moments is related: floors, starts and stops; chosen
+FLOOR: Final = 2.0
 # turns over which the walk of the slip is averaged
 MEMORY: Final = 5
 # s in which it is forgotten that a sensor overruled dead reckoning; chosen
@@ -232,6 +234,8 @@ class Fusion:
         # nothing is known of how it moved before
         if self._base_time < 0.0:
             self._base_time = max(0.0, now - FIRST)
+            for judge in self._judges.values():
+                judge.since = now
         first = len(self._entries)
         pending: dict[tuple[str, int], tuple[Measurement, int]] = {}
         for measurement in self._arrived:
@@ -384,6 +388,8 @@ class Fusion:
 
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
         density, sideways = self._moving, self.sideways
+        if self._rolling and not self._turning and not self._placed:
+            density, belief = self._density, _slipping(belief, dt, 2.0 * FLOOR * self._slip_sigma**2)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, 0.0, sideways), dt - STEP_MAX
         return predict(belief, max(dt, 0.0), density, bend, sideways)
@@ -787,6 +793,19 @@ def _considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sig
     gain[both] = np.linalg.solve(rates @ p @ rates.T + noise, rates @ p[:, both]).T
     left = np.eye(SIZE) - gain @ rows
     return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T)
+
+
+def _slipping(belief: Belief, dt: float, density: float) -> Belief:
+    """The belief when slip varies for dt seconds with this spectral density, 1/s, and nothing tells of it.
+
+    Way and turn are off by the same share. The slip that lasts is a state of the belief.
+    """
+    _, _, theta, rolled, omega, _, slip = belief.mean
+    v = rolled * (1.0 - slip)
+    missed = np.array([v * cos(theta), v * sin(theta), omega])
+    covariance = belief.covariance
+    covariance[:3, :3] += density * max(dt, 0.0) * np.outer(missed, missed)
+    return belief_of(belief.mean, covariance)
 
 
 def _moved(belief: Belief, by: tuple[float, float, float]) -> Belief:

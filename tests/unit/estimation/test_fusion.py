@@ -271,6 +271,15 @@ def test_wheels_that_slip_are_no_frame_that_moves(share: float) -> None:
     assert not any("frame moves" in each for each in drive.fusion.changes)
 
 
+def test_a_filter_that_begins_late_waits_for_its_sensors_as_long_as_one_that_begins_at_once() -> None:
+    drive = Drive(("imu", "encoders"))
+    drive.cycle = 100
+    drive.go(0.04, lambda m: None if m.sensor == "encoders" else m)
+    assert drive.trust("encoders") == (True, "")
+    drive.go(1.1, lambda m: None if m.sensor == "encoders" else m)
+    assert drive.trust("encoders") == (False, "silent")
+
+
 def test_wheels_that_lock_for_a_moment_do_not_stop_the_car() -> None:
     drive = Drive(("imu", "encoders"))
     drive.go(2.0)

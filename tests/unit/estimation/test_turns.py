@@ -25,6 +25,7 @@ def missed(
     v: float = 0.5,
     late: float = 0.0,
     slip: Callable[[float], float] = lambda _: 0.0,
+    sensors: tuple[str, ...] = ("imu", "encoders"),
 ) -> list[tuple[float, float]]:
     """By how much the bias is missed (rad/s), and the heading (of its sigma), in each cycle.
 
@@ -32,15 +33,18 @@ def missed(
     """
     rng = np.random.default_rng(1)
     car = Geometry(steering="front")
-    estimator = Estimator(EstimationConfig(sensors=("imu", "encoders")), {"imu": ImuReading}, car)
+    kinds = {each: ImuReading for each in sensors if each == "imu"}
+    estimator = Estimator(EstimationConfig(sensors=sensors), kinds, car)
     found, theta = [], 0.0
     for cycle in range(1, round(seconds / CYCLE) + 1):
         now = cycle * CYCLE
         for time in (now - 0.5 * CYCLE, now):
             told = rate(time - late) + BIAS + NOISE * float(rng.normal())
-            estimator.take("imu", Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
+            if kinds:
+                estimator.take("imu", Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
         omega = rate(now - 0.5 * CYCLE) / (1.0 - slip(now))
-        wheels = Wheels(Odometry(0.0, 0.0, 0.0, v, omega), now, None, v, None)
+        # readings that are all the same would be those of a broken sensor
+        wheels = Wheels(Odometry(0.0, 0.0, 0.0, v + 1e-9 * (v > 0.0) * (cycle % 2), omega), now, None, v, None)
         theta += CYCLE * rate(now - 0.5 * CYCLE)
         estimate = estimator.step(now, wheels)
         found.append((estimate.bias - BIAS, wrap_angle(estimate.theta - theta) / estimate.sigma(2)))
@@ -63,3 +67,9 @@ def test_slip_that_begins_in_the_second_curve_is_not_surely_a_gyros_bias() -> No
     turns = lambda time: 1.0 if time < 2.5 else -0.35  # noqa: E731
     found = missed(8.0, turns, slip=lambda time: 0.15 if time > 2.5 else 0.0)
     assert max(abs(heading) for _, heading in found) < 3.0
+
+
+def test_wheels_alone_that_slip_in_left_curves_only_do_not_make_the_heading_sure() -> None:
+    turns = lambda time: 1.0 if int(time) % 2 else -1.0  # noqa: E731
+    found = missed(12.0, turns, slip=lambda time: 0.1 * (int(time) % 2), sensors=("encoders",))
+    assert max(abs(heading) for _, heading in found[100:]) < 3.0
