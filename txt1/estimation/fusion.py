@@ -139,6 +139,7 @@ class Fusion:
         sensors: by name.
         drift: of the state by itself.
         slip_sigma: standard deviation of the wheels' slip before anything is known of it.
+        start: the pose at the start and its standard deviations (m, m, rad), if they are known.
 
     """
 
@@ -147,6 +148,7 @@ class Fusion:
         sensors: Mapping[str, Belonging],
         drift: Drift = Drift(),  # noqa: B008 - immutable
         slip_sigma: float = 0.03,
+        start: tuple[Sequence[float], Sequence[float]] | None = None,
     ) -> None:
         self.changes: list[str] = []
         """Messages for the event log: a sensor is believed no longer, or again. The caller that tells them empties the
@@ -166,12 +168,13 @@ class Fusion:
         self._moving = _walking(self._density, self._slips)
         self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
         self._slip_sigma = slip_sigma
-        sigmas = np.array([BEGUN, BEGUN, BEGUN, SPEED, YAW_RATE, BIASED, slip_sigma])
-        self._start = belief_of(np.zeros(sigmas.size), np.diag(sigmas**2))
+        pose, known = start or ((0.0,) * 3, (BEGUN,) * 3)
+        sigmas = np.array([*known, SPEED, YAW_RATE, BIASED, slip_sigma])
+        self._start = belief_of((*pose, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2))
         self._base, self._base_time = self._start, -1.0
         self._entries: list[_Entry] = []
         self._arrived: list[Measurement] = []
-        self._located = not any(settings.tells_pose for settings in sensors.values())
+        self._located = start is not None or not any(settings.tells_pose for settings in sensors.values())
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
         self._gyros: set[str] = set()

@@ -49,6 +49,10 @@ class EstimationConfig(Section):
     """How they are fused, by their names."""
     slip: Annotated[float, Field(gt=0.0, le=0.5)] = 0.05
     """Standard deviation of the wheels' slip, and error of their radius, before anything is known of it."""
+    start: tuple[float, float, float] | None = None
+    """The pose at the start, m, m, rad, of a robot that is put on a mark; null: a sensor of positions tells it."""
+    start_sigma: tuple[Positive, Positive, Positive] = (0.02, 0.02, 0.03)
+    """Its standard deviations, m, m, rad."""
     loops: bool = False
     """Whether the velocity loops use its speed and yaw rate, as combined odometry, in place of the encoders'."""
 
@@ -60,6 +64,8 @@ class EstimationConfig(Section):
         twice = [name for name in self.names if self.names.count(name) > 1]
         if twice:
             raise ValueError(f"sensors names '{twice[0]}' twice")
+        if self.start is None and "start_sigma" in self.model_fields_set:
+            raise ValueError("start_sigma has no effect without start")
         for name, given in self.settings.items():
             if self.names and name not in self.names:
                 raise ValueError(f"settings.{name} has no effect: fused are {', '.join(self.names)}")

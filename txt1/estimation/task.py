@@ -159,7 +159,8 @@ class Estimator:
         }
         # encoder wheels that do not steer tell the truth
         self._wheelbase = geometry.wheelbase if geometry.steering == "both" else 0.0
-        self.fusion = Fusion(belongings, slip_sigma=config.slip)
+        start = None if config.start is None else (config.start, config.start_sigma)
+        self.fusion = Fusion(belongings, slip_sigma=config.slip, start=start)
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
         # without encoders there is no witness of how it rolls

@@ -14,6 +14,7 @@ from txt1.estimation.settings import EstimationConfig
         (("estimation.sensors=[encoders, imu, imu]",), "'imu' twice"),
         (("estimation.preset=gyro", "estimation.settings={gps: {delay: 0.1}}"), "settings.gps has no effect"),
         (("estimation.preset=vicon", "estimation.settings={vicon: {fields: []}}"), "fields is empty"),
+        (("estimation.preset=imu-gps", "estimation.start_sigma=[0.1, 0.1, 0.1]"), "no effect without start"),
         (
             ("estimation.preset=vicon", "estimation.settings={vicon: {fields: [x, y], sigma: {theta: 0.1}}}"),
             "sigma.theta has no effect",

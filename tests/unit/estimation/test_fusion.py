@@ -30,8 +30,11 @@ def truth(time: float) -> tuple[float, float, float]:
 class Drive:
     """The circle with sensors whose readings are told exactly but for noise, and a fusion that hears them."""
 
-    def __init__(self, names: tuple[str, ...] = ("imu", "encoders", "vicon"), seed: int = 1) -> None:
-        self.fusion = Fusion({name: SENSORS.get(name, Belonging(tells_pose=True)) for name in names})
+    def __init__(
+        self, names: tuple[str, ...] = ("imu", "encoders", "vicon"), seed: int = 1, *, start: bool = False
+    ) -> None:
+        known = (START, (0.02, 0.02, 0.03)) if start else None
+        self.fusion = Fusion({name: SENSORS.get(name, Belonging(tells_pose=True)) for name in names}, start=known)
         self.rng = np.random.default_rng(seed)
         self.names = names
         self.cycle = 0
@@ -180,6 +183,16 @@ def test_a_sensor_whose_readings_are_invalid_is_left_out_and_believed_again(sens
     told = " ".join(drive.fusion.changes)
     assert f"'{sensor}' is not believed any more" in told
     assert f"'{sensor}' is believed again" in told
+
+
+def test_a_robot_on_a_mark_knows_its_pose_before_a_gps_has_told_it() -> None:
+    told, found = Drive(("imu", "encoders", "gps"), start=True), Drive(("imu", "encoders", "gps"))
+    told.go(0.2)
+    found.go(0.2)
+    assert told.estimate.located and not found.estimate.located
+    told.go(5.0)
+    assert told.error()[0] < 0.1
+    assert told.error()[1] < 0.1
 
 
 def test_a_single_outlier_moves_nothing() -> None:
