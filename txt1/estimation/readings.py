@@ -1,10 +1,12 @@
 """Makes measurements for the filter of sensors' readings, by the type of their values."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import sqrt
 from typing import Any, Final
 
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.settings import FusedConfig, Quantity
+from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import FixReading, ImuReading, TrackerReading
 
@@ -22,7 +24,15 @@ SIGMAS: Final[dict[type, dict[Quantity, float]]] = {
     # m, rad; assumed
     TrackerReading: {"x": 0.002, "y": 0.002, "theta": 0.003, "v": 0.05, "omega": 0.1},
 }
-"""Standard deviations of readings that tell none."""
+"""Standard deviations of readings that tell none; of a tracker they are the first guess, see `Noise`."""
+# s, the longest period in which a car's acceleration moves it by less than a tracker's noise
+FAST: Final = 0.012
+# readings over which its noise is averaged
+MEMORY: Final = 200
+# of the first guess, below which no noise is believed: errors that last, as of a lens
+LEAST: Final = 0.25
+# sigma, beyond which a difference is an outlier
+FAR: Final = 3.0
 
 USUAL: Final[dict[type, tuple[Quantity, ...]]] = {
     ImuReading: ("omega",),
@@ -30,6 +40,36 @@ USUAL: Final[dict[type, tuple[Quantity, ...]]] = {
     TrackerReading: ("x", "y", "theta"),
 }
 """The quantities that are taken where nothing else is configured."""
+
+
+class Noise:
+    """The white noise of a fast tracker, by the second differences of its readings: their variance is 6 sigma^2.
+
+    The motion cancels in them, but for the acceleration (J. von Neumann, Ann. Math. Stat. 12(4), 1941).
+    """
+
+    def __init__(self, sigmas: Sequence[float]) -> None:
+        self.sigmas = tuple(sigmas)
+        """The standard deviations that are believed; those at the start are the first guess."""
+        self._least = [(LEAST * each) ** 2 for each in sigmas]
+        self._variances = [each * each for each in sigmas]
+        self._times = (-1.0, -1.0)
+        self._last: tuple[Sequence[float], Sequence[float]] = ((), ())
+
+    def take(self, time: float, values: Sequence[float]) -> None:
+        """Take in a pose (x, y, theta; m, rad) at a time, s."""
+        (first, second), (one, two) = self._times, self._last
+        self._times, self._last = (second, time), (two, values)
+        if not 0.0 < second - first <= FAST or abs(time - 2.0 * second + first) > 0.1 * FAST:
+            return
+        found = []
+        for place, variance in enumerate(self._variances):
+            bend = values[place] - two[place] - (two[place] - one[place])
+            square = (wrap_angle(bend) if place == 2 else bend) ** 2 / 6.0
+            # also when it is not a number
+            found.append(variance + (min(FAR * FAR * variance, square) - variance) / MEMORY)
+        self._variances = [max(each, least) for each, least in zip(found, self._least, strict=True)]
+        self.sigmas = tuple(map(sqrt, self._variances))
 
 
 def fusable(kind: type) -> bool:
@@ -55,6 +95,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
 
         return gyro if "omega" in wanted else lambda reading: []
 
+    noise = Noise([assumed[each] for each in QUANTITIES[Kind.POSE]]) if kind is TrackerReading else None
     parts = []
     for what in (Kind.POSE, Kind.VELOCITY):
         rows = tuple(row for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted)
@@ -66,10 +107,15 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
 
     def moving(reading: Reading[Any]) -> list[Measurement]:
         value, time, made = reading.value, reading.time - delay, []
+        if noise is not None:
+            noise.take(reading.time, (value.x, value.y, value.theta))
         at = value.mount[0] + ahead, value.mount[1] + left
         for what, rows, quantities, sigmas, own in parts:
             values = tuple([getattr(value, quantity) for quantity in quantities])
             if own is not None:
+                if noise is not None and what is Kind.POSE:
+                    learned = zip(rows, own, sigmas, strict=True)
+                    sigmas = tuple([noise.sigmas[row] if each else sigma for row, each, sigma in learned])
                 sigmas = tuple([getattr(value, each, None) or usual for each, usual in zip(own, sigmas, strict=True)])
             if None in values:
                 known = [place for place, each in enumerate(values) if each is not None]

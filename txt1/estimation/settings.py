@@ -64,7 +64,7 @@ class EstimationConfig(Section):
         twice = [name for name in self.names if self.names.count(name) > 1]
         if twice:
             raise ValueError(f"sensors names '{twice[0]}' twice")
-        if self.start is None and "start_sigma" in self.model_fields_set:
+        if self.start is None and self.start_sigma != type(self).model_fields["start_sigma"].default:
             raise ValueError("start_sigma has no effect without start")
         for name, given in self.settings.items():
             if self.names and name not in self.names:
