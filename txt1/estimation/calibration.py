@@ -63,7 +63,9 @@ GYRO: Final = 0.0006
 GYRO_CLOCK: Final = 0.01 / sqrt(12.0)
 # share of a turn by which the wheels miss it
 BY_WHEELS: Final = 0.02
-# chi-square of three numbers at 99.9 %
+# chi-square of three numbers at 95 %, beyond which the slip has changed
+SUSPECT: Final = 7.815
+# the same at 99.9 %
 GATE: Final = 16.3
 # probability that a stated value is wrong, before anything was measured
 WRONG: Final = 0.1
@@ -241,7 +243,7 @@ class Calibration:
         self._time = time
         s = rows @ p @ rows.T + noise
         self._slip_changes(residual, rows[:, SLIPPED], s, dt)
-        if float(residual @ np.linalg.solve(s, residual)) > GATE:
+        if float(residual @ np.linalg.solve(s, residual)) > SUSPECT:
             p[SLIPPED, SLIPPED] += CHANGED**2
             s = rows @ p @ rows.T + noise
             nis = float(residual @ np.linalg.solve(s, residual))
