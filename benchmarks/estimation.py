@@ -7,6 +7,7 @@
     python -m benchmarks.estimation draw --folder FOLDER --seeds 10
     python -m benchmarks.estimation random --seeds 50 --vehicle rover
     python -m benchmarks.estimation failures --seeds 3
+    python -m benchmarks.estimation wrong --seeds 10
 
 A seed's laps are driven once, steered by the true pose, with all sensors; the filters of the set-ups listen beside one
 another, each the very one that a robot runs.
@@ -25,7 +26,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks import drawn_drives, drives, failing_sensors, random_drives, seeds
+from benchmarks import drawn_drives, drives, failing_sensors, random_drives, seeds, wrong_settings
 from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, ESTIMATION_PERIOD, PRIORITY, Estimator
@@ -285,7 +286,7 @@ def main(*, quick: bool) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("laps", "circle", "step", "drives", "draw", "random", "failures"))
+    parser.add_argument("what", choices=("laps", "circle", "step", "drives", "draw", "random", "failures", "wrong"))
     parser.add_argument("--laps", type=float, default=10.0)
     parser.add_argument("--runs", type=int, default=RUNS, help="of step's drive; default: %(default)s")
     parser.add_argument("--figure", type=Path)
@@ -303,6 +304,8 @@ if __name__ == "__main__":
         show_random(given.vehicle, range(given.first, given.first + given.seeds), given.seconds)
     elif given.what == "failures":
         failing_sensors.show(range(given.first, given.first + given.seeds))
+    elif given.what == "wrong":
+        wrong_settings.show(range(given.first, given.first + given.seeds))
     elif given.what == "draw":
         if given.folder is None:
             parser.error("draw needs --folder, where the drives are written")
