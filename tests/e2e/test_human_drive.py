@@ -1,5 +1,7 @@
 """Drives as a person makes them: within the car's limits, over all of its range, and the same for the same seed."""
 
+from math import hypot
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from txt1.config import load
 from txt1.estimation.calibration import Corrections
 from txt1.estimation.task import Estimator
 from txt1.experiments.human_drive import drive_as_a_person, manoeuvres
+from txt1.experiments.sensor_failure import Failing
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 
@@ -57,3 +60,25 @@ def test_slip_that_changes_in_a_curve_is_neither_a_frame_that_moves_nor_a_mount(
             return [each.text for each in robot.runtime.state.events]
 
     assert not any("frame moves" in each for each in run(drive(), speed="max"))
+
+
+@pytest.mark.long
+def test_encoders_that_drift_move_no_mount_and_no_frame() -> None:
+    async def drive() -> tuple[float, list[str]]:
+        config = load(None, ["seed=3", *ENDLESS, "estimation.preset=vicon"]).config
+        async with Robot.open(config=config, hal="sim") as robot:
+            estimator = robot.runtime.part(Estimator)
+            assert estimator is not None
+            estimator.through = Failing("encoders", "drifting", lambda: robot.now)
+            await robot.load_gains()
+            await drive_as_a_person(robot, 3, 44.0)
+            estimate, pose = robot.estimate, robot.pose
+            assert estimate is not None
+            assert pose is not None
+            told = [each.text for each in robot.runtime.state.events]
+            return hypot(estimate.x - pose[0], estimate.y - pose[1]), told
+
+    off, told = run(drive(), speed="max")
+    assert any("'encoders' is not believed" in each for each in told)
+    assert not any("frame moves" in each for each in told)
+    assert off < 0.01

@@ -162,6 +162,7 @@ class Frame:
         self._picks: deque[_Pick] = deque(maxlen=round(WINDOWS[-1] / PICKED) + 2)
         self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
         self._last = -1.0
+        self._at = 0.0, 0.0
 
     def clear(self) -> None:
         """Begin anew: a reading leapt, or the robot was carried."""
@@ -171,6 +172,10 @@ class Frame:
 
     def take(self, measurement: Measurement, belief: Belief) -> None:
         """Take in a position, and the filter's belief there."""
+        if measurement.at != self._at:
+            # another mount than before would look like a frame that has moved
+            self._at = measurement.at
+            self.clear()
         if measurement.time - self._last >= PICKED - 1e-6:
             self._last = measurement.time
             self._waiting.append((measurement, belief))

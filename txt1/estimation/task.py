@@ -282,7 +282,8 @@ class Estimator:
             steering = wheels[0] * self._curvature if steered else None
             self.fusion.cycle(Cycle(self._read, *wheels, gyro, steering), dt)
             self._compare(dt, wheels[1])
-            for calibration in self._calibrations.values():
+            # wheels that are not believed tell nothing of a mount
+            for calibration in self._calibrations.values() if self.fusion.believes(ENCODERS) else ():
                 calibration.cycle(self._read, dt, *wheels, self._gyro)
                 self._gyro_scale = calibration.corrections.scale
             if self._calibrations:
