@@ -35,6 +35,10 @@ FLOOR: Final = (
 )  # fmt: skip
 SHOWN: Final = ("learning.world", "learning.world_options", "sim.obstacles", "sim.room.map")
 LOCKSTEP: Final = (*FLOOR, *SHOWN)
+# environments of Stable-Baselines3, which know no episode's number, and no learner that looks
+STEPS: Final = tuple(
+    key for key in LOCKSTEP if key not in ("learning.changes", "learning.drift", "learning.goal_period")
+)
 BATCH: Final = (
     *NAMES, *CAR, *WHEELS, *VEHICLE, *TASK, "safety.motor_max", "sim.room.light", "sim.light.intensity",
     "sim.light.exponent", "sim.light.height", "sim.light.noise", "learning.time_limit",
@@ -55,8 +59,10 @@ def _usual(vehicle: str) -> dict[str, Any]:
 def differing(config: Config) -> Iterator[tuple[str, Any]]:
     """Every value that is not the default of its vehicle, by dotted key."""
     usual = _usual(config.vehicle)
+    # a map takes the rectangle away
+    brought = ("sim.room.length", "sim.room.width") if config.sim.room.map is not None else ()
     for key, value in flatten(completed(config)):
-        if usual.get(key) != value:
+        if usual.get(key) != value and key not in brought:
             yield key, value
 
 
