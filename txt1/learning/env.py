@@ -294,6 +294,7 @@ class LightSeekingVectorEnv(Many):
         one = load().config if config is None else config
         only_ours(one)
         refuse_others(one, BATCH, "environments of many robots at once")
+        refuse_unsolvable(one)
         commands = one.section(LearningConfig).actions
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = SPACE, Discrete(len(commands))

@@ -1,5 +1,6 @@
 """Refuses unsolvable learning tasks before a trial begins, in a line with the key, the value and the remedy."""
 
+from dataclasses import replace
 from math import cos, pi, sin
 from typing import Final
 
@@ -18,7 +19,8 @@ BEARINGS: Final = 72
 def refuse_unsolvable(config: Config) -> None:
     """Refuse a world that cannot be solved; ConfigError names the setting, and a value to set.
 
-    Starts are tried on the circle around the light, with the robot's middle there, against posts and boxes.
+    Starts are tried on the circle around the light, with the robot's middle there, against walls, posts and boxes. The
+    goal must have a place at which no post or box keeps the robot out.
     """
     one, (x, y) = config.section(LearningConfig), config.sim.room.light
     if not any(omega for _, omega in one.actions):
@@ -51,11 +53,27 @@ def refuse_unsolvable(config: Config) -> None:
             f"learning.goal_radius: {one.goal_radius:g}: the robot goes {way:g} m between two looks for the goal and "
             f"may drive across it unseen; set at least {0.5 * way:g}, or a shorter learning.goal_period"
         )
+    body = config.geometry
+    walls = config.sim.room.built().walls
+    middle = replace(body, length=body.width, centre=0.0)
+    if walls is not None:
+        if walls.distance(x, y) < 0.0:
+            raise ConfigError(f"sim.room.light: {x:g}, {y:g} is in {walls.told}; set a place that is free")
+        if any(walls.clearance(*start, 0.0, middle) < 0.0 for start in begins):
+            raise ConfigError(
+                f"learning.start_radius: {one.start_radius:g}: episodes begin so far from the light, and there is "
+                f"{walls.told}; set less, or move sim.room.light"
+            )
+    around = [(x, y), *((x + one.goal_radius * cos(each), y + one.goal_radius * sin(each)) for each in bearings)]
     for number, obstacle in enumerate(config.sim.obstacles):
-        body = config.geometry
-        for start in begins:
-            if gap(Box(*start, body.width, body.width), obstacle) <= 0.0:
-                raise ConfigError(
-                    f"sim.obstacles: number {number}, at {obstacle.x:g}, {obstacle.y:g}, stands where episodes begin, "
-                    f"{one.start_radius:g} m from the light; move it, or set another learning.start_radius"
-                )
+        which = f"sim.obstacles: number {number}, at {obstacle.x:g}, {obstacle.y:g},"
+        if any(gap(Box(*start, body.width, body.width), obstacle) <= 0.0 for start in begins):
+            raise ConfigError(
+                f"{which} stands where episodes begin, {one.start_radius:g} m from the light; move it, or set another "
+                "learning.start_radius"
+            )
+        if all(gap(Box(*place, body.width, body.width), obstacle) <= 0.0 for place in around):
+            raise ConfigError(
+                f"{which} keeps the robot from the goal, {one.goal_radius:g} m around the light; move it, or set "
+                "another learning.goal_radius"
+            )

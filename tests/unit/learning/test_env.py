@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import subprocess
 import sys
 import warnings
@@ -42,6 +43,13 @@ def test_many_robots_at_once_refuse_physics_that_they_do_not_have() -> None:
             begin()
     assert known_floor(load(None, (), {}, {}).config) is not None
     assert known_floor(other) is None
+
+
+@pytest.mark.parametrize("setting", ["sim.room.light=[9,0]", "learning.goal_radius=0.01", "learning.start_radius=20"])
+def test_many_robots_at_once_refuse_a_world_that_cannot_be_solved(setting: str) -> None:
+    for begin in (env.LightSeekingVectorEnv, env.many):
+        with pytest.raises(ConfigError, match=re.escape(setting.split("=")[0])):
+            begin(2, load(None, [setting]).config)
 
 
 @pytest.mark.parametrize(

@@ -26,11 +26,31 @@ WORLDS = Path(__file__).parents[3] / "config" / "worlds"
             "sim.obstacles=[{kind: post, x: 1.25, y: 0, radius: 0.1}]",
             "sim.obstacles: number 0, at 1.25, 0, stands where episodes begin, .* move it",
         ),
+        (
+            "sim.obstacles=[{kind: post, x: 0, y: 0, radius: 0.6}]",
+            "sim.obstacles: number 0, at 0, 0, keeps the robot from the goal, 0.5 m around the light; move it",
+        ),
     ],
 )
 def test_what_cannot_be_solved_is_refused(setting: str, told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         refuse_unsolvable(load(None, [setting]).config)
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (["sim.room.map=corridor"], "learning.start_radius: 1.25: episodes begin .* a wall of the map corridor; set"),
+        (["sim.room.map=corridor", "sim.room.light=[0, 3]"], "sim.room.light: 0, 3 is in a wall of the map corridor"),
+    ],
+)
+def test_a_start_or_a_light_in_a_wall_is_refused(settings: list[str], told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        refuse_unsolvable(load(None, settings).config)
+
+
+def test_a_map_with_room_around_the_light_is_not_refused() -> None:
+    refuse_unsolvable(load(None, ["sim.room.map=hall"]).config)
 
 
 def test_every_world_of_ours_can_be_solved() -> None:
