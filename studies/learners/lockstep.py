@@ -178,8 +178,8 @@ class Lockstep:
         self.worlds = [each for each in made if each is not None]
         self._lasers = [laser_of(config, rng) for _ in poses]
         self._touches = touches(config)
-        self._since = np.zeros(len(poses), int)  # the tick at which each was put down
-        self._begun = np.ones(len(poses), int)
+        self._put_down = np.zeros(len(poses), int)  # the tick at which each was put down
+        self._begun = np.zeros(len(poses), int)
         self._rng = rng
         sim, light = config.sim, config.sim.light
         exponent = float(light.exponent)
@@ -205,6 +205,11 @@ class Lockstep:
         sweep = laser.see((x, y, theta), now, -inf if begins else now - 0.001 * DECISION_MS)
         return None if sweep is None else sweep.value.points
 
+    @property
+    def since(self) -> Array:
+        """The time since each was put down, s; shape (n,)."""
+        return 0.001 * TICK_MS * (self.tick - self._put_down)
+
     def told(self) -> Array:
         """The poses by which goal and boundary are judged: the truth, or as motion capture sees it; shape (3, n)."""
         poses: Array = self.robots[:3]
@@ -221,7 +226,7 @@ class Lockstep:
         self.robots[:3, which] = poses.T
         self.robots[PHASE : PHASE + 2, which] = self._rng.random((2, len(which)))
         self.touched[which] = False
-        self._since[which] = self.tick
+        self._put_down[which] = self.tick
         self._begun[which] += 1
         for k in which if self.worlds else ():
             self.worlds[k].begin(int(self._begun[k]))
@@ -242,7 +247,7 @@ class Lockstep:
             for k, index in enumerate(which):
                 driven = list(map(tuple, samples.poses[:, k].tolist()))
                 if self.worlds:
-                    since = 0.001 * TICK_MS * self._since[index]
+                    since = 0.001 * TICK_MS * self._put_down[index]
                     times = 0.001 * LIGHT_MS * np.arange(begin + 1, end + 1) - since
                     see = self.worlds[index].see
                     samples.lux[:, k] = [see(*each) for each in zip(times.tolist(), driven, strict=True)]

@@ -5,12 +5,14 @@
     PPO("MlpPolicy", LightSeekingVecEnv(load().config, 16, seed=1)).learn(200_000)
 
 The robots drive as trials do in lockstep (`studies.learners.lockstep`), in any world of the configuration: its vehicle,
-floor, light, sensors and their faults, actions, delay. One step is one decision, 0.1 s as for the learners that drive.
+floor, light, sensors and their faults, actions, delay, obstacles, and `learning.world`. One step is one decision, 0.1 s
+as for the learners that drive. The seed of the environment is that of its constructor; `seed()` changes nothing.
 
 - Observation, as often as `stack` says, the latest last: the logarithms of the means of the four readings since the
   last decision over that of the brightest a sensor can tell, 0 to 1; sensed v (m/s) and omega (rad/s); the action that
   was taken, as zeros and a one. The actions under way are in it, so a delay is part of the state.
-- Reward: minus the seconds, plus what the logarithm of the mean reading grew by; -`LOST` outside the boundary.
+- Reward: minus the seconds, plus what the logarithm of the mean reading grew by; -`LOST` outside the boundary, and for
+  touching a post, a box or a wall.
 - An episode that has ended begins anew at once on a random start, as Stable-Baselines3 expects.
 """
 
@@ -26,9 +28,13 @@ from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
 from txt1.learning.batch import SENSED, TICK_MS
 from txt1.learning.best_time import DECISION_MS
+from txt1.learning.modelled import STEPS, refuse_others
 from txt1.learning.settings import LearningConfig
+from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import Start, stream, task_of
+from txt1.learning.world import settled
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
+from txt1.model.odometry import Odometry
 
 try:
     import torch
@@ -58,10 +64,15 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {  # what is not Stable-Baselines3'
 
 
 class LightSeekingVecEnv(VecEnv):  # type: ignore[misc]  # without the extra its types are not known
-    """Robots of one world that look for the light, each for one of its own; see the module."""
+    """Robots of one world that look for the light, each for one of its own; see the module.
+
+    Raises ConfigError: a setting is not modelled, or the world cannot be solved.
+    """
 
     def __init__(self, config: Config, robots: int = 16, seed: int = 0, stack: int = STACK) -> None:
-        self.config = config
+        self.config = config = settled(config)
+        refuse_others(config, STEPS, "environments of Stable-Baselines3")
+        refuse_unsolvable(config)
         self.task = task_of(config)
         self._commands = np.array(config.section(LearningConfig).actions)
         self._frame = 6 + len(self._commands)
@@ -87,8 +98,12 @@ class LightSeekingVecEnv(VecEnv):  # type: ignore[misc]  # without the extra its
         return self.seen.copy()
 
     def step_async(self, actions: NDArray[np.int64]) -> None:
-        """Take actions; `step_wait` carries them out."""
-        self._actions = np.asarray(actions, np.int64)
+        """Take actions, shape (robots,); `step_wait` carries them out. ValueError: they are not in the space."""
+        given = np.asarray(actions)
+        whole = given.shape == (self.num_envs,) and given.dtype.kind in "iu"
+        if not whole or not ((given >= 0) & (given < len(self._commands))).all():
+            raise ValueError(f"actions {actions!r}: give {self.num_envs} of 0 to {len(self._commands) - 1}")
+        self._actions = given.astype(np.int64)
 
     def step_wait(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Observations, rewards, what has ended and why, one decision later."""
@@ -137,14 +152,20 @@ class LightSeekingVecEnv(VecEnv):  # type: ignore[misc]  # without the extra its
         return self.seen.copy()
 
     def drive(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Drive on by a decision; who has the goal, who left the boundary, whose time is over."""
+        """Drive on by a decision; who has the goal, who left the boundary or touched something, whose time is over."""
         self._under_way.append(self._commands[actions])
-        self._advance(np.arange(self.num_envs), self._under_way.pop(0), DECISION_MS, actions)
+        commands, worlds = self._under_way.pop(0), self._robots.worlds
+        if worlds:
+            asked = zip(worlds, self._robots.since.tolist(), commands.tolist(), strict=True)
+            commands = np.array([world.command(since, (v, omega)) for world, since, (v, omega) in asked])
+        self._advance(np.arange(self.num_envs), commands, DECISION_MS, actions)
         self._steps += 1
-        task = self.task
-        x, y = self._robots.robots[:2]
-        success = np.hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius
-        lost = (np.maximum(abs(x), abs(y)) > task.boundary) & ~success
+        task, touched = self.task, self._robots.touched
+        x, y = self._robots.told()[:2]
+        goals = [world.goal(since) for world, since in zip(worlds, self._robots.since.tolist(), strict=False)]
+        light = np.array(goals or [task.light]).T
+        success = (np.hypot(x - light[0], y - light[1]) <= task.goal_radius) & ~touched
+        lost = ((np.maximum(abs(x), abs(y)) > task.boundary) & ~success) | touched
         late = (self._steps * DECISION > task.time_limit) & ~success & ~lost
         return success, lost, late
 
@@ -165,11 +186,18 @@ class LightSeekingVecEnv(VecEnv):  # type: ignore[misc]  # without the extra its
         self, which: NDArray[np.intp], commands: NDArray[np.float64], duration: int, actions: NDArray[np.int64] | None
     ) -> None:
         """Let some drive on, ms, and see."""
-        lux, _ = self._robots.advance(which, commands, duration // TICK_MS)
+        lux, seen_from = self._robots.advance(which, commands, duration // TICK_MS)
         means = np.clip(np.nan_to_num(lux[-SAMPLES:]).mean(axis=0), LUX_MIN, LUX_MAX)
         frame = np.zeros((len(which), self._frame))
         frame[:, :4] = np.log(means) / log(LUX_MAX)
         frame[:, 4:6] = self._robots.robots[SENSED : SENSED + 2, which].T
+        if self._robots.worlds:
+            since = self._robots.since
+            told = [
+                self._robots.worlds[k].odometry(float(since[k]), Odometry(*seen_from[-1, i].tolist()))
+                for i, k in enumerate(which.tolist())
+            ]
+            frame[:, 4:6] = [each[3:] for each in told]
         if actions is not None:
             frame[np.arange(len(which)), 6 + actions] = 1.0
         self.seen[which] = np.concatenate([self.seen[which, self._frame :], frame], axis=1)

@@ -10,6 +10,7 @@ import pytest
 
 from tests.patience import LIMIT
 from txt1.config import load
+from txt1.errors import ConfigError
 from txt1.installing import installs
 from txt1.learning.trial import Start, starts
 
@@ -63,6 +64,62 @@ class TestWithIt:
             speeds.append(float(seen[0][-5]))
         assert speeds[:3] == [0.0, 0.0, 0.0] and speeds[-1] > 0.05
         assert seen[0].reshape(5, -1)[:, 7].tolist() == [1.0] * 5, "the last five actions"
+
+    @pytest.mark.parametrize("actions", [[-1, 0], [0, 3], [0.0, 1.0], [1.7, 0.0], [0], [[0, 1]]])
+    def test_actions_outside_the_space_are_refused(self, actions: list[float]) -> None:
+        from studies.learners.sb3 import LightSeekingVecEnv
+
+        env = LightSeekingVecEnv(load().config, 2, seed=1)
+        env.reset()
+        with pytest.raises(ValueError, match="give 2 of 0 to 2"):
+            env.step(np.array(actions))
+
+    def test_a_post_that_is_touched_ends_an_episode(self) -> None:
+        from studies.learners.sb3 import LightSeekingVecEnv
+
+        post = "sim.obstacles=[{kind: post, x: 0.75, y: 0, radius: 0.05}]"
+        env = LightSeekingVecEnv(load(None, [post]).config, 1, seed=1)
+        env.place([Start(0.0, np.pi)])  # the light is straight ahead, behind the post
+        for _ in range(30):
+            _, (reward,), (over,), (told,) = env.step(np.array([1]))
+            if over:
+                break
+        assert over and not told["success"] and reward < -5.0
+
+    def test_a_world_moves_the_goal_turns_commands_round_and_takes_odometry_away(self) -> None:
+        from studies.learners.sb3 import DECISION, LightSeekingVecEnv
+
+        def drive(options: str, action: int = 1) -> tuple[float, float]:
+            env = LightSeekingVecEnv(load(None, ["learning.world=composed", options]).config, 1, seed=1)
+            env.place([Start(0.0, np.pi)])
+            for k in range(1, 80):
+                seen, _, (over,), _ = env.step(np.array([action]))
+                if over or (k == 20 and action != 1):
+                    break
+            return k * DECISION, float(seen[0][-4])
+
+        usual, _ = drive("learning.world_options={}")
+        assert drive("learning.world_options={lamps: [{velocity: [0.1, 0.0]}]}")[0] < usual - 0.3
+        assert (
+            drive("learning.world_options={}", 2)[1] > 0.3 > -0.3 > drive("learning.world_options={turning: -1}", 2)[1]
+        )
+        assert drive("learning.world_options={odometry: {missing: true}}", 2)[1] == 0.0
+
+    @pytest.mark.parametrize(
+        ("setting", "told"),
+        [
+            ("learning.changes=[{episode: 2, set: {learning.delay: 0.1}}]", "learning.changes: .* do not model it"),
+            ("learning.drift={sim.vehicle.slip: [0.0, 0.1]}", "learning.drift"),
+            ("learning.goal_period=0.5", "learning.goal_period: 0.5"),
+            ("sensors.laser.driver=sim_laser", "sensors.laser.driver"),
+            ("learning.goal_radius=2", "learning.goal_radius: 2: every start"),
+        ],
+    )
+    def test_what_it_does_not_model_and_what_cannot_be_solved_is_refused(self, setting: str, told: str) -> None:
+        from studies.learners.sb3 import LightSeekingVecEnv
+
+        with pytest.raises(ConfigError, match=told):
+            LightSeekingVecEnv(load(None, [setting]).config, 2)
 
     @pytest.mark.long
     def test_ppo_reaches_the_light_more_often_the_longer_it_learns(self) -> None:
