@@ -33,6 +33,7 @@ slowly. tests/unit/sim/test_many_vehicles.py checks that the two forms agree to 
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from importlib.util import find_spec
 from math import copysign, pi, sqrt
 from pathlib import Path
 from runpy import run_path
@@ -70,7 +71,7 @@ _HALF_PI_REST: Final = 6.123233995736766e-17
 def compiled(
     function: Callable[..., Any], *, reorder: bool = False, calls: Mapping[str, Any] | None = None, **options: Any
 ) -> Callable[..., Any]:
-    """Return the function, compiled if numba is installed.
+    """Return the function, compiled if numba is installed, and scipy, whose linear algebra numba calls.
 
     Args:
         function: function of numbers and arrays.
@@ -83,6 +84,9 @@ def compiled(
     try:
         from numba import njit
     except ImportError:
+        return function
+    # without it numba ends the whole process at the first system of equations
+    if find_spec("scipy") is None:
         return function
     # mypyc has compiled it; numba needs its Python source, which lies beside it
     if not isinstance(function, FunctionType):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+import tomllib
 from math import cos, exp, pi, sin
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,3 +72,18 @@ def test_the_series_are_exact_to_the_last_bits() -> None:
     assert max(abs(batch.sine_cosine(a)[1] - cos(a)) for a in angles) < 3e-15
     small = np.linspace(-batch.EXPONENT_MAX, batch.EXPONENT_MAX, 501)
     assert max(abs(batch.exponential(x) / exp(x) - 1.0) for x in small) < 1e-15
+
+
+def test_nothing_is_compiled_without_scipy_whose_algebra_numba_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """numba ends the process when a compiled function solves a system of equations, and scipy is missing."""
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    assert batch.compiled(cos) is cos
+
+
+def test_every_extra_that_brings_numba_for_learners_brings_scipy() -> None:
+    extras = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    for name in ("fast", "sb3", "mapping"):
+        assert any(each.startswith("numba") for each in extras[name])
+        assert any(each.startswith("scipy") for each in extras[name])
