@@ -125,6 +125,10 @@ HEIGHTS: Final = 1.0
 SHARED: Final = 5
 # samples that give the same largest reading, after which a sensor's range ends there
 REPEATED: Final = 10
+# m, rad, log lux and sums of them: no number that it keeps is larger
+LARGEST: Final = 1e6
+# numbers of a decision that it keeps: distance, turn, four log readings, their four variances
+_RECORD: Final = 2 + 2 * SENSORS
 # decisions over which it predicts the effects of its actions, to judge itself
 SECOND: Final = 10
 
@@ -143,11 +147,14 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
         new = agent.memory()
         agent.recall({**new, **table.about["knows"]})
         known = agent.memory()
-        for name in ("survey", "spread", "most", "repeats"):
+        for name in ("survey", "spread", "trust", "most", "repeats"):
             if np.shape(known[name]) != np.shape(new[name]):
                 raise ValueError(f"keeps '{name}' of the shape {np.shape(known[name])}, not {np.shape(new[name])}")
         if not agent.survey[HEIGHT] >= 0.0:
             raise ValueError(f"keeps a light whose squared height is {agent.survey[HEIGHT]:g} m2, below 0")
+        for name, sound in agent.sound().items():
+            if not sound:
+                raise ValueError(f"keeps '{name}' with numbers out of their range")
     return agent
 
 
@@ -649,6 +656,22 @@ class PilotAgent(PeriodicAgent):
             "rng": self._rng.bit_generator.state,
         }
 
+    def sound(self) -> dict[str, bool]:
+        """Return whether what it keeps is within its range, by the names of `memory`."""
+        survey, rows = self.survey, np.concatenate([np.ones((1, _RECORD)), *self._past])
+        own = [getattr(self.effects, name) for name in ("sums", "error", "k", "c")]
+        usual = [getattr(Effects(self.actions, self.settings.delays), name) for name in ("sums", "error", "k", "c")]
+        like = [one.shape == other.shape and _small(one) for one, other in zip(own, usual, strict=True)]
+        within = POWERS[0] <= survey[POWER] <= POWERS[1] and SCALES[0] <= survey[SCALE] <= SCALES[1]
+        return {
+            "effects": all(like),
+            "survey": _small(survey) and bool(within),
+            "spread": _small(self.spread) and bool((self.spread > 0.0).all()),
+            "trust": _small(self.trust) and bool((self.trust > 0.0).all()),
+            "goal": 0.0 <= self.goal <= LARGEST,
+            "past": _small(rows[:, : 2 + SENSORS]) and bool((rows[:, 2 + SENSORS :] > 0.0).all()),
+        }
+
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from the result of `memory`."""
         for name, kept in memory["effects"].items():
@@ -664,6 +687,11 @@ class PilotAgent(PeriodicAgent):
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] < 0.0] = inf
         self._rng.bit_generator.state = memory["rng"]
+
+
+def _small(numbers: Array) -> bool:
+    """Whether all numbers are at most `LARGEST`."""
+    return bool((np.abs(numbers) <= LARGEST).all())
 
 
 def chi_square(count: int, alarm: float) -> float:

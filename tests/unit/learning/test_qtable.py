@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from hashlib import sha256
 from math import nan
 from pathlib import Path
@@ -20,7 +21,7 @@ from txt1.errors import QTableError
 from txt1.learning.agents import from_table, make
 from txt1.learning.light_direction import SECTORS
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, initial, load, save, update
-from txt1.learning.sensor_map import HEIGHT
+from txt1.learning.sensor_map import HEIGHT, POWER
 from txt1.learning.thesis import greedy_action
 
 # -- table and update --------------------------------------------------------------------------------------------
@@ -253,6 +254,31 @@ def test_a_survey_of_a_light_that_hangs_nowhere_is_refused(tmp_path: Path) -> No
     save(path, table)
     with pytest.raises(QTableError, match="squared height is -1 m2, below 0"):
         from_table(path, Config(), rng)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("survey", lambda knows: knows["survey"].__setitem__(POWER, 40.0)),
+        ("survey", lambda knows: knows["survey"].__setitem__(0, 1e300)),
+        ("spread", lambda knows: knows["spread"].__setitem__(1, 0.0)),
+        ("trust", lambda knows: knows["trust"].__setitem__(1, -1.0)),
+        ("goal", lambda knows: knows.__setitem__("goal", -0.5)),
+        ("past", lambda knows: knows.__setitem__("past", [[[0.0] * 10]])),
+        ("effects", lambda knows: knows["effects"].__setitem__("k", [[1e300, 0.0]] * 17)),
+        ("effects", lambda knows: knows["effects"].__setitem__("error", [0.0])),
+    ],
+)
+def test_a_survey_with_numbers_out_of_their_range_is_refused(
+    tmp_path: Path, name: str, wrong: Callable[[Any], None]
+) -> None:
+    """A variance of 0 ended the drive with a singular matrix."""
+    table = make("pilot", Config(), rng := np.random.default_rng(1)).table()
+    wrong(table.about["knows"])
+    save(tmp_path / "qtable.json", table)
+    with pytest.raises(QTableError, match=f"keeps '{name}' with numbers out of their range"):
+        from_table(tmp_path / "qtable.json", Config(), rng)
 
 
 @pytest.mark.parametrize("version", [0, 2, "1", None])
