@@ -51,14 +51,14 @@ ONE: Final = (
 
 
 @cache
-def _usual(vehicle: str) -> dict[str, Any]:
+def usual_values(vehicle: str) -> dict[str, Any]:
     """Every value of a vehicle without any other setting."""
     return dict(flatten(completed(load(options={"vehicle": vehicle}).config)))
 
 
 def differing(config: Config) -> Iterator[tuple[str, Any]]:
     """Every value that is not the default of its vehicle, by dotted key."""
-    usual = _usual(config.vehicle)
+    usual = usual_values(config.vehicle)
     # a map takes the rectangle away
     brought = ("sim.room.length", "sim.room.width") if config.sim.room.map is not None else ()
     for key, value in flatten(completed(config)):
