@@ -23,18 +23,17 @@ from pydantic import ValidationError
 
 from studies.learners import OWN, homing
 from studies.learners.contenders import COLUMNS, TRAINED, Line, draw, table
-from studies.learners.floor import floor_of
 from studies.learners.lockstep import asked_alike, trials
-from studies.learners.suite import Each
+from studies.learners.suite import Each, floors, leaves_out
 from txt1.config import Config, completed
 from txt1.config.schema import RECORDED
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
 from txt1.learning.agent import Agent
 from txt1.learning.agents import LEARNERS, make
-from txt1.learning.best_time import known_floor
 from txt1.learning.qtable import replace_file
 from txt1.learning.trial import starts, stream, task_of
+from txt1.learning.world import settled
 from txt1.trials.provenance import provenance
 from txt1.trials.run import Rows
 
@@ -54,15 +53,18 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
     `curve` is a list of [seconds driven before, rows by COLUMNS]: one pair for who learns as he drives, one for each
     checkpoint of who is trained. `refused` says why there is none: sensors that a learner does not believe.
     """
-    floor, task = known_floor(config) or floor_of(config), task_of(config)
+    config = settled(config)
+    floor, task = floors(config, episodes), task_of(config)
     where = starts(seed, number, episodes)
     line: Line = {"contender": name, "trial": number, "code": provenance(*OWN)["code"]}
+    if left_out := leaves_out(config):
+        line["floor_leaves_out"] = left_out
     curve: list[tuple[float, list[list[float]]]] = []
 
     def rows(outcomes: Sequence[tuple[float, bool]]) -> list[list[float]]:
         return [
-            [round(time, 3), int(success), round(start.optimal_time(task), 3), round(floor.time(start), 3)]
-            for (time, success), start in zip(outcomes, where, strict=True)
+            [round(time, 3), int(success), round(start.optimal_time(task), 3), round(least.time(start), 3)]
+            for (time, success), start, least in zip(outcomes, where, floor, strict=True)
         ]
 
     if name in TRAINED:

@@ -174,6 +174,8 @@ def table(head: Line, lines: Sequence[Line]) -> str:
     for line in sorted(lines, key=_place):
         hashes.setdefault(line["code"], []).append(line["contender"])
     codes = "; ".join(f"{code} ({', '.join(dict.fromkeys(names))})" for code, names in hashes.items())
+    missing = ", ".join(dict.fromkeys(key for line in lines for key in line.get("floor_leaves_out", ())))
+    without = f" The floor is that without {missing}." if missing else ""
     versions = ", ".join(f"{name} {made[name]}" for name in made if name not in ("code", "platform"))
     return "\n".join(
         [
@@ -181,7 +183,7 @@ def table(head: Line, lines: Sequence[Line]) -> str:
             "",
             f"Seed {head['seed']}, {head['episodes']} episodes a trial; in brackets intervals of 95 % over trials "
             f"({RESAMPLES} resamples). Skilled: {SKILL} in a row succeed, in at most {SKILLED:g} times their floor; "
-            "the seconds are those before these.",
+            f"the seconds are those before these.{without}",
             f"Code {codes}; {versions}; {made['platform']}.",
             "",
         ]

@@ -49,7 +49,7 @@ def test_one_that_moves_the_goal_and_brings_a_post(run: Any, monkeypatch: pytest
     monkeypatch.undo()
     monkeypatch.syspath_prepend(SITE)
     monkeypatch.setattr(Odd, "goal", lambda self, now: (3.0, 0.0))
-    monkeypatch.setattr(Odd, "settings", lambda config: {"sim.obstacles": post(3.0, 0.0, 0.7)})
+    monkeypatch.setattr(Odd, "settings", lambda config: {"sim.obstacles": post(3.0, 0.0, 0.3)})
     config = load(overrides=[*SHORT[:1], *SHORT[2:], "sim.room.light=[3,0]"]).config
     touched = [each for each in run(config, 4) if each.touched]
     assert touched and not any(each.success for each in touched), "which ends an episode, and not the trial"
@@ -65,6 +65,7 @@ def post(x: float, y: float, radius: float) -> list[dict[str, Any]]:
         ("settings", "raise ValueError('no luck')", "failed in settings: ValueError: no luck"),
         ("begin", "raise ValueError('no luck')", "failed in begin: ValueError: no luck"),
         ("see", "raise ValueError('no luck')", "failed in see: ValueError: no luck"),
+        ("see", "raise SystemExit(7)", "failed in see: SystemExit: 7"),
         ("see", "return 3.0", "see returned 3.0; return 4 numbers"),
         (
             "odometry",

@@ -144,7 +144,7 @@ def _asked(who: str, name: str, method: Callable[..., Any], *given: Any) -> Any:
         return method(*given)
     except Txt1Error:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         told = " ".join(f"{type(error).__name__}: {error}".split())
         raise Txt1Error(f"{who} failed in {name}: {told}") from error
 

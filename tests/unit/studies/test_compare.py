@@ -136,6 +136,19 @@ def test_homing_is_a_contender_and_all_are_asked_for_the_goal_alike() -> None:
     assert any(round(10.0 * time) % 5 for time in times)  # not at its own decisions alone, which are 0.5 s apart
 
 
+@pytest.mark.long
+def test_a_world_is_compared_in_too_beside_the_floor_without_what_it_does_not_know(tmp_path: Path) -> None:
+    post = {"sim.obstacles": [{"kind": "post", "x": 4.0, "y": 0.0, "radius": 0.1}]}
+    moving = {"learning.world": "composed", "learning.world_options": {"lamps": [{"velocity": [0.05, 0.0]}]}}
+    config = with_values(Config(), post | moving | {"sim.light.noise": 0.0})
+    (found,), code = compare.compare(tmp_path / "a.jsonl", ["homing"], config, 1, 3, 1, here)
+    plain = compare.run("homing", 1, with_values(Config(), {"sim.light.noise": 0.0}), 3, 1)
+    assert code == 0 and found["floor_leaves_out"] == ["sim.obstacles"]
+    floors, usual = ([row[3] for row in one["curve"][0][1]] for one in (found, plain))
+    assert floors != usual, "the floor knows where the light goes"
+    assert "The floor is that without sim.obstacles." in (tmp_path / "a.md").read_text()
+
+
 def test_the_table_has_seconds_first_then_failures_and_each_learners_inputs() -> None:
     lines = [line([LOST] * 7 + [QUICK] * 3 + [LOST])]
     head, _, row, *_ = contenders.table(
