@@ -343,6 +343,20 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert "there is no learner 'genius'; installed: neural, pilot, sweeps, taxis, thesis" in capsys.readouterr().err
 
 
+def test_the_thesis_learns_in_its_simulation_by_default_beside_its_figure(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = ["learn", "--trials", "1", "--episodes", "1", "--seed", "1", "--no-pictures"]
+    for number, (words, noise, filtered, told) in enumerate(
+        (([], 0.0, False, True), (["--world", "thesis"], None, True, False), (["--agent", "taxis"], None, True, False))
+    ):
+        out = tmp_path / str(number)
+        assert execute([*short, *words, "--out", str(out)]) == 0
+        config = json.loads((out / "metrics.json").read_text())["config"]
+        assert (config["sim"]["light"]["noise"], config["learning"]["thesis"]["filtered"]) == (noise, filtered)
+        assert ("7.165" in capsys.readouterr().out) is told, "the thesis has no figure for another world"
+
+
 @pytest.mark.long
 def test_a_damaged_trial_is_not_carried_on_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert learn(tmp_path, "--trials", "1") == 0

@@ -13,7 +13,7 @@ from txt1.learning import experiment, plots
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.best_time import known_floor
 from txt1.learning.command.trials import conduct
-from txt1.learning.experiment import Plan
+from txt1.learning.experiment import THESIS_MEAN, Plan
 from txt1.learning.trial import Episode, task_of
 from txt1.learning.worlds import OWN, world_file
 from txt1.record.options import LOG
@@ -66,7 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Do the trials and write their results; return the exit code."""
     name = arguments.agent or "thesis"
-    config = loaded(_in_world(arguments, name)).config
+    world = _world(arguments, name)
+    config = loaded(_in_world(arguments, world)).config
     # refuses a wrong name or options at once
     make(name, config, np.random.default_rng(0))
     speed = robot_speed(arguments, config)
@@ -92,7 +93,7 @@ def main(arguments: argparse.Namespace) -> int:
 
         results, ended = conduct(plan, out, arguments.resume, watch, machines)
     if results:
-        _tell(experiment.write(plan, out, results))
+        _tell(experiment.write(plan, out, results), beside_thesis=name == "thesis" and world == OWN[name])
         if any(one.episodes for one in results) and not arguments.no_pictures:
             try:
                 plots.draw(out, results, experiment.best(results), task_of(config), known_floor(config))
@@ -108,22 +109,25 @@ def main(arguments: argparse.Namespace) -> int:
     return OK if ended is None else 128 + ended
 
 
-def _in_world(arguments: argparse.Namespace, learner: str) -> argparse.Namespace:
-    """Return the arguments with the world's file as the configuration; default worlds are for simulations only."""
-    name = arguments.world
+def _world(arguments: argparse.Namespace, learner: str) -> str | None:
+    """Return the name of the world, None without one; default worlds are for simulations only."""
+    name: str | None = arguments.world
     if name is not None and arguments.config is not None:
         raise ConfigError("--world: a world is a configuration file, and --config gives another; leave out one of them")
     simulated = arguments.hal in (None, "sim") and arguments.port is None
-    if name is None and arguments.config is None and simulated:
-        name = OWN.get(learner)
+    return OWN.get(learner) if name is None and arguments.config is None and simulated else name
+
+
+def _in_world(arguments: argparse.Namespace, name: str | None) -> argparse.Namespace:
+    """Return the arguments with the world's file as the configuration."""
     if name is None:
         return arguments
     say(f"in the world {name}")
     return argparse.Namespace(**{**vars(arguments), "config": world_file(name)})
 
 
-def _tell(metrics: dict[str, Any]) -> None:
-    """Print the figures in a few lines."""
+def _tell(metrics: dict[str, Any], *, beside_thesis: bool) -> None:
+    """Print the figures in a few lines; the thesis has a figure for its simulation alone."""
     for key, what in (("after_episode_7", "after episode 7"), ("last_10", "last 10 episodes")):
         one = metrics.get(key, {})
         if not one.get("episodes"):
@@ -141,8 +145,8 @@ def _tell(metrics: dict[str, Any]) -> None:
             f"{one['optimal_mean_time_s']:.2f} s, ratio {one['ratio_to_optimum']:.3f}, to the floor "
             f"{'not known (python -m studies.learners floor)' if least is None else f'{least:.3f}'}"
         )
-    if "thesis_mean_time_s" in metrics:
-        print(f"{'the thesis reports':<20} mean {metrics['thesis_mean_time_s']} s after episode 7, in simulation")
+    if beside_thesis:
+        print(f"{'the thesis reports':<20} mean {THESIS_MEAN} s after episode 7, in this simulation")
     known = {episode: ratio for episode, ratio in metrics.get("ratio_at_episode", {}).items() if ratio is not None}
     if known:
         print(f"{'ratio at episode':<20} {', '.join(f'{episode}: {ratio:.3f}' for episode, ratio in known.items())}")
