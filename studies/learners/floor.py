@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from studies.learners.lockstep import Loops, Wheels, loops_of, wheels_of
 from txt1.config import Config
+from txt1.config.sources import with_values
+from txt1.errors import ConfigError
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode, only_ours
 from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor, rounded_up
 from txt1.learning.modelled import FLOOR, refuse_others
@@ -93,8 +95,17 @@ class Search:
 
     def __init__(self, config: Config) -> None:
         only_ours(config)
+        if config.section(LearningConfig).goal_period == 0.001 * DECISION_MS:
+            config = with_values(config, {"learning.goal_period": None})
         refuse_others(config, FLOOR, "floors")
         self._config, self.task = config, task_of(config)
+        task = self.task
+        reach = max(map(abs, task.light)) + task.start_radius + 2.0 * task.radius_min  # a circle, at most
+        if task.boundary < reach:
+            raise ConfigError(
+                f"learning.boundary: {task.boundary:g}: floors do not know it, and their ways may lead outside; set at "
+                f"least {reach:g}"
+            )
         commands = config.section(LearningConfig).actions
         self._actions = range(len(commands))
         # decisions for the quickest circle, which is no sharper than the car can turn, and for the way at the slowest

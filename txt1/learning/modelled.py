@@ -30,15 +30,12 @@ VEHICLE: Final = (
 )
 FLOOR: Final = (
     *NAMES, *CAR, *WHEELS, *LOOPS, *VEHICLE, *TASK, *LEARNERS, "sim.light", "sim.room.light", "sensors",
-    "learning.delay", "learning.changes", "learning.drift", "learning.time_limit", "learning.goal_period",
-    "learning.pose",
+    "learning.delay", "learning.time_limit", "learning.pose",
 )  # fmt: skip
 SHOWN: Final = ("learning.world", "learning.world_options", "sim.obstacles", "sim.room.map")
-LOCKSTEP: Final = (*FLOOR, *SHOWN)
-# environments of Stable-Baselines3, which know no episode's number, and no learner that looks
-STEPS: Final = tuple(
-    key for key in LOCKSTEP if key not in ("learning.changes", "learning.drift", "learning.goal_period")
-)
+LOCKSTEP: Final = (*FLOOR, *SHOWN, "learning.changes", "learning.drift", "learning.goal_period")
+# environments of Stable-Baselines3, which know no episode's number
+STEPS: Final = (*FLOOR, *SHOWN)
 BATCH: Final = (
     *NAMES, *CAR, *WHEELS, *VEHICLE, *TASK, "safety.motor_max", "sim.room.light", "sim.light.intensity",
     "sim.light.exponent", "sim.light.height", "sim.light.noise", "learning.time_limit",

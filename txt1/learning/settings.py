@@ -1,8 +1,8 @@
 """The section ``learning`` of the configuration."""
 
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from txt1.config.schema import Section
 from txt1.model.vehicle import SPEED, Geometry
@@ -55,6 +55,12 @@ class ThesisConfig(Section):
     """Episodes after which it chooses greedily; null: never."""
     learn_on: bool = True
     """Whether it goes on learning when it chooses greedily."""
+
+    @model_validator(mode="after")
+    def _ends_with_training(self) -> Self:
+        if not self.learn_on and self.training is None:
+            raise ValueError("learn_on: it would have no effect, as it never ends its training; set training")
+        return self
 
 
 class LearningConfig(Section):

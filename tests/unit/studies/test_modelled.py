@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from studies.learners import suite
-from studies.learners.floor import floor_of
+from studies.learners.floor import TICKS, Search, floor_of
 from studies.learners.lockstep import shown, trials, world_at
 from txt1.config import Config, completed, flatten, load
 from txt1.config.sources import with_values
@@ -22,6 +22,10 @@ from txt1.learning.world import settled
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
 BASE = {"learning.time_limit": 4.0, "car.known": True}  # short, and with loops that have a use for their settings
+WITH = {  # what a key has no use without
+    "learning.thesis.temperature_floor": {"learning.thesis.temperature": 0.01},
+    "learning.thesis.learn_on": {"learning.thesis.training": 0},
+}
 OTHER: dict[str, Any] = {  # another value, where one cannot be made of the default
     "hal": "serial",
     "hal_options": {"x": 1},
@@ -64,6 +68,7 @@ OTHER: dict[str, Any] = {  # another value, where one cannot be made of the defa
     "learning.thesis.cooling": "decisions",
     "learning.thesis.direction": "corrected",
     "learning.thesis.training": 0,
+    "learning.thesis.temperature_floor": 5.0,
     "odometry.scale": 1.1,
 }
 OTHER |= {
@@ -92,15 +97,10 @@ NULLS = (
     [0.0, 0.0, 0.0],
     {"x": 1},
 )  # in place of null
-ELSEWHERE = {  # what says who and where, and the settings of learners that are not asked here
-    *("name", "seed", "vehicle", "calibrated", "sim.physics", "learning.thesis.rate", "learning.thesis.learn_on"),
+ELSEWHERE = {  # what says who and when, and the settings of learners that are not asked here
+    *("name", "seed", "vehicle", "calibrated"),
     *(f"learning.{name}" for name in ("sweeps", "pilot", "neural", "taxis", "ppo", "dqn", "options")),
 }
-REMEDIES = {
-    "learning.thesis.remedy",
-    "learning.thesis.temperature_floor",
-    "learning.thesis.gamma",
-}  # their effect comes after many episodes
 
 
 def other(key: str, value: Any) -> Any:
@@ -179,9 +179,29 @@ def effect_or_refusal(key: str, value: Any, base: dict[str, Any], run: Callable[
 @pytest.mark.long  # they are compiled
 @pytest.mark.parametrize(("key", "value"), KEYS, ids=[key for key, _ in KEYS])
 def test_each_key_has_an_effect_in_lockstep_or_is_refused(key: str, value: Any) -> None:
-    if key in REMEDIES:
-        pytest.skip("its effect comes after many episodes")
-    effect_or_refusal(key, value, BASE, drives)
+    effect_or_refusal(key, value, BASE | WITH.get(key, {}), drives)
+
+
+SEES_ALL = (  # a floor knows where the light is, has no noise, and learns nothing
+    *("sim.light", "sim.noise.drag", "sensors", "learning.pose", "learning.thesis", "learning.time_limit"),
+    *("sim.room.light",),  # it is asked for a place in the robot's frame
+    *("sim.vehicle.coast_time_constant", "sim.vehicle.coast_friction"),  # who is in a hurry does not coast
+    *("learning.goal_period",),  # the value here is its own; another is refused below
+)
+
+
+@pytest.mark.long  # they are compiled
+@pytest.mark.parametrize(
+    ("key", "value"), [(key, value) for key, value in KEYS if not key.startswith(SEES_ALL)], ids=str
+)
+def test_each_key_has_an_effect_on_a_floor_or_is_refused(key: str, value: Any) -> None:
+    def searched(config: Config) -> list[float]:
+        search = Search(config)
+        away = search.task.start_radius
+        lights = [(0.3 * away, 0.9 * away), (-away, 0.1)]
+        return [n for place in lights for n in search.best(np.tile(place, (search.horizon * TICKS + 1, 1)))]
+
+    effect_or_refusal(key, value, {"car.known": True}, searched)
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in WORLDS.glob("*.yaml")))
@@ -200,6 +220,13 @@ def test_what_a_vehicle_brings_along_is_not_refused_but_the_same_by_hand_is() ->
 def test_floors_refuse_what_they_do_not_model() -> None:
     with pytest.raises(ConfigError, match=r"sim\.obstacles: .* floors do not model it"):
         floor_of(with_values(Config(), {"sim.obstacles": OTHER["sim.obstacles"]}))
+    for values, told in (
+        ({"learning.goal_period": 0.5}, "learning.goal_period: 0.5: floors do not model it"),
+        ({"learning.changes": OTHER["learning.changes"]}, "learning.changes: .* floors do not model it"),
+        ({"learning.boundary": 2.0}, "learning.boundary: 2: floors do not know it, .* set at least 2.37"),
+    ):
+        with pytest.raises(ConfigError, match=told):
+            Search(with_values(Config(), values))
 
 
 @pytest.mark.long
@@ -221,8 +248,8 @@ def test_each_key_has_an_effect_in_an_environment_or_is_refused(key: str, value:
                     break
         return found
 
-    if key.startswith("learning.thesis.") and not vectorised:
-        pytest.skip("the same for one robot as for many")
+    if key.startswith("learning.thesis.") and (key in WITH or not vectorised):
+        pytest.skip("the same for one robot as for many, and for all these keys")
     base = {"learning.time_limit": 4.0, "learning.actions": [[0.3, -0.5], [0.05, 0.0], [0.3, 0.5]]}
     effect_or_refusal(key, value, base | ({} if vectorised else {"car.known": True}), run)
 
