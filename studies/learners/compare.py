@@ -169,9 +169,9 @@ def _as_today(config: Any) -> Any:
 
 def read(file: Path) -> tuple[Line, list[Line]]:
     """The first line of a raw file, and all others; one that was cut off is left out."""
-    head, *lines = Rows(file).read() or [None]
-    if not (isinstance(head, dict) and head.get("format") == FORMAT):
-        raise ConfigError(f"{file}: is no comparison of this program; give another file") from None
+    head, lines = Rows(file).headed("contender", "trial", "curve")
+    if head.get("format") != FORMAT:
+        raise ConfigError(f"{file}: is no comparison of this program; give another file")
     return head, lines
 
 

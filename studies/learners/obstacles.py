@@ -161,13 +161,13 @@ def study(
     Raises ConfigError: the file is of something else, or was begun otherwise.
     """
     rows = Rows(file)
-    lines = rows.read() if file.exists() else []
+    new, (first, lines) = not file.exists(), rows.headed("world", "pilot")
     head = {"format": FORMAT, "seed": seed, "episodes": episodes, "columns": COLUMNS, "provenance": provenance(*OWN)}
-    if not lines:
+    if new:
         rows.add(head)
-    elif [lines[0].get(key) for key in ("format", "seed", "episodes")] != [FORMAT, seed, episodes]:
+    elif [first.get(key) for key in ("format", "seed", "episodes")] != [FORMAT, seed, episodes]:
         raise ConfigError(f"{file}: is of something else, or of another seed or episodes; give another file")
-    done = {line["world"] for line in lines[1:]}
+    done = {line["world"] for line in lines}
     whole = config.model_dump(mode="json")
     missing = {k: [whole, seed, k, episodes] for k in range(1, count + 1) if k not in done}
 

@@ -93,13 +93,13 @@ def study(file: Path, count: int, seed: int, each: Each, tell: Callable[[str], N
     Raises ConfigError: the file is of something else, or of another seed.
     """
     rows = Rows(file)
-    lines = rows.read() if file.exists() else []
+    new, (first, lines) = not file.exists(), rows.headed("reading", "trial", "times", "success", "code")
     head = {"format": FORMAT, "seed": seed, "world": WORLD, "provenance": provenance(*OWN)}
-    if not lines:
+    if new:
         rows.add(head)
-    elif lines[0].get("format") != FORMAT or lines[0].get("seed") != seed:
+    elif first.get("format") != FORMAT or first.get("seed") != seed:
         raise ConfigError(f"{file}: is of something else, or of another seed; give another file")
-    done = {(line["reading"], line["trial"]) for line in lines[1:]}
+    done = {(line["reading"], line["trial"]) for line in lines}
     missing = {
         (reading, first): [reading, first, min(BLOCK, count + 1 - first), seed]
         for reading in names or READINGS

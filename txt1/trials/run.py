@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from txt1.commands import OK, say, signals_to
+from txt1.errors import ConfigError
 from txt1.trials.workers import Work, Workers
 
 # rich takes time to load
@@ -73,15 +74,28 @@ class Rows:
         self.file = file
 
     def read(self) -> list[Any]:
-        """Return the rows. A line that was cut off at the end of a run is left out, and reported."""
+        """Return the rows. A line that was cut off at the end of a run is left out, and reported.
+
+        Raises ConfigError: the file is no text.
+        """
         found = []
-        lines = self.file.read_text(encoding="utf-8").splitlines() if self.file.exists() else []
+        try:
+            lines = self.file.read_text(encoding="utf-8").splitlines() if self.file.exists() else []
+        except UnicodeDecodeError:
+            raise ConfigError(f"{self.file}: is no text; give another file") from None
         for number, line in enumerate(lines, 1):
             try:
                 found.append(json.loads(line))
             except ValueError:
                 say(f"{self.file}: line {number} is cut off or damaged; its trial is done again")
         return found
+
+    def headed(self, *keys: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+        """Return the first row, empty without one, and the others; ConfigError: one of them lacks one of the keys."""
+        first, *others = self.read() or [{}]
+        if not isinstance(first, dict) or not all(isinstance(one, dict) and one.keys() >= {*keys} for one in others):
+            raise ConfigError(f"{self.file}: holds rows of something else; give another file")
+        return first, others
 
     def add(self, row: Any) -> None:
         """Add a row, on a line of its own."""

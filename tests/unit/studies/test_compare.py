@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from studies.learners import OWN, compare, contenders
+from studies.learners import OWN, compare, contenders, obstacles, thesis
 from txt1.config import Config, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError
@@ -97,6 +97,20 @@ def test_what_was_begun_otherwise_is_not_carried_on(tmp_path: Path, other: dict[
     with pytest.raises(ConfigError, match=r"a\.jsonl") as caught:
         compare.compare(raw(tmp_path / "a.jsonl", [], **other), ["pilot"], CONFIG, 1, 12, 1, here)
     assert told in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"[1]\n", b"null\n", b'{"format": "x"}\n{"x": 1}\n', b"\xe8\xff\n", b"garbage\n"])
+def test_a_file_of_something_else_is_refused_in_a_line_by_every_study(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "a.jsonl"
+    file.write_bytes(content)
+    for study in (
+        lambda: compare.compare(file, ["pilot"], CONFIG, 1, 1, 1, here),
+        lambda: thesis.study(file, 1, 1, here, print),
+        lambda: obstacles.study(file, CONFIG, 1, 1, 1, here, print),
+    ):
+        with pytest.raises(ConfigError, match=r"a\.jsonl: .*; give another file"):
+            study()
+    assert file.read_bytes() == content, "nothing was added to it"
 
 
 def test_a_file_that_did_not_know_a_value_yet_is_carried_on_with_its_default(tmp_path: Path) -> None:
