@@ -31,7 +31,9 @@ from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
 from txt1.learning.agent import Agent
 from txt1.learning.agents import LEARNERS, make
+from txt1.learning.modelled import LOCKSTEP, refuse_others
 from txt1.learning.qtable import replace_file
+from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import starts, stream, task_of
 from txt1.learning.world import settled
 from txt1.trials.provenance import provenance
@@ -115,7 +117,8 @@ def compare(
     A file that other code began is carried on, as contenders change one by one; each line has the hash of its code, and
     the table tells of all.
 
-    Raises ConfigError: there is no such contender, or the file is of another comparison; MissingExtra: PPO or DQN
+    Raises ConfigError: there is no such contender, the world is not modelled or cannot be solved, or the file is of
+    another comparison; MissingExtra: PPO or DQN
     without Stable-Baselines3.
     """
     for name in names:
@@ -123,6 +126,9 @@ def compare(
             from studies.learners import sb3  # noqa: F401 - says that the extra is missing
         elif name not in RULES:
             LEARNERS.place("agent", VARIANTS.get(name, (name, {}))[0])
+    # refused before the file is begun
+    refuse_unsolvable(settled(config))
+    refuse_others(settled(config), LOCKSTEP, "trials in lockstep")
     told = completed(config).model_dump(mode="json", exclude={"seed"})
     head = {"format": FORMAT, "version": 1, "seed": seed, "episodes": episodes, "columns": COLUMNS, "config": told}
     rows, lines = Rows(file), _begun(file, {**head, "provenance": provenance(*OWN)})

@@ -120,6 +120,13 @@ def test_a_file_that_did_not_know_a_value_yet_is_carried_on_with_its_default(tmp
     assert compare.read(file)[0]["config"] == older, "it says what it was begun with"
 
 
+@pytest.mark.parametrize("values", [{"odometry.scale": 1.2}, {"learning.goal_radius": 2.0}])
+def test_what_is_refused_begins_no_file(tmp_path: Path, values: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(values))):
+        compare.compare(tmp_path / "a.jsonl", ["pilot"], with_values(CONFIG, values), 1, 1, 1, here)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.long
 def test_a_comparison_is_done_and_carried_on(tmp_path: Path) -> None:
     told: list[str] = []
