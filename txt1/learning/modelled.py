@@ -100,8 +100,8 @@ def _sees_plainly(config: Config, key: str, looks: bool) -> bool:
     if key == "learning.pose":
         told = config.sensors.get(learning.pose)
         return told is not None and told.driver == "sim_vicon"
-    name = key.split(".")[1]
+    _, name, what = key.split(".")
     one = config.sensors[name]
     drivers = {learning.sensor: "sim_light", learning.pose: "sim_vicon"}
-    plain = not (one.period or one.delay or one.drop_out or one.options)
-    return plain and (drivers.get(name) == one.driver or (looks and lasers(config) == [name]))
+    known = drivers.get(name) == one.driver or (looks and lasers(config) == [name])
+    return known and (what == "driver" or not getattr(one, what))

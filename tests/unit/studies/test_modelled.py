@@ -217,6 +217,13 @@ def test_what_a_vehicle_brings_along_is_not_refused_but_the_same_by_hand_is() ->
         refuse_others(load(overrides=["safety.v_max=3.0"]).config, LOCKSTEP, "trials in lockstep")
 
 
+@pytest.mark.parametrize("setting", ["delay=0.3", "drop_out=0.3", "period=0.1", "options={seed: [1]}"])
+def test_an_option_of_a_light_sensor_is_refused_by_its_name(setting: str) -> None:
+    config = load(overrides=["sensors.light.driver=sim_light", f"sensors.light.{setting}"]).config
+    with pytest.raises(ConfigError, match=rf"^sensors\.light\.{setting.split('=')[0]}: "):
+        refuse_others(config, LOCKSTEP, "trials in lockstep")
+
+
 def test_floors_refuse_what_they_do_not_model() -> None:
     with pytest.raises(ConfigError, match=r"sim\.obstacles: .* floors do not model it"):
         floor_of(with_values(Config(), {"sim.obstacles": OTHER["sim.obstacles"]}))
