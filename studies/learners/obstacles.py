@@ -14,7 +14,7 @@ each episode. It plans as the pilot does, and learns only what its actions do. I
 """
 
 from collections.abc import Callable, Sequence
-from math import cos, hypot, pi, sin
+from math import cos, hypot, nan, pi, sin
 from pathlib import Path
 from typing import Any, Final
 
@@ -183,9 +183,10 @@ def study(
 
 
 def figures(lines: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What the worlds come to; ratios are of the episodes after the 7th that succeeded."""
+    """What the worlds come to; ratios are of the episodes after the 7th that succeeded, with fewer of the last one."""
     pilot = np.array([line["pilot"] for line in lines], float)
-    late = pilot[:, LEARNED:]
+    first = min(LEARNED, pilot.shape[1] - 1)
+    late = pilot[:, first:]
     won = late[..., 1] == 1.0
     both = [line for line in lines if "knowing" in line]
     found: dict[str, Any] = {
@@ -195,18 +196,20 @@ def figures(lines: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "failures": int((pilot[..., 1] == 0.0).sum()),
         "late_episodes": int(won.size),
         "late_failures": int((~won).sum()),
-        "to_floor": float(late[..., 0][won].sum() / late[..., 4][won].sum()),
+        "to_floor": float(late[..., 0][won].sum() / late[..., 4][won].sum()) if won.any() else nan,
         "compared": 0,
     }
     if both:
-        own = np.array([line["pilot"] for line in both], float)[:, LEARNED:]
-        known = np.array([line["knowing"] for line in both], float)[:, LEARNED:]
+        own = np.array([line["pilot"] for line in both], float)[:, first:]
+        known = np.array([line["knowing"] for line in both], float)[:, first:]
         reached = (own[..., 1] == 1.0) & (known[..., 1] == 1.0)
         found["compared"] = int(reached.sum())
         found["knowing_failures"], found["knowing_contacts"] = (
             int((known[..., 1] == 0.0).sum()),
             int(known[..., 2].sum()),
         )
+        if not reached.any():
+            return found
         found["to_knowing"] = float(own[..., 0][reached].sum() / known[..., 0][reached].sum())
         ratios = [float(a[r, 0].sum() / b[r, 0].sum()) for a, b, r in zip(own, known, reached, strict=True) if r.any()]
         rng = np.random.default_rng(0)

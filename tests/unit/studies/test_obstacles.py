@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from math import hypot
+from math import hypot, isnan
 from pathlib import Path
 
 import pytest
@@ -44,6 +44,14 @@ def test_a_world_is_a_line_of_figures() -> None:
     assert (found["worlds"], found["episodes"], found["contacts"], found["late_failures"]) == (2, 18, 1, 1)
     assert found["to_floor"] == pytest.approx(1.2)
     assert (found["compared"], found["to_knowing"]) == (2, pytest.approx(6.0 / 5.5))
+
+
+def test_few_episodes_are_judged_by_the_last_one_and_failures_have_no_ratio() -> None:
+    own, lost = [[6.0, 1, 0, None, 5.0]] * 2, [[30.0, 0, 1, 2.0, 5.0]] * 2
+    found = obstacles.figures([{"pilot": own, "knowing": lost}])
+    assert (found["late_episodes"], found["to_floor"], found["compared"]) == (1, pytest.approx(1.2), 0)
+    assert "to_knowing" not in found
+    assert isnan(obstacles.figures([{"pilot": lost}])["to_floor"])
 
 
 def test_a_file_of_something_else_is_not_carried_on(tmp_path: Path) -> None:
