@@ -669,7 +669,7 @@ class PilotAgent(PeriodicAgent):
             "spread": _small(self.spread) and bool((self.spread > 0.0).all()),
             "trust": _small(self.trust) and bool((self.trust > 0.0).all()),
             "goal": 0.0 <= self.goal <= LARGEST,
-            "past": _small(rows[:, : 2 + SENSORS]) and bool((rows[:, 2 + SENSORS :] > 0.0).all()),
+            "past": _small(rows[:, : 2 + SENSORS]) and bool((np.abs(rows[:, 2 + SENSORS :]) > 0.0).all()),
         }
 
     def recall(self, memory: dict[str, Any]) -> None:
