@@ -17,7 +17,8 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
 
 The sensors sit at p with brightness g and power n, and the light hangs sqrt(u) above them; the robot turns by s h + b
 in a decision when odometry says h. A sensor that fits worse than the others is trusted less: its variances are
-multiplied by its own misfit. A course that only grazes the goal may miss it and go round again, so it counts as longer.
+multiplied by its own misfit. One that noise around a constant explains, while others see far more, tells nothing
+(`unmoved`). A course that only grazes the goal may miss it and go round again, so it counts as longer.
 The goal's distance is the mean of the distances at which episodes ended well.
 
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
@@ -147,7 +148,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
         new = agent.memory()
         agent.recall({**new, **table.about["knows"]})
         known = agent.memory()
-        for name in ("survey", "spread", "trust", "most", "repeats"):
+        for name in ("survey", "spread", "trust", "blind", "most", "repeats"):
             if np.shape(known[name]) != np.shape(new[name]):
                 raise ValueError(f"keeps '{name}' of the shape {np.shape(known[name])}, not {np.shape(new[name])}")
         if not agent.survey[HEIGHT] >= 0.0:
@@ -187,6 +188,8 @@ class PilotAgent(PeriodicAgent):
         self._goals = 0
         # factor on each sensor's variances
         self.trust = np.ones(SENSORS)
+        # sensors whose readings the light does not move
+        self.blind = np.zeros(SENSORS, bool)
         # each sensor's largest reading, and the number of samples that gave it
         self.most = np.zeros(SENSORS)
         self.repeats = np.zeros(SENSORS, np.int64)
@@ -389,7 +392,7 @@ class PilotAgent(PeriodicAgent):
 
     def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
         """Move the light's place in the robot's frame, and correct it by the readings of the middle of the way."""
-        noise = noise * self.trust
+        noise = np.where(self.blind, inf, noise * self.trust)
         if self._lights:
             turn = float(self.survey[SCALE] * turn + self.survey[DRIFT])
             self._lights, square, count = followed(
@@ -437,7 +440,7 @@ class PilotAgent(PeriodicAgent):
         self.unfit = self.unfit or "the light"
         self.lost = True
         self.misfit = 1.0
-        self.trust = np.ones(SENSORS)
+        self.trust, self.blind = np.ones(SENSORS), np.zeros(SENSORS, bool)
         self._past = []
         self._lights = []
         self._arrival = inf
@@ -463,6 +466,7 @@ class PilotAgent(PeriodicAgent):
         rows = np.array(self._rows[-self.settings.window :])
         if len(rows) < 2 * self.settings.anew or self._untried:
             return
+        self.blind = unmoved(rows)
         rows = self._weighed(rows)
         survey, lights, cost, doubt = self._searched(rows)
         if isfinite(cost):
@@ -508,6 +512,7 @@ class PilotAgent(PeriodicAgent):
 
     def _survey_on(self, episodes: list[Array]) -> tuple[Array, Array]:
         """Survey with these episodes; return the light's place in the last."""
+        self.blind = unmoved(episodes[-1])
         survey, lights, cost, doubt = self._survey_with([self._weighed(rows) for rows in episodes])
         if isfinite(cost):
             self.survey = survey
@@ -524,8 +529,9 @@ class PilotAgent(PeriodicAgent):
             self.trust = np.where(each > self.settings.doubt, each, 1.0)
 
     def _weighed(self, rows: Array) -> Array:
-        """Rows with the variances that each sensor's trust makes of them."""
-        return np.concatenate([rows[:, : 2 + SENSORS], rows[:, 2 + SENSORS :] * self.trust], axis=1)
+        """Rows with the variances that each sensor's trust makes of them; a blind sensor's are infinite."""
+        noise = np.where(self.blind, inf, rows[:, 2 + SENSORS :] * self.trust)
+        return np.concatenate([rows[:, : 2 + SENSORS], noise], axis=1)
 
     def _sight(self, rows: Array) -> Place:
         """The light's place on the map of an episode, by the survey."""
@@ -645,6 +651,7 @@ class PilotAgent(PeriodicAgent):
             "survey": self.survey.tolist(),
             "spread": self.spread.tolist(),
             "trust": self.trust.tolist(),
+            "blind": self.blind.tolist(),
             "most": self.most.tolist(),
             "repeats": self.repeats.tolist(),
             "goal": self.goal,
@@ -678,7 +685,8 @@ class PilotAgent(PeriodicAgent):
             setattr(self.effects, name, np.array(kept))
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
         self.trust = np.array(memory["trust"])
-        # older memories have no ceilings
+        # older memories have neither of these
+        self.blind = np.array(memory.get("blind", self.blind))
         self.most = np.array(memory.get("most", self.most))
         self.repeats = np.array(memory.get("repeats", self.repeats))
         self.goal, self.lost, self.episode = float(memory["goal"]), bool(memory["lost"]), int(memory["episode"])
@@ -703,6 +711,21 @@ def chi_square(count: int, alarm: float) -> float:
         return inf
     ninth = 2.0 / (9.0 * count)
     return float(count * (1.0 - ninth + NormalDist().inv_cdf(1.0 - alarm) * sqrt(ninth)) ** 3)
+
+
+def unmoved(rows: Array) -> NDArray[np.bool_]:
+    """Return the sensors of which noise around a constant explains all readings in an episode's rows, while others vary.
+
+    A sensor that sees the light varies as they do, as the robot drives: four times what noise may do, in squares.
+    """
+    weights = np.where(np.isfinite(rows[:, 2 + SENSORS :]), 1.0 / rows[:, 2 + SENSORS :], 0.0)
+    z, counts = rows[:, 2 : 2 + SENSORS], (weights > 0.0).sum(axis=0)
+    mean = (weights * z).sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-12)
+    squares = (weights * (z - mean) ** 2).sum(axis=0)
+    limits = np.array([chi_square(int(count) - 1, 1e-3) if count > 2 else inf for count in counts])
+    varies = squares > 4.0 * limits
+    blind: NDArray[np.bool_] = (squares <= limits) & np.isfinite(limits) & varies.any()
+    return blind
 
 
 def _squares(survey: Array, rows: Array, light: Array) -> Array:
