@@ -23,7 +23,7 @@ NUMBERS: Final = 16
 # least and largest power by which light may fall, and ...
 POWERS: Final = (0.5, 6.0)
 # ... scale of turns
-SCALES: Final = (0.5, 2.0)
+SCALES: Final = (0.3, 3.0)
 # squared misfit, in deviations, by which a place of the light is too unlikely, and is dropped
 UNLIKELY: Final = 20.0
 # square of the misfit, in deviations, from which a reading counts less
@@ -206,9 +206,12 @@ def _cost(
     cost = 0.0
     for i in range(NUMBERS):
         off = survey[i] - (level if i < SENSORS else mean[i])
-        cost += off * off / square[i]
-        gradient[i] += off / square[i]
-        normal[i, i] += 1.0 / square[i]
+        # odometry is mostly right, but where it errs, it may err much
+        tail = TAIL if i == SCALE or i == DRIFT else 1e9
+        trust = 1.0 / (1.0 + off * off / square[i] / tail)
+        cost += tail * log(1.0 + off * off / square[i] / tail)
+        gradient[i] += trust * off / square[i]
+        normal[i, i] += trust / square[i]
     column = np.zeros(9, np.int64)
     slope = np.zeros(9)
     # on the map, and how they change with the scale of turns, and with their drift
