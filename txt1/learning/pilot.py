@@ -34,7 +34,8 @@ Every half second it judges itself by the last 5 s (`_judge`). It says that its 
         that stands still
         (turn and way of the last second - those predicted) ^2 / (slip of odometry)^2  >  chi^2
 
-It says so, too, when it is late, and when it forgets its survey.
+It says so, too, when it is late, and when it forgets its survey; and at the start of an episode, if the last one failed
+or took 1.5 times the plan that it would have made at its start, had it known where the light was (`_wasted`).
 
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
@@ -199,6 +200,8 @@ class PilotAgent(PeriodicAgent):
         self._untried = self._all()
         # for each episode, rows of _RECORD numbers a decision
         self._past: list[Array] = []
+        # what was found wrong after the last episode
+        self._doubted = ""
         self._before = self.memory()
         self.begin()
 
@@ -226,7 +229,8 @@ class PilotAgent(PeriodicAgent):
         # latest decision at which it arrives if all goes well
         self._arrival = inf
         # the part that its model does not fit, once reported in this episode
-        self.unfit = ""
+        self.unfit = self._doubted
+        self._began_lost = self.lost
         # of the last decisions: the state before, the actions, and their results
         self._course: list[Any] = []
         # whether it has surveyed again in this episode because it was late
@@ -269,6 +273,7 @@ class PilotAgent(PeriodicAgent):
         self.episode += 1
         if len(self._rows) > 2:
             self._past.append(np.array(self._rows))
+        self._doubted = "how long the way takes" if not self._began_lost and self._wasted(success) else ""
         if success and self._light is not None:
             # outside before, inside now
             seen = 0.5 * (self._range[0] + self._range[1])
@@ -354,6 +359,21 @@ class PilotAgent(PeriodicAgent):
         survey, lights, _, _ = self._searched(episode)
         squares = _squares(survey, episode, lights[-1])[-self.settings.judged :]
         return "the light" if np.nansum(squares) > limit else ""
+
+    def _wasted(self, success: bool) -> bool:
+        """Whether the episode took far longer than a plan from its start to where the light was at its end."""
+        if not success or self._light is None:
+            return True
+        rows = np.array(self._rows)
+        x, y, heading = way(rows[:, 0], turned(self.survey, rows))
+        c, s = cos(heading[-1]), sin(heading[-1])
+        ahead, left = self._light[:2]
+        there = x[-1] + c * ahead - s * left, y[-1] + s * ahead + c * left, 0.0, 0.0, 0.0
+        _, pending, k, effects = self._motion()
+        at_rest = np.full_like(pending, self.actions)
+        goal = hypot(ahead, left)
+        least = quickest(there, 0.0, 0.0, at_rest, k, effects, 1.0, goal, self.settings.graze * goal).min()
+        return bool(len(rows) - 1 > 1.5 * least)
 
     def _usual(self) -> float:
         """The longest distance to which an action leads in a decision."""
@@ -657,6 +677,7 @@ class PilotAgent(PeriodicAgent):
             "goal": self.goal,
             "goals": self._goals,
             "lost": self.lost,
+            "doubted": self._doubted,
             "untried": list(self._untried),
             "episode": self.episode,
             "past": [np.where(np.isfinite(rows), rows, -1.0).tolist() for rows in self._past],
@@ -685,7 +706,7 @@ class PilotAgent(PeriodicAgent):
             setattr(self.effects, name, np.array(kept))
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
         self.trust = np.array(memory["trust"])
-        # older memories have neither of these
+        # older memories lack some
         self.blind = np.array(memory.get("blind", self.blind))
         self.most = np.array(memory.get("most", self.most))
         self.repeats = np.array(memory.get("repeats", self.repeats))
@@ -694,6 +715,7 @@ class PilotAgent(PeriodicAgent):
         self._past = [np.array(rows) for rows in memory["past"]]
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] < 0.0] = inf
+        self._doubted = str(memory.get("doubted", ""))
         self._rng.bit_generator.state = memory["rng"]
 
 
