@@ -42,7 +42,8 @@ adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), 
 Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). After such
 a report it drives on as before.
 
-A largest reading that repeats is the end of a sensor's range, which tells no distance (`ceilings`).
+A largest reading that repeats is the end of a sensor's range (`ceilings`). It says that the light is at least so bright:
+it counts only where the survey foretells less. Its variance has a minus sign in the rows.
 """
 
 from dataclasses import dataclass
@@ -122,7 +123,7 @@ SETTINGS: Final = PilotSettings()
 # standard deviation of odometry's drift before anything is known, rad in a decision
 DRIFTS: Final = 0.01
 # standard deviation of the square of the light's height above the sensors, m2
-HEIGHTS: Final = 1.0
+HEIGHTS: Final = 0.1
 # delays of which the effects are shared with other robots: a message has little room
 SHARED: Final = 5
 # samples that give the same largest reading, after which a sensor's range ends there
@@ -149,7 +150,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
         new = agent.memory()
         agent.recall({**new, **table.about["knows"]})
         known = agent.memory()
-        for name in ("survey", "spread", "trust", "blind", "most", "repeats"):
+        for name in ("survey", "spread", "trust", "blind", "least", "most", "repeats"):
             if np.shape(known[name]) != np.shape(new[name]):
                 raise ValueError(f"keeps '{name}' of the shape {np.shape(known[name])}, not {np.shape(new[name])}")
         if not agent.survey[HEIGHT] >= 0.0:
@@ -191,7 +192,8 @@ class PilotAgent(PeriodicAgent):
         self.trust = np.ones(SENSORS)
         # sensors whose readings the light does not move
         self.blind = np.zeros(SENSORS, bool)
-        # each sensor's largest reading, and the number of samples that gave it
+        # each sensor's smallest and largest reading, and the number of samples that gave the largest
+        self.least = np.full(SENSORS, LUX_MAX)
         self.most = np.zeros(SENSORS)
         self.repeats = np.zeros(SENSORS, np.int64)
         self.lost = True
@@ -343,7 +345,10 @@ class PilotAgent(PeriodicAgent):
         if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
             return "what the actions do"
         rows = self._weighed(np.array(self._rows[-self.settings.judged :]))
-        readings = int(np.isfinite(rows[:, 6:]).sum())
+        telling = np.isfinite(rows[:, 6:])
+        if telling.any(axis=0).sum() == 1:
+            return "the light, of which one sensor alone tells"
+        readings = int(telling.sum())
         if (self.lost and self._untried) or len(rows) < 2 * self.settings.anew or not readings:
             return ""
         limit = chi_square(readings, self.settings.alarm)
@@ -380,7 +385,7 @@ class PilotAgent(PeriodicAgent):
         return float(np.abs(self.effects.c[0, 0] / (1.0 - self.effects.k[0, 0])).max()) or 1e-9
 
     def _readings(self) -> tuple[Array, Array]:
-        """Logarithms of the mean readings, and their variances; infinite for a useless sensor."""
+        """Logarithms of the mean readings, and their variances; infinite for a useless sensor, see `sensor_map`."""
         lux = self._seen()
         n = len(lux)
         z, noise = np.zeros(SENSORS), np.full(SENSORS, inf)
@@ -390,7 +395,10 @@ class PilotAgent(PeriodicAgent):
         dark, dazzled = (lux <= LUX_MIN).sum(axis=0), (lux >= self.ceilings(lux)).sum(axis=0)
         for k in range(SENSORS):
             frozen = not varies[k] and varies.any()
-            if not isfinite(lux[:, k].sum()) or 2 * dark[k] >= n or 2 * dazzled[k] >= n or frozen:
+            if 2 * dazzled[k] >= n:
+                z[k], noise[k] = log(np.median(lux[:, k])), -(self.spread[k] * 0.5 * pi / n + self.settings.model**2)
+                continue
+            if not isfinite(lux[:, k].sum()) or 2 * dark[k] >= n or frozen:
                 continue
             mean = float(lux[:, k].mean())
             clipped = dark[k] or dazzled[k]
@@ -408,7 +416,9 @@ class PilotAgent(PeriodicAgent):
         self.repeats[most > self.most] = 0
         self.most = most
         self.repeats += (lux == most).sum(axis=0)
-        return np.where(self.repeats >= REPEATED, np.minimum(most, LUX_MAX), LUX_MAX)
+        # a frozen sensor gives nothing else
+        self.least = np.fmin(self.least, np.fmin.reduce(lux))
+        return np.where((self.repeats >= REPEATED) & (self.least < most), np.minimum(most, LUX_MAX), LUX_MAX)
 
     def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
         """Move the light's place in the robot's frame, and correct it by the readings of the middle of the way."""
@@ -672,6 +682,7 @@ class PilotAgent(PeriodicAgent):
             "spread": self.spread.tolist(),
             "trust": self.trust.tolist(),
             "blind": self.blind.tolist(),
+            "least": self.least.tolist(),
             "most": self.most.tolist(),
             "repeats": self.repeats.tolist(),
             "goal": self.goal,
@@ -708,13 +719,14 @@ class PilotAgent(PeriodicAgent):
         self.trust = np.array(memory["trust"])
         # older memories lack some
         self.blind = np.array(memory.get("blind", self.blind))
+        self.least = np.array(memory.get("least", self.least))
         self.most = np.array(memory.get("most", self.most))
         self.repeats = np.array(memory.get("repeats", self.repeats))
         self.goal, self.lost, self.episode = float(memory["goal"]), bool(memory["lost"]), int(memory["episode"])
         self._goals, self._untried = int(memory["goals"]), list(memory["untried"])
         self._past = [np.array(rows) for rows in memory["past"]]
         for rows in self._past:
-            rows[:, 6:][rows[:, 6:] < 0.0] = inf
+            rows[:, 6:][rows[:, 6:] == -1.0] = inf
         self._doubted = str(memory.get("doubted", ""))
         self._rng.bit_generator.state = memory["rng"]
 
@@ -740,7 +752,7 @@ def unmoved(rows: Array) -> NDArray[np.bool_]:
 
     A sensor that sees the light varies as they do, as the robot drives: four times what noise may do, in squares.
     """
-    weights = np.where(np.isfinite(rows[:, 2 + SENSORS :]), 1.0 / rows[:, 2 + SENSORS :], 0.0)
+    weights = np.maximum(1.0 / rows[:, 2 + SENSORS :], 0.0)
     z, counts = rows[:, 2 : 2 + SENSORS], (weights > 0.0).sum(axis=0)
     mean = (weights * z).sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-12)
     squares = (weights * (z - mean) ** 2).sum(axis=0)
@@ -768,8 +780,8 @@ def _squares(survey: Array, rows: Array, light: Array) -> Array:
     places = survey[PLACES:SCALE].reshape(SENSORS, 2)
     square = (ahead[:, None] - places[:, 0]) ** 2 + (left[:, None] - places[:, 1]) ** 2 + survey[HEIGHT] + 1e-4
     foretold = survey[:SENSORS] - 0.5 * survey[POWER] * np.log(square)
-    noise = rows[:, 2 + SENSORS :]
-    return np.where(np.isfinite(noise), (rows[:, 2 : 2 + SENSORS] - foretold) ** 2 / noise, np.nan)
+    noise, miss = rows[:, 2 + SENSORS :], rows[:, 2 : 2 + SENSORS] - foretold
+    return np.where(np.isfinite(noise) & ((noise > 0.0) | (miss > 0.0)), miss**2 / np.abs(noise), np.nan)
 
 
 def _possible(survey: Array, spread: Array, goal: float) -> bool:

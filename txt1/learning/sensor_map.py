@@ -1,7 +1,8 @@
 """A survey of light sensors: their places and brightness, the power by which light falls, the light's place and height.
 
-It is made from an episode's rows, a row a decision: distance, turn, four log readings, their four variances (infinite
-for a useless sensor). The sensors sit at p with brightness g and power n, the light hangs sqrt(u) above them, and the
+It is made from an episode's rows, a row a decision: distance, turn, four log readings, their four variances. A variance
+is infinite for a useless sensor, and negative for one at the end of its range, which tells only that the light is at
+least so bright. The sensors sit at p with brightness g and power n, the light hangs sqrt(u) above them, and the
 robot turns by s h + b in a decision when odometry says h:
 
         survey, light  <-  argmin  sum (z - g + n/2 log(|light - p|^2 + u))^2      (Gauss-Newton, outliers count less)
@@ -69,8 +70,10 @@ def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Be
             continue
         foretold, slope_x, slope_y, _ = _foretold(survey, k, x, y)
         miss = z[k] - foretold
+        if noise[k] < 0.0 and miss < 0.0:
+            continue
         along_x, along_y = xx * slope_x + xy * slope_y, xy * slope_x + yy * slope_y
-        variance = slope_x * along_x + slope_y * along_y + noise[k]
+        variance = slope_x * along_x + slope_y * along_y + abs(noise[k])
         total += miss * miss / variance
         count += 1
         step_x, step_y = along_x / variance * miss, along_y / variance * miss
@@ -107,8 +110,8 @@ def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]
     level, weights = 0.0, 1e-12
     for k in range(SENSORS):
         if noise[k] < inf:
-            level += (survey[k] - z[k]) / noise[k]
-            weights += 1.0 / noise[k]
+            level += (survey[k] - z[k]) / abs(noise[k])
+            weights += 1.0 / abs(noise[k])
     far = exp(min(max(level / weights / survey[POWER], -3.0), 3.0))
     found = [((far, 0.0, far * far, far * far, 0.0), inf)]
     for guess in range(16):
@@ -122,12 +125,15 @@ def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]
                     continue
                 foretold, slope_x, slope_y, _ = _foretold(survey, k, x, y)
                 miss = z[k] - foretold
-                cost += miss * miss / noise[k]
-                xx += slope_x * slope_x / noise[k]
-                yy += slope_y * slope_y / noise[k]
-                xy += slope_x * slope_y / noise[k]
-                to_x += slope_x * miss / noise[k]
-                to_y += slope_y * miss / noise[k]
+                if noise[k] < 0.0 and miss < 0.0:
+                    continue
+                weight = 1.0 / abs(noise[k])
+                cost += miss * miss * weight
+                xx += slope_x * slope_x * weight
+                yy += slope_y * slope_y * weight
+                xy += slope_x * slope_y * weight
+                to_x += slope_x * miss * weight
+                to_y += slope_y * miss * weight
             area = xx * yy - xy * xy
             step_x, step_y = (yy * to_x - xy * to_y) / area, (xx * to_y - xy * to_x) / area
             short = min(1.0, 0.5 * far / max(hypot(step_x, step_y), 1e-9))
@@ -207,7 +213,7 @@ def _cost(
     for i in range(NUMBERS):
         off = survey[i] - (level if i < SENSORS else mean[i])
         # odometry is mostly right, but where it errs, it may err much
-        tail = TAIL if i == SCALE or i == DRIFT else 1e9
+        tail = TAIL if i >= SCALE else 1e9
         trust = 1.0 / (1.0 + off * off / square[i] / tail)
         cost += tail * log(1.0 + off * off / square[i] / tail)
         gradient[i] += trust * off / square[i]
@@ -248,8 +254,10 @@ def _cost(
             for k in range(SENSORS):
                 if rows[t, 6 + k] == inf:
                     continue
-                root = 1.0 / sqrt(rows[t, 6 + k])
+                root = 1.0 / sqrt(abs(rows[t, 6 + k]))
                 foretold, slope_x, slope_y, by_power = _foretold(survey, k, ahead, left)
+                if rows[t, 6 + k] < 0.0 and foretold > rows[t, 2 + k]:
+                    continue
                 miss, by_x, by_y = (foretold - rows[t, 2 + k]) * root, slope_x * root, slope_y * root
                 cost += TAIL * log(1.0 + miss * miss / TAIL)
                 trust = 1.0 / (1.0 + miss * miss / TAIL)

@@ -14,8 +14,15 @@ def test_a_largest_reading_that_repeats_ends_the_range_until_a_larger_one_comes(
     agent = PilotAgent(np.random.default_rng(1))
     shown = np.array([[60.0, 40.0, float("nan"), 30.0]] * REPEATED)
     shown[:, 1] += np.arange(REPEATED)
+    shown[0] -= 5.0
+    shown = np.vstack([shown, shown[-1:]])
     assert agent.ceilings(shown)[[0, 1, 3]].tolist() == [60.0, LUX_MAX, 30.0]
     assert agent.ceilings(np.array([[70.0, 1.0, 1.0, 29.0]])).tolist() == [LUX_MAX, LUX_MAX, LUX_MAX, 30.0]
+
+
+def test_a_frozen_sensor_is_not_at_the_end_of_its_range() -> None:
+    agent = PilotAgent(np.random.default_rng(1))
+    assert agent.ceilings(np.full((3 * REPEATED, 4), 60.0)).tolist() == [LUX_MAX] * 4
 
 
 def test_no_range_ends_above_that_of_the_board() -> None:
@@ -25,6 +32,7 @@ def test_no_range_ends_above_that_of_the_board() -> None:
 
 def test_a_memory_keeps_where_the_ranges_end() -> None:
     agent, other = (PilotAgent(np.random.default_rng(1)) for _ in range(2))
+    agent.ceilings(np.full((1, 4), 59.0))
     agent.ceilings(np.full((REPEATED, 4), 60.0))
     other.recall(agent.memory())
     assert other.ceilings(np.full((1, 4), 50.0)).tolist() == [60.0] * 4
