@@ -258,13 +258,15 @@ class Composed(LightWorld):
         """Return a sensor's reading for the light on it, lux."""
         one, light = self._sensors[k], self.config.sim.light
         noise = 1.0 + self._noise * float(self.rng.standard_normal())
-        seen = (one.gain * light.gains[k] * lux if one.lies is None else one.lies) * noise
-        if one.lag:
-            share = exp(-SAMPLE_PERIOD / one.lag) if self._followed[k] else 0.0
-            seen = self._followed[k] = share * self._followed[k] + (1.0 - share) * seen
+        # before the episode the robot stood on its start
         past = self._past[k]
-        past.append(seen)
-        told = past[0] + one.offset
+        past.append(lux)
+        clean = one.gain * light.gains[k] * past[0] if one.lies is None else one.lies
+        seen = clean * noise
+        if one.lag:
+            share = exp(-SAMPLE_PERIOD / one.lag)
+            seen = self._followed[k] = share * (self._followed[k] or clean) + (1.0 - share) * seen
+        told = seen + one.offset
         if one.quantum:
             told = one.quantum * round(told / one.quantum)
         told = min(max(told, one.low), one.high)

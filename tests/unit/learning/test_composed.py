@@ -79,6 +79,13 @@ def test_sensors_lag_are_late_and_hang() -> None:
     assert hangs.see(1.0, far) == hangs.see(2.0, POSE)
 
 
+def test_before_an_episode_late_sensors_stood_on_its_start() -> None:
+    for errs, least, most in (({"lag": 10.0}, 0.0, 0.02), ({"delay": 1.0}, 0.1, 0.4)):
+        began = world({"sensors": [errs]}, **{"sim.light.noise": 0.2})
+        seen = np.array([began.see(0.016 * k, POSE)[0] for k in range(30)]) / lux()[0]
+        assert seen.mean() == pytest.approx(1.0, abs=0.15) and least <= seen.std() <= most
+
+
 def test_a_post_throws_a_shadow() -> None:
     behind = {"sim.obstacles": [{"kind": "post", "x": 0.5, "y": 0.0, "radius": 0.3}]}
     assert lux(**behind) == [1.0] * 4
