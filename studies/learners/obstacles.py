@@ -106,7 +106,7 @@ class Knowing(PilotAgent):
             self._taken[0] = a
         return a
 
-    def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
+    def _track(self, z: Array, noise: Array) -> None:
         self._place()
 
     def _place(self) -> None:

@@ -16,10 +16,17 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
              over the likely q (`planner.quickest`)
 
 The sensors sit at p with brightness g and power n, and the light hangs sqrt(u) above them; the robot turns by s h + b
-in a decision when odometry says h. A sensor that fits worse than the others is trusted less: its variances are
-multiplied by its own misfit. One that noise around a constant explains, while others see far more, tells nothing
-(`unmoved`). A course that only grazes the goal may miss it and go round again, so it counts as longer.
-The goal's distance is the mean of the distances at which episodes ended well.
+in a decision when odometry says h. A course that only grazes the goal may miss it and go round again, so it counts as
+longer. The goal's distance is the mean of the distances at which episodes ended well.
+
+What it finds out of its sensors and of the light:
+
+- A sensor that fits worse than the others is trusted less: its variances are multiplied by its own misfit.
+- A sensor that noise around a constant explains, while others vary far more, is blind (`unmoved`).
+- A largest reading that repeats is the end of a sensor's range (`ceilings`). It says that the light is at least so
+  bright, and counts only where the survey foretells less.
+- When something does not fit, it compares surveys with readings that are late by 0 to 15 decisions, and one with a
+  light that moves, which stands still for ten decisions at a time (`_think_again`). In the filter it then wanders.
 
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
@@ -34,16 +41,14 @@ Every half second it judges itself by the last 5 s (`_judge`). It says that its 
         that stands still
         (turn and way of the last second - those predicted) ^2 / (slip of odometry)^2  >  chi^2
 
-It says so, too, when it is late, and when it forgets its survey; and at the start of an episode, if the last one failed
-or took 1.5 times the plan that it would have made at its start, had it known where the light was (`_wasted`).
+It says so, too, when it is late, when it forgets its survey, and where one sensor alone tells of the light. It says so
+at the start of an episode, if one of the last five failed, or took 1.5 times the plan that it would have made at its
+start, had it known where the light was (`_wasted`).
 
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
 Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). After such
 a report it drives on as before.
-
-A largest reading that repeats is the end of a sensor's range (`ceilings`). It says that the light is at least so bright:
-it counts only where the survey foretells less. Its variance has a minus sign in the rows.
 """
 
 from dataclasses import dataclass
@@ -71,6 +76,7 @@ from txt1.learning.sensor_map import (
     SCALE,
     SCALES,
     SENSORS,
+    UNLIKELY,
     followed,
     moved,
     seen_along,
@@ -134,6 +140,17 @@ LARGEST: Final = 1e6
 _RECORD: Final = 2 + 2 * SENSORS
 # decisions over which it predicts the effects of its actions, to judge itself
 SECOND: Final = 10
+# surveys in an episode after which even a light that moves does not explain why nothing fits
+REFITS: Final = 2
+# episodes after which a survey that led to the goal is not forgotten for being late, if the light moves
+KNOWN: Final = 3
+# episodes at whose start it says so after one that took far too long
+DOUBTS: Final = 5
+LONG: Final = "how long the way takes"
+# decisions in which a light that moves is taken to stand still
+PIECE: Final = 10
+# decisions by which readings may be late
+LATE: Final = (0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 15)
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
@@ -190,6 +207,9 @@ class PilotAgent(PeriodicAgent):
         self._goals = 0
         # factor on each sensor's variances
         self.trust = np.ones(SENSORS)
+        # decisions by which the readings are late, and whether the light moves
+        self.late = 0
+        self.moves = False
         # sensors whose readings the light does not move
         self.blind = np.zeros(SENSORS, bool)
         # each sensor's smallest and largest reading, and the number of samples that gave the largest
@@ -202,8 +222,8 @@ class PilotAgent(PeriodicAgent):
         self._untried = self._all()
         # for each episode, rows of _RECORD numbers a decision
         self._past: list[Array] = []
-        # what was found wrong after the last episode
-        self._doubted = ""
+        # episodes for which it doubts the model, since one took too long
+        self._doubts = 0
         self._before = self.memory()
         self.begin()
 
@@ -222,8 +242,9 @@ class PilotAgent(PeriodicAgent):
         self._at: Odometry | None = None
         # distance and curvature of the last decision
         self._pace: Place = (0.0, 0.0)
-        # likely places of the light in the robot's frame, the likeliest first
+        # likely places of the light in the robot's frame, the likeliest first, now and when the last readings were true
         self._lights: list[tuple[Belief, float]] = []
+        self._lights_then = self._lights
         # distance from the light at the last decision but one, and at the last
         self._range = (inf, inf)
         # the goal's distance as it shows in this episode
@@ -231,12 +252,14 @@ class PilotAgent(PeriodicAgent):
         # latest decision at which it arrives if all goes well
         self._arrival = inf
         # the part that its model does not fit, once reported in this episode
-        self.unfit = self._doubted
+        self.unfit = LONG if self._doubts else ""
         self._began_lost = self.lost
         # of the last decisions: the state before, the actions, and their results
         self._course: list[Any] = []
         # whether it has surveyed again in this episode because it was late
         self._surveyed = False
+        # how often it has surveyed again because the readings did not fit
+        self._refits = 0
         # length of the plan, decisions
         self.plan = inf
         # what the laser has seen, and the sweeps since the last decision with the odometry of their moments
@@ -275,7 +298,8 @@ class PilotAgent(PeriodicAgent):
         self.episode += 1
         if len(self._rows) > 2:
             self._past.append(np.array(self._rows))
-        self._doubted = "how long the way takes" if not self._began_lost and self._wasted(success) else ""
+        wasted = not self._began_lost and self._wasted(success)
+        self._doubts = DOUBTS if wasted else max(self._doubts - 1, 0)
         if success and self._light is not None:
             # outside before, inside now
             seen = 0.5 * (self._range[0] + self._range[1])
@@ -285,6 +309,8 @@ class PilotAgent(PeriodicAgent):
             self.misfit = 1.0
         self._trim()
         if self._past:
+            if self.unfit or self._doubts or self.moves:
+                self._think_again(self._past)
             self._survey_on(self._past)
 
     # -- learning ------------------------------------------------------------------------------------------------
@@ -307,7 +333,7 @@ class PilotAgent(PeriodicAgent):
         self._at = odometry
         self._look_round(distance, turn, odometry)
         self._rows.append([distance, turn, *z, *noise])
-        self._track(distance, turn, z, noise)
+        self._track(z, noise)
 
     def _look_round(self, distance: float, turn: float, odometry: Odometry) -> None:
         """Take what the laser has seen since the last decision."""
@@ -344,7 +370,7 @@ class PilotAgent(PeriodicAgent):
         """Return the part that the model does not fit in the last decisions; "" if the stated noise explains them."""
         if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
             return "what the actions do"
-        rows = self._weighed(np.array(self._rows[-self.settings.judged :]))
+        rows = self._latest(PIECE if self.moves else self.settings.judged)
         telling = np.isfinite(rows[:, 6:])
         if telling.any(axis=0).sum() == 1:
             return "the light, of which one sensor alone tells"
@@ -352,15 +378,17 @@ class PilotAgent(PeriodicAgent):
         if (self.lost and self._untried) or len(rows) < 2 * self.settings.anew or not readings:
             return ""
         limit = chi_square(readings, self.settings.alarm)
-        _, square = seen_along(self.survey, rows, 0.0)
+        _, square = seen_along(self.survey, rows, 0.0, self._wander())
         # the survey fits as it is, so no search for a better survey is needed
         if square * readings <= limit:
             return ""
         survey, lights, _, _ = self._survey_with([*map(self._weighed, self._past), rows])
         if np.nansum(_squares(survey, rows, lights[-1])) <= limit:
             return ""
+        if self.moves:
+            return "the light"
         # the known survey may be a wrong minimum of the cost
-        episode = self._weighed(np.array(self._rows[-self.settings.window :]))
+        episode = self._latest(self.settings.window)
         survey, lights, _, _ = self._searched(episode)
         squares = _squares(survey, episode, lights[-1])[-self.settings.judged :]
         return "the light" if np.nansum(squares) > limit else ""
@@ -392,6 +420,9 @@ class PilotAgent(PeriodicAgent):
         if not n:
             return z, noise
         varies = lux.std(axis=0) > 1e-6 * np.abs(lux.mean(axis=0))
+        if not varies.any():
+            # one sample, repeated
+            lux, n = lux[-1:], 1
         dark, dazzled = (lux <= LUX_MIN).sum(axis=0), (lux >= self.ceilings(lux)).sum(axis=0)
         for k in range(SENSORS):
             frozen = not varies[k] and varies.any()
@@ -420,43 +451,65 @@ class PilotAgent(PeriodicAgent):
         self.least = np.fmin(self.least, np.fmin.reduce(lux))
         return np.where((self.repeats >= REPEATED) & (self.least < most), np.minimum(most, LUX_MAX), LUX_MAX)
 
-    def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
+    def _track(self, z: Array, noise: Array) -> None:
         """Move the light's place in the robot's frame, and correct it by the readings of the middle of the way."""
         noise = np.where(self.blind, inf, noise * self.trust)
-        if self._lights:
-            turn = float(self.survey[SCALE] * turn + self.survey[DRIFT])
-            self._lights, square, count = followed(
-                self._lights, self.survey, z, noise, distance, turn, self.settings.slip
+        if self._lights_then:
+            then = len(self._rows) - 1 - self.late
+            distance, turn = self._motion_at(then) if then > 0 else (0.0, 0.0)
+            self._lights_then, square, count = followed(
+                self._lights_then, self.survey, z, noise, distance, turn, self.settings.slip, self._wander()
             )
             if count:
                 self.misfit += 0.1 * (square / count - self.misfit)
         elif not self.lost:
-            self._lights = sighted(self.survey, z, noise)
+            self._lights_then = sighted(self.survey, z, noise)
+        self._carry_on()
         if self._light is not None:
             self._range = self._range[1], hypot(*self._light[:2])
+
+    def _motion_at(self, number: int) -> Place:
+        """Distance and turn of a decision of this episode, by the survey."""
+        distance, turn = self._rows[number][:2]
+        return distance, float(self.survey[SCALE] * turn + self.survey[DRIFT])
+
+    def _carry_on(self) -> None:
+        """Move the light's places from the time of the last readings to the present."""
+        self._lights = list(self._lights_then)
+        for number in range(max(len(self._rows) - self.late, 1), len(self._rows)):
+            step = self._motion_at(number)
+            self._lights = [
+                (moved(light, *step, self.settings.slip, self._wander()), cost) for light, cost in self._lights
+            ]
+
+    def _wander(self) -> float:
+        """Standard deviation of the light's own way in a decision."""
+        return 0.5 * self._usual() if self.moves else 0.0
 
     def _misfits(self) -> None:
         """Survey again with the data of this episode; forget the survey if the readings do not fit even then."""
         rows = np.array(self._rows[-self.settings.window :])
+        self._think_again([*self._past, rows])
         light, doubt = self._survey_on([*self._past, rows])
-        _, misfit = seen_along(self.survey, self._weighed(rows), self.settings.slip)
-        if misfit > self.settings.doubt:
+        misfit = self._follow(rows, light, doubt)
+        self._refits += 1
+        if misfit > self.settings.doubt or (self.moves and self._refits > REFITS):
             self.unfit = self.unfit or self._judge()
             self._lose()
             self._survey_anew()
         else:
             self.misfit = 1.0
-            self._follow(rows, light, doubt)
 
     def _late(self) -> None:
         """Survey again with the data of this episode; forget the survey if that was done before."""
-        self.unfit = self.unfit or "how long the way takes"
-        if self._surveyed:
+        self.unfit = self.unfit or LONG
+        if self._surveyed and not (self.moves and self._goals >= KNOWN):
             self._lose()
             self._rows, self._untried = self._rows[-10:], self._all()
             return
         self._surveyed, self._arrival = True, inf
         rows = np.array(self._rows[-self.settings.window :])
+        self._think_again([*self._past, rows])
         light, doubt = self._survey_on([*self._past, rows])
         self._follow(rows, light, doubt)
 
@@ -470,9 +523,9 @@ class PilotAgent(PeriodicAgent):
         self.unfit = self.unfit or "the light"
         self.lost = True
         self.misfit = 1.0
-        self.trust, self.blind = np.ones(SENSORS), np.zeros(SENSORS, bool)
+        self.trust, self.blind, self.moves = np.ones(SENSORS), np.zeros(SENSORS, bool), False
         self._past = []
-        self._lights = []
+        self._lights = self._lights_then = []
         self._arrival = inf
 
     def _trim(self) -> None:
@@ -497,11 +550,18 @@ class PilotAgent(PeriodicAgent):
         if len(rows) < 2 * self.settings.anew or self._untried:
             return
         self.blind = unmoved(rows)
-        rows = self._weighed(rows)
-        survey, lights, cost, doubt = self._searched(rows)
-        if isfinite(cost):
-            self.survey = survey
+        as_seen = self._weighed(rows)
+        survey, lights, cost, doubt = self._searched(as_seen)
+        if not isfinite(cost):
+            return
+        self.survey = survey
+        squares = _squares(survey, as_seen, lights[0])
+        if np.nansum(squares) <= self.settings.doubt * np.isfinite(squares).sum():
             self._follow(rows, lights[0], doubt)
+            return
+        self._think_again([rows])
+        light, doubt = self._survey_on([rows])
+        self._follow(rows, light, doubt)
 
     def _searched(self, rows: Array) -> tuple[Array, Array, float, Array]:
         """Survey an episode, starting from several guesses at the light's place; see `surveyed`."""
@@ -518,27 +578,63 @@ class PilotAgent(PeriodicAgent):
         best: tuple[Array, Array, float, Array] = min(found, key=lambda one: one[2])
         return best
 
-    def _follow(self, rows: Array, on_the_map: Array, doubt: Array) -> None:
-        """Place the light where a survey put it on the map of this episode."""
-        x, y, heading = way(rows[:, 0], turned(self.survey, rows))
-        on_map = on_the_map[0], on_the_map[1], doubt[0, 0], doubt[1, 1], doubt[0, 1]
-        distance, bearing = hypot(x[-1], y[-1]), atan2(y[-1], x[-1])
-        there = moved(moved(on_map, 0.0, bearing, 0.0), distance, 0.0, 0.0)
-        light = moved(there, 0.0, heading[-1] - bearing, 0.0)
-        self._lights = [(light, 0.0)]
-        self._range = self._range[1], hypot(*light[:2])
+    def _follow(self, rows: Array, on_the_map: Array, doubt: Array) -> float:
+        """Follow the light from where a survey put it on the map of these rows; return their mean square misfit.
 
-    def _survey_with(self, episodes: list[Array]) -> tuple[Array, Array, float, Array]:
-        """Survey these episodes, starting from the known survey and from sensors in the middle; see `surveyed`."""
+        A light that moves is followed along the rows instead.
+        """
+        rows = self._weighed(rows)
+        along = rows[-self.settings.judged :] if self.moves else rows
+        light, misfit = seen_along(self.survey, along, self.settings.slip, self._wander())
+        if not self.moves:
+            x, y, heading = way(rows[:, 0], turned(self.survey, rows))
+            on_map = on_the_map[0], on_the_map[1], doubt[0, 0], doubt[1, 1], doubt[0, 1]
+            distance, bearing = hypot(x[-1], y[-1]), atan2(y[-1], x[-1])
+            there = moved(moved(on_map, 0.0, bearing, 0.0, 0.0), distance, 0.0, 0.0, 0.0)
+            light = moved(there, 0.0, heading[-1] - bearing, 0.0, 0.0)
+        self._lights_then = [(light, 0.0)]
+        self._carry_on()
+        self._range = self._range[1], hypot(*self._lights[0][0][:2])
+        return float(misfit)
+
+    def _survey_with(self, episodes: list[Array], *, anew: bool = True) -> tuple[Array, Array, float, Array]:
+        """Survey these episodes, starting from the known survey; see `surveyed`.
+
+        `anew` starts from sensors in the middle, too, with the light at their height and above them.
+        """
         mean, square = self._prior()
-        lights = np.array([self._sight(rows) for rows in episodes])
-        which = np.repeat(np.arange(len(episodes)), [len(rows) for rows in episodes])
-        anew = np.concatenate([self.survey[:PLACES], mean[PLACES:]])
-        found = [
-            surveyed(np.concatenate(episodes), which, guess, lights, mean, square, 6) for guess in (self.survey, anew)
-        ]
+        pieces = [piece for rows in episodes for piece in self._pieces(rows)]
+        lights = np.array([self._sight(piece) for piece in pieces])
+        which = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+        guesses = [self.survey]
+        for height in (0.0, 1.0) if anew else ():
+            guesses.append(np.concatenate([self.survey[:PLACES], mean[PLACES:HEIGHT], [height]]))
+        rows = np.concatenate(pieces)
+        found = [surveyed(rows, which, guess, lights, mean, square, 6) for guess in guesses]
         best: tuple[Array, Array, float, Array] = min(found, key=lambda one: one[2])
         return best
+
+    def _pieces(self, rows: Array) -> list[Array]:
+        """An episode's rows in pieces in which the light stands still."""
+        if not self.moves:
+            return [rows]
+        first = len(rows) % PIECE
+        cuts = range(first if first > PIECE // 2 else first + PIECE, len(rows), PIECE)
+        return np.split(rows, cuts)
+
+    def _think_again(self, episodes: list[Array]) -> None:
+        """Choose how late the readings are, and whether the light moves: as before, if nothing fits clearly better."""
+        before, readings = (self.late, self.moves), sum(int(np.isfinite(rows[:, 6:]).sum()) for rows in episodes)
+        costs = {}
+        for self.late, self.moves in dict.fromkeys([before, (0, True), *((late, False) for late in LATE)]):
+            as_seen = list(map(self._weighed, episodes))
+            cost = self._survey_with(as_seen, anew=False)[2]
+            # two more numbers for each piece, by H. Akaike, A New Look at the Statistical Model Identification, 1974
+            costs[self.late, self.moves] = cost, 4.0 * sum(len(self._pieces(rows)) for rows in as_seen)
+        least = min(cost for cost, _ in costs.values()) / (readings + 1.0)
+        best = {key: cost / max(least, 1.0) + numbers for key, (cost, numbers) in costs.items()}
+        best[before] -= UNLIKELY
+        self.late, self.moves = min(best, key=lambda key: best[key])
 
     def _survey_on(self, episodes: list[Array]) -> tuple[Array, Array]:
         """Survey with these episodes; return the light's place in the last."""
@@ -546,7 +642,9 @@ class PilotAgent(PeriodicAgent):
         survey, lights, cost, doubt = self._survey_with([self._weighed(rows) for rows in episodes])
         if isfinite(cost):
             self.survey = survey
-            self._weigh(_squares(survey, episodes[-1], lights[-1]))
+            pieces = self._pieces(delayed(episodes[-1], self.late))
+            squares = [_squares(survey, *each) for each in zip(pieces, lights[-len(pieces) :], strict=True)]
+            self._weigh(np.concatenate(squares))
         return lights[-1], doubt
 
     def _weigh(self, misfits: Array) -> None:
@@ -559,14 +657,18 @@ class PilotAgent(PeriodicAgent):
             self.trust = np.where(each > self.settings.doubt, each, 1.0)
 
     def _weighed(self, rows: Array) -> Array:
-        """Rows with the variances that each sensor's trust makes of them; a blind sensor's are infinite."""
+        """Rows as a survey takes them: readings beside the motion of their time, variances by each sensor's trust."""
         noise = np.where(self.blind, inf, rows[:, 2 + SENSORS :] * self.trust)
-        return np.concatenate([rows[:, : 2 + SENSORS], noise], axis=1)
+        return np.concatenate([delayed(rows, self.late)[:, : 2 + SENSORS], noise], axis=1)
+
+    def _latest(self, count: int) -> Array:
+        """At most so many of the latest rows of this episode, as a survey takes them."""
+        return self._weighed(np.array(self._rows[-count - self.late :]))[-count:]
 
     def _sight(self, rows: Array) -> Place:
         """The light's place on the map of an episode, by the survey."""
         x, y, heading = way(rows[:, 0], turned(self.survey, rows))
-        (ahead, left, _, _, _), _ = seen_along(self.survey, rows, self.settings.slip)
+        (ahead, left, _, _, _), _ = seen_along(self.survey, rows, self.settings.slip, self._wander())
         c, s = cos(heading[-1]), sin(heading[-1])
         return float(x[-1] + c * ahead - s * left), float(y[-1] + s * ahead + c * left)
 
@@ -680,6 +782,8 @@ class PilotAgent(PeriodicAgent):
             "effects": effects,
             "survey": self.survey.tolist(),
             "spread": self.spread.tolist(),
+            "late": self.late,
+            "moves": self.moves,
             "trust": self.trust.tolist(),
             "blind": self.blind.tolist(),
             "least": self.least.tolist(),
@@ -688,7 +792,7 @@ class PilotAgent(PeriodicAgent):
             "goal": self.goal,
             "goals": self._goals,
             "lost": self.lost,
-            "doubted": self._doubted,
+            "doubts": self._doubts,
             "untried": list(self._untried),
             "episode": self.episode,
             "past": [np.where(np.isfinite(rows), rows, -1.0).tolist() for rows in self._past],
@@ -707,6 +811,8 @@ class PilotAgent(PeriodicAgent):
             "survey": _small(survey) and bool(within),
             "spread": _small(self.spread) and bool((self.spread > 0.0).all()),
             "trust": _small(self.trust) and bool((self.trust > 0.0).all()),
+            "late": 0 <= self.late <= max(LATE),
+            "doubts": 0 <= self._doubts <= DOUBTS,
             "goal": 0.0 <= self.goal <= LARGEST,
             "past": _small(rows[:, : 2 + SENSORS]) and bool((np.abs(rows[:, 2 + SENSORS :]) > 0.0).all()),
         }
@@ -718,6 +824,7 @@ class PilotAgent(PeriodicAgent):
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
         self.trust = np.array(memory["trust"])
         # older memories lack some
+        self.late, self.moves = int(memory.get("late", 0)), bool(memory.get("moves", False))
         self.blind = np.array(memory.get("blind", self.blind))
         self.least = np.array(memory.get("least", self.least))
         self.most = np.array(memory.get("most", self.most))
@@ -727,7 +834,7 @@ class PilotAgent(PeriodicAgent):
         self._past = [np.array(rows) for rows in memory["past"]]
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] == -1.0] = inf
-        self._doubted = str(memory.get("doubted", ""))
+        self._doubts = int(memory.get("doubts", 0))
         self._rng.bit_generator.state = memory["rng"]
 
 
@@ -747,16 +854,23 @@ def chi_square(count: int, alarm: float) -> float:
     return float(count * (1.0 - ninth + NormalDist().inv_cdf(1.0 - alarm) * sqrt(ninth)) ** 3)
 
 
-def unmoved(rows: Array) -> NDArray[np.bool_]:
-    """Return the sensors of which noise around a constant explains all readings in an episode's rows, while others vary.
+def delayed(rows: Array, late: int) -> Array:
+    """Return an episode's rows with each reading beside the motion of `late` decisions before; it began at rest."""
+    motion = np.concatenate([np.zeros((min(late, len(rows)), 2)), rows[: max(len(rows) - late, 0), :2]])
+    return np.concatenate([motion, rows[:, 2:]], axis=1)
 
-    A sensor that sees the light varies as they do, as the robot drives: four times what noise may do, in squares.
+
+def unmoved(rows: Array) -> NDArray[np.bool_]:
+    """Return the sensors whose readings in an episode's rows noise around a constant explains, while others vary.
+
+    Others vary if the sum of their squares is four times what noise may make. A sensor that sees the light varies as
+    they do, as the robot drives. Shape (4,).
     """
     weights = np.maximum(1.0 / rows[:, 2 + SENSORS :], 0.0)
     z, counts = rows[:, 2 : 2 + SENSORS], (weights > 0.0).sum(axis=0)
     mean = (weights * z).sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-12)
     squares = (weights * (z - mean) ** 2).sum(axis=0)
-    limits = np.array([chi_square(int(count) - 1, 1e-3) if count > 2 else inf for count in counts])
+    limits = np.array([chi_square(int(count) - 1, 1e-3) if count >= 20 else inf for count in counts])
     varies = squares > 4.0 * limits
     blind: NDArray[np.bool_] = (squares <= limits) & np.isfinite(limits) & varies.any()
     return blind
@@ -816,7 +930,7 @@ def _compile(*, round_obstacles: bool) -> None:
     """
     rows, survey, square = np.ones((2, 2 + 2 * SENSORS)), np.ones(NUMBERS), np.ones(NUMBERS)
     surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 1)
-    seen_along(survey, rows, 0.1)
+    seen_along(survey, rows, 0.1, 0.0)
     pending, c = np.zeros(1, np.int64), np.ones((2, 3))
     quickest((1.0, 0.0, 0.1, 0.1, 0.0), 0.1, 0.0, pending, np.zeros(2), c, 1.0, 0.5, 0.1)
     Effects(2, 1).learn(pending, (0.1, 0.1), (0.0, 0.0), 0.9)

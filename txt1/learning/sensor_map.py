@@ -32,13 +32,16 @@ TAIL: Final = 8.0
 
 
 @compiled
-def moved(belief: Belief, distance: float, turn: float, slip: float) -> Belief:
-    """Move the light in the robot's frame after the robot's motion, by odometry with an error of the share `slip`."""
+def moved(belief: Belief, distance: float, turn: float, slip: float, wander: float) -> Belief:
+    """Move the light in the robot's frame after the robot's motion, by odometry with an error of the share `slip`.
+
+    `wander` is the standard deviation of the light's own way.
+    """
     x, y, xx, yy, xy = belief
     c, s = cos(turn), sin(turn)
     x, y = x - distance * cos(0.5 * turn), y - distance * sin(0.5 * turn)
-    xx += slip * slip * (distance * distance + turn * turn * y * y)
-    yy += slip * slip * turn * turn * x * x
+    xx += slip * slip * (distance * distance + turn * turn * y * y) + wander * wander
+    yy += slip * slip * turn * turn * x * x + wander * wander
     xy -= slip * slip * turn * turn * x * y
     x, y = c * x + s * y, c * y - s * x
     return (
@@ -155,7 +158,14 @@ def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]
 
 @compiled
 def followed(
-    lights: list[tuple[Belief, float]], survey: Array, z: Array, noise: Array, distance: float, turn: float, slip: float
+    lights: list[tuple[Belief, float]],
+    survey: Array,
+    z: Array,
+    noise: Array,
+    distance: float,
+    turn: float,
+    slip: float,
+    wander: float,
 ) -> tuple[list[tuple[Belief, float]], float, int]:
     """Update the places of the light after a decision; keep the places that the readings allow, the likeliest first.
 
@@ -166,22 +176,22 @@ def followed(
     least, misfit, readings = inf, 0.0, 0
     for i in range(len(after)):
         belief, cost = after[i]
-        belief = moved(belief, 0.5 * distance, 0.5 * turn, slip)
+        belief = moved(belief, 0.5 * distance, 0.5 * turn, slip, wander)
         belief, square, count = corrected(belief, survey, z, noise)
-        after[i] = moved(belief, 0.5 * distance, 0.5 * turn, slip), cost + square
+        after[i] = moved(belief, 0.5 * distance, 0.5 * turn, slip, 0.0), cost + square
         if cost + square < least:
             least, misfit, readings = cost + square, square, count
     return _likely(after), misfit, readings
 
 
 @compiled
-def seen_along(survey: Array, rows: Array, slip: float) -> tuple[Belief, float]:
+def seen_along(survey: Array, rows: Array, slip: float, wander: float) -> tuple[Belief, float]:
     """Return the light's place at the end of an episode's rows, by the survey, and the mean square of the misfit."""
     lights = sighted(survey, rows[0, 2:6], rows[0, 6:])
     total, readings = 0.0, 1e-9
     for k in range(1, rows.shape[0]):
         turn = survey[SCALE] * rows[k, 1] + survey[DRIFT]
-        lights, square, count = followed(lights, survey, rows[k, 2:6], rows[k, 6:], rows[k, 0], turn, slip)
+        lights, square, count = followed(lights, survey, rows[k, 2:6], rows[k, 6:], rows[k, 0], turn, slip, wander)
         total += square
         readings += count
     return lights[0][0], total / readings

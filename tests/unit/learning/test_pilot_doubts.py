@@ -35,26 +35,28 @@ def test_the_quantile_is_that_of_the_tables(count: int, alarm: float, tabled: fl
 @pytest.mark.long
 def test_in_its_own_world_it_says_so_in_few_of_800_episodes_and_these_are_mostly_slow() -> None:
     episodes = [one for trial in done(200, 4, 12) for one in trial.episodes]
-    said = [one.time for one in episodes if one.unfit is not None]
-    assert len(said) <= 10
+    # after a slow one it says so at the starts of five
+    said = [one.time for one in episodes if one.unfit]
+    again = [one for one in episodes if one.unfit == 0.0]
+    assert len(said) <= 10 and len(again) <= 15
     assert np.median(said) > 1.5 * np.median([one.time for one in episodes])
 
 
 @pytest.mark.long
 def test_actions_that_are_swapped_are_said_mostly_within_5_s() -> None:
-    quick = 0
-    for trial in done(2, 3, 13, SWAPPED):
-        *before, swapped = trial.episodes
+    swapped = []
+    for trial in done(8, 3, 13, SWAPPED):
+        *before, last = trial.episodes
         assert [one.unfit for one in before] == [None, None]
-        assert swapped.unfit is not None
-        quick += swapped.unfit <= 5.0
-    assert quick
+        swapped.append(last)
+    assert sum(one.unfit is not None and one.unfit <= 5.0 for one in swapped) >= 6
 
 
 @pytest.mark.long
-def test_a_lamp_that_flickers_is_said_within_5_s_in_each_episode() -> None:
-    for trial in done(2, 2, 14, "learning.world=composed", FLICKERS):
-        assert all(one.unfit is not None and one.unfit <= 5.0 for one in trial.episodes)
+def test_nearly_all_episodes_that_a_lamp_that_flickers_makes_slow_are_said_within_5_s() -> None:
+    episodes = [one for trial in done(4, 6, 14, "learning.world=composed", FLICKERS) for one in trial.episodes]
+    slow = [one.unfit is not None and one.unfit <= 5.0 for one in episodes if one.time > 1.5 * one.optimal_time]
+    assert len(slow) >= 5 and sum(slow) >= 0.9 * len(slow)
 
 
 @pytest.mark.long

@@ -32,7 +32,7 @@ def test_the_likeliest_place_comes_first_however_ill_readings_fit(z: list[float]
     noise[:dead] = inf
     for lights in (
         first := sighted(SURVEY, np.array(z), noise),
-        followed(first, SURVEY, np.array(z), noise, 0.03, 0.0, 0.1)[0],
+        followed(first, SURVEY, np.array(z), noise, 0.03, 0.0, 0.1, 0.0)[0],
     ):
         costs = [cost for _, cost in lights]
         assert costs[0] == 0.0 and all(0.0 <= cost <= UNLIKELY for cost in costs[1:])
