@@ -306,10 +306,14 @@ def _before(path: Path, count: int, episodes: int, seed: int, resume: bool) -> d
     """A result that is there already; ConfigError: it is not to be carried on, or is of something else."""
     if not resume:
         raise ConfigError(f"--out: holds {path} already; --resume carries on, or give another")
-    before: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    if before["provenance"]["code"] != provenance(*OWN)["code"]:
+    try:
+        before: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        code, asked = before["provenance"]["code"], (before["trials"], before["episodes"], before["seed"])
+    except (ValueError, KeyError, TypeError):
+        raise ConfigError(f"--resume: {path} is no result of this program; delete it, and it is done again") from None
+    if code != provenance(*OWN)["code"]:
         raise ConfigError(f"--resume: {path} came from other code; give another directory")
-    if (before["trials"], before["episodes"], before["seed"]) != (count, episodes, seed):
+    if asked != (count, episodes, seed):
         raise ConfigError(f"--resume: {path} has other trials, episodes or seed; give another directory")
     return before
 

@@ -101,6 +101,10 @@ def test_many_trials_are_kept_by_blocks_and_carried_on(tmp_path: Path) -> None:
     suite.run_all([world], ["a"], 250, 1, 7, tmp_path / "b", first, False, lambda _: None)
     ((done,), _) = suite.run_all([world], ["a"], 200, 1, 7, tmp_path / "b", each, True, lambda _: None)
     assert done["trials"] == 200 and len(asked) == 5, "those that are there are enough"
+    for broken in ("x", "[]", "{}"):
+        (tmp_path / "a" / "w.json").write_text(broken)
+        with pytest.raises(ConfigError, match="is no result of this program; delete it"):
+            suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, True, lambda _: None)
 
 
 def test_a_change_is_in_force_from_its_episode_on_and_a_drift_goes_evenly() -> None:
