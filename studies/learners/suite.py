@@ -51,6 +51,8 @@ STAGES: Final = 4  # floors are computed for so many stages of a world that drif
 BLOCK: Final = 100  # trials that are done side by side, by one processor, and kept when all is ended and carried on
 TOUCHED: Final = 7  # the column that tells whether it ended by touching something
 UNFIT: Final = 6  # the column that tells when the learner said that its model does not fit, s
+SLOW: Final = 1.5  # ratio to the floor from which an episode is slow, as one that fails is
+SOON: Final = 5.0  # s within which the learner should say that its model does not fit
 RESAMPLES: Final = 1000  # of the trials, for an interval of 95 %
 BACK: Final = 1.1  # ratio to the floor at which a learner has come back after a change
 
@@ -363,6 +365,8 @@ def figures(result: dict[str, Any]) -> dict[str, Any]:
     if data.shape[-1] > UNFIT:
         unfit = data[..., UNFIT][np.isfinite(data[..., UNFIT])]
         found["unfit"] = (len(unfit), int(data[..., 3].size), float(np.median(unfit)) if len(unfit) else None)
+        slow = ~won | (late[..., 2] > SLOW * late[..., 5])
+        found["slow"] = int(slow.sum()), int((slow & (late[..., UNFIT] <= SOON)).sum())
     second = data[:, 1:2]
     found["to_optimum_at_2"] = _ratio(second, second[..., 3] == 1.0, 4)
     for change in result["config"]["learning"]["changes"]:
@@ -417,6 +421,9 @@ def cell(one: dict[str, Any]) -> str:
     said, asked, when = one.get("unfit", (0, 0, None))
     if said:
         text += f"; model does not fit in {said} of {asked} episodes, after {when:.1f} s"
+    slow, soon = one.get("slow", (0, 0))
+    if slow:
+        text += f"; {slow} of {one['episodes']} slow, said in {soon} within {SOON:g} s"
     if one.get("contacts"):
         text += f"; {one['contacts']} contacts"
     if one.get("leaves_out"):

@@ -227,5 +227,12 @@ def test_the_table_tells_times_and_when_the_model_did_not_fit() -> None:
     assert suite.cell(suite.figures(result)).endswith("; 6.00 s; model does not fit in 1 of 9 episodes, after 2.5 s")
 
 
+def test_the_table_tells_how_many_slow_episodes_were_said_in_time() -> None:
+    result = raw([[6.0] * 8 + [60.0] * 3], [[1] * 10 + [0]])
+    told = {8: 5.0, 9: 5.1}
+    result["results"][0] = [[*row, told.get(k)] for k, row in enumerate(result["results"][0])]
+    assert suite.cell(suite.figures(result)).endswith("; 3 of 4 slow, said in 1 within 5 s")
+
+
 def test_the_harder_worlds_lie_in_a_folder_of_their_own() -> None:
     assert len(suite.worlds(WORLDS / "suite", [])) == 82
