@@ -24,7 +24,7 @@ SIGMAS: Final[dict[type, dict[Quantity, float]]] = {
     # m, rad; assumed
     TrackerReading: {"x": 0.002, "y": 0.002, "theta": 0.003, "v": 0.05, "omega": 0.1},
 }
-"""Standard deviations of readings that tell none; of a tracker they are the first guess, see `Noise`."""
+"""Standard deviations of readings that tell none; of a tracker they are the first guess, see `LearnedNoise`."""
 # s, the longest period in which a car's acceleration moves it by less than a tracker's noise
 FAST: Final = 0.012
 # readings over which its noise is averaged
@@ -42,7 +42,7 @@ USUAL: Final[dict[type, tuple[Quantity, ...]]] = {
 """The quantities that are taken where nothing else is configured."""
 
 
-class Noise:
+class LearnedNoise:
     """The white noise of a fast tracker, by the second differences of its readings: their variance is 6 sigma^2.
 
     The motion cancels in them, but for the acceleration (J. von Neumann, Ann. Math. Stat. 12(4), 1941).
@@ -95,7 +95,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
 
         return gyro if "omega" in wanted else lambda reading: []
 
-    noise = Noise([assumed[each] for each in QUANTITIES[Kind.POSE]]) if kind is TrackerReading else None
+    noise = LearnedNoise([assumed[each] for each in QUANTITIES[Kind.POSE]]) if kind is TrackerReading else None
     parts = []
     for what in (Kind.POSE, Kind.VELOCITY):
         rows = tuple(row for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted)
