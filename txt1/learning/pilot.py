@@ -397,16 +397,12 @@ class PilotAgent(PeriodicAgent):
         """Whether the episode took far longer than a plan from its start to where the light was at its end."""
         if not success or self._light is None:
             return True
-        rows = np.array(self._rows)
-        x, y, heading = way(rows[:, 0], turned(self.survey, rows))
-        c, s = cos(heading[-1]), sin(heading[-1])
-        ahead, left = self._light[:2]
-        there = x[-1] + c * ahead - s * left, y[-1] + s * ahead + c * left, 0.0, 0.0, 0.0
+        there = *self._on_map(np.array(self._rows), self._light), 0.0, 0.0, 0.0
         _, pending, k, effects = self._motion()
         at_rest = np.full_like(pending, self.actions)
-        goal = hypot(ahead, left)
+        goal = hypot(*self._light[:2])
         least = quickest(there, 0.0, 0.0, at_rest, k, effects, 1.0, goal, self.settings.graze * goal).min()
-        return bool(len(rows) - 1 > 1.5 * least)
+        return bool(len(self._rows) - 1 > 1.5 * least)
 
     def _usual(self) -> float:
         """The longest distance to which an action leads in a decision."""
@@ -667,9 +663,12 @@ class PilotAgent(PeriodicAgent):
 
     def _sight(self, rows: Array) -> Place:
         """The light's place on the map of an episode, by the survey."""
+        return self._on_map(rows, seen_along(self.survey, rows, self.settings.slip, self._wander())[0])
+
+    def _on_map(self, rows: Array, light: Belief) -> Place:
+        """The place, on the map of an episode's rows, of a light in the robot's frame at their end."""
         x, y, heading = way(rows[:, 0], turned(self.survey, rows))
-        (ahead, left, _, _, _), _ = seen_along(self.survey, rows, self.settings.slip, self._wander())
-        c, s = cos(heading[-1]), sin(heading[-1])
+        (ahead, left, *_), c, s = light, cos(heading[-1]), sin(heading[-1])
         return float(x[-1] + c * ahead - s * left), float(y[-1] + s * ahead + c * left)
 
     # -- choosing ------------------------------------------------------------------------------------------------

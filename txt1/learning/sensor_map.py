@@ -222,7 +222,7 @@ def _cost(
     cost = 0.0
     for i in range(NUMBERS):
         off = survey[i] - (level if i < SENSORS else mean[i])
-        # odometry is mostly right, but where it errs, it may err much
+        # odometry is mostly right, and lamps hang low; where not, they may be far off
         tail = TAIL if i >= SCALE else 1e9
         trust = 1.0 / (1.0 + off * off / square[i] / tail)
         cost += tail * log(1.0 + off * off / square[i] / tail)
