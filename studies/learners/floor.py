@@ -7,13 +7,15 @@ The search is over these plans, so the floor is a time that can be reached; noth
 optimum (`txt1.model.optimal`), and `gap` tells how much a third piece still brought: what further pieces would bring is
 a fraction of that.
 
-Where the light moves, the time depends on the place and heading of the start, and is searched for each by itself.
+Where the light moves, the time depends on the place and heading of the start, and is searched for each by itself. Where
+a world changes commands on their way, as one that swaps left and right, a plan says what should reach the robot, and
+the action that comes nearest to that is taken.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import cos, pi, sin
+from math import cos, inf, pi, sin
 from typing import Final
 
 import numpy as np
@@ -33,6 +35,11 @@ from txt1.sim.dynamics import Dynamics, dynamics
 
 TICKS: Final = DECISION_MS // TICK_MS
 
+# decisions in which a world may change commands; after them it does as in the last
+CHANGING: Final = 1200
+# a command as it reaches the robot at a decision, from 0; m/s and rad/s
+Reaching = Callable[[int, tuple[float, float]], tuple[float, float]]
+
 Pieces = tuple[int, int, int, int, int]  # action a for m decisions, b for n, then c
 
 
@@ -51,7 +58,8 @@ def _drive(
 ) -> tuple[Array, Array]:
     """Time at which each robot has the goal, s, and the way until then, m, by its plan (a, m, b, n, c).
 
-    Infinite: it never has. `late`: in ticks. `light`: its place at each tick, shape (ticks, 2).
+    Infinite: it never has. `commands`: what reaches the robot at each decision by each action, shape (decisions,
+    actions, 2). `late`: in ticks. `light`: its place at each tick, shape (ticks, 2).
     """
     motor_max, schedule, linear, car, known = loops
     count_length, track_width = wheels
@@ -67,7 +75,7 @@ def _drive(
             decision = since // TICKS
             if since >= 0:
                 action = a if decision < m else b if decision < m + n else c
-                given[i] = commands[action]
+                given[i] = commands[(tick - 1) // TICKS, action]
         rolled[0], rolled[1] = robots[RIGHT], robots[LEFT]
         was = robots[:2].copy()
         control(
@@ -93,7 +101,7 @@ def _drive(
 class Search:
     """The plans of a world and their drives."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, reaching: Reaching | None = None) -> None:
         only_ours(config)
         if config.section(LearningConfig).goal_period == 0.001 * DECISION_MS:
             config = with_values(config, {"learning.goal_period": None})
@@ -106,14 +114,19 @@ class Search:
                 f"learning.boundary: {task.boundary:g}: floors do not know it, and their ways may lead outside; set at "
                 f"least {reach:g}"
             )
-        commands = config.section(LearningConfig).actions
-        self._actions = range(len(commands))
+        actions = config.section(LearningConfig).actions
+        self._actions = range(len(actions))
+        self._commands = np.array([actions])
+        if reaching is not None:
+            reached = np.array([[reaching(k, each) for each in actions] for k in range(CHANGING)])
+            apart = ((self._commands[:, :, None] - reached[:, None]) ** 2).sum(axis=-1)
+            self._commands = np.take_along_axis(reached, apart.argmin(axis=-1)[..., None], axis=1)
         # decisions for the quickest circle, which is no sharper than the car can turn, and for the way at the slowest
         # speed
-        decision = 0.001 * DECISION_MS
-        rates = [min(abs(omega), abs(v) / config.geometry.radius_min) for v, omega in commands if v and omega]
-        self._turn = int(2.0 * pi / max(rates, default=1.0) / decision)
-        slowest = min((abs(v) for v, _ in commands if v), default=1e-3)
+        decision, speeds = 0.001 * DECISION_MS, np.abs(self._commands[..., 0])
+        rates = np.minimum(np.abs(self._commands[..., 1]), speeds / config.geometry.radius_min).max(axis=1)
+        self._turn = int(2.0 * pi / (rates.min() or 1.0) / decision)
+        slowest = speeds[speeds > 0.0].min(initial=inf) if speeds.any() else 1e-3
         self.horizon = self._turn + int(self.task.start_radius / (slowest * decision)) + 20
         switches = [m for m in range(self._turn) if m < 6 or m % 2 == 0]
         self._two = [
@@ -148,13 +161,13 @@ class Search:
         """The quickest of some plans, the time at which it has the goal, s, and the way, m."""
         robots = np.zeros((ROWS, len(plans)))
         robots[PHASE : PHASE + 2] = 0.5
-        config = self._config
+        config, decisions = self._config, (len(light) - 1) // TICKS
         arrived, ways = _drive(
             robots,
             np.array(plans),
-            np.array(config.section(LearningConfig).actions),
+            self._commands[np.minimum(np.arange(decisions), len(self._commands) - 1)],
             round(self.task.delay * 1000.0 / TICK_MS),
-            (len(light) - 1) // TICKS,
+            decisions,
             light,
             self.task.goal_radius,
             dynamics(powered(config.sim.vehicle, config.sim.battery), config.geometry),
@@ -181,11 +194,13 @@ def floor_of(config: Config) -> Floor:
 
 @dataclass
 class MovingFloor:
-    """The floor of a world in which the light moves."""
+    """The floor of a world in which the light moves, or commands change on their way."""
 
     config: Config
     goal: Callable[[float], tuple[float, float]]
     """Where the light is so long after the first decision, s; m."""
+    reaching: Reaching | None = None
+    """None: commands reach the robot as they are."""
     exists: bool = True
     """Whether the goal could be reached from all starts yet."""
     gap: float = 0.0
@@ -193,7 +208,7 @@ class MovingFloor:
 
     @cached_property
     def _search(self) -> Search:
-        return Search(self.config)
+        return Search(self.config, self.reaching)
 
     @cached_property
     def _path(self) -> Array:

@@ -13,8 +13,8 @@ All learners are asked for the goal ten times a second.
 A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed. One that is wrong,
 that cannot be solved, or whose class raises (`txt1.learning.world`) is told in the table, and the others go on.
 
-Floors know where the light goes. They know no obstacles, and no world that changes what actions do: the ratio is to the
-floor without these, and the result says so (`floor_leaves_out`).
+Floors know where the light goes, and how a world changes commands. They know no obstacles: the ratio is to the floor
+without them, and the result says so (`floor_leaves_out`).
 """
 
 import json
@@ -35,8 +35,7 @@ from txt1.config import Config, completed, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, Txt1Error
 from txt1.learning.agents import make
-from txt1.learning.best_time import Floor, known_floor
-from txt1.learning.composed import options_of
+from txt1.learning.best_time import DECISION_MS, Floor, known_floor
 from txt1.learning.experiment import LEARNED
 from txt1.learning.modelled import lasers
 from txt1.learning.qtable import replace_file
@@ -135,9 +134,15 @@ def _floor_at(config: Config, episode: int, episodes: int) -> Floor | MovingFloo
     stage = _stage(config, episode, episodes)
     if (world := world_of(world_at(config, episode, episodes), np.random.default_rng(0))) is not None:
         world.begin(episode)
-        moves = any(world.goal(now) != stage.sim.room.light for now in np.arange(0.0, 60.0, 0.37).tolist())
-        if moves:
-            return MovingFloor(stage, lambda since: world.goal(0.001 * REST_MS + since))
+        rest, times = 0.001 * REST_MS, np.arange(0.0, 60.0, 0.1).tolist()
+        moves = any(world.goal(now) != stage.sim.room.light for now in times)
+        some = stage.section(LearningConfig).actions
+        changes = any(world.command(rest + now, each) != each for now in times for each in some)
+        if moves or changes:
+            reaching = (
+                (lambda decision, each: world.command(rest + 0.001 * DECISION_MS * decision, each)) if changes else None
+            )
+            return MovingFloor(stage, lambda since: world.goal(rest + since), reaching)
     return _floor(stage.model_dump_json())
 
 
@@ -162,19 +167,10 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
     return plain.model_copy(update={"learning": own, "sim": sim, "sensors": sensors})
 
 
-def _leaves_commands(learning: LearningConfig) -> bool:
-    """Whether commands are known to reach the robot as they are: in our own world, unless it turns them round."""
-    if learning.world != "composed":
-        return False
-    options = options_of(learning.world_options)
-    return options.turning == 1.0 and not any("turning" in change.set for change in options.changes)
-
-
 def leaves_out(config: Config) -> list[str]:
     """The settings that a world's floor knows nothing of."""
-    one, sim = config.section(LearningConfig), config.sim
+    sim = config.sim
     there = {
-        "learning.world": None if _leaves_commands(one) else one.world,
         "sim.obstacles": sim.obstacles,
         "sim.room.map": sim.room.map,
     }
