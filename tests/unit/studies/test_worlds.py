@@ -17,6 +17,7 @@ from txt1.config import Config, completed, load
 from txt1.errors import ConfigError
 from txt1.learning import pilot, thesis
 from txt1.learning.agents import make
+from txt1.learning.best_time import Floor
 from txt1.learning.experiment import KEPT
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import TURN, LearningConfig
@@ -151,6 +152,23 @@ def test_the_floor_follows_the_light_from_the_first_decision_on() -> None:
     assert isinstance(floor, MovingFloor)
     # the robot has rested for half a second by then
     assert floor.goal(1.0) == pytest.approx((0.15, 0.0))
+
+
+@pytest.mark.long
+def test_a_floor_knows_what_becomes_of_commands_on_their_way() -> None:
+    def of(turning: float) -> Floor | MovingFloor:
+        told = f"learning.world_options={{turning: {turning}, turning_from: 3.0}}"
+        config = suite.asked_alike(load(None, ("learning.world=composed", told)).config)
+        assert not suite.leaves_out(config)
+        return suite.floors(config, 1)[0]
+
+    as_told, weakens, swaps = of(1.0), of(0.6), of(-1.0)
+    ahead, behind = Start(0.0, pi), Start(0.0, 0.1)
+    assert weakens.time(ahead) == swaps.time(ahead) == as_told.time(ahead)
+    # most of the way is one turn, which takes 1 / 0.6 as long after 3 s; who knows of a swap steers the other way
+    turn = as_told.time(behind)
+    assert 3.0 + 0.8 * (turn - 3.0) / 0.6 < weakens.time(behind) < 3.0 + (turn - 3.0) / 0.6
+    assert swaps.time(behind) == pytest.approx(turn, abs=0.11)
 
 
 @pytest.mark.long
