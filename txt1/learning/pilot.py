@@ -25,8 +25,9 @@ What it finds out of its sensors and of the light:
 - A sensor that noise around a constant explains, while others vary far more, is blind (`unmoved`).
 - A largest reading that repeats is the end of a sensor's range (`ceilings`). It says that the light is at least so
   bright, and counts only where the survey foretells less.
-- When something does not fit, it compares surveys with readings that are late by 0 to 15 decisions, and one with a
-  light that moves, which stands still for ten decisions at a time (`_think_again`). In the filter it then wanders.
+- When something does not fit, it compares surveys with readings that are late by 0 to 15 decisions, one with a light
+  that moves, which stands still for ten decisions at a time, and one with a light that flickers, whose readings have a
+  part in common that tells nothing (`_think_again`). In the filter a light that moves then wanders.
 
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
@@ -43,7 +44,7 @@ Every half second it judges itself by the last 5 s (`_judge`). It says that its 
 
 It says so, too, when it is late, when it forgets its survey, and where one sensor alone tells of the light. It says so
 at the start of an episode, if one of the last five failed, or took 1.5 times the plan that it would have made at its
-start, had it known where the light was (`_wasted`).
+start, had it known where the light was (`_wasted`); after the second such episode for ten episodes, and so on.
 
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
@@ -144,11 +145,13 @@ SECOND: Final = 10
 REFITS: Final = 2
 # episodes after which a survey that led to the goal is not forgotten for being late, if the light moves
 KNOWN: Final = 3
-# episodes at whose start it says so after one that took far too long
+# episodes at whose start it says so after the first that took far too long
 DOUBTS: Final = 5
 LONG: Final = "how long the way takes"
 # decisions in which a light that moves is taken to stand still
 PIECE: Final = 10
+# standard deviation of the brightness of a light that flickers, as a logarithm
+FLICKER: Final = 0.5
 # decisions by which readings may be late
 LATE: Final = (0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 15)
 
@@ -207,9 +210,9 @@ class PilotAgent(PeriodicAgent):
         self._goals = 0
         # factor on each sensor's variances
         self.trust = np.ones(SENSORS)
-        # decisions by which the readings are late, and whether the light moves
+        # decisions by which the readings are late, whether the light moves, and whether it flickers
         self.late = 0
-        self.moves = False
+        self.moves = self.flickers = False
         # sensors whose readings the light does not move
         self.blind = np.zeros(SENSORS, bool)
         # each sensor's smallest and largest reading, and the number of samples that gave the largest
@@ -222,8 +225,8 @@ class PilotAgent(PeriodicAgent):
         self._untried = self._all()
         # for each episode, rows of _RECORD numbers a decision
         self._past: list[Array] = []
-        # episodes for which it doubts the model, since one took too long
-        self._doubts = 0
+        # episodes for which it doubts the model, since one took too long, and the number of these
+        self._doubts = self._wastes = 0
         self._before = self.memory()
         self.begin()
 
@@ -299,7 +302,8 @@ class PilotAgent(PeriodicAgent):
         if len(self._rows) > 2:
             self._past.append(np.array(self._rows))
         wasted = not self._began_lost and self._wasted(success)
-        self._doubts = DOUBTS if wasted else max(self._doubts - 1, 0)
+        self._wastes += wasted
+        self._doubts = DOUBTS * self._wastes if wasted else max(self._doubts - 1, 0)
         if success and self._light is not None:
             # outside before, inside now
             seen = 0.5 * (self._range[0] + self._range[1])
@@ -309,7 +313,7 @@ class PilotAgent(PeriodicAgent):
             self.misfit = 1.0
         self._trim()
         if self._past:
-            if self.unfit or self._doubts or self.moves:
+            if self.unfit or self._doubts or self.moves or self.flickers:
                 self._think_again(self._past)
             self._survey_on(self._past)
 
@@ -378,19 +382,19 @@ class PilotAgent(PeriodicAgent):
         if (self.lost and self._untried) or len(rows) < 2 * self.settings.anew or not readings:
             return ""
         limit = chi_square(readings, self.settings.alarm)
-        _, square = seen_along(self.survey, rows, 0.0, self._wander())
+        _, square = seen_along(self.survey, rows, 0.0, *self._unsteady())
         # the survey fits as it is, so no search for a better survey is needed
         if square * readings <= limit:
             return ""
         survey, lights, _, _ = self._survey_with([*map(self._weighed, self._past), rows])
-        if np.nansum(_squares(survey, rows, lights[-1])) <= limit:
+        if np.nansum(self._misses(survey, rows, lights[-1])) <= limit:
             return ""
         if self.moves:
             return "the light"
         # the known survey may be a wrong minimum of the cost
         episode = self._latest(self.settings.window)
         survey, lights, _, _ = self._searched(episode)
-        squares = _squares(survey, episode, lights[-1])[-self.settings.judged :]
+        squares = self._misses(survey, episode, lights[-1])[-self.settings.judged :]
         return "the light" if np.nansum(squares) > limit else ""
 
     def _wasted(self, success: bool) -> bool:
@@ -454,12 +458,12 @@ class PilotAgent(PeriodicAgent):
             then = len(self._rows) - 1 - self.late
             distance, turn = self._motion_at(then) if then > 0 else (0.0, 0.0)
             self._lights_then, square, count = followed(
-                self._lights_then, self.survey, z, noise, distance, turn, self.settings.slip, self._wander()
+                self._lights_then, self.survey, z, noise, distance, turn, self.settings.slip, *self._unsteady()
             )
             if count:
                 self.misfit += 0.1 * (square / count - self.misfit)
         elif not self.lost:
-            self._lights_then = sighted(self.survey, z, noise)
+            self._lights_then = sighted(self.survey, z, noise, self._unsteady()[1])
         self._carry_on()
         if self._light is not None:
             self._range = self._range[1], hypot(*self._light[:2])
@@ -475,12 +479,12 @@ class PilotAgent(PeriodicAgent):
         for number in range(max(len(self._rows) - self.late, 1), len(self._rows)):
             step = self._motion_at(number)
             self._lights = [
-                (moved(light, *step, self.settings.slip, self._wander()), cost) for light, cost in self._lights
+                (moved(light, *step, self.settings.slip, self._unsteady()[0]), cost) for light, cost in self._lights
             ]
 
-    def _wander(self) -> float:
-        """Standard deviation of the light's own way in a decision."""
-        return 0.5 * self._usual() if self.moves else 0.0
+    def _unsteady(self) -> tuple[float, float]:
+        """Standard deviation of the light's own way in a decision, and the variance of its brightness."""
+        return 0.5 * self._usual() if self.moves else 0.0, FLICKER**2 if self.flickers else 0.0
 
     def _misfits(self) -> None:
         """Survey again with the data of this episode; forget the survey if the readings do not fit even then."""
@@ -520,6 +524,7 @@ class PilotAgent(PeriodicAgent):
         self.lost = True
         self.misfit = 1.0
         self.trust, self.blind, self.moves = np.ones(SENSORS), np.zeros(SENSORS, bool), False
+        self.flickers = False
         self._past = []
         self._lights = self._lights_then = []
         self._arrival = inf
@@ -551,7 +556,7 @@ class PilotAgent(PeriodicAgent):
         if not isfinite(cost):
             return
         self.survey = survey
-        squares = _squares(survey, as_seen, lights[0])
+        squares = self._misses(survey, as_seen, lights[0])
         if np.nansum(squares) <= self.settings.doubt * np.isfinite(squares).sum():
             self._follow(rows, lights[0], doubt)
             return
@@ -570,7 +575,7 @@ class PilotAgent(PeriodicAgent):
                 guess = mean.copy()
                 guess[:4] = np.median(rows[:, 2:6]) + guess[POWER] * log(r)
                 light = np.array([[r * cos(bearing), r * sin(bearing)]])
-                found.append(surveyed(rows, which, guess, light, mean, square, 12))
+                found.append(surveyed(rows, which, guess, light, mean, square, self._unsteady()[1], 12))
         best: tuple[Array, Array, float, Array] = min(found, key=lambda one: one[2])
         return best
 
@@ -581,7 +586,7 @@ class PilotAgent(PeriodicAgent):
         """
         rows = self._weighed(rows)
         along = rows[-self.settings.judged :] if self.moves else rows
-        light, misfit = seen_along(self.survey, along, self.settings.slip, self._wander())
+        light, misfit = seen_along(self.survey, along, self.settings.slip, *self._unsteady())
         if not self.moves:
             x, y, heading = way(rows[:, 0], turned(self.survey, rows))
             on_map = on_the_map[0], on_the_map[1], doubt[0, 0], doubt[1, 1], doubt[0, 1]
@@ -606,7 +611,7 @@ class PilotAgent(PeriodicAgent):
         for height in (0.0, 1.0) if anew else ():
             guesses.append(np.concatenate([self.survey[:PLACES], mean[PLACES:HEIGHT], [height]]))
         rows = np.concatenate(pieces)
-        found = [surveyed(rows, which, guess, lights, mean, square, 6) for guess in guesses]
+        found = [surveyed(rows, which, guess, lights, mean, square, self._unsteady()[1], 6) for guess in guesses]
         best: tuple[Array, Array, float, Array] = min(found, key=lambda one: one[2])
         return best
 
@@ -620,17 +625,22 @@ class PilotAgent(PeriodicAgent):
 
     def _think_again(self, episodes: list[Array]) -> None:
         """Choose how late the readings are, and whether the light moves: as before, if nothing fits clearly better."""
-        before, readings = (self.late, self.moves), sum(int(np.isfinite(rows[:, 6:]).sum()) for rows in episodes)
+        before = self.late, self.moves, self.flickers
+        readings = sum(int(np.isfinite(rows[:, 6:]).sum()) for rows in episodes)
+        others = [(0, True, False), (0, False, True), *((late, False, False) for late in LATE)]
         costs = {}
-        for self.late, self.moves in dict.fromkeys([before, (0, True), *((late, False) for late in LATE)]):
+        for self.late, self.moves, self.flickers in dict.fromkeys([before, *others]):
             as_seen = list(map(self._weighed, episodes))
             cost = self._survey_with(as_seen, anew=False)[2]
             # two more numbers for each piece, by H. Akaike, A New Look at the Statistical Model Identification, 1974
-            costs[self.late, self.moves] = cost, 4.0 * sum(len(self._pieces(rows)) for rows in as_seen)
+            numbers = 4.0 * sum(len(self._pieces(rows)) for rows in as_seen)
+            # what is more likely to vary is less likely to be what it is
+            sure = [np.log1p(self._unsteady()[1] * (1.0 / np.abs(rows[:, 6:])).sum(axis=1)).sum() for rows in as_seen]
+            costs[self.late, self.moves, self.flickers] = cost, numbers + float(sum(sure))
         least = min(cost for cost, _ in costs.values()) / (readings + 1.0)
         best = {key: cost / max(least, 1.0) + numbers for key, (cost, numbers) in costs.items()}
         best[before] -= UNLIKELY
-        self.late, self.moves = min(best, key=lambda key: best[key])
+        self.late, self.moves, self.flickers = min(best, key=lambda key: best[key])
 
     def _survey_on(self, episodes: list[Array]) -> tuple[Array, Array]:
         """Survey with these episodes; return the light's place in the last."""
@@ -639,9 +649,13 @@ class PilotAgent(PeriodicAgent):
         if isfinite(cost):
             self.survey = survey
             pieces = self._pieces(delayed(episodes[-1], self.late))
-            squares = [_squares(survey, *each) for each in zip(pieces, lights[-len(pieces) :], strict=True)]
+            squares = [self._misses(survey, *each) for each in zip(pieces, lights[-len(pieces) :], strict=True)]
             self._weigh(np.concatenate(squares))
         return lights[-1], doubt
+
+    def _misses(self, survey: Array, rows: Array, light: Array) -> Array:
+        """As `_squares`, with a light as steady as this one is."""
+        return _squares(survey, rows, light, self._unsteady()[1])
 
     def _weigh(self, misfits: Array) -> None:
         """Trust a sensor less where it fits worse than the others, if most of them fit."""
@@ -663,7 +677,7 @@ class PilotAgent(PeriodicAgent):
 
     def _sight(self, rows: Array) -> Place:
         """The light's place on the map of an episode, by the survey."""
-        return self._on_map(rows, seen_along(self.survey, rows, self.settings.slip, self._wander())[0])
+        return self._on_map(rows, seen_along(self.survey, rows, self.settings.slip, *self._unsteady())[0])
 
     def _on_map(self, rows: Array, light: Belief) -> Place:
         """The place, on the map of an episode's rows, of a light in the robot's frame at their end."""
@@ -783,6 +797,7 @@ class PilotAgent(PeriodicAgent):
             "spread": self.spread.tolist(),
             "late": self.late,
             "moves": self.moves,
+            "flickers": self.flickers,
             "trust": self.trust.tolist(),
             "blind": self.blind.tolist(),
             "least": self.least.tolist(),
@@ -792,6 +807,7 @@ class PilotAgent(PeriodicAgent):
             "goals": self._goals,
             "lost": self.lost,
             "doubts": self._doubts,
+            "wastes": self._wastes,
             "untried": list(self._untried),
             "episode": self.episode,
             "past": [np.where(np.isfinite(rows), rows, -1.0).tolist() for rows in self._past],
@@ -811,7 +827,7 @@ class PilotAgent(PeriodicAgent):
             "spread": _small(self.spread) and bool((self.spread > 0.0).all()),
             "trust": _small(self.trust) and bool((self.trust > 0.0).all()),
             "late": 0 <= self.late <= max(LATE),
-            "doubts": 0 <= self._doubts <= DOUBTS,
+            "doubts": 0 <= self._doubts <= DOUBTS * self._wastes <= LARGEST,
             "goal": 0.0 <= self.goal <= LARGEST,
             "past": _small(rows[:, : 2 + SENSORS]) and bool((np.abs(rows[:, 2 + SENSORS :]) > 0.0).all()),
         }
@@ -824,6 +840,7 @@ class PilotAgent(PeriodicAgent):
         self.trust = np.array(memory["trust"])
         # older memories lack some
         self.late, self.moves = int(memory.get("late", 0)), bool(memory.get("moves", False))
+        self.flickers = bool(memory.get("flickers", False))
         self.blind = np.array(memory.get("blind", self.blind))
         self.least = np.array(memory.get("least", self.least))
         self.most = np.array(memory.get("most", self.most))
@@ -834,6 +851,7 @@ class PilotAgent(PeriodicAgent):
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] == -1.0] = inf
         self._doubts = int(memory.get("doubts", 0))
+        self._wastes = int(memory.get("wastes", self._doubts > 0))
         self._rng.bit_generator.state = memory["rng"]
 
 
@@ -875,10 +893,10 @@ def unmoved(rows: Array) -> NDArray[np.bool_]:
     return blind
 
 
-def _squares(survey: Array, rows: Array, light: Array) -> Array:
+def _squares(survey: Array, rows: Array, light: Array, common: float) -> Array:
     """Squared misfits of an episode's readings, in deviations, with the light at a place on its map; (rows, sensors).
 
-    NaN for a useless sensor.
+    NaN for a useless sensor. `common` is the variance of what all readings have in common.
     """
     distance, turn = rows[:, 0], turned(survey, rows)
     x, y, heading = way(distance, turn)
@@ -894,6 +912,9 @@ def _squares(survey: Array, rows: Array, light: Array) -> Array:
     square = (ahead[:, None] - places[:, 0]) ** 2 + (left[:, None] - places[:, 1]) ** 2 + survey[HEIGHT] + 1e-4
     foretold = survey[:SENSORS] - 0.5 * survey[POWER] * np.log(square)
     noise, miss = rows[:, 2 + SENSORS :], rows[:, 2 : 2 + SENSORS] - foretold
+    if common:
+        weights = 1.0 / np.abs(noise)
+        miss -= ((weights * miss).sum(axis=1) / (1.0 / common + weights.sum(axis=1)))[:, None]
     return np.where(np.isfinite(noise) & ((noise > 0.0) | (miss > 0.0)), miss**2 / np.abs(noise), np.nan)
 
 
@@ -928,8 +949,8 @@ def _compile(*, round_obstacles: bool) -> None:
     Those for obstacles take seconds, and are needed only with a laser.
     """
     rows, survey, square = np.ones((2, 2 + 2 * SENSORS)), np.ones(NUMBERS), np.ones(NUMBERS)
-    surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 1)
-    seen_along(survey, rows, 0.1, 0.0)
+    surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 0.0, 1)
+    seen_along(survey, rows, 0.1, 0.0, 0.0)
     pending, c = np.zeros(1, np.int64), np.ones((2, 3))
     quickest((1.0, 0.0, 0.1, 0.1, 0.0), 0.1, 0.0, pending, np.zeros(2), c, 1.0, 0.5, 0.1)
     Effects(2, 1).learn(pending, (0.1, 0.1), (0.0, 0.0), 0.9)

@@ -29,6 +29,8 @@ SCALES: Final = (0.3, 3.0)
 UNLIKELY: Final = 20.0
 # square of the misfit, in deviations, from which a reading counts less
 TAIL: Final = 8.0
+# rounds in which the part that readings have in common is found
+ROUNDS: Final = 4
 
 
 @compiled
@@ -64,21 +66,30 @@ def _foretold(survey: Array, k: int, x: float, y: float) -> tuple[float, float, 
 
 
 @compiled
-def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Belief, float, int]:
-    """Correct the light's place by readings; return it, the sum of squared misfits in deviations, and their number."""
+def corrected(belief: Belief, survey: Array, z: Array, noise: Array, common: float) -> tuple[Belief, float, int]:
+    """Correct the light's place by readings; return it, the sum of squared misfits in deviations, and their number.
+
+    `common` is the variance of what all readings have in common, as of a light that flickers.
+    """
     x, y, xx, yy, xy = belief
+    # its estimate, and its covariances with the place
+    a, aa, xa, ya = 0.0, common, 0.0, 0.0
     total, count = 0.0, 0
     for k in range(SENSORS):
         if noise[k] == inf:
             continue
         foretold, slope_x, slope_y, _ = _foretold(survey, k, x, y)
-        miss = z[k] - foretold
+        miss = z[k] - foretold - a
         if noise[k] < 0.0 and miss < 0.0:
             continue
-        along_x, along_y = xx * slope_x + xy * slope_y, xy * slope_x + yy * slope_y
-        variance = slope_x * along_x + slope_y * along_y + abs(noise[k])
+        along_x, along_y = xx * slope_x + xy * slope_y + xa, xy * slope_x + yy * slope_y + ya
+        along_a = xa * slope_x + ya * slope_y + aa
+        variance = slope_x * along_x + slope_y * along_y + along_a + abs(noise[k])
         total += miss * miss / variance
         count += 1
+        a += along_a / variance * miss
+        xa, ya = xa - along_x * along_a / variance, ya - along_y * along_a / variance
+        aa -= along_a * along_a / variance
         step_x, step_y = along_x / variance * miss, along_y / variance * miss
         short = min(1.0, 0.5 * hypot(x, y) / max(hypot(step_x, step_y), 1e-9))
         x, y = x + short * step_x, y + short * step_y
@@ -105,7 +116,7 @@ def _likely(lights: list[tuple[Belief, float]]) -> list[tuple[Belief, float]]:
 
 
 @compiled
-def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]:
+def sighted(survey: Array, z: Array, noise: Array, common: float) -> list[tuple[Belief, float]]:
     """Find the places of the light that a set of readings allows, the likeliest first: Gauss-Newton from 16 bearings.
 
     Each comes with its extra cost over the first. With two sensors, or three in a line, there are two places.
@@ -123,6 +134,7 @@ def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]
         for _ in range(6):
             xx = yy = 1e-2 / (far * far)
             xy = to_x = to_y = cost = 0.0
+            all_x = all_y = misses = weights = 0.0
             for k in range(SENSORS):
                 if noise[k] == inf:
                     continue
@@ -137,6 +149,13 @@ def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]
                 xy += slope_x * slope_y * weight
                 to_x += slope_x * miss * weight
                 to_y += slope_y * miss * weight
+                all_x, all_y = all_x + slope_x * weight, all_y + slope_y * weight
+                misses, weights = misses + miss * weight, weights + weight
+            # without what they have in common
+            share = common / (1.0 + common * weights)
+            cost -= share * misses * misses
+            xx, yy, xy = xx - share * all_x * all_x, yy - share * all_y * all_y, xy - share * all_x * all_y
+            to_x, to_y = to_x - share * all_x * misses, to_y - share * all_y * misses
             area = xx * yy - xy * xy
             step_x, step_y = (yy * to_x - xy * to_y) / area, (xx * to_y - xy * to_x) / area
             short = min(1.0, 0.5 * far / max(hypot(step_x, step_y), 1e-9))
@@ -166,6 +185,7 @@ def followed(
     turn: float,
     slip: float,
     wander: float,
+    common: float,
 ) -> tuple[list[tuple[Belief, float]], float, int]:
     """Update the places of the light after a decision; keep the places that the readings allow, the likeliest first.
 
@@ -177,7 +197,7 @@ def followed(
     for i in range(len(after)):
         belief, cost = after[i]
         belief = moved(belief, 0.5 * distance, 0.5 * turn, slip, wander)
-        belief, square, count = corrected(belief, survey, z, noise)
+        belief, square, count = corrected(belief, survey, z, noise, common)
         after[i] = moved(belief, 0.5 * distance, 0.5 * turn, slip, 0.0), cost + square
         if cost + square < least:
             least, misfit, readings = cost + square, square, count
@@ -185,13 +205,15 @@ def followed(
 
 
 @compiled
-def seen_along(survey: Array, rows: Array, slip: float, wander: float) -> tuple[Belief, float]:
+def seen_along(survey: Array, rows: Array, slip: float, wander: float, common: float) -> tuple[Belief, float]:
     """Return the light's place at the end of an episode's rows, by the survey, and the mean square of the misfit."""
-    lights = sighted(survey, rows[0, 2:6], rows[0, 6:])
+    lights = sighted(survey, rows[0, 2:6], rows[0, 6:], common)
     total, readings = 0.0, 1e-9
     for k in range(1, rows.shape[0]):
         turn = survey[SCALE] * rows[k, 1] + survey[DRIFT]
-        lights, square, count = followed(lights, survey, rows[k, 2:6], rows[k, 6:], rows[k, 0], turn, slip, wander)
+        lights, square, count = followed(
+            lights, survey, rows[k, 2:6], rows[k, 6:], rows[k, 0], turn, slip, wander, common
+        )
         total += square
         readings += count
     return lights[0][0], total / readings
@@ -213,7 +235,15 @@ def way(distance: Array, turn: Array) -> tuple[Array, Array, Array]:
 
 @compiled
 def _cost(
-    rows: Array, which: Array, survey: Array, lights: Array, mean: Array, square: Array, gradient: Array, normal: Array
+    rows: Array,
+    which: Array,
+    survey: Array,
+    lights: Array,
+    mean: Array,
+    square: Array,
+    common: float,
+    gradient: Array,
+    normal: Array,
 ) -> float:
     """Cost of a survey and of the light's places; `gradient` and `normal` are overwritten with its slopes."""
     gradient[:] = 0.0
@@ -230,6 +260,8 @@ def _cost(
         normal[i, i] += trust / square[i]
     column = np.zeros(9, np.int64)
     slope = np.zeros(9)
+    # slopes of what the readings of a decision have in common
+    shared = np.zeros(len(gradient))
     # on the map, and how they change with the scale of turns, and with their drift
     x = y = heading = x_by = y_by = heading_by = x_in = y_in = heading_in = 0.0
     for t in range(rows.shape[0]):
@@ -261,11 +293,28 @@ def _cost(
             left_by = -ahead * here_by - c * y_by + s * x_by
             ahead_in = left * here_in - c * x_in - s * y_in
             left_in = -ahead * here_in - c * y_in + s * x_in
+            a = 0.0
+            # what the readings have in common: outliers count less there, too
+            for again in range(ROUNDS if common > 0.0 else 0):
+                misses, weights = 0.0, 1.0 / common
+                for k in range(SENSORS):
+                    if rows[t, 6 + k] == inf:
+                        continue
+                    miss = rows[t, 2 + k] - _foretold(survey, k, ahead, left)[0]
+                    weight = 1.0 / abs(rows[t, 6 + k])
+                    if rows[t, 6 + k] > 0.0 or miss > a:
+                        trust = 1.0 / (1.0 + (miss - a) ** 2 * weight / TAIL) if again else 1.0
+                        misses, weights = misses + trust * weight * miss, weights + trust * weight
+                a = misses / weights
+            if common > 0.0:
+                cost += a * a / common
+            weights = 0.0
             for k in range(SENSORS):
                 if rows[t, 6 + k] == inf:
                     continue
                 root = 1.0 / sqrt(abs(rows[t, 6 + k]))
                 foretold, slope_x, slope_y, by_power = _foretold(survey, k, ahead, left)
+                foretold += a
                 if rows[t, 6 + k] < 0.0 and foretold > rows[t, 2 + k]:
                     continue
                 miss, by_x, by_y = (foretold - rows[t, 2 + k]) * root, slope_x * root, slope_y * root
@@ -285,23 +334,42 @@ def _cost(
                     gradient[column[i]] += trust * miss * slope[i]
                     for j in range(len(column)):
                         normal[column[i], column[j]] += trust * slope[i] * slope[j]
+                    shared[column[i]] += trust * root * slope[i]
+                weights += trust * root * root
+            if common > 0.0:
+                # the survey does not learn from it
+                share = common / (1.0 + common * weights)
+                for i in range(NUMBERS + 2):
+                    row = i if i < NUMBERS else i + 2 * e
+                    for j in range(NUMBERS + 2):
+                        col = j if j < NUMBERS else j + 2 * e
+                        normal[row, col] -= share * shared[row] * shared[col]
+            shared[:] = 0.0
         heading, heading_by, heading_in = heading + turn, heading_by + turn_by, heading_in + since
     return cost
 
 
 @compiled
 def surveyed(
-    rows: Array, which: Array, survey: Array, lights: Array, mean: Array, square: Array, rounds: int
+    rows: Array,
+    which: Array,
+    survey: Array,
+    lights: Array,
+    mean: Array,
+    square: Array,
+    common: float,
+    rounds: int,
 ) -> tuple[Array, Array, float, Array]:
     """Make a survey by Gauss-Newton from a guess; also returns each episode's light, the cost, the last covariance.
 
     `rows` are the rows of all decisions: distance, turn, four log readings, their four variances; `which` gives the
     episode of each row. Deviations from `mean` cost their square over `square`; brightnesses pay for their differences.
+    `common` is the variance of what the readings of a decision have in common.
     """
     size = NUMBERS + 2 * lights.shape[0]
     gradient, normal = np.zeros(size), np.zeros((size, size))
     new_gradient, new_normal = np.zeros(size), np.zeros((size, size))
-    cost = _cost(rows, which, survey, lights, mean, square, gradient, normal)
+    cost = _cost(rows, which, survey, lights, mean, square, common, gradient, normal)
     damping = 1e-2
     for _ in range(rounds):
         damped = normal.copy()
@@ -313,7 +381,7 @@ def surveyed(
         trial[HEIGHT] = max(trial[HEIGHT], 0.0)
         trial[SCALE] = min(max(trial[SCALE], SCALES[0]), SCALES[1])
         moved_lights = lights - step[NUMBERS:].copy().reshape(lights.shape)
-        new = _cost(rows, which, trial, moved_lights, mean, square, new_gradient, new_normal)
+        new = _cost(rows, which, trial, moved_lights, mean, square, common, new_gradient, new_normal)
         if new < cost:
             gain = cost - new
             survey, lights, cost = trial, moved_lights, new

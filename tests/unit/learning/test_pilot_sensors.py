@@ -49,16 +49,21 @@ def test_late_readings_stand_beside_the_motion_of_their_time() -> None:
 def test_a_dazzled_sensor_says_only_that_the_light_is_not_farther() -> None:
     z, noise = read(1.0, 0.2), np.array([-0.01, inf, inf, inf])
     for ahead, counts in ((0.5, 0), (2.0, 1)):
-        (x, y, *_), _, count = corrected((ahead, 0.2, 0.1, 0.1, 0.0), SURVEY, z, noise)
+        (x, y, *_), _, count = corrected((ahead, 0.2, 0.1, 0.1, 0.0), SURVEY, z, noise, 0.0)
         assert count == counts
         assert (x, y) == (0.5, 0.2) if not counts else x < 2.0
 
 
 def test_a_memory_keeps_what_it_found_of_its_sensors() -> None:
     agent, other = (PilotAgent(np.random.default_rng(1)) for _ in range(2))
-    agent.late, agent.moves, agent.blind = 5, True, np.array([True, False, False, True])
+    agent.late, agent.moves, agent.flickers, agent.blind = 5, True, True, np.array([True, False, False, True])
     other.recall(json.loads(json.dumps(agent.memory())))
-    assert (other.late, other.moves, other.blind.tolist()) == (5, True, [True, False, False, True])
+    assert (other.late, other.moves, other.flickers, other.blind.tolist()) == (
+        5,
+        True,
+        True,
+        [True, False, False, True],
+    )
 
 
 @pytest.mark.long
@@ -71,6 +76,8 @@ def test_a_memory_keeps_what_it_found_of_its_sensors() -> None:
         ("{sensors: [{lag: 1.0}]}", 1.2),
         ("{odometry: {turns: 0.4}}", 1.1),
         ("{lamps: [{circle: 0.5, period: 20.0}]}", 2.0),
+        ("{lamps: [{flicker: 0.5, flicker_period: 0.5}]}", 1.2),
+        ("{lamps: [{flicker: 0.5, flicker_period: 3.0}]}", 1.2),
     ],
 )
 def test_it_finds_out_how_a_world_differs_and_drives_nearly_as_quickly(errs: str, most: float) -> None:

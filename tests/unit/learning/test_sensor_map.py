@@ -6,7 +6,19 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.learning.sensor_map import HEIGHT, NUMBERS, PLACES, POWER, SCALE, UNLIKELY, followed, sighted, surveyed, way
+from txt1.learning.sensor_map import (
+    HEIGHT,
+    NUMBERS,
+    PLACES,
+    POWER,
+    SCALE,
+    UNLIKELY,
+    corrected,
+    followed,
+    sighted,
+    surveyed,
+    way,
+)
 from txt1.model.light_sensors import MOUNT
 
 SURVEY = np.zeros(NUMBERS)
@@ -22,7 +34,7 @@ def read(x: float, y: float, survey: np.ndarray = SURVEY) -> np.ndarray:
 @given(st.floats(0.6, 3.0), st.floats(-3.1, 3.1))
 def test_the_light_is_where_the_readings_put_it(distance: float, bearing: float) -> None:
     x, y = distance * np.cos(bearing), distance * np.sin(bearing)
-    (place, cost), *_ = sighted(SURVEY, read(x, y), np.full(4, 1e-4))
+    (place, cost), *_ = sighted(SURVEY, read(x, y), np.full(4, 1e-4), 0.0)
     assert np.hypot(place[0] - x, place[1] - y) < 0.02 * distance and cost == 0.0
 
 
@@ -31,34 +43,70 @@ def test_the_likeliest_place_comes_first_however_ill_readings_fit(z: list[float]
     noise = np.full(4, 1e-4)
     noise[:dead] = inf
     for lights in (
-        first := sighted(SURVEY, np.array(z), noise),
-        followed(first, SURVEY, np.array(z), noise, 0.03, 0.0, 0.1, 0.0)[0],
+        first := sighted(SURVEY, np.array(z), noise, 0.0),
+        followed(first, SURVEY, np.array(z), noise, 0.03, 0.0, 0.1, 0.0, 0.0)[0],
     ):
         costs = [cost for _, cost in lights]
         assert costs[0] == 0.0 and all(0.0 <= cost <= UNLIKELY for cost in costs[1:])
 
 
+@given(st.floats(0.6, 2.0), st.floats(-3.1, 3.1), st.floats(-1.0, 1.0))
+def test_a_light_that_flickers_is_found_by_what_its_readings_do_not_have_in_common(
+    distance: float, bearing: float, brighter: float
+) -> None:
+    x, y, noise = distance * np.cos(bearing), distance * np.sin(bearing), np.full(4, 1e-4)
+    z = read(x, y) + brighter
+    places = [place for place, _ in sighted(SURVEY, z, noise, 100.0)]
+    assert min(np.hypot(place[0] - x, place[1] - y) for place in places) < 0.1 * distance
+    near = (x, y, 0.01, 0.01, 0.0)
+    (steady_x, steady_y, *_), _, _ = corrected(near, SURVEY, z, noise, 0.0)
+    (ahead, left, *_), square, count = corrected(near, SURVEY, z, noise, 100.0)
+    assert count == 4 and square < 0.1
+    assert np.hypot(ahead - x, left - y) < 0.03 * distance
+    # who takes the light for steady takes it for nearer or farther
+    assert abs(brighter) < 0.3 or np.hypot(steady_x - x, steady_y - y) > 0.05 * distance
+
+
 def test_two_sensors_leave_two_places() -> None:
     z, noise = read(1.0, 0.5), np.array([1e-3, 1e-3, inf, inf])
-    places = [(x, y) for (x, y, *_), _ in sighted(SURVEY, z, noise)]
+    places = [(x, y) for (x, y, *_), _ in sighted(SURVEY, z, noise, 0.0)]
     assert len(places) == 2 and any(np.hypot(x - 1.0, y - 0.5) < 0.05 for x, y in places)
 
 
-@given(st.floats(0.0, 2.0), st.floats(0.3, 1.0), st.floats(-1.0, 1.0))
-def test_a_drive_past_a_lamp_tells_how_high_it_hangs(height: float, ahead: float, left: float) -> None:
-    true = SURVEY.copy()
-    true[:4], true[HEIGHT] = 5.0, height**2
-    count = 150
+def driven_past(true: np.ndarray, ahead: float, left: float, brighter: np.ndarray) -> np.ndarray:
+    """The rows of a drive past a lamp that is so much brighter at each decision, as a logarithm."""
+    count = len(brighter)
     distance, turn = np.full(count, 0.02), 0.02 * np.sin(np.arange(count) / 15.0)
     x, y, heading = way(distance, turn)
     # the readings belong to the middle of the way
     x, y, heading = x - 0.5 * distance * np.cos(heading), y - 0.5 * distance * np.sin(heading), heading - 0.5 * turn
     c, s = np.cos(heading), np.sin(heading)
     places = np.column_stack([c * (ahead - x) + s * (left - y), c * (left - y) - s * (ahead - x)])
-    z = np.array([read(*place, true) for place in places])
-    rows = np.column_stack([distance, turn, z, np.full((count, 4), 1e-4)])
-    mean = SURVEY.copy()
+    z = np.array([read(*place, true) for place in places]) + brighter[:, None]
+    return np.column_stack([distance, turn, z, np.full((count, 4), 1e-4)])
+
+
+@given(st.floats(0.0, 2.0), st.floats(0.3, 1.0), st.floats(-1.0, 1.0))
+def test_a_drive_past_a_lamp_tells_how_high_it_hangs(height: float, ahead: float, left: float) -> None:
+    true = SURVEY.copy()
+    true[:4], true[HEIGHT] = 5.0, height**2
+    rows, mean = driven_past(true, ahead, left, np.zeros(150)), SURVEY.copy()
     square = np.array([0.2] * 4 + [0.1] + [1e-3] * 8 + [1e-3, 1e-3, 1.0]) ** 2
-    survey, lights, _, _ = surveyed(rows, np.zeros(count, np.int64), mean, np.array([[0.5, 0.2]]), mean, square, 60)
+    which, guess = np.zeros(len(rows), np.int64), np.array([[0.5, 0.2]])
+    survey, lights, _, _ = surveyed(rows, which, mean, guess, mean, square, 0.0, 60)
     assert abs(np.sqrt(survey[HEIGHT]) - height) < 0.15
     assert np.hypot(*(lights[0] - (ahead, left))) < 0.05
+
+
+@given(st.floats(0.3, 1.0), st.floats(-1.0, 1.0), st.integers(0, 99))
+def test_a_lamp_that_flickers_does_not_mislead_a_survey_that_knows_of_it(ahead: float, left: float, seed: int) -> None:
+    true, noise = SURVEY.copy(), np.random.default_rng(seed).normal(0.0, 0.5, 150)
+    true[:4] = 5.0, 5.2, 4.9, 5.1
+    rows, mean = driven_past(true, ahead, left, noise), SURVEY.copy()
+    square = np.array([0.2] * 4 + [0.1] + [1e-3] * 11) ** 2
+    mean[:4] = 4.5
+    which, guess = np.zeros(len(rows), np.int64), np.array([[ahead + 0.1, left - 0.1]])
+    survey, lights, cost, _ = surveyed(rows, which, mean, guess, mean, square, 0.25, 60)
+    assert np.hypot(*(lights[0] - (ahead, left))) < 0.02
+    assert np.ptp(survey[:4] - true[:4]) < 0.02
+    assert cost < 0.1 * surveyed(rows, which, mean, guess, mean, square, 0.0, 60)[2]
