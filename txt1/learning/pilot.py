@@ -141,6 +141,8 @@ LARGEST: Final = 1e6
 _RECORD: Final = 2 + 2 * SENSORS
 # decisions over which it predicts the effects of its actions, to judge itself
 SECOND: Final = 10
+# weight that earlier effects of the actions keep when they are others than predicted
+FADED: Final = 0.05
 # surveys in an episode after which even a light that moves does not explain why nothing fits
 REFITS: Final = 2
 # episodes after which a survey that led to the goal is not forgotten for being late, if the light moves
@@ -287,6 +289,8 @@ class PilotAgent(PeriodicAgent):
             self._survey_anew()
         if not self.lost and self.misfit > self.settings.doubt:
             self._misfits()
+        if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
+            self._learn_actions_anew()
         if not self.unfit and len(self._rows) % self.settings.anew == 0:
             self.unfit = self._judge()
         a = self._choose()
@@ -370,10 +374,17 @@ class PilotAgent(PeriodicAgent):
         slip = self.settings.slip * max(float(longest), 1e-9)
         return ((distance / slip) ** 2 + (turn / (slip * max(float(sharpest), 1e-3))) ** 2) / len(self._course)
 
+    def _learn_actions_anew(self) -> None:
+        """Forget what the actions did before the last second, but for a little."""
+        self.unfit = self.unfit or "what the actions do"
+        self.effects.sums *= FADED
+        for (before, *_), taken, after in self._course:
+            motion = (before[0], after[0]), (before[1], after[1])
+            self.effects.learn(np.array(taken), *motion, self.settings.forgets)
+        self._course = []
+
     def _judge(self) -> str:
         """Return the part that the model does not fit in the last decisions; "" if the stated noise explains them."""
-        if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
-            return "what the actions do"
         rows = self._latest(PIECE if self.moves else self.settings.judged)
         telling = np.isfinite(rows[:, 6:])
         if telling.any(axis=0).sum() == 1:
