@@ -13,6 +13,8 @@ B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. 
 keeps its first standard deviation: a lever arm shows in turns, a clock where the speed changes, and sliding outwards in
 curves at two speeds. Without k a car that slides looks like a lever arm that points backwards.
 
+A heading that the sensor tells is late as well. So the axes in which z_B - z_A is seen are turned by -tau omega_A.
+
 Two hypotheses compete: the stated value of a sensor is right, or it is wrong by about `START`. The odds of Bayes judge
 them (R. E. Kass, A. E. Raftery, JASA 90, 1995, with normal priors). The stated value is used until its error is `SURE`,
 and larger than `WORTH`; models of cars are wrong by less than that. The estimate tells the covariance of both
@@ -215,6 +217,9 @@ class Calibration:
         zx, zy = two.x - one.x, two.y - one.y
         zx, zy = ca * zx + sa * zy, ca * zy - sa * zx
         tau_x, tau_y = -(c * v_b - v_a), -s * v_b
+        if one.theta is not None:
+            # so is the heading that it told
+            tau_x, tau_y = tau_x - w_a * zy, tau_y + w_a * zx
         residual = [
             zx - grip * dx - (c - 1.0) * lx + s * ly - tau * tau_x,
             zy - grip * dy - s * lx - (c - 1.0) * ly - tau * tau_y,
