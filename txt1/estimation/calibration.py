@@ -11,20 +11,22 @@ moved: d (m, in the frame of the first, with each piece of it turned so) and a t
 which is linear in (l, tau, s, g, b, k) for small errors: a Kalman filter of these seven beside the robot's own, as of
 B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. An error that the drive does not show
 keeps its first standard deviation: a lever arm shows in turns, a clock where the speed changes, and sliding outwards in
-curves at two speeds. Without k a car that slides looks like a lever arm that points backwards.
+curves at two speeds. Without k a car that slides looks like a lever arm that points backwards. A lever arm to the left
+looks like slip that is another in each curve, as it is in each manoeuvre: so slip walks with the change of the
+curvature, too.
 
 A heading that the sensor tells is late as well. So the axes in which z_B - z_A is seen are turned by -tau omega_A.
 
-Two hypotheses compete: the stated value of a sensor is right, or it is wrong by about `START`. The odds of Bayes judge
-them (R. E. Kass, A. E. Raftery, JASA 90, 1995, with normal priors). The stated value is used until its error is `SURE`,
-and larger than `WORTH`; models of cars are wrong by less than that. The estimate tells the covariance of both
-hypotheses.
+Two hypotheses compete: a stated value is right, or it is wrong by about `START`. The odds of Bayes judge them (R. E.
+Kass, A. E. Raftery, JASA 90, 1995, with normal priors). The stated value is used until its error is `SURE`, and worth a
+correction; models of cars are wrong by less than that. The estimate tells the covariance of
+both hypotheses.
 """
 
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
-from math import cos, exp, hypot, sin, sqrt
+from math import copysign, cos, exp, hypot, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -53,6 +55,8 @@ CHANGED: Final = 0.1
 LEAST_WAY: Final = 0.05
 # ways over which the walk of the slip is averaged
 MEMORY: Final = 20
+# s m^2: with a change of the curvature by 1/m, slip changes as in so long; a change of the manoeuvre, chosen
+MANOEUVRE: Final = 5.0
 # m by which the wheels miss the way after 1 s
 ALONG: Final = 0.004
 # m by which the robot slides sideways in 1 s
@@ -72,12 +76,8 @@ GATE: Final = 16.3
 # probability that a stated value is wrong, before anything was measured
 WRONG: Final = 0.1
 SURE: Final = 0.999
-# m; smaller corrections are not made
-WORTH_M: Final = 0.005
-# s, likewise
-WORTH_S: Final = 0.004
-# likewise
-WORTH_SCALE: Final = 0.003
+CORRECTED: Final = {"x": (LX, 0.005), "y": (LY, 0.005), "delay": (TAU, 0.004), "scale": (SCALE, 0.003)}
+"""By the names of `Corrections`: the place, and below what no correction is made, m, m, s and 1."""
 
 
 class Calibrated(NamedTuple):
@@ -129,10 +129,10 @@ class Calibration:
         self._first: _Place | None = None
         self._mount = (0.0, 0.0)
         self._time = 0.0
+        # of the last way, 1/m
+        self._curvature = 0.0
         # variance that a second adds to the slip besides, as far as ways tell
         self._slips = CHANGED**2
-        # probabilities: lever arm, clock, scale
-        self._wrong: tuple[float, ...] = (WRONG, WRONG, WRONG)
         self._left = self._left_to_doubt()
 
     def cycle(self, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]) -> None:
@@ -239,15 +239,20 @@ class Calibration:
             variances.append(2.0 * one.sigma_theta**2 + GYRO**2 * span + (GYRO_CLOCK * (w_b - w_a)) ** 2)
         elif not by_gyro:
             variances[1] += (BY_WHEELS * turn * way_length) ** 2
-        self._absorb(np.array(residual), np.array(rows), np.diag(variances), two.time)
+        bend = 0.0
+        if way_length > LEAST_WAY:
+            curvature = turn / copysign(way_length, dx)
+            bend, self._curvature = curvature - self._curvature, curvature
+        self._absorb(np.array(residual), np.array(rows), np.diag(variances), two.time, bend)
 
-    def _absorb(self, residual: Array, rows: Array, noise: Array, time: float) -> None:
+    def _absorb(self, residual: Array, rows: Array, noise: Array, time: float, bend: float) -> None:
         dt = max(0.0, min(time - self._time, LONGEST))
+        exposed = dt + MANOEUVRE * bend * bend
         p = self.covariance + np.diag(WALK) * dt
-        p[SLIPPED, SLIPPED] += self._slips * dt
+        p[SLIPPED, SLIPPED] += min(self._slips * exposed, CHANGED**2)
         self._time = time
         s = rows @ p @ rows.T + noise
-        self._slip_changes(residual, rows[:, SLIPPED], s, dt)
+        self._slip_changes(residual, rows[:, SLIPPED], s, exposed)
         if float(residual @ np.linalg.solve(s, residual)) > SUSPECT:
             p[SLIPPED, SLIPPED] += CHANGED**2
             s = rows @ p @ rows.T + noise
@@ -276,38 +281,34 @@ class Calibration:
             self._slips += (walked / dt - self._slips) / MEMORY
 
     def _decide(self) -> None:
-        """Correct the mount, the clock and the gyro's scale where they are refuted."""
-        used, mean, p = self.corrections, self.mean, self.covariance
-        self._wrong = wrong = tuple([_probability(mean, p, places) for places in ((LX, LY), (TAU,), (SCALE,))])
-        x, y, delay, scale = used.x, used.y, used.delay, used.scale
-        if (x or y) or (wrong[0] > SURE and hypot(mean[LX], mean[LY]) > WORTH_M):
-            x, y = float(mean[LX]), float(mean[LY])
-        if delay or (wrong[1] > SURE and abs(mean[TAU]) > WORTH_S):
-            delay = float(mean[TAU])
-        if scale or (wrong[2] > SURE and abs(mean[SCALE]) > WORTH_SCALE):
-            scale = float(mean[SCALE])
-        self.corrections = Corrections(x, y, delay, scale)
+        """Correct the mount, the clock and the gyro's scale, each where it is refuted."""
+        right = {}
+        for name, (place, worth) in CORRECTED.items():
+            value, wrong = float(self.mean[place]), _probability(self.mean, self.covariance, place)
+            refuted = getattr(self.corrections, name) or (wrong > SURE and abs(value) > worth)
+            right[name] = value if refuted else 0.0
+        self.corrections = Corrections(**right)
         self._left = self._left_to_doubt()
 
     def _left_to_doubt(self) -> tuple[float, float, float, float]:
         """Return second moments of the remaining errors: lever arm (along, both, across; m^2), clock (s^2)."""
-        used, p, wrong = self.corrections, self.covariance, self._wrong
+        used, p = self.corrections, self.covariance
         left_x, left_y = self.mean[LX] - used.x, self.mean[LY] - used.y
         late = self.mean[TAU] - used.delay
-        lever = 1.0 if used.x or used.y else wrong[0]
+        clock = 1.0 if used.delay else _probability(self.mean, p, TAU)
+        wrong = max(_probability(self.mean, p, place) for place in (LX, LY))
+        lever = 1.0 if used.x or used.y else wrong
         return (
             lever * float(p[LX, LX] + left_x * left_x),
             lever * float(p[LX, LY] + left_x * left_y),
             lever * float(p[LY, LY] + left_y * left_y),
-            (1.0 if used.delay else wrong[1]) * float(p[TAU, TAU] + late * late),
+            clock * float(p[TAU, TAU] + late * late),
         )
 
 
-def _probability(mean: Array, covariance: Array, places: tuple[int, ...]) -> float:
+def _probability(mean: Array, covariance: Array, place: int) -> float:
     """The probability that a stated value is wrong."""
-    at = np.ix_(places, places)
-    apart, left = mean[list(places)], covariance[at]
-    known = np.linalg.det(left) / np.prod(START[list(places)])
-    exponent = 0.5 * float(apart @ np.linalg.solve(left, apart))
-    odds = WRONG / (1.0 - WRONG) * sqrt(max(float(known), 0.0)) * exp(min(exponent, 100.0))
+    left = float(covariance[place, place])
+    exponent = 0.5 * float(mean[place]) ** 2 / left
+    odds = WRONG / (1.0 - WRONG) * sqrt(left / float(START[place])) * exp(min(exponent, 100.0))
     return odds / (1.0 + odds)

@@ -52,3 +52,22 @@ def test_a_late_heading_is_not_taken_for_sliding() -> None:
         misses.append(value / sigma)
     # chi-square of 12 at 99 %
     assert sum(miss * miss for miss in misses) < 26.2
+
+
+def test_a_mount_that_is_wrong_ahead_is_not_moved_to_the_side() -> None:
+    """Ahead it shows at once, and to the side it looks like slip: the one is no evidence on the other."""
+    for seed in range(1, 6):
+        found = driven(seed, lever=(0.05, 0.0))
+        assert found.corrections.x == pytest.approx(0.05, abs=0.005)
+        assert found.corrections.y == 0.0
+
+
+@pytest.mark.parametrize("left", [0.0, 0.03])
+def test_slip_of_its_own_in_each_manoeuvre_is_not_taken_for_a_mount(left: float) -> None:
+    """The mount to the left is as uncertain as told, though slip and curvature change together."""
+    misses = []
+    for seed in range(1, 13):
+        value, sigma = driven(seed, lever=(0.0, left), seconds=30.0).learned("y")
+        misses.append((value - left) / sigma)
+    # chi-square of 12 at 99 %
+    assert sum(miss * miss for miss in misses) < 26.2
