@@ -19,8 +19,7 @@ A heading that the sensor tells is late as well. So the axes in which z_B - z_A 
 
 Two hypotheses compete: a stated value is right, or it is wrong by about `START`. The odds of Bayes judge them (R. E.
 Kass, A. E. Raftery, JASA 90, 1995, with normal priors). The stated value is used until its error is `SURE`, and worth a
-correction; models of cars are wrong by less than that. The estimate tells the covariance of
-both hypotheses.
+correction; models of cars are wrong by less than that. The estimate tells what is left to doubt.
 """
 
 from collections import deque
@@ -291,17 +290,19 @@ class Calibration:
         self._left = self._left_to_doubt()
 
     def _left_to_doubt(self) -> tuple[float, float, float, float]:
-        """Return second moments of the remaining errors: lever arm (along, both, across; m^2), clock (s^2)."""
+        """Return second moments of the remaining errors: lever arm (along, both, across; m^2), clock (s^2).
+
+        Those of the lever arm are of a consider parameter (S. F. Schmidt): what is told apart from slip so slowly may
+        be wrong for long. Those of the clock, which shows at once, are of both hypotheses.
+        """
         used, p = self.corrections, self.covariance
         left_x, left_y = self.mean[LX] - used.x, self.mean[LY] - used.y
         late = self.mean[TAU] - used.delay
         clock = 1.0 if used.delay else _probability(self.mean, p, TAU)
-        wrong = max(_probability(self.mean, p, place) for place in (LX, LY))
-        lever = 1.0 if used.x or used.y else wrong
         return (
-            lever * float(p[LX, LX] + left_x * left_x),
-            lever * float(p[LX, LY] + left_x * left_y),
-            lever * float(p[LY, LY] + left_y * left_y),
+            float(p[LX, LX] + left_x * left_x),
+            float(p[LX, LY] + left_x * left_y),
+            float(p[LY, LY] + left_y * left_y),
             clock * float(p[TAU, TAU] + late * late),
         )
 

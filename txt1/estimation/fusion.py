@@ -86,7 +86,7 @@ FLOOR: Final = 2.0
 # turns over which the walk of the slip is averaged
 MEMORY: Final = 5
 # s in which it is forgotten that a sensor overruled dead reckoning; chosen
-FORGOTTEN: Final = 30.0
+FORGOTTEN: Final = 10.0
 # of the wheels' way; more is no slip any more, but wheels that tell nothing
 SLIP_MAX: Final = 0.6
 # m/s, standard deviation of the speed of a robot that stands

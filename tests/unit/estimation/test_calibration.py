@@ -71,3 +71,9 @@ def test_slip_of_its_own_in_each_manoeuvre_is_not_taken_for_a_mount(left: float)
         misses.append((value - left) / sigma)
     # chi-square of 12 at 99 %
     assert sum(miss * miss for miss in misses) < 26.2
+
+
+def test_a_mount_to_the_left_is_told_as_uncertain_as_a_tape_measure_leaves_it() -> None:
+    """Until the drive tells: 2 cm, be the odds that the stated value is right as they may."""
+    along, across = np.sqrt(np.array(Calibration().doubt((0.0,) * 7))[[0, 2]])
+    assert along == across == pytest.approx(0.02)
