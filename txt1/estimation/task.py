@@ -240,7 +240,7 @@ class Estimator:
                     self._turns.append(rate)
                     if not self._gyro or time > self._gyro[-1][0]:
                         # as it came, without what was learned of its scale
-                        self._gyro.append((time, rate))
+                        self._gyro.append((time, rate * (1.0 + self._gyro_scale)))
             elif kind is Kind.ENCODERS and each.rows == (0, 1) and all(map(isfinite, each.values)):
                 self._wheels = each.values[0], each.values[1]
 
@@ -328,7 +328,7 @@ class Estimator:
         if times[0] > begin or times[-1] < end or np.diff(times).max() > GAP:
             return
         at = np.concatenate(((begin,), times[inside], (end,)))
-        turning_at = np.interp(at, times, rates)
+        turning_at = np.interp(at, times, rates) / (1.0 + self._gyro_scale)
         by_gyro = float(np.trapezoid(turning_at, at))
         # slip varies with each piece of the turn, to whichever side; a late clock misses what the rate has changed by
         path, swing = float(np.trapezoid(np.abs(turning_at), at)), float(turning_at[-1] - turning_at[0])

@@ -6,8 +6,13 @@ from math import cos, sin
 import numpy as np
 import pytest
 
+from benchmarks import random_drives
 from txt1.estimation.calibration import Calibration
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.settings import EstimationConfig, FusedConfig
+from txt1.experiments.human_drive import drive_as_a_person
+from txt1.kernel.loop import run
+from txt1.robot import Robot
 
 CYCLE = 0.02  # s
 
@@ -77,3 +82,18 @@ def test_a_mount_to_the_left_is_told_as_uncertain_as_a_tape_measure_leaves_it() 
     """Until the drive tells: 2 cm, be the odds that the stated value is right as they may."""
     along, across = np.sqrt(np.array(Calibration().doubt((0.0,) * 7))[[0, 2]])
     assert along == across == pytest.approx(0.02)
+
+
+def test_a_gyro_that_reads_too_much_is_corrected_in_full() -> None:
+    """What was corrected already was left over again: a gyro 3 % off was taken for one 1.5 % off."""
+    configs = {"vicon": EstimationConfig(preset="vicon", settings={"imu": FusedConfig(scale=0.03)})}
+
+    async def drive(robot: Robot) -> None:
+        await drive_as_a_person(robot, 201, 20.0)
+
+    estimator = run(random_drives.driven("txt1", 201, drive, configs), speed="max")["vicon"].estimator
+    value, sigma = estimator.calibrations["vicon"].told("scale")
+    assert estimator.calibrations["vicon"].corrections.scale == value
+    # it reads 1 / 1.03 now
+    assert value == pytest.approx(1.0 / 1.03 - 1.0, abs=3.0 * sigma)
+    assert sigma < 0.003
