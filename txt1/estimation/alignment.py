@@ -29,7 +29,7 @@ def aligned(pairs: Collection[tuple[float, ...]]) -> tuple[float, float, float, 
     while len(kept) >= LEAST:
         turn, x, y, spread, variance = _fitted(kept)
         c, s = cos(turn), sin(turn)
-        px, py, zx, zy, sigma = kept.T
+        px, py, zx, zy, sigma = kept.T[:5]
         left = np.hypot(zx - x - c * px + s * py, zy - y - s * px - c * py) / sigma
         worst = int(left.argmax())
         if left[worst] > FAR:
@@ -43,7 +43,7 @@ def aligned(pairs: Collection[tuple[float, ...]]) -> tuple[float, float, float, 
 
 def _fitted(pairs: Array) -> tuple[float, float, float, float, float]:
     """The turn, the move, the spread of the positions and the variance of a measured one."""
-    px, py, zx, zy, sigma = pairs.T
+    px, py, zx, zy, sigma = pairs.T[:5]
     cx, cy, dx, dy = px.mean(), py.mean(), zx.mean(), zy.mean()
     px, py, zx, zy = px - cx, py - cy, zx - dx, zy - dy
     turn = atan2(float(px @ zy - py @ zx), float(px @ zx + py @ zy))
@@ -61,3 +61,14 @@ def about(spread: Array, mean: Seven, turn: float, pairs: Collection[tuple[float
     j[0, 2], j[1, 2] = -(s * dx + c * dy), c * dx - s * dy
     moved: Array = j @ spread @ j.T
     return moved
+
+
+def leaning(pairs: Collection[tuple[float, ...]]) -> tuple[float, float, float, float, float]:
+    """How a turn leans whose pairs lean, rad, and the means of p and of its lean, m; each pair ends with that of p.
+
+    The derivative of the fit's turn by a parameter that moves the positions p, as `ekf.Lean` has it.
+    """
+    rows = np.array(list(pairs))
+    cx, cy, lx, ly = (float(each) for each in rows[:, (0, 1, 5, 6)].mean(axis=0))
+    px, py, by_x, by_y = (rows[:, (0, 1, 5, 6)] - (cx, cy, lx, ly)).T
+    return -float(px @ by_y - py @ by_x) / float(px @ px + py @ py), cx, cy, lx, ly

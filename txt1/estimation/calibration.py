@@ -75,7 +75,9 @@ GATE: Final = 16.3
 # probability that a stated value is wrong, before anything was measured
 WRONG: Final = 0.1
 SURE: Final = 0.999
-CORRECTED: Final = {"x": (LX, 0.005), "y": (LY, 0.005), "delay": (TAU, 0.004), "scale": (SCALE, 0.003)}
+# smaller corrections are not made
+WORTH_SCALE: Final = 0.003
+CORRECTED: Final = {"x": (LX, 0.005), "y": (LY, 0.005), "delay": (TAU, 0.004), "scale": (SCALE, WORTH_SCALE)}
 """By the names of `Corrections`: the place, and below what no correction is made, m, m, s and 1."""
 
 
@@ -283,11 +285,14 @@ class Calibration:
         """Correct the mount, the clock and the gyro's scale, each where it is refuted."""
         right = {}
         for name, (place, worth) in CORRECTED.items():
-            value, wrong = float(self.mean[place]), _probability(self.mean, self.covariance, place)
+            value, wrong = float(self.mean[place]), self._wrong(place)
             refuted = getattr(self.corrections, name) or (wrong > SURE and abs(value) > worth)
             right[name] = value if refuted else 0.0
         self.corrections = Corrections(**right)
         self._left = self._left_to_doubt()
+
+    def _wrong(self, place: int) -> float:
+        return probability(float(self.mean[place]), float(self.covariance[place, place]), float(START[place]))
 
     def _left_to_doubt(self) -> tuple[float, float, float, float]:
         """Return second moments of the remaining errors: lever arm (along, both, across; m^2), clock (s^2).
@@ -298,7 +303,7 @@ class Calibration:
         used, p = self.corrections, self.covariance
         left_x, left_y = self.mean[LX] - used.x, self.mean[LY] - used.y
         late = self.mean[TAU] - used.delay
-        clock = 1.0 if used.delay else _probability(self.mean, p, TAU)
+        clock = 1.0 if used.delay else self._wrong(TAU)
         return (
             float(p[LX, LX] + left_x * left_x),
             float(p[LX, LY] + left_x * left_y),
@@ -307,9 +312,8 @@ class Calibration:
         )
 
 
-def _probability(mean: Array, covariance: Array, place: int) -> float:
-    """The probability that a stated value is wrong."""
-    left = float(covariance[place, place])
-    exponent = 0.5 * float(mean[place]) ** 2 / left
-    odds = WRONG / (1.0 - WRONG) * sqrt(left / float(START[place])) * exp(min(exponent, 100.0))
+def probability(value: float, variance: float, before: float) -> float:
+    """The probability that a stated value is wrong, by its error, the variance of that, and the one before all."""
+    exponent = 0.5 * value * value / variance
+    odds = WRONG / (1.0 - WRONG) * sqrt(variance / before) * exp(min(exponent, 100.0))
     return odds / (1.0 + odds)

@@ -20,7 +20,8 @@ The products are written out, as an array costs more than the numbers in it: a s
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import asin, cos, inf, sin, sqrt
-from typing import Final
+from operator import mul
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,21 @@ SIDEWAYS_FOR: Final = 0.5
 SINE_MAX: Final = 0.88
 
 
+class Lean(NamedTuple):
+    """How a belief leans with a parameter that the filter takes for known, and what the misses tell of that.
+
+    The separate bias filter of B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969: a state
+    more, kept outside of the filter, which need not know of it.
+    """
+
+    # the mean's change by a unit of the parameter
+    by: Seven
+    # sum of the squares of what a unit of it changes of each miss
+    known: float
+    # ... and of that times the miss
+    told: float
+
+
 @dataclass(slots=True)
 class Belief:
     """A state and its covariance; nothing changes it, and a frozen one takes four times as long to make."""
@@ -57,6 +73,8 @@ class Belief:
     mean: Seven
     # of the covariance
     triangle: Triangle
+    # None: of no parameter
+    lean: Lean | None = None
 
     @property
     def covariance(self) -> Array:
@@ -69,10 +87,18 @@ class Belief:
 _UPPER: Final = np.triu_indices(SIZE)
 
 
-def belief_of(mean: Sequence[float] | Array, covariance: Array) -> Belief:
+def belief_of(mean: Sequence[float] | Array, covariance: Array, lean: Lean | None = None) -> Belief:
     """The belief of a mean and a covariance, shapes (7,) and (7, 7)."""
     x, y, theta, rolled, omega, bias, slip = map(float, mean)
-    return Belief((x, y, theta, rolled, omega, bias, slip), tuple(covariance[_UPPER].tolist()))
+    return Belief((x, y, theta, rolled, omega, bias, slip), tuple(covariance[_UPPER].tolist()), lean)
+
+
+def upright(belief: Belief, value: float, variance: float) -> Belief:
+    """The belief that leans no more: the parameter has this value, and is uncertain by this variance about it."""
+    if belief.lean is None:
+        return belief
+    by = np.array(belief.lean.by)
+    return belief_of(np.array(belief.mean) - value * by, belief.covariance + variance * np.outer(by, by))
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +164,7 @@ def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
         oo, ob, os,
         bb, bs,
         ss,
-    ))  # fmt: skip
+    ), belief.lean)  # fmt: skip
 
 
 def predict(
@@ -202,6 +228,13 @@ def predict(
     m_ys = ys + f_yt * ts + f_yu * us + f_yo * os + f_ys * ss
     m_tt, m_tu, m_to, m_tb, m_ts = tt + f_to * to, tu + f_to * uo, to + f_to * oo, tb + f_to * ob, ts + f_to * os
 
+    lean = belief.lean
+    if lean is not None:
+        (lx, ly, lt, lu, lo, lb, ls), known, told = lean
+        lean = Lean((
+            lx + f_xt * lt + f_xu * lu + f_xo * lo + f_xs * ls, ly + f_yt * lt + f_yu * lu + f_yo * lo + f_ys * ls,
+            lt + f_to * lo, lu, lo, lb, ls,
+        ), known, told)  # fmt: skip
     # P' = M F^T + Q dt
     return Belief(
         (x + v * c, y + v * s, theta + omega * dt, rolled, omega + v * bend, bias, slip),
@@ -223,11 +256,17 @@ def predict(
 
             ss + qs * dt,
         ),
+        lean,
     )  # fmt: skip
 
 
 def update(
-    belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float], gate: float = inf
+    belief: Belief,
+    residual: Sequence[float],
+    h: Sequence[Row],
+    sigmas: Sequence[float],
+    gate: float = inf,
+    leans: float = 0.0,
 ) -> tuple[Belief, float, list[float]]:
     """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and its misses.
 
@@ -239,8 +278,10 @@ def update(
         h: Jacobian of the expectation, by rows, each of the pose or of the motion.
         sigmas: standard deviations of the measurement's numbers, the roots of R's diagonal.
         gate: largest NIS that is believed; beyond it the belief comes back as it was.
+        leans: by how much a unit of the parameter that the belief leans with changes each number.
 
     """
+    lean = belief.lean
     (
         xx, xy, xt, xu, xo, xb, xs,
         yy, yt, yu, yo, yb, ys,
@@ -294,6 +335,8 @@ def update(
         misses.append(miss)
         nis += miss * miss
         wx, wy, wt, wu, wo, wb, ws = cx / sigma, cy / sigma, ct / sigma, cu / sigma, co / sigma, cb / sigma, cs / sigma
+        if lean is not None:
+            lean = _leaning(lean, row, leans, sigma, miss, (wx, wy, wt, wu, wo, wb, ws))
         dx, dy, dt, du = dx + wx * miss, dy + wy * miss, dt + wt * miss, du + wu * miss
         do, db, ds = do + wo * miss, db + wb * miss, ds + ws * miss
         (
@@ -325,7 +368,26 @@ def update(
         oo, ob, os,
         bb, bs,
         ss,
-    )), nis, misses  # fmt: skip
+    ), lean), nis, misses  # fmt: skip
+
+
+def _leaning(lean: Lean, row: Row, leans: float, sigma: float, miss: float, w: Seven) -> Lean:
+    """How the belief leans after a number: its row of the Jacobian, miss, sigma and w, as in `update`.
+
+    Only places tell of the parameter: what wheels would tell of it may be slip.
+    """
+    by = lean.by
+    if isinstance(row, int):
+        expected, tells = by[row], row <= THETA
+    else:
+        expected, tells = sum(map(mul, row, by)), any(row[:ROLLED])
+    moved = (leans - expected) / sigma
+    x, y, theta, rolled, omega, bias, slip = by
+    wx, wy, wt, wu, wo, wb, ws = w
+    return Lean((
+        x + wx * moved, y + wy * moved, theta + wt * moved, rolled + wu * moved,
+        omega + wo * moved, bias + wb * moved, slip + ws * moved,
+    ), lean.known + tells * moved * moved, lean.told + tells * moved * miss)  # fmt: skip
 
 
 def encoders(mean: Seven) -> tuple[tuple[float, float], tuple[Row, Row]]:
@@ -382,10 +444,13 @@ GYRO: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
 """The row of a gyro, which tells its bias, too."""
 
 
-def turned(belief: Belief, turn: float, x: float, y: float, spread: Array) -> Belief:
+def turned(
+    belief: Belief, turn: float, x: float, y: float, spread: Array, leans: Sequence[float] = (0.0,) * 5
+) -> Belief:
     """The belief in another frame: turned by `turn` rad about the origin, then moved by (x, y) m.
 
-    `spread` is the covariance of x, y and turn, shape (3, 3), of the frame where the robot is now.
+    `spread` is the covariance of x, y and turn, shape (3, 3), of the frame where the robot is now. `leans` is how the
+    frame leans, of `alignment.leaning`.
     """
     px, py, theta, *rest = belief.mean
     c, s = cos(turn), sin(turn)
@@ -393,7 +458,14 @@ def turned(belief: Belief, turn: float, x: float, y: float, spread: Array) -> Be
     f[:2, :2] = (c, -s), (s, c)
     rotated = f @ belief.covariance @ f.T
     rotated[:3, :3] += spread
-    return belief_of((x + c * px - s * py, y + s * px + c * py, theta + turn, *rest), rotated)
+    lean = belief.lean
+    if lean is not None:
+        turns, mid_x, mid_y, lean_x, lean_y = leans
+        lx, ly, lt, *others = lean.by
+        lx, ly = lx - lean_x - turns * (py - mid_y), ly - lean_y + turns * (px - mid_x)
+        lu, lo, lb, ls = others
+        lean = lean._replace(by=(c * lx - s * ly, s * lx + c * ly, lt + turns, lu, lo, lb, ls))
+    return belief_of((x + c * px - s * py, y + s * px + c * py, theta + turn, *rest), rotated, lean)
 
 
 def outside(

@@ -21,7 +21,8 @@ from typing import Final
 
 import numpy as np
 
-from txt1.estimation.alignment import about, aligned
+from txt1.estimation.alignment import about, aligned, leaning
+from txt1.estimation.calibration import SURE, WORTH_SCALE, probability
 from txt1.estimation.ekf import (
     BIAS,
     GYRO,
@@ -34,6 +35,7 @@ from txt1.estimation.ekf import (
     Array,
     Belief,
     Drift,
+    Lean,
     Row,
     Seven,
     antenna,
@@ -44,6 +46,7 @@ from txt1.estimation.ekf import (
     ramped,
     turned,
     update,
+    upright,
     velocities,
 )
 from txt1.estimation.frame import USUAL, Frame, Reckoning
@@ -140,6 +143,8 @@ class Fusion:
         drift: of the state by itself.
         slip_sigma: standard deviation of the wheels' slip before anything is known of it.
         start: the pose at the start and its standard deviations (m, m, rad), if they are known.
+        gyro_scale: standard deviation of the share by which a gyro reads too much; 0: no matter, as a sensor tells the
+            heading, or there is no gyro.
 
     """
 
@@ -149,6 +154,7 @@ class Fusion:
         drift: Drift = Drift(),  # noqa: B008 - immutable
         slip_sigma: float = 0.03,
         start: tuple[Sequence[float], Sequence[float]] | None = None,
+        gyro_scale: float = 0.0,
     ) -> None:
         self.changes: list[str] = []
         """Messages for the event log: a sensor is believed no longer, or again. The caller that tells them empties the
@@ -170,7 +176,9 @@ class Fusion:
         self._slip_sigma = slip_sigma
         pose, known = start or ((0.0,) * 3, (BEGUN,) * 3)
         sigmas = np.array([*known, SPEED, YAW_RATE, BIASED, slip_sigma])
-        self._start = belief_of((*pose, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2))
+        self._gyro_scale = gyro_scale
+        lean = Lean((0.0,) * 7, 0.0, 0.0) if gyro_scale else None
+        self._start = belief_of((*pose, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean)
         self._base, self._base_time = self._start, -1.0
         self._entries: list[_Entry] = []
         self._arrived: list[Measurement] = []
@@ -415,7 +423,7 @@ class Fusion:
                 if entry.moved is not None:
                     belief = _moved(belief, entry.moved)
                 if entry.wider is not None:
-                    belief = belief_of(belief.mean, belief.covariance + entry.wider)
+                    belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
                 belief = self._measure(belief, entry)
             entry.belief = belief
 
@@ -426,7 +434,7 @@ class Fusion:
         covariance[SLIP, SLIP] = self._slip_sigma**2
         covariance[ROLLED, ROLLED] += SPEED**2
         x, y, theta, _, omega, bias, _ = belief.mean
-        return belief_of((x, y, theta, v, omega, bias, 0.0), covariance)
+        return belief_of((x, y, theta, v, omega, bias, 0.0), covariance, belief.lean)
 
     def _take_out(self, sensor: str) -> int | None:
         """Leave a sensor's readings out; returns the place of the first."""
@@ -462,11 +470,12 @@ class Fusion:
         if kind is Kind.POSE:
             return self._place(belief, entry, judge, residual, h)
         sigmas = measurement.sigmas[: len(residual)]
-        after, nis, misses = update(belief, residual, h, sigmas)
+        leans = belief.mean[OMEGA] if kind is Kind.GYRO else 0.0
+        after, nis, misses = update(belief, residual, h, sigmas, leans=leans)
         if kind is Kind.GYRO:
             # strong tracking: the robot turns otherwise than it did
             if misses[0] > TRACKS or misses[0] < -TRACKS:
-                after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas)[0]
+                after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas, leans=leans)[0]
         elif kind is Kind.ENCODERS:
             after = self._wheels(belief, after, measurement, residual, h, misses)
         if new:
@@ -517,7 +526,8 @@ class Fusion:
         h = ((0.0, 0.0, 0.0, 0.0, 0.0, -dt / grip, turned_by / (grip * grip)),)
         # the slip walks within the turn, too: its mean is so far from the last one
         sigma = hypot(measurement.sigmas[0], path * sqrt(self._moving[SLIP] * dt / 3.0))
-        after, _, (miss,) = update(belief, residual, h, (sigma,))
+        leans = -by_gyro / grip
+        after, _, (miss,) = update(belief, residual, h, (sigma,), leans=leans)
         if new and abs(turned_by) > CURVE and miss:
             chance = (residual[0] / miss) ** 2
             self._slip_changes((residual[0] ** 2 - chance) / turned_by**2 + self._moving[SLIP] * dt, dt)
@@ -527,9 +537,9 @@ class Fusion:
             change = min(abs(residual[0] / turned_by), SLID)
             wide = belief.covariance
             wide[SLIP, SLIP] += change * change
-            belief = belief_of(belief.mean, wide)
-            _, _, (miss,) = update(belief, residual, h, (sigma,))
-        return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),))[0]
+            belief = belief_of(belief.mean, wide, belief.lean)
+            _, _, (miss,) = update(belief, residual, h, (sigma,), leans=leans)
+        return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),), leans=leans)[0]
 
     def _slip_changes(self, square: float, dt: float) -> None:
         """Adapt the slip's random walk to the turns: the square of a change in dt seconds.
@@ -593,7 +603,7 @@ class Fusion:
             judge.grown_at = measurement.time
             grown = [share * residual[0], share * residual[1], *residual[2:]]
             entry.wider = _grown(measurement.rows, grown, SLID if self._rolling else 0.0)
-            before, belief = belief, belief_of(belief.mean, belief.covariance + entry.wider)
+            before, belief = belief, belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
             residual, h = self._expect(belief.mean, measurement)
             after, nis, _ = update(belief, residual, h, sigmas)
             pulled = zip(self._dispute, after.mean, before.mean, strict=False)
@@ -658,7 +668,7 @@ class Fusion:
         others = any(each.settings.tells_pose for each in self._believed() if each is not judge)
         if measurement.time - judge.jumped_at >= KEEPS and not others:
             entry.wider = _grown(measurement.rows, residual, 0.0)
-            wide = belief_of(belief.mean, belief.covariance + entry.wider)
+            wide = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
             after = update(wide, *self._expect(wide.mean, measurement), measurement.sigmas)[0]
             self.changes.append(f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there")
             judge.restore()
@@ -689,7 +699,7 @@ class Fusion:
                 entry.moved = -pulled[0], -pulled[1], self._reckoning.slip
                 entry.wider = _grown((0, 1), [OTHER * each for each in pulled], USUAL)
                 belief = _moved(belief, entry.moved)
-                belief = belief_of(belief.mean, belief.covariance + entry.wider)
+                belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
         if not any(each.settings.tells_pose for each in self._believed()):
             dx, dy, *turn = residual
             self._carried = dx, dy, turn[0] if turn else 0.0
@@ -731,6 +741,7 @@ class Fusion:
     def _locate(self, belief: Belief, measurement: Measurement) -> Belief:
         """Find the pose in a sensor's frame: with a heading at once, else from several positions."""
         mean, values, sigmas = belief.mean, measurement.values, measurement.sigmas
+        leans: Sequence[float] = (0.0,) * 5
         if measurement.rows == (0, 1, 2):
             turn = values[2] - mean[THETA]
             spread = np.diag(np.square(sigmas))
@@ -739,25 +750,38 @@ class Fusion:
             x, y = values[0] - c * px + s * py, values[1] - s * px - c * py
         elif measurement.rows == (0, 1):
             (px, py), _ = antenna(mean, measurement.at)
-            self._pairs.append((px, py, *values, sigmas[0]))
+            lean = belief.lean.by[:2] if belief.lean is not None else (0.0, 0.0)
+            self._pairs.append((px, py, *values, sigmas[0], *lean))
             found = aligned(self._pairs)
             if found is None:
                 return belief
             turn, x, y, spread = found
-            spread = about(spread, mean, turn, self._pairs)
+            spread, leans = about(spread, mean, turn, self._pairs), leaning(self._pairs)
         else:
             return belief
-        self._base = turned(self._base, turn, x, y, spread)
+        self._base = turned(self._base, turn, x, y, spread, leans)
         for entry in self._entries:
-            entry.belief = turned(entry.belief, turn, x, y, spread)
+            entry.belief = turned(entry.belief, turn, x, y, spread, leans)
         self._located = True
         self._pairs.clear()
         self.changes.append(f"the pose is known, by '{measurement.sensor}'")
-        return turned(belief, turn, x, y, spread)
+        return turned(belief, turn, x, y, spread, leans)
 
     # -- the estimate ----------------------------------------------------------------------------------------------
 
+    def _with_scale(self, belief: Belief) -> Belief:
+        """The belief with the gyro's scale, which is taken as stated until that is refuted, as in `Calibration`."""
+        lean = belief.lean
+        if lean is None:
+            return belief
+        before = self._gyro_scale**2
+        variance = 1.0 / (1.0 / before + lean.known)
+        value = variance * lean.told
+        refuted = abs(value) > WORTH_SCALE and probability(value, variance, before) > SURE
+        return upright(belief, value if refuted else 0.0, variance if refuted else variance + value * value)
+
     def _estimate(self, belief: Belief) -> Estimate:
+        belief = self._with_scale(belief)
         x, y, theta, _, omega, bias, slip = belief.mean
         xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
         others: list[tuple[float, Sequence[float]]] = []
@@ -768,9 +792,9 @@ class Fusion:
         for name, frame in self._frames.items():
             if frame.probability and self._judges[name].believed:
                 others.append((frame.probability, (*frame.pulled, 0.0)))
-        for probability, (dx, dy, turn) in others:
+        for chance, (dx, dy, turn) in others:
             # of two hypotheses: the pose, and where a sensor or dead reckoning would have it
-            share = probability * (1.0 - probability)
+            share = chance * (1.0 - chance)
             xx, xy = xx + share * dx * dx, xy + share * dx * dy
             yy, tt = yy + share * dy * dy, tt + share * turn * turn
         if self.doubt is not None:
@@ -795,7 +819,11 @@ def _considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sig
     both = [ROLLED, OMEGA]
     gain[both] = np.linalg.solve(rates @ p @ rates.T + noise, rates @ p[:, both]).T
     left = np.eye(SIZE) - gain @ rows
-    return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T)
+    lean = belief.lean
+    if lean is not None:
+        x, y, theta, rolled, omega, bias, slip = (left @ lean.by).tolist()
+        lean = lean._replace(by=(x, y, theta, rolled, omega, bias, slip))
+    return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T, lean)
 
 
 def _slipping(belief: Belief, dt: float, density: float) -> Belief:
@@ -808,13 +836,13 @@ def _slipping(belief: Belief, dt: float, density: float) -> Belief:
     missed = np.array([v * cos(theta), v * sin(theta), omega])
     covariance = belief.covariance
     covariance[:3, :3] += density * max(dt, 0.0) * np.outer(missed, missed)
-    return belief_of(belief.mean, covariance)
+    return belief_of(belief.mean, covariance, belief.lean)
 
 
 def _moved(belief: Belief, by: tuple[float, float, float]) -> Belief:
     """The belief somewhere else (m, m), with this slip."""
     x, y, theta, rolled, omega, bias, _ = belief.mean
-    return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2]), belief.triangle)
+    return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2]), belief.triangle, belief.lean)
 
 
 def _walking(density: Seven, slips: float) -> Seven:

@@ -133,3 +133,9 @@ def tells_pose(kind: type, settings: FusedConfig) -> bool:
     """Whether a sensor of these values tells where the robot is."""
     wanted = USUAL.get(kind, ()) if settings.fields is None else settings.fields
     return "x" in wanted and "y" in wanted
+
+
+def tells_heading(kind: type, settings: FusedConfig) -> bool:
+    """Whether a sensor of these values tells where the robot points."""
+    wanted = USUAL.get(kind, ()) if settings.fields is None else settings.fields
+    return "theta" in wanted

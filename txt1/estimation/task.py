@@ -14,7 +14,7 @@ from txt1.estimation.fusion import Fusion
 from txt1.estimation.judge import Belonging
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.motor import MotorWitness
-from txt1.estimation.readings import plan, tells_pose
+from txt1.estimation.readings import plan, tells_heading, tells_pose
 from txt1.estimation.settings import EstimationConfig, FusedConfig
 from txt1.estimation.spinning import SpinWitness
 from txt1.estimation.trust import Trust
@@ -24,6 +24,7 @@ from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.base import Reading
+from txt1.sensors.readings import ImuReading
 from txt1.telemetry.topics import Rule, Topic, declare
 
 ESTIMATION_PERIOD: Final = 0.02  # s
@@ -58,6 +59,8 @@ TURN_NOISE: Final = 0.001
 SKID_SHARE: Final = 0.3
 # rad/s, each reading at 100 Hz; assumed
 SIGMA_GYRO: Final = 0.006
+# by which it reads too much: a data sheet has +-3 % (MPU-6050)
+GYRO_SCALE: Final = 0.03 / sqrt(3.0)
 # readings
 GYRO_KEPT: Final = 1000
 # s, the longest between two of its readings that are integrated
@@ -160,7 +163,9 @@ class Estimator:
         # encoder wheels that do not steer tell the truth
         self._wheelbase = geometry.wheelbase if geometry.steering == "both" else 0.0
         start = None if config.start is None else (config.start, config.start_sigma)
-        self.fusion = Fusion(belongings, slip_sigma=config.slip, start=start)
+        scaled = any(kind is ImuReading for kind in kinds.values())
+        scaled = scaled and not any(tells_heading(kind, self.settings[name]) for name, kind in kinds.items())
+        self.fusion = Fusion(belongings, slip_sigma=config.slip, start=start, gyro_scale=GYRO_SCALE if scaled else 0.0)
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
         # without encoders there is no witness of how it rolls

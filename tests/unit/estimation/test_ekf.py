@@ -17,6 +17,7 @@ from txt1.estimation.ekf import (
     THETA,
     Array,
     Drift,
+    Lean,
     Row,
     X,
     Y,
@@ -28,6 +29,7 @@ from txt1.estimation.ekf import (
     predict,
     turned,
     update,
+    upright,
     velocities,
 )
 from txt1.model.kinematics import wrap_angle
@@ -231,3 +233,51 @@ def test_its_errors_are_as_large_as_it_says_and_so_are_its_surprises() -> None:
     band = 1.96 * np.sqrt(2.0 * SIZE / runs)  # the mean of chi squares of 7, of 1000 runs
     assert abs(nees - SIZE) < band
     assert abs(surprises / numbers - 1.0) < 1.96 * np.sqrt(2.0 / numbers)
+
+
+def test_a_belief_leans_by_what_a_gyro_that_reads_too_much_makes_of_it() -> None:
+    """Two filters, one of whose gyro reads 0.01 % more: their means differ by how the first one leans."""
+    scale, count = 1e-4, 200
+    sigma = np.array([0.02, 0.02, 0.02, 0.1, 0.1, 0.01, 0.05])
+    first = belief_of(np.zeros(SIZE), np.diag(sigma**2), Lean((0.0,) * SIZE, 0.0, 0.0))
+    second = belief_of(np.zeros(SIZE), np.diag(sigma**2))
+    truth = belief_of([0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0], IDENTITY)
+    for cycle in range(count):
+        omega = 1.0 if cycle < count // 2 else -0.5
+        truth = predict(belief_of([*truth.mean[:4], omega, 0.0, 0.0], IDENTITY), 0.02, DENSITY)
+        place, _ = antenna(truth.mean, (-0.1, 0.0))
+        found = []
+        for belief, rate in ((first, omega), (second, (1.0 + scale) * omega)):
+            belief = predict(belief, 0.02, DENSITY)
+            (u, _), (rolling, _) = encoders(belief.mean)
+            belief = update(belief, [0.5 - u], [rolling], [0.01])[0]
+            left = rate - belief.mean[OMEGA] - belief.mean[5]
+            belief = update(belief, [left], [GYRO], [0.005], leans=omega)[0]
+            if cycle % 10 == 0:
+                expected, rows = antenna(belief.mean, (-0.1, 0.0))
+                belief = update(belief, np.subtract(place, expected).tolist(), rows, [0.5, 0.5])[0]
+            found.append(belief)
+        first, second = found
+    assert first.lean is not None
+    moved = (np.array(second.mean) - first.mean) / scale
+    assert moved == pytest.approx(np.array(first.lean.by), rel=0.05, abs=0.01)
+    assert abs(moved[THETA]) > 0.1
+
+
+def test_a_belief_that_leans_tells_of_the_parameter_as_a_state_more_would() -> None:
+    """Places on a line that are all off by the same amount: the Kalman filter of a place and that amount."""
+    rng, sigma, before = np.random.default_rng(5), 0.3, 0.02
+    belief = belief_of(np.zeros(SIZE), np.diag([1.0, *[1e-12] * 6]), Lean((0.0,) * SIZE, 0.0, 0.0))
+    both, spread, h = np.zeros(2), np.diag([1.0, before**2]), np.array([1.0, 1.0])
+    for _ in range(30):
+        told = 0.5 + 0.01 + sigma * float(rng.normal())
+        belief = update(belief, [told - belief.mean[X]], [X], [sigma], leans=1.0)[0]
+        gain = spread @ h / (h @ spread @ h + sigma**2)
+        both, spread = both + gain * (told - h @ both), spread - np.outer(gain, h @ spread)
+    assert belief.lean is not None
+    variance = 1.0 / (before**-2 + belief.lean.known)
+    ours = upright(belief, variance * belief.lean.told, variance)
+    assert variance * belief.lean.told == pytest.approx(both[1], rel=1e-6)
+    assert variance == pytest.approx(spread[1, 1], rel=1e-6)
+    assert ours.mean[X] == pytest.approx(both[0], rel=1e-6)
+    assert ours.covariance[X, X] == pytest.approx(spread[0, 0], rel=1e-6)
