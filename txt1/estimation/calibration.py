@@ -50,6 +50,8 @@ WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias, 1e-4
 """Variances that a second adds; slip and bias are the filter's."""
 # standard deviation of a slip that has changed
 CHANGED: Final = 0.1
+# slip beyond which it is the wheels that err: it changes with each way by its own size, and tells of no mount
+ERR: Final = 0.25
 # m from which a way tells of the slip
 LEAST_WAY: Final = 0.05
 # ways over which the walk of the slip is averaged
@@ -251,6 +253,8 @@ class Calibration:
         exposed = dt + MANOEUVRE * bend * bend
         p = self.covariance + np.diag(WALK) * dt
         p[SLIPPED, SLIPPED] += min(self._slips * exposed, CHANGED**2)
+        if abs(self.mean[SLIPPED]) > ERR:
+            p[SLIPPED, SLIPPED] += self.mean[SLIPPED] ** 2
         self._time = time
         s = rows @ p @ rows.T + noise
         self._slip_changes(residual, rows[:, SLIPPED], s, exposed)
