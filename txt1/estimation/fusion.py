@@ -655,7 +655,8 @@ class Fusion:
         if measurement.rows[:2] == (0, 1):
             theta = measurement.values[2] if len(measurement.values) > 2 else None
             x, y = measurement.values[:2]
-            self.vote.place(Place(measurement.time, x, y, theta, measurement.sigmas[0], measurement.sigmas[-1]))
+            place = Place(measurement.time, x, y, theta, measurement.sigmas[0], measurement.sigmas[-1])
+            self.vote.place(measurement.sensor, place)
             if self.absolute is not None:
                 self.absolute(measurement, after.mean[THETA])
 

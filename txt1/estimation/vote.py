@@ -5,7 +5,8 @@ has turned. Two that agree outvote the third: mid-value selection, the common vo
 P. M. Frank, R. N. Clark, *Fault Diagnosis in Dynamic Systems*, Prentice Hall 1989). They agree within what slip,
 understeer and unequal tyres explain, as these are the car's model and no fault.
 
-The wheels' speed has one better witness, an absolute position. It is always right, by `txt1.estimation.judge`.
+The wheels' speed has one better witness, an absolute position. It is always right, by `txt1.estimation.judge`. The way
+is that of the most precise sensor alone: from one sensor's position to another's there is no way, only their errors.
 """
 
 from collections import deque
@@ -61,7 +62,7 @@ class Vote:
 
     def __init__(self) -> None:
         self._cycles: deque[Cycle] = deque()
-        self._places: deque[Place] = deque()
+        self._places: dict[str, deque[Place]] = {}
 
     def clear(self) -> None:
         """Forget everything: the robot was carried elsewhere."""
@@ -74,21 +75,25 @@ class Vote:
         while cycle.time - self._cycles[0].time > WINDOW + FRESH:
             self._cycles.popleft()
 
-    def place(self, place: Place) -> None:
+    def place(self, sensor: str, place: Place) -> None:
         """Take in an absolute reading that was taken in by the filter."""
-        self._places.append(place)
-        while place.time - self._places[0].time > WINDOW:
-            self._places.popleft()
+        places = self._places.setdefault(sensor, deque())
+        places.append(place)
+        while place.time - places[0].time > WINDOW:
+            places.popleft()
 
     def outvoted(self) -> tuple[bool, bool]:
         """Whether the gyro is, and whether the wheels are."""
         if not self._cycles:
             return False, False
         end = self._cycles[-1].time
-        seen = self._seen() if self._places and end - self._places[-1].time <= FRESH else None
-        begin = end - WINDOW
-        if seen is not None:
-            begin, end = self._places[0].time, self._places[-1].time
+        begin, seen = end - WINDOW, None
+        fresh = [places for places in self._places.values() if end - places[-1].time <= FRESH]
+        if fresh:
+            places = min(fresh, key=lambda each: each[-1].sigma)
+            seen = _seen(places)
+            if seen is not None:
+                begin, end = places[0].time, places[-1].time
         cycles = [each for each in self._cycles if begin < each.time <= end]
         if len(cycles) < ENOUGH:
             return False, False
@@ -107,24 +112,25 @@ class Vote:
         gyro_agrees, wheels_agree = _agree(gyro, third, v, noise), _agree(wheels, third, v, noise)
         return wheels_agree and not gyro_agrees, sliding or (gyro_agrees and not wheels_agree)
 
-    def _seen(self) -> tuple[float, float, float | None, float] | None:
-        """Speed (m/s) and its sigma, yaw rate (rad/s; None) and its sigma, by the absolute readings."""
-        first, last = self._places[0], self._places[-1]
-        span = last.time - first.time
-        if span < 0.5 * WINDOW:
-            return None
-        places = list(self._places)[:: max(1, len(self._places) // LEGS)]
-        if places[-1] is not last:
-            places.append(last)
-        path = sum(hypot(two.x - one.x, two.y - one.y) for one, two in pairwise(places))
-        turned: float | None = 0.0
-        for one, two in pairwise(places):
-            if turned is None or one.theta is None or two.theta is None:
-                turned = None
-            else:
-                turned += wrap_angle(two.theta - one.theta)
-        sigma = sqrt(2.0 * len(places)) * last.sigma / span
-        return path / span, sigma, None if turned is None else turned / span, sqrt(2.0) * last.sigma_theta / span
+
+def _seen(told: deque[Place]) -> tuple[float, float, float | None, float] | None:
+    """Speed (m/s) and its sigma, yaw rate (rad/s; None) and its sigma, by a sensor's absolute readings."""
+    first, last = told[0], told[-1]
+    span = last.time - first.time
+    if span < 0.5 * WINDOW:
+        return None
+    places = list(told)[:: max(1, len(told) // LEGS)]
+    if places[-1] is not last:
+        places.append(last)
+    path = sum(hypot(two.x - one.x, two.y - one.y) for one, two in pairwise(places))
+    turned: float | None = 0.0
+    for one, two in pairwise(places):
+        if turned is None or one.theta is None or two.theta is None:
+            turned = None
+        else:
+            turned += wrap_angle(two.theta - one.theta)
+    sigma = sqrt(2.0 * len(places)) * last.sigma / span
+    return path / span, sigma, None if turned is None else turned / span, sqrt(2.0) * last.sigma_theta / span
 
 
 def _mean(values: list[float | None]) -> float | None:

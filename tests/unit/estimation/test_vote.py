@@ -1,0 +1,32 @@
+"""The vote on gyro and wheels."""
+
+import pytest
+
+from txt1.estimation.vote import Cycle, Place, Vote
+
+
+@pytest.mark.parametrize(("by_wheels", "sliding"), [(0.5, False), (1.2, True)])
+def test_a_gps_beside_motion_capture_says_nothing_of_the_wheels(by_wheels: float, sliding: bool) -> None:
+    vote = Vote()
+    for cycle in range(50):
+        time = 0.02 * cycle
+        vote.cycle(Cycle(time, by_wheels, 0.0, 0.0, 0.0))
+        vote.place("vicon", Place(time, 0.5 * time, 0.0, 0.0, 0.002, 0.003))
+        if cycle % 10 == 0:
+            vote.place("gps", Place(time, 0.5 * time + 0.8 * (-1.0) ** (cycle // 10), 0.9, None, 1.0, 1.0))
+            # of the two, it is the newest
+            assert vote.outvoted() == (False, sliding and time > 0.15)
+
+
+def test_once_motion_capture_is_silent_the_gps_measures_the_way() -> None:
+    vote = Vote()
+    for cycle in range(100):
+        time = 0.02 * cycle
+        vote.cycle(Cycle(time, 1.2, 0.0, 0.0, 0.0))
+        if time <= 1.0:
+            vote.place("vicon", Place(time, 1.2 * time, 0.0, 0.0, 0.002, 0.003))
+        if cycle % 5 == 0:
+            vote.place("gps", Place(time, 0.1 * time, 0.0, None, 0.01, 1.0))
+        if time == 1.0:
+            assert vote.outvoted() == (False, False)
+    assert vote.outvoted() == (False, True)
