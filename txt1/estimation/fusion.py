@@ -1,9 +1,10 @@
 """Fuses the readings of all sensors, each at its own time, and judges the sensors meanwhile.
 
 A reading may be up to `HORIZON` late. It is inserted at its time, and all later steps are computed again. So the order
-in which readings arrive makes no difference. Readings of a fast sensor that were taken in the same `SLOT` are averaged
-first, as their errors are independent (preintegration: T. Lupton, S. Sukkarieh, IEEE T-RO 28(1), 2012), which halves
-the work.
+in which readings arrive makes no difference. Where the most precise sensor of the place is always late, the filter runs
+behind by as much, and `txt1.estimation.ahead` goes on from there. Readings of a fast sensor that were taken in the same
+`SLOT` are averaged first, as their errors are independent (preintegration: T. Lupton, S. Sukkarieh, IEEE T-RO 28(1),
+2012), which halves the work.
 
 The rules by which a reading is taken in are in `txt1.estimation.judge` and `txt1.estimation.vote`. Errors of the car's
 model count as process noise that adapts to the innovations (A. H. Mohamed, K. P. Schwarz, J. Geodesy 73, 1999; strong
@@ -21,6 +22,7 @@ from typing import Final
 
 import numpy as np
 
+from txt1.estimation.ahead import STEP_MAX, TRACKS, ahead
 from txt1.estimation.alignment import about, aligned, leaning
 from txt1.estimation.calibration import SURE, WORTH_SCALE, probability
 from txt1.estimation.ekf import (
@@ -72,12 +74,10 @@ FIRST: Final = 0.04
 HORIZON: Final = 0.5
 # s within which readings of a sensor are averaged
 SLOT: Final = 0.02
-# s, the longest prediction in one piece
-STEP_MAX: Final = 0.1
+# readings over which it is averaged how late a sensor is
+LAGS: Final = 25
 # s between readings of one instant, to which clocks and sums of times are rounded
 SAME_INSTANT: Final = 1e-6
-# standard deviations of a rate's miss beyond which it is the motion that has changed
-TRACKS: Final = 2.0
 # the same of a turn by wheels and gyro, beyond which the slip has changed
 TURNS: Final = 3.0
 # rad from which a turn tells of the slip
@@ -181,13 +181,17 @@ class Fusion:
         self._start = belief_of((*pose, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean)
         self._base, self._base_time = self._start, -1.0
         self._entries: list[_Entry] = []
+        # of them, those that are taken in; the rest lie beyond what is heard of the place
+        self._settled = 0
         self._arrived: list[Measurement] = []
         self._located = start is not None or not any(settings.tells_pose for settings in sensors.values())
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
         self._gyros: set[str] = set()
         self._wheels_of: set[str] = set()
-        # a gyro is believed
+        # of the sensors that are believed
+        self._names: set[str] = set()
+        # a gyro is
         self._turning = False
         # a sensor that tells the place is
         self._placed = False
@@ -228,7 +232,7 @@ class Fusion:
     def doubt_speed(self, speed: float, dt: float) -> None:
         """Note that the speed may have been off by `speed` m/s for dt seconds, so that the pose is off by the way."""
         if speed:
-            theta = (self._entries[-1].belief if self._entries else self._base).mean[THETA]
+            theta = self._newest()[0].mean[THETA]
             x, y = self._way_doubt
             self._way_doubt = x + speed * dt * cos(theta), y + speed * dt * sin(theta)
 
@@ -247,14 +251,13 @@ class Fusion:
             self._base_time = max(0.0, now - FIRST)
             for judge in self._judges.values():
                 judge.since = now
-        first = len(self._entries)
         pending: dict[tuple[str, int], tuple[Measurement, int]] = {}
         for measurement in self._arrived:
             if not self._admits(measurement):
                 continue
             kind = measurement.kind
             if kind is not Kind.GYRO and kind is not Kind.POSE:
-                first = min(first, self._insert(measurement, 1))
+                self._insert(measurement, 1)
                 continue
             key = measurement.sensor, _slot(measurement.time)
             so_far = pending.get(key)
@@ -263,21 +266,20 @@ class Fusion:
             elif _alike(so_far[0], measurement):
                 pending[key] = _averaged(*so_far, measurement, 1), so_far[1] + 1
             else:
-                first = min(first, self._insert(measurement, 1))
+                self._insert(measurement, 1)
         for measurement, count in pending.values():
-            first = min(first, self._insert(measurement, count))
+            self._insert(measurement, count)
         self._arrived.clear()
-        believed = {name for name, judge in self._judges.items() if judge.believed}
+        self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
         self._placed = not believed.isdisjoint(self._frames)
         self._turning = not believed.isdisjoint(self._gyros)
         self._rolling = not believed.isdisjoint(self._wheels_of)
-        self._apply(first)
+        self._apply(self._heard())
         self._forget(now - HORIZON)
         for judge in self._judges.values():
             if now - judge.since > judge.settings.timeout and judge.reason != "silent":
                 self._tell(judge.doubt("silent"))
-        belief, time = (self._entries[-1].belief, self._entries[-1].time) if self._entries else self._began()
-        return self._estimate(self._predicted(belief, now - time) if now - time >= SAME_INSTANT else belief)
+        return self._estimate(self._told())
 
     @property
     def turning(self) -> bool:
@@ -296,7 +298,7 @@ class Fusion:
                 return
         _, v, turning, gyro, _ = cycle
         omega = gyro if gyro is not None and self._turning else turning
-        slip = (self._entries[-1].belief if self._entries else self._base).mean[SLIP]
+        slip = self._newest()[0].mean[SLIP]
         self._reckoning.go(cycle.time, dt, v, omega, slip, self.sideways[0])
         for frame in frames.values():
             frame.compare(self._reckoning)
@@ -310,9 +312,8 @@ class Fusion:
                 judge = self._judges[name]
                 if off and judge.believed:
                     self._tell(judge.doubt(reason))
-                    first = self._take_out(name)
-                    if first is not None:
-                        self._apply(first)
+                    self._take_out(name)
+                    self._apply(self._heard())
                 elif not off and not judge.believed and judge.reason == reason and judge.fits(self._now):
                     self._tell(judge.restore())
                     mine = [each for each in self._entries if each.measurement.sensor == name]
@@ -331,7 +332,7 @@ class Fusion:
 
     def _admits(self, measurement: Measurement) -> bool:
         """Whether a reading is valid in itself, and not too old."""
-        entries, time, kind = self._entries, measurement.time, measurement.kind
+        time, kind = measurement.time, measurement.kind
         judge = self._judges.get(measurement.sensor)
         recent = self._base_time <= time <= self._now + SAME_INSTANT and time >= self._now - HORIZON
         if judge is None:
@@ -347,7 +348,8 @@ class Fusion:
             judge.late += 1
             return False
         else:
-            wrong = judge.invalid(measurement, (entries[-1].belief if entries else self._base).mean[ROLLED])
+            judge.lag += (self._now - time - judge.lag) / LAGS
+            wrong = judge.invalid(measurement, self._newest()[0].mean[ROLLED])
         if judge.time is None or time > judge.time:
             judge.time = time
         if wrong:
@@ -355,8 +357,8 @@ class Fusion:
             self._tell(judge.doubt(wrong))
         return not wrong
 
-    def _insert(self, measurement: Measurement, count: int) -> int:
-        """Insert the mean of some readings at its time; return the first index that changed."""
+    def _insert(self, measurement: Measurement, count: int) -> None:
+        """Insert the mean of some readings at its time."""
         entries = self._entries
         removed = len(entries)
         if measurement.kind is Kind.GYRO or measurement.kind is Kind.POSE:
@@ -372,7 +374,7 @@ class Fusion:
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=_KEY)
         entries.insert(place, _Entry(measurement, self._base, time, key, count=count))
-        return min(place, removed)
+        self._settled = min(place, removed, self._settled)
 
     def _companion(self, measurement: Measurement) -> int | None:
         """The place of a reading of the same sensor in the same slot."""
@@ -384,8 +386,12 @@ class Fusion:
             place -= 1
         return None
 
-    def _began(self) -> tuple[Belief, float]:
-        return self._base, self._base_time
+    def _newest(self) -> tuple[Belief, float]:
+        """The belief after all that is taken in, and its time."""
+        if not self._settled:
+            return self._base, self._base_time
+        entry = self._entries[self._settled - 1]
+        return entry.belief, entry.time
 
     def _forget(self, before: float) -> None:
         """Drop all steps before the horizon; the belief at the horizon is the new beginning."""
@@ -396,6 +402,7 @@ class Fusion:
         if old:
             self._base, self._base_time = entries[old - 1].belief, entries[old - 1].time
             del entries[:old]
+            self._settled -= old
 
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
         density, sideways = self._moving, self.sideways
@@ -405,12 +412,28 @@ class Fusion:
             belief, dt = predict(belief, STEP_MAX, density, 0.0, sideways), dt - STEP_MAX
         return predict(belief, max(dt, 0.0), density, bend, sideways)
 
-    def _apply(self, first: int) -> None:
-        """Take in the entries from `first` on."""
-        entries = self._entries
-        belief, time = (entries[first - 1].belief, entries[first - 1].time) if first else self._began()
-        for place in range(first, len(entries)):
+    def _heard(self) -> float:
+        """The time until which readings are taken in: where the most precise sensor of the place has been heard."""
+        now, best = self._now, None
+        if self._located:
+            for name in self._frames:
+                judge = self._judges[name]
+                if judge.placed_at is None or now - judge.placed_at >= RECENT or not judge.believed:
+                    continue
+                if best is None or judge.placed_sigma < best.placed_sigma:
+                    best = judge
+        if best is None or best.time is None or best.lag <= SLOT:
+            return now
+        return max(best.time, now - min(best.lag, HORIZON))
+
+    def _apply(self, until: float) -> None:
+        """Take in the entries that are not yet, as far as their time is not beyond `until`."""
+        entries, until = self._entries, until + SAME_INSTANT
+        belief, time = self._newest()
+        for place in range(self._settled, len(entries)):
             entry = entries[place]
+            if entry.time > until:
+                break
             measurement = entry.measurement
             steering = measurement.kind is Kind.STEERING
             bend = measurement.values[0] if steering else 0.0
@@ -426,6 +449,17 @@ class Fusion:
                     belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
                 belief = self._measure(belief, entry)
             entry.belief = belief
+            self._settled = place + 1
+
+    def _told(self) -> Belief:
+        """The belief now."""
+        belief, time = self._newest()
+        now, entries = self._now, self._entries
+        if self._settled < len(entries):
+            believed = self._names
+            later = [each.measurement for each in entries[self._settled :] if each.key[1] in believed]
+            return ahead(belief, time, now, later, self._moving, self.sideways, turning=self._turning)
+        return self._predicted(belief, now - time) if now - time >= SAME_INSTANT else belief
 
     def _slip_unknown(self, belief: Belief) -> Belief:
         """The belief when nothing is known of the slip; the car's speed stays as it is."""
@@ -436,15 +470,13 @@ class Fusion:
         x, y, theta, _, omega, bias, _ = belief.mean
         return belief_of((x, y, theta, v, omega, bias, 0.0), covariance, belief.lean)
 
-    def _take_out(self, sensor: str) -> int | None:
-        """Leave a sensor's readings out; returns the place of the first."""
-        first: int | None = None
-        for place, entry in enumerate(self._entries):
+    def _take_out(self, sensor: str) -> None:
+        """Leave a sensor's readings out that were taken in."""
+        for place, entry in enumerate(self._entries[: self._settled]):
             compared = sensor in self._gyros and entry.measurement.kind is Kind.TURN
             if (entry.measurement.sensor == sensor or compared) and entry.used:
                 entry.used, entry.new = False, False
-                first = place if first is None else first
-        return first
+                self._settled = min(place, self._settled)
 
     # -- one reading -----------------------------------------------------------------------------------------------
 

@@ -85,6 +85,8 @@ class Judge:
     late: int = 0
     surprise: float = 1.0
     time: float | None = None
+    # s by which its readings are late, on average
+    lag: float = 0.0
     # when it was heard last, or began to be waited for
     since: float = 0.0
     # readings in a row that were equal

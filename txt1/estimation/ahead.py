@@ -1,0 +1,114 @@
+"""The way from where all sensors have been heard to now.
+
+A sensor that is late tells nothing of the last moments, so the filter runs behind, where each reading has come when its
+turn does. From there an output predictor goes on by the rates that wheels and gyro have told since (A. Khosravian,
+J. Trumpf, R. Mahony, T. Hamel, *Recursive attitude estimation in the presence of multi-rate and multi-delay vector
+measurements*, ACC 2015; the "fusion time horizon" of PX4's filter). So a late reading has nothing computed again.
+
+The rates are followed one by one, each by the gain of a scalar Kalman filter. A rate that has changed by d from one
+reading to the next, in dt seconds, has moved the pose by d dt / 2 more, as of a random walk. The pose and the
+covariance go on in one piece.
+"""
+
+from collections.abc import Iterable
+from math import inf
+from typing import Final
+
+from txt1.estimation.ekf import STEERING, Belief, Seven, predict
+from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.spinning import HOLDS
+
+# s, the longest prediction in one piece
+STEP_MAX: Final = 0.1
+# standard deviations of a rate's miss beyond which it is the motion that has changed
+TRACKS: Final = 2.0
+# s from one reading of the wheels to the next
+CYCLE: Final = 0.02
+# of the covariance's triangle, the variances of the rates
+UU: Final = 18
+OO: Final = 22
+
+
+def ahead(
+    belief: Belief,
+    begin: float,
+    now: float,
+    readings: Iterable[Measurement],
+    density: Seven,
+    sideways: tuple[float, float],
+    *,
+    turning: bool,
+) -> Belief:
+    """The belief at `now`, s of the run, of one at `begin` and of the readings since, of believed sensors, in order.
+
+    `density` and `sideways` are those of `ekf.predict`; `turning`: the yaw rate is a gyro's, else the wheels'.
+    """
+    _, _, _, rolled, omega, bias, slip = belief.mean
+    _, _, _, qu, qo, _, _ = density
+    uu, oo = belief.triangle[UU], belief.triangle[OO]
+    # of the piece so far, of the wheels, m and rad
+    way = turned = 0.0
+    time = rolled_at = omega_at = begin
+    for at, _, kind, rows, values, sigmas, _ in readings:
+        if at - begin > STEP_MAX and time > begin:
+            rates = uu + qu * (time - rolled_at), oo + qo * (time - omega_at)
+            belief = _gone(belief, time - begin, way, turned, rates, density, sideways)
+            begin, way, turned = time, 0.0, 0.0
+        way, turned, time = way + rolled * (at - time), turned + omega * (at - time), at
+        if kind is Kind.GYRO:
+            dt = at - omega_at
+            change, oo = _followed(values[0] - bias - omega, oo + qo * dt, sigmas[0])
+            omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
+        elif kind is Kind.ENCODERS:
+            for row, value, sigma in zip(rows, values, sigmas, strict=True):
+                if row == 0:
+                    dt = at - rolled_at
+                    change, uu = _followed(value - rolled, uu + qu * dt, sigma, HOLDS * CYCLE)
+                    rolled, way, rolled_at = rolled + change, way + 0.5 * change * dt, at
+                elif not turning:
+                    dt, grip = at - omega_at, 1.0 - slip
+                    change, oo = _followed(value * grip - omega, oo + qo * dt, sigma * grip)
+                    omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
+        elif kind is Kind.STEERING:
+            bent = rolled * (1.0 - slip) * values[0]
+            omega, oo = omega + bent, oo + (STEERING * bent) ** 2
+    way, turned = way + rolled * (now - time), turned + omega * (now - time)
+    rates = uu + qu * (now - rolled_at), oo + qo * (now - omega_at)
+    belief = _gone(belief, now - begin, way, turned, rates, density, sideways)
+    x, y, theta = belief.mean[:3]
+    return Belief((x, y, theta, rolled, omega, bias, slip), belief.triangle)
+
+
+def _followed(left: float, variance: float, sigma: float, most: float = inf) -> tuple[float, float]:
+    """The change of a rate that misses its reading by `left`, and its variance then.
+
+    A reading that misses by more than `most` is of wheels that lock or spin: the car's speed is anywhere between its
+    last one and theirs.
+    """
+    noise, square = sigma * sigma, left * left
+    if square > TRACKS * TRACKS * (variance + noise):
+        # strong tracking, as in the filter
+        variance += square
+        if square > most * most:
+            noise = square
+    gain = variance / (variance + noise)
+    return gain * left, variance * (1.0 - gain)
+
+
+def _gone(
+    belief: Belief,
+    dt: float,
+    way: float,
+    turned: float,
+    rates: tuple[float, float],
+    density: Seven,
+    sideways: tuple[float, float],
+) -> Belief:
+    """The belief dt seconds later, after so long a way (m) and turn (rad); `rates`: variances of the rates there."""
+    if dt <= 0.0:
+        return belief
+    x, y, theta, _, _, bias, slip = belief.mean
+    qx, qy, qt, _, _, qb, qs = density
+    uu, oo = belief.triangle[UU], belief.triangle[OO]
+    walk = qx, qy, qt, max(0.0, rates[0] - uu) / dt, max(0.0, rates[1] - oo) / dt, qb, qs
+    return predict(Belief((x, y, theta, way / dt, turned / dt, bias, slip), belief.triangle), dt, walk, 0.0, sideways)
