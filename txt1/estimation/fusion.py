@@ -2,9 +2,9 @@
 
 A reading may be up to `HORIZON` late. It is inserted at its time, and all later steps are computed again. So the order
 in which readings arrive makes no difference. Where the most precise sensor of the place is always late, the filter runs
-behind by as much, and `txt1.estimation.ahead` goes on from there. Readings of a fast sensor that were taken in the same
-`SLOT` are averaged first, as their errors are independent (preintegration: T. Lupton, S. Sukkarieh, IEEE T-RO 28(1),
-2012), which halves the work.
+behind by as much, and `txt1.estimation.ahead` goes on from there. Readings of a fast sensor that arrive together, and
+were taken within `SLOT`, are averaged first, as their errors are independent (preintegration: T. Lupton, S. Sukkarieh,
+IEEE T-RO 28(1), 2012), which halves the work.
 
 The rules by which a reading is taken in are in `txt1.estimation.judge` and `txt1.estimation.vote`. Errors of the car's
 model count as process noise that adapts to the innovations (A. H. Mohamed, K. P. Schwarz, J. Geodesy 73, 1999; strong
@@ -72,7 +72,7 @@ BIASED: Final = 0.02
 FIRST: Final = 0.04
 # s that a reading may be late
 HORIZON: Final = 0.5
-# s within which readings of a sensor are averaged
+# s within which readings of a sensor are averaged that arrive together
 SLOT: Final = 0.02
 # readings over which it is averaged how late a sensor is
 LAGS: Final = 25
@@ -127,8 +127,6 @@ class _Entry:
     used: bool = True
     # nothing is known of the slip before it
     fresh: bool = False
-    # readings that it is the mean of
-    count: int = 1
     # m, m by which the pose is put elsewhere before it, and the slip
     moved: tuple[float, float, float] | None = None
     # what the covariance grows by before it, as it is more than the model expects
@@ -251,24 +249,25 @@ class Fusion:
             self._base_time = max(0.0, now - FIRST)
             for judge in self._judges.values():
                 judge.since = now
-        pending: dict[tuple[str, int], tuple[Measurement, int]] = {}
+        groups: dict[str, tuple[Measurement, int]] = {}
         for measurement in self._arrived:
             if not self._admits(measurement):
                 continue
             kind = measurement.kind
             if kind is not Kind.GYRO and kind is not Kind.POSE:
-                self._insert(measurement, 1)
+                self._insert(measurement)
                 continue
-            key = measurement.sensor, _slot(measurement.time)
-            so_far = pending.get(key)
-            if so_far is None:
-                pending[key] = measurement, 1
-            elif _alike(so_far[0], measurement):
-                pending[key] = _averaged(*so_far, measurement, 1), so_far[1] + 1
+            sensor = measurement.sensor
+            group = groups.get(sensor)
+            if group is None:
+                groups[sensor] = measurement, 1
+            elif _alike(group[0], measurement):
+                groups[sensor] = _averaged(*group, measurement), group[1] + 1
             else:
-                self._insert(measurement, 1)
-        for measurement, count in pending.values():
-            self._insert(measurement, count)
+                self._insert(group[0])
+                groups[sensor] = measurement, 1
+        for measurement, _ in groups.values():
+            self._insert(measurement)
         self._arrived.clear()
         self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
         self._placed = not believed.isdisjoint(self._frames)
@@ -357,34 +356,15 @@ class Fusion:
             self._tell(judge.doubt(wrong))
         return not wrong
 
-    def _insert(self, measurement: Measurement, count: int) -> None:
-        """Insert the mean of some readings at its time."""
-        entries = self._entries
-        removed = len(entries)
-        if measurement.kind is Kind.GYRO or measurement.kind is Kind.POSE:
-            found = self._companion(measurement)
-            if found is not None:
-                removed = found
-                entry = entries.pop(found)
-                measurement = _averaged(entry.measurement, entry.count, measurement, count)
-                count += entry.count
-        time = measurement.time
+    def _insert(self, measurement: Measurement) -> None:
+        """Insert a reading, or the mean of some, at its time."""
+        entries, time = self._entries, measurement.time
         # of the same instant, too, there is one order
         key = (round(time / SAME_INSTANT), measurement.sensor)
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=_KEY)
-        entries.insert(place, _Entry(measurement, self._base, time, key, count=count))
-        self._settled = min(place, removed, self._settled)
-
-    def _companion(self, measurement: Measurement) -> int | None:
-        """The place of a reading of the same sensor in the same slot."""
-        sensor, slot, entries = measurement.sensor, _slot(measurement.time), self._entries
-        place, begin = len(entries) - 1, slot * SLOT - SAME_INSTANT
-        while place >= 0 and (entry := entries[place]).time >= begin:
-            if entry.key[1] == sensor and _slot(entry.time) == slot and _alike(entry.measurement, measurement):
-                return place
-            place -= 1
-        return None
+        entries.insert(place, _Entry(measurement, self._base, time, key))
+        self._settled = min(place, self._settled)
 
     def _newest(self) -> tuple[Belief, float]:
         """The belief after all that is taken in, and its time."""
@@ -884,18 +864,15 @@ def _walking(density: Seven, slips: float) -> Seven:
     return x, y, theta, rolled, omega, bias, max(usual, slips)
 
 
-def _slot(time: float) -> int:
-    return int(time / SLOT + 1e-6)
-
-
 def _alike(one: Measurement, two: Measurement) -> bool:
     """Whether two readings of a sensor may be averaged."""
-    return one.kind is two.kind and one.rows == two.rows and one.at == two.at
+    near = abs(one.time - two.time) < SLOT - SAME_INSTANT
+    return near and one.kind is two.kind and one.rows == two.rows and one.at == two.at
 
 
-def _averaged(mean: Measurement, count: int, more: Measurement, further: int) -> Measurement:
-    """The mean of two groups of readings with independent errors, from the means and sizes of the groups."""
-    share = further / (count + further)
+def _averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:
+    """The mean of `count` readings and one more, with independent errors."""
+    share = 1.0 / (count + 1)
     less = sqrt(1.0 - share)
     time, sensor, kind, rows, values, sigmas, at = mean
     means = [one + share * (two - one) for one, two in zip(values, more.values, strict=True)]
