@@ -62,13 +62,13 @@ class LearnedNoise:
         self._times, self._last = (second, time), (two, values)
         if not 0.0 < second - first <= FAST or abs(time - 2.0 * second + first) > 0.1 * FAST:
             return
-        found = []
-        for place, variance in enumerate(self._variances):
-            bend = values[place] - two[place] - (two[place] - one[place])
-            square = (wrap_angle(bend) if place == 2 else bend) ** 2 / 6.0
+        bends = [new - last - (last - before) for new, last, before in zip(values, two, one, strict=True)]
+        bends[2] = wrap_angle(bends[2])
+        for place, (bend, variance) in enumerate(zip(bends, self._variances, strict=True)):
+            square, most = bend * bend / 6.0, FAR * FAR * variance
             # also when it is not a number
-            found.append(variance + (min(FAR * FAR * variance, square) - variance) / MEMORY)
-        self._variances = [max(each, least) for each, least in zip(found, self._least, strict=True)]
+            found = variance + ((square if square < most else most) - variance) / MEMORY
+            self._variances[place] = found if found > self._least[place] else self._least[place]
         self.sigmas = tuple(map(sqrt, self._variances))
 
 
@@ -100,30 +100,38 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
     for what in (Kind.POSE, Kind.VELOCITY):
         rows = tuple(row for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted)
         quantities = [QUANTITIES[what][row] for row in rows]
-        usual = tuple(given.get(quantity) or assumed.get(quantity, 0.1) for quantity in quantities)
-        own = [f"sigma_{quantity}" if quantity not in given else "" for quantity in quantities]
+        usual = [given.get(quantity) or assumed.get(quantity, 0.1) for quantity in quantities]
+        # those that may tell their own standard deviation, by their places
+        own = [
+            (place, f"sigma_{quantity}")
+            for place, quantity in enumerate(quantities)
+            if quantity not in given and hasattr(kind, f"sigma_{quantity}")
+        ]
         if rows:
-            parts.append((what, rows, quantities, usual, own if any(hasattr(kind, name) for name in own) else None))
+            parts.append((what, rows, quantities, usual, own, noise if what is Kind.POSE else None))
 
     def moving(reading: Reading[Any]) -> list[Measurement]:
         value, time, made = reading.value, reading.time - delay, []
-        if noise is not None:
-            noise.take(reading.time, (value.x, value.y, value.theta))
-        at = value.mount[0] + ahead, value.mount[1] + left
-        for what, rows, quantities, sigmas, own in parts:
+        mount = value.mount
+        at = mount[0] + ahead, mount[1] + left
+        for what, rows, quantities, usual, own, learned in parts:
             values = tuple([getattr(value, quantity) for quantity in quantities])
-            if own is not None:
-                if noise is not None and what is Kind.POSE:
-                    learned = zip(rows, own, sigmas, strict=True)
-                    sigmas = tuple([noise.sigmas[row] if each else sigma for row, each, sigma in learned])
-                sigmas = tuple([getattr(value, each, None) or usual for each, usual in zip(own, sigmas, strict=True)])
+            sigmas = usual
+            if learned is not None:
+                learned.take(reading.time, values if len(values) == 3 else (value.x, value.y, value.theta))
+            if own:
+                sigmas = usual.copy()
+                for place, its in own:
+                    sigma = getattr(value, its) or (learned and learned.sigmas[rows[place]])
+                    if sigma:
+                        sigmas[place] = sigma
             if None in values:
                 known = [place for place, each in enumerate(values) if each is not None]
-                values, sigmas = tuple(values[place] for place in known), tuple(sigmas[place] for place in known)
+                values, sigmas = tuple(values[place] for place in known), [sigmas[place] for place in known]
                 rows = tuple(rows[place] for place in known)
             if values:
-                told, its = tuple(map(float, values)), tuple(map(float, sigmas))
-                made.append(Measurement(time, name, what, rows, told, its, at))
+                told = tuple(map(float, values))
+                made.append(Measurement(time, name, what, rows, told, tuple(map(float, sigmas)), at))
         return made
 
     return moving
