@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from math import inf
 from typing import Final
 
-from txt1.estimation.ekf import STEERING, Belief, Seven, predict
+from txt1.estimation.ekf import Belief, Seven, predict
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.spinning import HOLDS
 
@@ -69,9 +69,6 @@ def ahead(
                     dt, grip = at - omega_at, 1.0 - slip
                     change, oo = _followed(value * grip - omega, oo + qo * dt, sigma * grip)
                     omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
-        elif kind is Kind.STEERING:
-            bent = rolled * (1.0 - slip) * values[0]
-            omega, oo = omega + bent, oo + (STEERING * bent) ** 2
     way, turned = way + rolled * (now - time), turned + omega * (now - time)
     rates = uu + qu * (now - rolled_at), oo + qo * (now - omega_at)
     belief = _gone(belief, now - begin, way, turned, rates, density, sideways)
