@@ -250,8 +250,9 @@ class Fusion:
             for judge in self._judges.values():
                 judge.since = now
         groups: dict[str, tuple[Measurement, int]] = {}
+        oldest, rolled = max(self._base_time, now - HORIZON), self._newest()[0].mean[ROLLED]
         for measurement in self._arrived:
-            if not self._admits(measurement):
+            if not self._admits(measurement, oldest, rolled):
                 continue
             kind = measurement.kind
             if kind is not Kind.GYRO and kind is not Kind.POSE:
@@ -329,26 +330,26 @@ class Fusion:
 
     # -- readings in their places ----------------------------------------------------------------------------------
 
-    def _admits(self, measurement: Measurement) -> bool:
-        """Whether a reading is valid in itself, and not too old."""
-        time, kind = measurement.time, measurement.kind
-        judge = self._judges.get(measurement.sensor)
-        recent = self._base_time <= time <= self._now + SAME_INSTANT and time >= self._now - HORIZON
+    def _admits(self, measurement: Measurement, oldest: float, rolled: float) -> bool:
+        """Whether a reading is valid in itself, and not older than that, s; `rolled`: the wheels' speed, m/s."""
+        time, sensor, kind, _, values, sigmas, _ = measurement
+        now, judge = self._now, self._judges.get(sensor)
+        recent = oldest <= time <= now + SAME_INSTANT
         if judge is None:
             return recent
-        judge.since = self._now
+        judge.since = now
         if kind is Kind.GYRO:
-            self._gyros.add(measurement.sensor)
+            self._gyros.add(sensor)
         elif kind is Kind.ENCODERS:
-            self._wheels_of.add(measurement.sensor)
-        if not all(map(isfinite, measurement.values)) or not min(measurement.sigmas) > 0.0:
+            self._wheels_of.add(sensor)
+        if not isfinite(sum(values)) or not min(sigmas) > 0.0:
             wrong = "no number"
         elif not recent:
             judge.late += 1
             return False
         else:
-            judge.lag += (self._now - time - judge.lag) / LAGS
-            wrong = judge.invalid(measurement, self._newest()[0].mean[ROLLED])
+            judge.lag += (now - time - judge.lag) / LAGS
+            wrong = judge.invalid(measurement, rolled)
         if judge.time is None or time > judge.time:
             judge.time = time
         if wrong:

@@ -21,7 +21,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
-from operator import sub
 from typing import Final
 
 from txt1.estimation.measurement import Kind, Measurement
@@ -46,6 +45,8 @@ MOVES_BY: Final = 5.0
 TURNS_BY: Final = 10.0
 # standard deviations that the difference of two readings may have besides
 NOISE: Final = 3.5
+# the same of one reading's
+APART: Final = NOISE * sqrt(2.0)
 # s for which a sensor of the place stays where it jumped to, and is believed again
 KEEPS: Final = 5.0
 # probability of the other hypothesis: that a jump was the robot's, that a sensor drifts away
@@ -142,10 +143,10 @@ class Judge:
         self.own, self.own_at = measurement.values, measurement.time
         if len(before) != len(measurement.values):
             return False
-        steps = map(sub, measurement.values, before)
-        for row, step, sigma in zip(measurement.rows, steps, measurement.sigmas, strict=True):
-            reach = TURNS_BY if row == 2 else MOVES_BY
-            if not abs(wrap_angle(step) if row == 2 else step) <= reach * dt + NOISE * sqrt(2.0) * sigma:
+        steps = zip(measurement.rows, measurement.values, before, measurement.sigmas, strict=True)
+        for row, here, there, sigma in steps:
+            step, reach = (wrap_angle(here - there), TURNS_BY) if row == 2 else (here - there, MOVES_BY)
+            if not abs(step) <= reach * dt + APART * sigma:
                 return True
         return False
 
@@ -160,7 +161,7 @@ class Judge:
             # on both sides of the pose: noise
             return False
         near = zip(residual, before, reach, measurement.sigmas, strict=True)
-        return all(abs(here - there) <= far + NOISE * sqrt(2.0) * sigma for here, there, far, sigma in near)
+        return all(abs(here - there) <= far + APART * sigma for here, there, far, sigma in near)
 
     def fits(self, time: float) -> bool:
         """Note a reading that fits, of a disbelieved sensor; return whether readings have fitted for long enough."""
