@@ -203,12 +203,11 @@ class Frame:
     def _moves(self, span: float) -> tuple[bool, float]:
         """Return whether the frame moves, by the last `span` seconds, and its probability from the evidence."""
         all_picks, end = self._picks, self._picks[-1].time if self._picks else 0.0
-        count = sum(end - each.time <= span + 1e-6 for each in all_picks)
-        if count < ENOUGH or end - all_picks[0].time < 0.9 * span:
+        first = bisect_left(all_picks, end - span - 1e-6, key=itemgetter(0))
+        count = len(all_picks) - first
+        if count < ENOUGH or end - all_picks[0].time < 0.9 * span or _agrees(all_picks[first], all_picks[-1]):
             return False, 0.0
-        picks = list(islice(all_picks, len(all_picks) - count, None))
-        if _agrees(picks[0], picks[-1]):
-            return False, 0.0
+        picks = list(islice(all_picks, first, None))
         if _misturned(picks):
             return False, OTHER
         times, xs, ys = np.array([each[:3] for each in picks]).T

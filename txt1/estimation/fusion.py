@@ -876,10 +876,13 @@ def _averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:
     share = 1.0 / (count + 1)
     less = sqrt(1.0 - share)
     time, sensor, kind, rows, values, sigmas, at = mean
-    means = [one + share * (two - one) for one, two in zip(values, more.values, strict=True)]
-    if kind is Kind.POSE and rows[-1] == THETA:
-        means[-1] = values[-1] + share * wrap_angle(more.values[-1] - values[-1])
     time += share * (more.time - time)
+    if kind is Kind.GYRO:
+        (one,), (two,), (sigma,) = values, more.values, sigmas
+        return Measurement(time, sensor, kind, rows, (one + share * (two - one),), (less * sigma,), at)
+    means = [one + share * (two - one) for one, two in zip(values, more.values, strict=True)]
+    if rows[-1] == THETA:
+        means[-1] = values[-1] + share * wrap_angle(more.values[-1] - values[-1])
     return Measurement(time, sensor, kind, rows, tuple(means), tuple([less * sigma for sigma in sigmas]), at)
 
 

@@ -94,12 +94,11 @@ class Vote:
             seen = _seen(places)
             if seen is not None:
                 begin, end = places[0].time, places[-1].time
-        cycles = [each for each in self._cycles if begin < each.time <= end]
+        cycles = [each for each in self._cycles if begin < each[0] <= end]
         if len(cycles) < ENOUGH:
             return False, False
-        v = sum(each.v for each in cycles) / len(cycles)
-        wheels = sum(each.wheels for each in cycles) / len(cycles)
-        gyro, third = _mean([each.gyro for each in cycles]), _mean([each.steering for each in cycles])
+        _, speeds, turns, gyros, steerings = zip(*cycles, strict=True)
+        v, wheels, gyro, third = sum(speeds) / len(cycles), sum(turns) / len(cycles), _mean(gyros), _mean(steerings)
         noise, sliding = YAW, False
         if seen is not None:
             speed, sigma, turning, uncertain = seen
@@ -133,7 +132,7 @@ def _seen(told: deque[Place]) -> tuple[float, float, float | None, float] | None
     return path / span, sigma, None if turned is None else turned / span, sqrt(2.0) * last.sigma_theta / span
 
 
-def _mean(values: list[float | None]) -> float | None:
+def _mean(values: tuple[float | None, ...]) -> float | None:
     told = [each for each in values if each is not None]
     return sum(told) / len(told) if 2 * len(told) > len(values) else None
 
