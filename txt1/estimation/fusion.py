@@ -56,7 +56,7 @@ from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.spinning import HOLDS
 from txt1.estimation.trust import Trust
-from txt1.estimation.vote import Cycle, Place, Vote
+from txt1.estimation.vote import Cycle, Vote
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 
@@ -666,10 +666,7 @@ class Fusion:
                 y * after.triangle[7] / before.triangle[7],
             )
         if measurement.rows[:2] == (0, 1):
-            theta = measurement.values[2] if len(measurement.values) > 2 else None
-            x, y = measurement.values[:2]
-            place = Place(measurement.time, x, y, theta, measurement.sigmas[0], measurement.sigmas[-1])
-            self.vote.place(measurement.sensor, place)
+            self.vote.place(measurement)
             if self.absolute is not None:
                 self.absolute(measurement, after.mean[THETA])
 

@@ -14,6 +14,7 @@ from itertools import pairwise
 from math import hypot, sqrt
 from typing import Final, NamedTuple
 
+from txt1.estimation.measurement import Measurement
 from txt1.model.kinematics import wrap_angle
 
 WINDOW: Final = 0.3  # s
@@ -21,8 +22,8 @@ WINDOW: Final = 0.3  # s
 FRESH: Final = 0.5
 # cycles
 ENOUGH: Final = 8
-# pieces into which a path by positions is cut
-LEGS: Final = 5
+# s of a piece of a path by positions, at least
+LEG: Final = 0.2 * WINDOW - 1e-6
 # of a rate that slip and understeer explain
 SHARE: Final = 0.3
 # rad/s, of noise, of lags, and of what is not straight
@@ -75,11 +76,16 @@ class Vote:
         while cycle.time - self._cycles[0].time > WINDOW + FRESH:
             self._cycles.popleft()
 
-    def place(self, sensor: str, place: Place) -> None:
-        """Take in an absolute reading that was taken in by the filter."""
-        places = self._places.setdefault(sensor, deque())
-        places.append(place)
-        while place.time - places[0].time > WINDOW:
+    def place(self, measurement: Measurement) -> None:
+        """Take in an absolute reading that was taken in by the filter, one for each piece of the path."""
+        time, sensor, _, _, values, sigmas, _ = measurement
+        places = self._places.get(sensor)
+        if places is None:
+            places = self._places[sensor] = deque()
+        elif time - places[-1].time < LEG:
+            return
+        places.append(Place(time, values[0], values[1], values[2] if len(values) > 2 else None, sigmas[0], sigmas[-1]))
+        while time - places[0].time > WINDOW:
             places.popleft()
 
     def outvoted(self) -> tuple[bool, bool]:
@@ -118,17 +124,14 @@ def _seen(told: deque[Place]) -> tuple[float, float, float | None, float] | None
     span = last.time - first.time
     if span < 0.5 * WINDOW:
         return None
-    places = list(told)[:: max(1, len(told) // LEGS)]
-    if places[-1] is not last:
-        places.append(last)
-    path = sum(hypot(two.x - one.x, two.y - one.y) for one, two in pairwise(places))
-    turned: float | None = 0.0
-    for one, two in pairwise(places):
+    path, turned = 0.0, 0.0 if first.theta is not None else None
+    for one, two in pairwise(told):
+        path += hypot(two.x - one.x, two.y - one.y)
         if turned is None or one.theta is None or two.theta is None:
             turned = None
         else:
             turned += wrap_angle(two.theta - one.theta)
-    sigma = sqrt(2.0 * len(places)) * last.sigma / span
+    sigma = sqrt(2.0 * len(told)) * last.sigma / span
     return path / span, sigma, None if turned is None else turned / span, sqrt(2.0) * last.sigma_theta / span
 
 

@@ -2,7 +2,16 @@
 
 import pytest
 
-from txt1.estimation.vote import Cycle, Place, Vote
+from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.vote import Cycle, Vote
+
+
+def tracked(time: float, x: float) -> Measurement:
+    return Measurement(time, "vicon", Kind.POSE, (0, 1, 2), (x, 0.0, 0.0), (0.002, 0.002, 0.003))
+
+
+def fixed(time: float, x: float, y: float, sigma: float) -> Measurement:
+    return Measurement(time, "gps", Kind.POSE, (0, 1), (x, y), (sigma, sigma))
 
 
 @pytest.mark.parametrize(("by_wheels", "sliding"), [(0.5, False), (1.2, True)])
@@ -11,9 +20,9 @@ def test_a_gps_beside_motion_capture_says_nothing_of_the_wheels(by_wheels: float
     for cycle in range(50):
         time = 0.02 * cycle
         vote.cycle(Cycle(time, by_wheels, 0.0, 0.0, 0.0))
-        vote.place("vicon", Place(time, 0.5 * time, 0.0, 0.0, 0.002, 0.003))
+        vote.place(tracked(time, 0.5 * time))
         if cycle % 10 == 0:
-            vote.place("gps", Place(time, 0.5 * time + 0.8 * (-1.0) ** (cycle // 10), 0.9, None, 1.0, 1.0))
+            vote.place(fixed(time, 0.5 * time + 0.8 * (-1.0) ** (cycle // 10), 0.9, 1.0))
             # of the two, it is the newest
             assert vote.outvoted() == (False, sliding and time > 0.15)
 
@@ -24,9 +33,9 @@ def test_once_motion_capture_is_silent_the_gps_measures_the_way() -> None:
         time = 0.02 * cycle
         vote.cycle(Cycle(time, 1.2, 0.0, 0.0, 0.0))
         if time <= 1.0:
-            vote.place("vicon", Place(time, 1.2 * time, 0.0, 0.0, 0.002, 0.003))
+            vote.place(tracked(time, 1.2 * time))
         if cycle % 5 == 0:
-            vote.place("gps", Place(time, 0.1 * time, 0.0, None, 0.01, 1.0))
+            vote.place(fixed(time, 0.1 * time, 0.0, 0.01))
         if time == 1.0:
             assert vote.outvoted() == (False, False)
     assert vote.outvoted() == (False, True)
