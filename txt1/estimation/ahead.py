@@ -54,7 +54,8 @@ def ahead(
             rates = uu + qu * (time - rolled_at), oo + qo * (time - omega_at)
             belief = _gone(belief, time - begin, way, turned, rates, density, sideways)
             begin, way, turned = time, 0.0, 0.0
-        way, turned, time = way + rolled * (at - time), turned + omega * (at - time), at
+        since, time = at - time, at
+        way, turned = way + rolled * since, turned + omega * since
         if kind is Kind.GYRO:
             dt = at - omega_at
             change, oo = _followed(values[0] - bias - omega, oo + qo * dt, sigmas[0])

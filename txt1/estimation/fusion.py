@@ -387,7 +387,7 @@ class Fusion:
 
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
         density, sideways = self._moving, self.sideways
-        if self._rolling and not self._turning and not self._placed:
+        if not self._turning and not self._placed and self._rolling:
             density, belief = self._density, _slipping(belief, dt, 2.0 * FLOOR * self._slip_sigma**2)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, 0.0, sideways), dt - STEP_MAX
@@ -726,6 +726,9 @@ class Fusion:
         if kind is Kind.GYRO:
             return (values[0] - mean[OMEGA] - mean[BIAS],), (GYRO,)
         rows = measurement.rows
+        if kind is Kind.POSE and rows == (0, 1, 2) and measurement.at == (0.0, 0.0):
+            x, y, theta = values
+            return (x - mean[0], y - mean[1], wrap_angle(theta - mean[2])), POSE
         expected: Sequence[float]
         h: Sequence[Row]
         if kind is Kind.ENCODERS:
@@ -735,8 +738,6 @@ class Fusion:
             expected, h = encoders(mean)
         elif kind is Kind.VELOCITY:
             expected, h = velocities(mean)
-        elif measurement.at == (0.0, 0.0):
-            expected, h = mean[:3], POSE
         else:
             position, at = antenna(mean, measurement.at)
             expected, h = (*position, mean[THETA]), (*at, THETA)
