@@ -46,6 +46,7 @@ def ahead(
     _, _, _, rolled, omega, bias, slip = belief.mean
     _, _, _, qu, qo, _, _ = density
     uu, oo = belief.triangle[UU], belief.triangle[OO]
+    gyro, encoders = Kind.GYRO, Kind.ENCODERS
     # of the piece so far, of the wheels, m and rad
     way = turned = 0.0
     time = rolled_at = omega_at = begin
@@ -56,20 +57,19 @@ def ahead(
             begin, way, turned = time, 0.0, 0.0
         since, time = at - time, at
         way, turned = way + rolled * since, turned + omega * since
-        if kind is Kind.GYRO:
+        if kind is gyro:
             dt = at - omega_at
             change, oo = _followed(values[0] - bias - omega, oo + qo * dt, sigmas[0])
             omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
-        elif kind is Kind.ENCODERS:
-            for row, value, sigma in zip(rows, values, sigmas, strict=True):
-                if row == 0:
-                    dt = at - rolled_at
-                    change, uu = _followed(value - rolled, uu + qu * dt, sigma, HOLDS * CYCLE)
-                    rolled, way, rolled_at = rolled + change, way + 0.5 * change * dt, at
-                elif not turning:
-                    dt, grip = at - omega_at, 1.0 - slip
-                    change, oo = _followed(value * grip - omega, oo + qo * dt, sigma * grip)
-                    omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
+        elif kind is encoders:
+            if rows[0] == 0:
+                dt = at - rolled_at
+                change, uu = _followed(values[0] - rolled, uu + qu * dt, sigmas[0], HOLDS * CYCLE)
+                rolled, way, rolled_at = rolled + change, way + 0.5 * change * dt, at
+            if rows[-1] == 1 and not turning:
+                dt, grip = at - omega_at, 1.0 - slip
+                change, oo = _followed(values[-1] * grip - omega, oo + qo * dt, sigmas[-1] * grip)
+                omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
     way, turned = way + rolled * (now - time), turned + omega * (now - time)
     rates = uu + qu * (now - rolled_at), oo + qo * (now - omega_at)
     belief = _gone(belief, now - begin, way, turned, rates, density, sideways)

@@ -27,8 +27,8 @@ SIGMAS: Final[dict[type, dict[Quantity, float]]] = {
 """Standard deviations of readings that tell none; of a tracker they are the first guess, see `LearnedNoise`."""
 # s, the longest period in which a car's acceleration moves it by less than a tracker's noise
 FAST: Final = 0.012
-# readings over which its noise is averaged
-MEMORY: Final = 200
+# threes of readings over which its noise is averaged
+MEMORY: Final = 100
 # of the first guess, below which no noise is believed: errors that last, as of a lens
 LEAST: Final = 0.25
 # sigma, beyond which a difference is an outlier
@@ -60,8 +60,10 @@ class LearnedNoise:
         """Take in a pose (x, y, theta; m, rad) at a time, s."""
         (first, second), (one, two) = self._times, self._last
         self._times, self._last = (second, time), (two, values)
-        if not 0.0 < second - first <= FAST or abs(time - 2.0 * second + first) > 0.1 * FAST:
+        if first < 0.0 or not 0.0 < second - first <= FAST or abs(time - 2.0 * second + first) > 0.1 * FAST:
             return
+        # the next three: differences of the same readings tell little more
+        self._times = (-1.0, -1.0)
         bends = [new - last - (last - before) for new, last, before in zip(values, two, one, strict=True)]
         bends[2] = wrap_angle(bends[2])
         for place, (bend, variance) in enumerate(zip(bends, self._variances, strict=True)):
