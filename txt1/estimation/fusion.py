@@ -878,6 +878,10 @@ def _averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:
     if kind is Kind.GYRO:
         (one,), (two,), (sigma,) = values, more.values, sigmas
         return Measurement(time, sensor, kind, rows, (one + share * (two - one),), (less * sigma,), at)
+    if rows == (0, 1, 2):
+        (x, y, theta), (x_too, y_too, theta_too), (sigma_x, sigma_y, sigma_theta) = values, more.values, sigmas
+        pose = x + share * (x_too - x), y + share * (y_too - y), theta + share * wrap_angle(theta_too - theta)
+        return Measurement(time, sensor, kind, rows, pose, (less * sigma_x, less * sigma_y, less * sigma_theta), at)
     means = [one + share * (two - one) for one, two in zip(values, more.values, strict=True)]
     if rows[-1] == THETA:
         means[-1] = values[-1] + share * wrap_angle(more.values[-1] - values[-1])
