@@ -11,7 +11,7 @@ covariance go on in one piece.
 """
 
 from collections.abc import Iterable
-from math import inf
+from math import inf, sqrt
 from typing import Final
 
 from txt1.estimation.ekf import Belief, Seven, predict
@@ -52,8 +52,7 @@ def ahead(
     time = rolled_at = omega_at = begin
     for at, _, kind, rows, values, sigmas, _ in readings:
         if at - begin > STEP_MAX and time > begin:
-            rates = uu + qu * (time - rolled_at), oo + qo * (time - omega_at)
-            belief = _gone(belief, time - begin, way, turned, rates, density, sideways)
+            belief = _gone(belief, time - begin, way, turned, (uu, oo), density, sideways)
             begin, way, turned = time, 0.0, 0.0
         since, time = at - time, at
         way, turned = way + rolled * since, turned + omega * since
@@ -71,10 +70,12 @@ def ahead(
                 change, oo = _followed(values[-1] * grip - omega, oo + qo * dt, sigmas[-1] * grip)
                 omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
     way, turned = way + rolled * (now - time), turned + omega * (now - time)
-    rates = uu + qu * (now - rolled_at), oo + qo * (now - omega_at)
-    belief = _gone(belief, now - begin, way, turned, rates, density, sideways)
+    belief = _gone(belief, now - begin, way, turned, (uu, oo), density, sideways)
     x, y, theta = belief.mean[:3]
-    return Belief((x, y, theta, rolled, omega, bias, slip), belief.triangle)
+    spread = list(belief.triangle)
+    spread[UU] += qu * (now - rolled_at)
+    spread[OO] += qo * (now - omega_at)
+    return Belief((x, y, theta, rolled, omega, bias, slip), tuple(spread))
 
 
 def _followed(left: float, variance: float, sigma: float, most: float = inf) -> tuple[float, float]:
@@ -102,11 +103,34 @@ def _gone(
     density: Seven,
     sideways: tuple[float, float],
 ) -> Belief:
-    """The belief dt seconds later, after so long a way (m) and turn (rad); `rates`: variances of the rates there."""
+    """The belief dt seconds later, after so long a way (m) and turn (rad).
+
+    The rates have been as uncertain as they are after their readings, of variances `rates`.
+    """
     if dt <= 0.0:
         return belief
     x, y, theta, _, _, bias, slip = belief.mean
+    (
+        xx, xy, xt, xu, xo, xb, xs,
+        yy, yt, yu, yo, yb, ys,
+        tt, tu, to, tb, ts,
+        uu, uo, ub, us,
+        oo, ob, os,
+        bb, bs,
+        ss,
+    ) = belief.triangle  # fmt: skip
     qx, qy, qt, _, _, qb, qs = density
-    uu, oo = belief.triangle[UU], belief.triangle[OO]
-    walk = qx, qy, qt, max(0.0, rates[0] - uu) / dt, max(0.0, rates[1] - oo) / dt, qb, qs
-    return predict(Belief((x, y, theta, way / dt, turned / dt, bias, slip), belief.triangle), dt, walk, 0.0, sideways)
+    u, o = sqrt(rates[0] / uu) if uu > 0.0 < rates[0] else 1.0, sqrt(rates[1] / oo) if oo > 0.0 < rates[1] else 1.0
+    likely = Belief(
+        (x, y, theta, way / dt, turned / dt, bias, slip),
+        (
+            xx, xy, xt, u * xu, o * xo, xb, xs,
+            yy, yt, u * yu, o * yo, yb, ys,
+            tt, u * tu, o * to, tb, ts,
+            rates[0], u * o * uo, u * ub, u * us,
+            rates[1], o * ob, o * os,
+            bb, bs,
+            ss,
+        ),
+    )  # fmt: skip
+    return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs), 0.0, sideways)
