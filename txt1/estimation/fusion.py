@@ -229,10 +229,9 @@ class Fusion:
 
     def doubt_speed(self, speed: float, dt: float) -> None:
         """Note that the speed may have been off by `speed` m/s for dt seconds, so that the pose is off by the way."""
-        if speed:
-            theta = self._newest()[0].mean[THETA]
-            x, y = self._way_doubt
-            self._way_doubt = x + speed * dt * cos(theta), y + speed * dt * sin(theta)
+        theta = self._newest()[0].mean[THETA]
+        x, y = self._way_doubt
+        self._way_doubt = x + speed * dt * cos(theta), y + speed * dt * sin(theta)
 
     def trusts(self) -> tuple[Trust, ...]:
         """How much each sensor is believed."""

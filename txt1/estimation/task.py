@@ -377,11 +377,11 @@ class Estimator:
         spun, news = self._spinning.doubt(v, dt) if self._counts else (0.0, "")
         if news:
             self.fusion.changes.append(news)
-        if self.fusion.believes(ENCODERS):
+        if spun and self.fusion.believes(ENCODERS):
             self.fusion.doubt_speed(spun, dt)
         if wheels.motor is not None:
             doubt = self._witness.doubt(wheels.setpoint, wheels.motor, dt)
-            if self.fusion.believes(ENCODERS):
+            if doubt and self.fusion.believes(ENCODERS):
                 self.fusion.doubt_speed(doubt, dt)
         self._still = self._still + dt if v == 0.0 == omega and wheels.setpoint == 0.0 else 0.0
         if self._still >= REST:
