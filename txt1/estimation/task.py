@@ -397,8 +397,7 @@ class Estimator:
         self._angle += turned
         curvature = tan(self._angle) / self._lever
         bend, self._curvature = curvature - self._curvature, curvature
-        # a gyro hears of it as soon, and of what the servos really did
-        if bend and not self.fusion.turning:
+        if bend:
             half = 0.5 * abs(turned) / SERVO_RATE
             middle = begin + half if half > TOGETHER else begin
             self.fusion.take(Measurement(middle, "", Kind.STEERING, (0, 1), (bend, curvature), (1.0, 1.0)))
