@@ -74,6 +74,8 @@ FIRST: Final = 0.04
 HORIZON: Final = 0.5
 # s within which readings of a sensor are averaged that arrive together
 SLOT: Final = 0.02
+# the same of positions in time: the newest tells most of where the car is now
+NEWEST: Final = 0.005
 # readings over which it is averaged how late a sensor is
 LAGS: Final = 25
 # s between readings of one instant, to which clocks and sums of times are rounded
@@ -261,7 +263,7 @@ class Fusion:
             group = groups.get(sensor)
             if group is None:
                 groups[sensor] = measurement, 1
-            elif _alike(group[0], measurement):
+            elif _alike(group[0], measurement, SLOT if kind is Kind.GYRO or self._lags(sensor) else NEWEST):
                 groups[sensor] = _averaged(*group, measurement), group[1] + 1
             else:
                 self._insert(group[0])
@@ -355,6 +357,11 @@ class Fusion:
             judge.rejected += 1
             self._tell(judge.doubt(wrong))
         return not wrong
+
+    def _lags(self, sensor: str) -> bool:
+        """Whether a sensor is always late."""
+        judge = self._judges.get(sensor)
+        return judge is not None and judge.lag > SLOT
 
     def _insert(self, measurement: Measurement) -> None:
         """Insert a reading, or the mean of some, at its time."""
@@ -862,9 +869,9 @@ def _walking(density: Seven, slips: float) -> Seven:
     return x, y, theta, rolled, omega, bias, max(usual, slips)
 
 
-def _alike(one: Measurement, two: Measurement) -> bool:
-    """Whether two readings of a sensor may be averaged."""
-    near = abs(one.time - two.time) < SLOT - SAME_INSTANT
+def _alike(one: Measurement, two: Measurement, within: float) -> bool:
+    """Whether two readings of a sensor may be averaged, within so many seconds."""
+    near = abs(one.time - two.time) < within - SAME_INSTANT
     return near and one.kind is two.kind and one.rows == two.rows and one.at == two.at
 
 
