@@ -75,7 +75,7 @@ def ahead(
     spread = list(belief.triangle)
     spread[UU] += qu * (now - rolled_at)
     spread[OO] += qo * (now - omega_at)
-    return Belief((x, y, theta, rolled, omega, bias, slip), tuple(spread))
+    return Belief((x, y, theta, rolled, omega, bias, slip), tuple(spread), belief.lean)
 
 
 def _followed(left: float, variance: float, sigma: float, most: float = inf) -> tuple[float, float]:
@@ -132,5 +132,6 @@ def _gone(
             bb, bs,
             ss,
         ),
+        belief.lean,
     )  # fmt: skip
     return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs), 0.0, sideways)

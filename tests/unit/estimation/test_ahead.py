@@ -8,7 +8,7 @@ import pytest
 from tests.unit.estimation.test_fusion import Drive
 from txt1.estimation import fusion
 from txt1.estimation.ahead import ahead
-from txt1.estimation.ekf import Belief, Drift, belief_of, predict
+from txt1.estimation.ekf import Belief, Drift, Lean, belief_of, predict, upright
 from txt1.estimation.measurement import Kind, Measurement
 
 
@@ -33,6 +33,15 @@ def test_wheels_and_gyro_tell_the_way_of_a_car_that_speeds_up_into_a_curve(late:
     assert told.mean[2] == pytest.approx(theta, abs=0.004)
     assert told.mean[3:5] == pytest.approx(rates[-1], abs=0.05)
     assert np.linalg.eigvalsh(told.covariance).min() > 0.0
+
+
+def test_on_the_way_to_now_a_belief_leans_with_the_gyros_scale_as_in_the_filter() -> None:
+    lean = Lean((0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0)
+    start = belief_of((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), np.diag([1e-6] * 7), lean)
+    told = ahead(start, 0.0, 0.2, [], Drift().density(), (0.0, 0.0), turning=True)
+    # 1 m/s for 0.2 s with a heading that is 0.3 rad off for a unit of the scale
+    assert told.lean is not None and told.lean.by[:3] == pytest.approx((0.0, 0.06, 0.3), abs=0.003)
+    assert upright(told, 0.0, 0.02**2).covariance[2, 2] - told.covariance[2, 2] == pytest.approx((0.3 * 0.02) ** 2)
 
 
 @pytest.mark.skipif(not fusion.__file__.endswith(".py"), reason="compiled functions cannot be counted")
