@@ -17,6 +17,7 @@ from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.convoy import TRACK_MAX, Follower
 from txt1.fleet.guard import MARGIN, RATE, TeamGuard
 from txt1.fleet.law import LAWS, make_law
+from txt1.fleet.messages import SIZE_MAX
 from txt1.fleet.radio import Radio, Said
 from txt1.fleet.rendezvous import agree, slot
 from txt1.fleet.steering import toward
@@ -217,7 +218,13 @@ def test_a_law_that_is_wrong_is_refused() -> None:
 FAR = 1e6  # m: the largest number that is heard
 NUMBER = st.floats(-FAR, FAR) | st.floats(-20.0, 20.0)
 DATA = st.lists(NUMBER, max_size=6).map(tuple) | st.tuples(*[NUMBER] * 6)
-HEARD = st.builds(Said, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, data=DATA)
+SIZE = st.floats(0.0, SIZE_MAX, exclude_min=True)
+# what a message may tell of a car (`txt1.fleet.messages`)
+BODY = st.builds(
+    lambda radius, v_max, reach, centre, share, pivots: Body(radius, v_max, reach, centre, share * v_max, pivots),
+    *(SIZE, SIZE, SIZE, st.floats(-SIZE_MAX, SIZE_MAX), st.floats(0.0, 1.0), st.booleans()),
+)
+HEARD = st.builds(Said, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, time=NUMBER, data=DATA, body=BODY)
 
 
 @settings(max_examples=examples(30), deadline=None)
