@@ -46,6 +46,8 @@ It says so, too, when it is late, when it forgets its survey, and where one sens
 at the start of an episode, if one of the last five failed, or took 1.5 times the plan that it would have made at its
 start, had it known where the light was (`_wasted`); after the second such episode for ten episodes, and so on.
 
+After the second of these tests it also learns its actions anew (`_learn_actions_anew`).
+
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
 Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). After such
