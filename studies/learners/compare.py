@@ -118,8 +118,7 @@ def compare(
     the table tells of all.
 
     Raises ConfigError: there is no such contender, the world is not modelled or cannot be solved, or the file is of
-    another comparison; MissingExtra: PPO or DQN
-    without Stable-Baselines3.
+    another comparison; MissingExtra: PPO or DQN without Stable-Baselines3.
     """
     for name in names:
         if name in TRAINED:

@@ -46,7 +46,8 @@ It says so, too, when it is late, when it forgets its survey, and where one sens
 at the start of an episode, if one of the last five failed, or took 1.5 times the plan that it would have made at its
 start, had it known where the light was (`_wasted`); after the second such episode for ten episodes, and so on.
 
-After the second of these tests it also learns its actions anew (`_learn_actions_anew`).
+It makes the second of these tests at each decision. Where that fails, it also learns its actions anew
+(`_learn_actions_anew`).
 
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
@@ -386,7 +387,7 @@ class PilotAgent(PeriodicAgent):
         self._course = []
 
     def _judge(self) -> str:
-        """Return the part that the model does not fit in the last decisions; "" if the stated noise explains them."""
+        """Return the part of the readings' model that does not fit; "" if the stated noise explains the last ones."""
         rows = self._latest(PIECE if self.moves else self.settings.judged)
         telling = np.isfinite(rows[:, 6:])
         if telling.any(axis=0).sum() == 1:
