@@ -7,7 +7,8 @@ robot turns by s h + b in a decision when odometry says h:
 
         survey, light  <-  argmin  sum (z - g + n/2 log(|light - p|^2 + u))^2      (Gauss-Newton, outliers count less)
 
-and between surveys a Kalman filter keeps the light's place in the robot's frame.
+and between surveys a Kalman filter keeps the light's place in the robot's frame. Far from the light it knows the
+distance well and the bearing badly: the light is on an arc, and each correction goes along that arc.
 """
 
 from math import cos, exp, hypot, inf, log, pi, sin, sqrt
@@ -91,13 +92,23 @@ def corrected(belief: Belief, survey: Array, z: Array, noise: Array, common: flo
         xa, ya = xa - along_x * along_a / variance, ya - along_y * along_a / variance
         aa -= along_a * along_a / variance
         step_x, step_y = along_x / variance * miss, along_y / variance * miss
-        short = min(1.0, 0.5 * hypot(x, y) / max(hypot(step_x, step_y), 1e-9))
-        x, y = x + short * step_x, y + short * step_y
+        far = max(hypot(x, y), 1e-3)
+        short = min(1.0, 0.5 * far / max(hypot(step_x, step_y), 1e-9))
         xx, yy, xy = (
             xx - along_x * along_x / variance,
             yy - along_y * along_y / variance,
             xy - along_x * along_y / variance,
         )
+        # along the arc around the robot, and the belief with it; straight on, its own distance would count as a bearing
+        across, onward = short * (x * step_y - y * step_x) / far / far, short * (x * step_x + y * step_y) / far
+        c, s, longer = cos(across), sin(across), 1.0 + onward / far
+        x, y = longer * (c * x - s * y), longer * (s * x + c * y)
+        xx, yy, xy = (
+            c * c * xx + s * s * yy - 2.0 * c * s * xy,
+            c * c * yy + s * s * xx + 2.0 * c * s * xy,
+            c * s * (xx - yy) + (c * c - s * s) * xy,
+        )
+        xa, ya = c * xa - s * ya, s * xa + c * ya
     return (x, y, xx, yy, xy), total, count
 
 
