@@ -17,7 +17,8 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
 
 The sensors sit at p with brightness g and power n, and the light hangs sqrt(u) above them; the robot turns by s h + b
 in a decision when odometry says h. A course that only grazes the goal may miss it and go round again, so it counts as
-longer. The goal's distance is the mean of the distances at which episodes ended well.
+longer. The goal's distance is the mean of the distances at which episodes ended well. Where an episode goes on although
+the robot is nearer, it looks for the goal nearer still.
 
 What it finds out of its sensors and of the light:
 
@@ -42,9 +43,10 @@ Every half second it judges itself by the last 5 s (`_judge`). It says that its 
         that stands still
         (turn and way of the last second - those predicted) ^2 / (slip of odometry)^2  >  chi^2
 
-It says so, too, when it is late, when it forgets its survey, and where one sensor alone tells of the light. It says so
-at the start of an episode, if one of the last five failed, or took 1.5 times the plan that it would have made at its
-start, had it known where the light was (`_wasted`); after the second such episode for ten episodes, and so on.
+It says so, too, when it is late, when it forgets its survey, where one sensor alone tells of the light, and where the
+light moves. It says so at the start of an episode, if one of the last five failed, or took 1.5 times the plan that it
+would have made at its start, had it known where the light was (`_wasted`); after the second such episode for ten
+episodes, and so on.
 
 It makes the second of these tests at each decision. Where that fails, it also learns its actions anew
 (`_learn_actions_anew`).
@@ -138,6 +140,8 @@ HEIGHTS: Final = 0.1
 SHARED: Final = 5
 # samples that give the same largest reading, after which a sensor's range ends there
 REPEATED: Final = 10
+# of a distance at which the goal should have been, how near to the light it is then looked for
+NEARER: Final = 0.9
 # m, rad, log lux and sums of them: no number that it keeps is larger
 LARGEST: Final = 1e6
 # numbers of a decision that it keeps: distance, turn, four log readings, their four variances
@@ -153,6 +157,7 @@ KNOWN: Final = 3
 # episodes at whose start it says so after the first that took far too long
 DOUBTS: Final = 5
 LONG: Final = "how long the way takes"
+MOVES: Final = "the light, which moves"
 # decisions in which a light that moves is taken to stand still
 PIECE: Final = 10
 # standard deviation of the brightness of a light that flickers, as a logarithm
@@ -260,7 +265,7 @@ class PilotAgent(PeriodicAgent):
         # latest decision at which it arrives if all goes well
         self._arrival = inf
         # the part that its model does not fit, once reported in this episode
-        self.unfit = LONG if self._doubts else ""
+        self.unfit = LONG if self._doubts else MOVES if self.moves else ""
         self._began_lost = self.lost
         # of the last decisions: the state before, the actions, and their results
         self._course: list[Any] = []
@@ -284,10 +289,10 @@ class PilotAgent(PeriodicAgent):
         """Learn from the result of the last action, and choose the next action."""
         self._decides(now)
         self._learn(odometry)
-        # at every likely place the episode goes on, so the goal is no farther from the light
+        # at every likely place the episode goes on, so the goal is nearer to the light
         if self._lights:
             farthest = max(hypot(x, y) + sqrt(0.5 * (xx + yy)) for (x, y, xx, yy, _), _ in self._lights)
-            self._near = min(self._near, farthest)
+            self._near = NEARER * farthest if farthest < self._near else self._near
         if self.lost and len(self._rows) % self.settings.anew == 0:
             self._survey_anew()
         if not self.lost and self.misfit > self.settings.doubt:
