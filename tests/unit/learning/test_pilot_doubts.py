@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from studies.learners import lockstep
 from txt1.config import load
 from txt1.learning.agents import make
-from txt1.learning.pilot import chi_square
+from txt1.learning.pilot import chi_square, create
 from txt1.learning.trial import Trial
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
@@ -67,3 +68,21 @@ def test_most_episodes_that_a_lamp_on_the_move_makes_slow_are_said() -> None:
     slow = [one.unfit is not None for one in episodes if one.time > 15.0]
     assert len(slow) >= 5
     assert sum(slow) > 0.5 * len(slow)
+
+
+@pytest.mark.long
+def test_a_goal_that_is_nearer_to_the_light_than_it_thought_is_found_soon() -> None:
+    config = lockstep.asked_alike(load(WORLDS / "suite" / "actions-reverse.yaml").config)
+
+    def taught(goals: float) -> float:
+        """Time of episodes of a pilot that takes the goal's distance for so many times what it is, s."""
+
+        def agent(rng: np.random.Generator) -> Any:
+            table = pupil.agent.table()
+            table.about["knows"]["goal"] *= goals
+            return create(config, rng, table)
+
+        return sum(one.time for each in lockstep.trials(config, agent, range(1, 7), 4, 24) for one in each.episodes)
+
+    (pupil,) = lockstep.trials(config, lambda rng: make("pilot", config, rng), [1], 12, 24)
+    assert taught(1.4) < 1.2 * taught(1.0)

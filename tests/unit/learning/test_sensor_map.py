@@ -110,3 +110,16 @@ def test_a_lamp_that_flickers_does_not_mislead_a_survey_that_knows_of_it(ahead: 
     assert np.hypot(*(lights[0] - (ahead, left))) < 0.02
     assert np.ptp(survey[:4] - true[:4]) < 0.02
     assert cost < 0.1 * surveyed(rows, which, mean, guess, mean, square, 0.0, 60)[2]
+
+
+def test_the_bearing_of_a_light_far_away_is_mostly_within_two_of_its_sigmas() -> None:
+    rng, errors = np.random.default_rng(1), []
+    for bearing in rng.uniform(-np.pi, np.pi, 100):
+        z, noise = read(6.0 * np.cos(bearing), 6.0 * np.sin(bearing)), np.full(4, 0.01)
+        lights = sighted(SURVEY, z + rng.normal(0.0, 0.1, 4), noise, 0.0)
+        for _ in range(20):
+            lights, _, _ = followed(lights, SURVEY, z + rng.normal(0.0, 0.1, 4), noise, 0.0, 0.0, 0.0, 0.0, 0.0)
+        (x, y, xx, yy, xy), _ = lights[0]
+        error = np.angle(np.exp(1j * (np.arctan2(y, x) - bearing)))
+        errors.append(error / np.sqrt(y * y * xx + x * x * yy - 2.0 * x * y * xy) * (x * x + y * y))
+    assert np.mean(np.abs(errors) < 2.0) > 0.7
