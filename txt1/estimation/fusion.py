@@ -394,7 +394,11 @@ class Fusion:
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
         density, sideways = self._moving, self.sideways
         if not self._turning and not self._placed and self._rolling:
-            density, belief = self._density, _slipping(belief, dt, 2.0 * FLOOR * self._slip_sigma**2)
+            variance = self._slip_sigma**2
+            # nothing tells of the slip that lasts: it walks until it is as uncertain as at first
+            qx, qy, qt, qu, qo, qb, qs = self._density
+            density = qx, qy, qt, qu, qo, qb, qs * max(0.0, 1.0 - belief.triangle[-1] / variance)
+            belief = _slipping(belief, dt, 2.0 * FLOOR * variance)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, 0.0, sideways), dt - STEP_MAX
         return predict(belief, max(dt, 0.0), density, bend, sideways)

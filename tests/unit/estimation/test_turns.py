@@ -6,6 +6,7 @@ import numpy as np
 
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import Estimator, Wheels
+from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import Geometry
@@ -73,3 +74,27 @@ def test_wheels_alone_that_slip_in_left_curves_only_do_not_make_the_heading_sure
     turns = lambda time: 1.0 if int(time) % 2 else -1.0  # noqa: E731
     found = missed(12.0, turns, slip=lambda time: 0.1 * (int(time) % 2), sensors=("encoders",))
     assert max(abs(heading) for _, heading in found[100:]) < 3.0
+
+
+def wheels_alone(
+    seconds: float, turned: Callable[[float], float], *, slip: float
+) -> tuple[Estimate, tuple[float, float]]:
+    """The estimate after wheels that slip told 1 m/s and a yaw rate (rad/s) over time, and the true place, m."""
+    estimator, (x, y, theta) = (
+        Estimator(EstimationConfig(sensors=("encoders",)), {}, Geometry(steering="front")),
+        (0.0,) * 3,
+    )
+    for cycle in range(1, round(seconds / CYCLE) + 1):
+        now = cycle * CYCLE
+        omega = turned(now)
+        estimate = estimator.step(
+            now, Wheels(Odometry(0.0, 0.0, 0.0, 1.0, omega + 1e-9 * (cycle % 2)), now, None, 1.0, None)
+        )
+        way, turn = (1.0 - slip) * CYCLE, (1.0 - slip) * omega * CYCLE
+        x, y, theta = x + way * np.cos(theta + 0.5 * turn), y + way * np.sin(theta + 0.5 * turn), theta + turn
+    return estimate, (x, y)
+
+
+def test_wheels_alone_do_not_know_less_of_their_slip_than_at_first() -> None:
+    (early, _), (late, _) = (wheels_alone(seconds, lambda _: 0.0, slip=0.0) for seconds in (1.0, 60.0))
+    assert late.sigma(3) < 1.01 * early.sigma(3)
