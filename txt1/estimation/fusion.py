@@ -201,7 +201,7 @@ class Fusion:
         self._carried: tuple[float, float, float] | None = None
         # m, m, rad by which an absolute sensor has overruled dead reckoning
         self._dispute = [0.0, 0.0, 0.0]
-        # m in x and y by which the pose may be off, as the speed may be
+        # m in x and y by which the way may be longer than the car's, as speed and heading may be off
         self._way_doubt = (0.0, 0.0)
 
     def take(self, measurement: Measurement) -> None:
@@ -244,7 +244,7 @@ class Fusion:
         if any(self._dispute):
             fading = exp((self._now - now) / FORGOTTEN)
             self._dispute = [each * fading for each in self._dispute]
-        self._now = now
+        since, self._now = now - self._now, now
         # nothing is known of how it moved before
         if self._base_time < 0.0:
             self._base_time = max(0.0, now - FIRST)
@@ -280,7 +280,10 @@ class Fusion:
         for judge in self._judges.values():
             if now - judge.since > judge.settings.timeout and judge.reason != "silent":
                 self._tell(judge.doubt("silent"))
-        return self._estimate(self._told())
+        estimate = self._estimate(self._told())
+        if not self._placed:
+            self.doubt_speed(_bent(estimate.covariance[12]) * estimate.v, since)
+        return estimate
 
     @property
     def turning(self) -> bool:
@@ -823,7 +826,7 @@ class Fusion:
             more = self.doubt(belief.mean)
             xx, xy, yy, tt = xx + more[0], xy + more[1], yy + more[2], tt + more[3]
         way_x, way_y = self._way_doubt
-        v, told = outside(belief, (xx + way_x * way_x, xy, yy + way_y * way_y, tt))
+        v, told = outside(belief, (xx + way_x * way_x, xy + way_x * way_y, yy + way_y * way_y, tt))
         return Estimate(x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located)
 
 
@@ -859,6 +862,16 @@ def _slipping(belief: Belief, dt: float, density: float) -> Belief:
     covariance = belief.covariance
     covariance[:3, :3] += density * max(dt, 0.0) * np.outer(missed, missed)
     return belief_of(belief.mean, covariance, belief.lean)
+
+
+def _bent(variance: float) -> float:
+    """The share by which a way is shorter along a heading of this variance, rad^2: the root of its second moment.
+
+    A belief has what goes across the way, as it is linear in the heading. Along it the way is longer than the car's by
+    1 - cos of the error: places that are as likely lie on an arc.
+    """
+    mean, square = 1.0 - exp(-0.5 * variance), 1.0 - exp(-variance)
+    return sqrt(mean * mean + 0.5 * square * square)
 
 
 def _moved(belief: Belief, by: tuple[float, float, float]) -> Belief:

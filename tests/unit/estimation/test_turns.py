@@ -95,6 +95,14 @@ def wheels_alone(
     return estimate, (x, y)
 
 
+def test_a_place_on_the_arc_of_an_uncertain_heading_is_expected() -> None:
+    # three circles, then straight on: the heading is off by one standard deviation, and the place on an arc
+    estimate, (x, y) = wheels_alone(38.0, lambda time: 1.0 if time < 6.0 * np.pi else 0.0, slip=0.05)
+    spread, error = np.reshape(estimate.covariance, (5, 5))[:2, :2], np.array([estimate.x - x, estimate.y - y])
+    assert abs(error[0]) > 3.0  # m, along the way by the wheels
+    assert error @ np.linalg.solve(spread, error) < 5.99
+
+
 def test_wheels_alone_do_not_know_less_of_their_slip_than_at_first() -> None:
     (early, _), (late, _) = (wheels_alone(seconds, lambda _: 0.0, slip=0.0) for seconds in (1.0, 60.0))
     assert late.sigma(3) < 1.01 * early.sigma(3)
