@@ -15,7 +15,7 @@ from math import inf, sqrt
 from typing import Final
 
 from txt1.estimation.ekf import Belief, Seven, predict
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.measurement import KIND_ENCODERS, KIND_GYRO, Measurement
 from txt1.estimation.spinning import HOLDS
 
 # s, the longest prediction in one piece
@@ -46,7 +46,6 @@ def ahead(
     _, _, _, rolled, omega, bias, slip = belief.mean
     _, _, _, qu, qo, _, _ = density
     uu, oo = belief.triangle[UU], belief.triangle[OO]
-    gyro, encoders = Kind.GYRO, Kind.ENCODERS
     # of the piece so far, of the wheels, m and rad
     way = turned = 0.0
     time = rolled_at = omega_at = begin
@@ -56,11 +55,11 @@ def ahead(
             begin, way, turned = time, 0.0, 0.0
         since, time = at - time, at
         way, turned = way + rolled * since, turned + omega * since
-        if kind is gyro:
+        if kind is KIND_GYRO:
             dt = at - omega_at
             change, oo = _followed(values[0] - bias - omega, oo + qo * dt, sigmas[0])
             omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
-        elif kind is encoders:
+        elif kind is KIND_ENCODERS:
             if rows[0] == 0:
                 dt = at - rolled_at
                 change, uu = _followed(values[0] - rolled, uu + qu * dt, sigmas[0], HOLDS * CYCLE)

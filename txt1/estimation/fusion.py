@@ -53,7 +53,15 @@ from txt1.estimation.ekf import (
 )
 from txt1.estimation.frame import USUAL, Frame, Reckoning
 from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.measurement import (
+    KIND_ENCODERS,
+    KIND_GYRO,
+    KIND_POSE,
+    KIND_STEERING,
+    KIND_TURN,
+    KIND_VELOCITY,
+    Measurement,
+)
 from txt1.estimation.spinning import HOLDS
 from txt1.estimation.trust import Trust
 from txt1.estimation.vote import Cycle, Vote
@@ -210,7 +218,7 @@ class Fusion:
 
     def rest(self, time: float) -> None:
         """Take in that the robot stands."""
-        self.take(Measurement(time, "", Kind.VELOCITY, (0, 1), (0.0, 0.0), (REST_SPEED, REST_YAW)))
+        self.take(Measurement(time, "", KIND_VELOCITY, (0, 1), (0.0, 0.0), (REST_SPEED, REST_YAW)))
 
     def lifted(self) -> None:
         """Find the pose anew: the robot was carried elsewhere."""
@@ -256,14 +264,14 @@ class Fusion:
             if not self._admits(measurement, oldest, rolled):
                 continue
             kind = measurement.kind
-            if kind is not Kind.GYRO and kind is not Kind.POSE:
+            if kind is not KIND_GYRO and kind is not KIND_POSE:
                 self._insert(measurement)
                 continue
             sensor = measurement.sensor
             group = groups.get(sensor)
             if group is None:
                 groups[sensor] = measurement, 1
-            elif _alike(group[0], measurement, SLOT if kind is Kind.GYRO or self._lags(sensor) else NEWEST):
+            elif _alike(group[0], measurement, SLOT if kind is KIND_GYRO or self._lags(sensor) else NEWEST):
                 groups[sensor] = _averaged(*group, measurement), group[1] + 1
             else:
                 self._insert(group[0])
@@ -327,7 +335,7 @@ class Fusion:
     def _heard_again(self, entry: _Entry) -> None:
         """Forget the slip at the first reading of wheels that are believed again."""
         entry.used = True
-        entry.fresh = entry.measurement.kind is Kind.ENCODERS
+        entry.fresh = entry.measurement.kind is KIND_ENCODERS
 
     def _believed(self) -> list[Judge]:
         return [judge for judge in self._judges.values() if judge.believed]
@@ -342,9 +350,9 @@ class Fusion:
         if judge is None:
             return recent
         judge.since = now
-        if kind is Kind.GYRO:
+        if kind is KIND_GYRO:
             self._gyros.add(sensor)
-        elif kind is Kind.ENCODERS:
+        elif kind is KIND_ENCODERS:
             self._wheels_of.add(sensor)
         if not isfinite(sum(values)) or not min(sigmas) > 0.0:
             wrong = "no number"
@@ -429,7 +437,7 @@ class Fusion:
             if entry.time > until:
                 break
             measurement = entry.measurement
-            steering = measurement.kind is Kind.STEERING
+            steering = measurement.kind is KIND_STEERING
             bend = measurement.values[0] if steering else 0.0
             if bend or entry.time - time >= SAME_INSTANT:
                 belief = self._predicted(belief, entry.time - time, bend)
@@ -467,7 +475,7 @@ class Fusion:
     def _take_out(self, sensor: str) -> None:
         """Leave a sensor's readings out that were taken in."""
         for place, entry in enumerate(self._entries[: self._settled]):
-            compared = sensor in self._gyros and entry.measurement.kind is Kind.TURN
+            compared = sensor in self._gyros and entry.measurement.kind is KIND_TURN
             if (entry.measurement.sensor == sensor or compared) and entry.used:
                 entry.used, entry.new = False, False
                 self._settled = min(place, self._settled)
@@ -478,7 +486,7 @@ class Fusion:
         measurement, new = entry.measurement, entry.new
         if not new and not entry.used:
             return belief
-        if measurement.kind is Kind.TURN:
+        if measurement.kind is KIND_TURN:
             entry.new = False
             return self._turned(belief, measurement, new=new) if self._turning else belief
         judge = self._judges.get(measurement.sensor)
@@ -493,16 +501,16 @@ class Fusion:
             judge.used += 1
             return self._locate(belief, measurement)
         residual, h = self._expect(belief.mean, measurement)
-        if kind is Kind.POSE:
+        if kind is KIND_POSE:
             return self._place(belief, entry, judge, residual, h)
         sigmas = measurement.sigmas[: len(residual)]
-        leans = belief.mean[OMEGA] if kind is Kind.GYRO else 0.0
+        leans = belief.mean[OMEGA] if kind is KIND_GYRO else 0.0
         after, nis, misses = update(belief, residual, h, sigmas, leans=leans)
-        if kind is Kind.GYRO:
+        if kind is KIND_GYRO:
             # strong tracking: the robot turns otherwise than it did
             if misses[0] > TRACKS or misses[0] < -TRACKS:
                 after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas, leans=leans)[0]
-        elif kind is Kind.ENCODERS:
+        elif kind is KIND_ENCODERS:
             after = self._wheels(belief, after, measurement, residual, h, misses)
         if new:
             entry.new, entry.used = False, judge.believed
@@ -736,20 +744,20 @@ class Fusion:
     def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Row]]:
         """The measurement less its expectation, and the rows of the Jacobian."""
         kind, values = measurement.kind, measurement.values
-        if kind is Kind.GYRO:
+        if kind is KIND_GYRO:
             return (values[0] - mean[OMEGA] - mean[BIAS],), (GYRO,)
         rows = measurement.rows
-        if kind is Kind.POSE and rows == (0, 1, 2) and measurement.at == (0.0, 0.0):
+        if kind is KIND_POSE and rows == (0, 1, 2) and measurement.at == (0.0, 0.0):
             x, y, theta = values
             return (x - mean[0], y - mean[1], wrap_angle(theta - mean[2])), POSE
         expected: Sequence[float]
         h: Sequence[Row]
-        if kind is Kind.ENCODERS:
+        if kind is KIND_ENCODERS:
             # how far they turn is told by `Kind.TURN`
             if self._turning and rows == (0, 1):
                 return (values[0] - mean[ROLLED],), (ROLLED,)
             expected, h = encoders(mean)
-        elif kind is Kind.VELOCITY:
+        elif kind is KIND_VELOCITY:
             expected, h = velocities(mean)
         else:
             position, at = antenna(mean, measurement.at)
@@ -757,7 +765,7 @@ class Fusion:
         if len(values) < len(h):
             expected, h = [expected[row] for row in rows], [h[row] for row in rows]
         residual = list(map(sub, values, expected))
-        if kind is Kind.POSE and rows[-1] == THETA:
+        if kind is KIND_POSE and rows[-1] == THETA:
             residual[-1] = wrap_angle(residual[-1])
         return residual, h
 
@@ -898,7 +906,7 @@ def _averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:
     less = sqrt(1.0 - share)
     time, sensor, kind, rows, values, sigmas, at = mean
     time += share * (more.time - time)
-    if kind is Kind.GYRO:
+    if kind is KIND_GYRO:
         (one,), (two,), (sigma,) = values, more.values, sigmas
         return Measurement(time, sensor, kind, rows, (one + share * (two - one),), (less * sigma,), at)
     if rows == (0, 1, 2):

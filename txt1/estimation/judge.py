@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Final
 
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.measurement import KIND_ENCODERS, KIND_POSE, Measurement
 from txt1.estimation.trust import Trust
 from txt1.model.kinematics import wrap_angle
 
@@ -125,11 +125,11 @@ class Judge:
         """Return the fault of a reading, in words; empty: it has none. `speed` is the wheels' speed, m/s."""
         self.same = self.same + 1 if measurement.values == self.last else 0
         self.last = measurement.values
-        if measurement.kind is Kind.ENCODERS:
+        if measurement.kind is KIND_ENCODERS:
             # whole counts are often the same, but not for so long
             frozen = self.same >= SAME_COUNTS and any(measurement.values) and self.settings.told
         else:
-            moving = measurement.kind is not Kind.POSE or abs(speed) > MOVING or not self.believed
+            moving = measurement.kind is not KIND_POSE or abs(speed) > MOVING or not self.believed
             frozen = self.same >= SAME_MAX and moving
         return "stands still" if frozen else ""
 

@@ -4,16 +4,16 @@ from collections.abc import Callable, Sequence
 from math import sqrt
 from typing import Any, Final
 
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.measurement import KIND_GYRO, KIND_POSE, KIND_VELOCITY, Kind, Measurement
 from txt1.estimation.settings import FusedConfig, Quantity
 from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import FixReading, ImuReading, TrackerReading
 
 QUANTITIES: Final[dict[Kind, tuple[Quantity, ...]]] = {
-    Kind.POSE: ("x", "y", "theta"),
-    Kind.VELOCITY: ("v", "omega"),
-    Kind.GYRO: ("omega",),
+    KIND_POSE: ("x", "y", "theta"),
+    KIND_VELOCITY: ("v", "omega"),
+    KIND_GYRO: ("omega",),
 }
 
 SIGMAS: Final[dict[type, dict[Quantity, float]]] = {
@@ -93,13 +93,13 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
 
         def gyro(reading: Reading[Any]) -> list[Measurement]:
             turning = float(reading.value.rates[2]) / factor
-            return [Measurement(reading.time - delay, name, Kind.GYRO, (0,), (turning,), (rate,))]
+            return [Measurement(reading.time - delay, name, KIND_GYRO, (0,), (turning,), (rate,))]
 
         return gyro if "omega" in wanted else lambda reading: []
 
-    noise = LearnedNoise([assumed[each] for each in QUANTITIES[Kind.POSE]]) if kind is TrackerReading else None
+    noise = LearnedNoise([assumed[each] for each in QUANTITIES[KIND_POSE]]) if kind is TrackerReading else None
     parts = []
-    for what in (Kind.POSE, Kind.VELOCITY):
+    for what in (KIND_POSE, KIND_VELOCITY):
         rows = tuple(row for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted)
         quantities = [QUANTITIES[what][row] for row in rows]
         usual = [given.get(quantity) or assumed.get(quantity, 0.1) for quantity in quantities]
@@ -110,7 +110,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
             if quantity not in given and hasattr(kind, f"sigma_{quantity}")
         ]
         if rows:
-            parts.append((what, rows, quantities, usual, own, noise if what is Kind.POSE else None))
+            parts.append((what, rows, quantities, usual, own, noise if what is KIND_POSE else None))
 
     def moving(reading: Reading[Any]) -> list[Measurement]:
         value, time, made = reading.value, reading.time - delay, []

@@ -12,7 +12,7 @@ from txt1.estimation.calibration import GYRO_CLOCK, Calibration
 from txt1.estimation.ekf import Seven, centred
 from txt1.estimation.fusion import Fusion
 from txt1.estimation.judge import Belonging
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.measurement import KIND_ENCODERS, KIND_GYRO, KIND_STEERING, KIND_TURN, Measurement
 from txt1.estimation.motor import MotorWitness
 from txt1.estimation.readings import plan, tells_heading, tells_pose
 from txt1.estimation.settings import EstimationConfig, FusedConfig
@@ -233,20 +233,20 @@ class Estimator:
             if right.x or right.y or right.delay:
                 at = measurement.at[0] + right.x, measurement.at[1] + right.y
                 measurement = measurement._replace(time=measurement.time - right.delay, at=at)
-        elif measurement.kind is Kind.GYRO and self._gyro_scale:
+        elif measurement.kind is KIND_GYRO and self._gyro_scale:
             measurement = measurement._replace(values=(measurement.values[0] / (1.0 + self._gyro_scale),))
         given = (measurement,) if self.through is None else self.through(measurement)
         for each in given:
             self.fusion.take(each)
             kind = each.kind
-            if kind is Kind.GYRO:
+            if kind is KIND_GYRO:
                 time, (rate,) = each.time, each.values
                 if isfinite(rate):
                     self._turns.append(rate)
                     if not self._gyro or time > self._gyro[-1][0]:
                         # as it came, without what was learned of its scale
                         self._gyro.append((time, rate * (1.0 + self._gyro_scale)))
-            elif kind is Kind.ENCODERS and each.rows == (0, 1) and all(map(isfinite, each.values)):
+            elif kind is KIND_ENCODERS and each.rows == (0, 1) and all(map(isfinite, each.values)):
                 self._wheels = each.values[0], each.values[1]
 
     def step(self, now: float, wheels: Wheels) -> Estimate:
@@ -345,7 +345,7 @@ class Estimator:
         by_wheels = 0.0 if still else hypot(counts, noise, share * path, GYRO_CLOCK * swing)
         sigma = hypot(by_wheels, SIGMA_GYRO * sqrt(dt * 0.01))
         if isfinite(sigma):
-            self.fusion.take(Measurement(end, "", Kind.TURN, (0,), (angle, by_gyro, dt, path), (sigma,)))
+            self.fusion.take(Measurement(end, "", KIND_TURN, (0,), (angle, by_gyro, dt, path), (sigma,)))
 
     def _take_wheels(self, wheels: Wheels, dt: float) -> None:
         """Take in speed and yaw rate, which are means over the last dt seconds, so of its middle."""
@@ -373,7 +373,7 @@ class Estimator:
         if settings.fields is not None:
             rows = tuple(row for row, name in enumerate(("v", "omega")) if name in settings.fields)
             values, sigmas = tuple(values[row] for row in rows), tuple(sigmas[row] for row in rows)
-        self._give(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, values, sigmas))
+        self._give(Measurement(middle - settings.delay, ENCODERS, KIND_ENCODERS, rows, values, sigmas))
         spun, news = self._spinning.doubt(v, dt) if self._counts else (0.0, "")
         if news:
             self.fusion.changes.append(news)
@@ -400,7 +400,7 @@ class Estimator:
         if bend:
             half = 0.5 * abs(turned) / SERVO_RATE
             middle = begin + half if half > TOGETHER else begin
-            self.fusion.take(Measurement(middle, "", Kind.STEERING, (0, 1), (bend, curvature), (1.0, 1.0)))
+            self.fusion.take(Measurement(middle, "", KIND_STEERING, (0, 1), (bend, curvature), (1.0, 1.0)))
 
 
 def usable(estimate: Estimate) -> bool:
