@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from math import sqrt
+from operator import attrgetter
 from typing import Any, Final
 
 from txt1.estimation.measurement import KIND_GYRO, KIND_POSE, KIND_VELOCITY, Kind, Measurement
@@ -102,41 +103,46 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
     for what in (KIND_POSE, KIND_VELOCITY):
         rows = tuple(row for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted)
         quantities = [QUANTITIES[what][row] for row in rows]
-        usual = [given.get(quantity) or assumed.get(quantity, 0.1) for quantity in quantities]
+        usual = tuple([float(given.get(quantity) or assumed.get(quantity, 0.1)) for quantity in quantities])
         # those that may tell their own standard deviation, by their places
         own = [
-            (place, f"sigma_{quantity}")
+            place
             for place, quantity in enumerate(quantities)
             if quantity not in given and hasattr(kind, f"sigma_{quantity}")
         ]
         if rows:
-            parts.append((what, rows, quantities, usual, own, noise if what is KIND_POSE else None))
+            its = _fields([f"sigma_{quantities[place]}" for place in own]) if own else None
+            parts.append((what, rows, _fields(quantities), usual, own, its, noise if what is KIND_POSE else None))
 
     def moving(reading: Reading[Any]) -> list[Measurement]:
         value, time, made = reading.value, reading.time - delay, []
         mount = value.mount
         at = mount[0] + ahead, mount[1] + left
-        for what, rows, quantities, usual, own, learned in parts:
-            values = tuple([getattr(value, quantity) for quantity in quantities])
-            sigmas = usual
+        for what, rows, told, usual, own, its, learned in parts:
+            values, sigmas = told(value), usual
             if learned is not None:
                 learned.take(reading.time, values if len(values) == 3 else (value.x, value.y, value.theta))
-            if own:
-                sigmas = usual.copy()
-                for place, its in own:
-                    sigma = getattr(value, its) or (learned and learned.sigmas[rows[place]])
-                    if sigma:
-                        sigmas[place] = sigma
+                sigmas = learned.sigmas
+                if len(own) < 3:
+                    sigmas = tuple([sigmas[row] if place in own else usual[place] for place, row in enumerate(rows)])
+            if its is not None and any(mine := its(value)):
+                told_too = dict(zip(own, mine, strict=True))
+                sigmas = tuple([float(told_too.get(place) or sigma) for place, sigma in enumerate(sigmas)])
             if None in values:
                 known = [place for place, each in enumerate(values) if each is not None]
-                values, sigmas = tuple(values[place] for place in known), [sigmas[place] for place in known]
-                rows = tuple(rows[place] for place in known)
+                values, sigmas = tuple([values[place] for place in known]), tuple([sigmas[place] for place in known])
+                rows = tuple([rows[place] for place in known])
             if values:
-                told = tuple(map(float, values))
-                made.append(Measurement(time, name, what, rows, told, tuple(map(float, sigmas)), at))
+                made.append(Measurement(time, name, what, rows, tuple(map(float, values)), sigmas, at))
         return made
 
     return moving
+
+
+def _fields(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
+    """The function that tells these fields of a value; of a single one, too, in a tuple."""
+    get = attrgetter(*names)
+    return get if len(names) > 1 else lambda value: (get(value),)
 
 
 def tells_pose(kind: type, settings: FusedConfig) -> bool:
