@@ -361,7 +361,11 @@ class Fusion:
             return False
         else:
             judge.lag += (now - time - judge.lag) / LAGS
-            wrong = judge.invalid(measurement, rolled)
+            wrong = ""
+            if values == judge.last:
+                wrong = judge.frozen(measurement, rolled)
+            else:
+                judge.same, judge.last = 0, values
         if judge.time is None or time > judge.time:
             judge.time = time
         if wrong:

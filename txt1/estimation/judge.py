@@ -121,10 +121,9 @@ class Judge:
             self.name, self.believed, self.reason, self.used, self.rejected, self.late, self.surprise, self.time
         )
 
-    def invalid(self, measurement: Measurement, speed: float) -> str:
-        """Return the fault of a reading, in words; empty: it has none. `speed` is the wheels' speed, m/s."""
-        self.same = self.same + 1 if measurement.values == self.last else 0
-        self.last = measurement.values
+    def frozen(self, measurement: Measurement, speed: float) -> str:
+        """Note a reading like the last one; return its fault, or "" if it has none. `speed`: the wheels', m/s."""
+        self.same += 1
         if measurement.kind is KIND_ENCODERS:
             # whole counts are often the same, but not for so long
             frozen = self.same >= SAME_COUNTS and any(measurement.values) and self.settings.told
