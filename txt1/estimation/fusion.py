@@ -386,7 +386,8 @@ class Fusion:
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=_KEY)
         entries.insert(place, _Entry(measurement, self._base, time, key))
-        self._settled = min(place, self._settled)
+        if place < self._settled:
+            self._settled = place
 
     def _newest(self) -> tuple[Belief, float]:
         """The belief after all that is taken in, and its time."""
@@ -416,7 +417,7 @@ class Fusion:
             belief = _slipping(belief, dt, 2.0 * FLOOR * variance)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, 0.0, sideways), dt - STEP_MAX
-        return predict(belief, max(dt, 0.0), density, bend, sideways)
+        return predict(belief, dt if dt > 0.0 else 0.0, density, bend, sideways)
 
     def _heard(self) -> float:
         """The time until which readings are taken in: where the most precise sensor of the place has been heard."""
@@ -515,7 +516,7 @@ class Fusion:
             if misses[0] > TRACKS or misses[0] < -TRACKS:
                 after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas, leans=leans)[0]
         elif kind is KIND_ENCODERS:
-            after = self._wheels(belief, after, measurement, residual, h, misses)
+            after = self._wheels(belief, after, measurement.rows, residual, h, sigmas, misses)
         if new:
             entry.new, entry.used = False, judge.believed
             judge.surprised(nis, len(misses))
@@ -535,19 +536,21 @@ class Fusion:
         self,
         belief: Belief,
         after: Belief,
-        measurement: Measurement,
+        rows: Sequence[int],
         residual: Sequence[float],
         h: Sequence[Row],
+        sigmas: Sequence[float],
         misses: Sequence[float],
     ) -> Belief:
         """Return the belief with the wheels' speed and yaw rate, if either misses by more than chance."""
-        wide, sigmas = belief, list(measurement.sigmas[: len(residual)])
-        for place, (row, left, miss) in enumerate(zip(measurement.rows, residual, misses, strict=False)):
+        wide = belief
+        for place, miss in enumerate(misses):
             if not -TRACKS <= miss <= TRACKS:
+                row, left = rows[place], residual[place]
                 wide = ramped(wide, ROLLED if row == 0 else OMEGA, left * left, SLOT)
                 if row == 0 and abs(left) > HOLDS * SLOT:
                     # wheels that lock or spin: the car's speed is anywhere between its last one and theirs
-                    sigmas[place] = abs(left)
+                    sigmas = (abs(left), *sigmas[1:])
         if not self._turning and not self._placed:
             return _considered(wide, residual, h, sigmas)
         return after if wide is belief else update(wide, residual, h, sigmas)[0]

@@ -134,7 +134,7 @@ class Judge:
 
     def surprised(self, nis: float, count: int) -> None:
         """Note a reading's NIS and the count of its numbers."""
-        self.surprise += (min(nis, 100.0 * count) / count - self.surprise) / MEMORY
+        self.surprise += ((nis / count if nis < 100.0 * count else 100.0) - self.surprise) / MEMORY
 
     def leapt(self, measurement: Measurement) -> bool:
         """Note a reading of the pose; return whether no car can have moved so far since the last reading."""
@@ -144,7 +144,9 @@ class Judge:
             return False
         steps = zip(measurement.rows, measurement.values, before, measurement.sigmas, strict=True)
         for row, here, there, sigma in steps:
-            step, reach = (wrap_angle(here - there), TURNS_BY) if row == 2 else (here - there, MOVES_BY)
+            step, reach = here - there, MOVES_BY
+            if row == 2:
+                step, reach = wrap_angle(step), TURNS_BY
             if not abs(step) <= reach * dt + APART * sigma:
                 return True
         return False

@@ -393,6 +393,8 @@ class Estimator:
         if before is None:
             return
         aimed = self._steering_max * max(-1.0, min(1.0, before / STEERING_MAX))
+        if aimed == self._angle:
+            return
         turned = max(-SERVO_RATE * dt, min(SERVO_RATE * dt, aimed - self._angle))
         self._angle += turned
         curvature = tan(self._angle) / self._lever
