@@ -138,14 +138,20 @@ class Calibration:
         self._slips = CHANGED**2
         self._left = self._left_to_doubt()
 
-    def cycle(self, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]) -> None:
-        """Take in a cycle: end and length (s), the wheels' speed and yaw rate (m/s, rad/s), the gyro's readings."""
+    def cycle(self, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]) -> bool:
+        """Take in a cycle: end and length (s), the wheels' speed and yaw rate (m/s, rad/s), the gyro's readings.
+
+        Return whether two positions were compared.
+        """
         self._cycles.append((end, dt, v, omega))
-        if self._waiting and self._waiting[0].time <= end and (not gyro or gyro[-1][0] >= self._waiting[0].time):
-            place = self._waiting.popleft()
-            if self._first is not None:
-                self._compare(self._first, place, gyro)
-            self._first = place
+        waiting = self._waiting
+        if not waiting or waiting[0].time > end or (gyro and gyro[-1][0] < waiting[0].time):
+            return False
+        place, first = waiting.popleft(), self._first
+        if first is not None:
+            self._compare(first, place, gyro)
+        self._first = place
+        return first is not None
 
     def place(self, measurement: Measurement, theta: float) -> None:
         """Take in a position, and the heading that the filter has there, rad."""

@@ -288,11 +288,11 @@ class Estimator:
             self.fusion.cycle(Cycle(self._read, *wheels, gyro, steering), dt)
             self._compare(dt, wheels[1])
             # wheels that are not believed tell nothing of a mount
-            for calibration in self._calibrations.values() if self.fusion.believes(ENCODERS) else ():
-                calibration.cycle(self._read, dt, *wheels, self._gyro)
-                self._gyro_scale = calibration.corrections.scale
-            if self._calibrations:
-                self.fusion.sideways = min([each.sideways for each in self._calibrations.values()], key=_SIGMA)
+            ones = list(self._calibrations.values()) if self.fusion.believes(ENCODERS) else []
+            learned = [each.cycle(self._read, dt, *wheels, self._gyro) for each in ones]
+            if True in learned:
+                self._gyro_scale = ones[-1].corrections.scale
+                self.fusion.sideways = min([each.sideways for each in ones], key=_SIGMA)
         turns.clear()
         self._wheels = None
         if not self.fusion.turning:
