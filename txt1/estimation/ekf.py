@@ -334,28 +334,26 @@ def update(
         miss = (left - said) / sigma
         misses.append(miss)
         nis += miss * miss
-        wx, wy, wt, wu, wo, wb, ws = cx / sigma, cy / sigma, ct / sigma, cu / sigma, co / sigma, cb / sigma, cs / sigma
+        wx, wy, wt = cx / sigma, cy / sigma, ct / sigma
+        wu, wo = cu / sigma, co / sigma
+        wb, ws = cb / sigma, cs / sigma
         if lean is not None:
             lean = _leaning(lean, row, leans, sigma, miss, (wx, wy, wt, wu, wo, wb, ws))
         dx, dy, dt, du = dx + wx * miss, dy + wy * miss, dt + wt * miss, du + wu * miss
         do, db, ds = do + wo * miss, db + wb * miss, ds + ws * miss
-        (
-            xx, xy, xt, xu, xo, xb, xs,
-            yy, yt, yu, yo, yb, ys,
-            tt, tu, to, tb, ts,
-            uu, uo, ub, us,
-            oo, ob, os,
-            bb, bs,
-            ss,
-        ) = (
-            xx - wx * wx, xy - wx * wy, xt - wx * wt, xu - wx * wu, xo - wx * wo, xb - wx * wb, xs - wx * ws,
-            yy - wy * wy, yt - wy * wt, yu - wy * wu, yo - wy * wo, yb - wy * wb, ys - wy * ws,
-            tt - wt * wt, tu - wt * wu, to - wt * wo, tb - wt * wb, ts - wt * ws,
-            uu - wu * wu, uo - wu * wo, ub - wu * wb, us - wu * ws,
-            oo - wo * wo, ob - wo * wb, os - wo * ws,
-            bb - wb * wb, bs - wb * ws,
-            ss - ws * ws,
-        )  # fmt: skip
+        # by twos and threes, as more at once make a tuple
+        xx, xy, xt = xx - wx * wx, xy - wx * wy, xt - wx * wt
+        xu, xo = xu - wx * wu, xo - wx * wo
+        xb, xs = xb - wx * wb, xs - wx * ws
+        yy, yt, yu = yy - wy * wy, yt - wy * wt, yu - wy * wu
+        yo, yb, ys = yo - wy * wo, yb - wy * wb, ys - wy * ws
+        tt, tu, to = tt - wt * wt, tu - wt * wu, to - wt * wo
+        tb, ts = tb - wt * wb, ts - wt * ws
+        uu, uo = uu - wu * wu, uo - wu * wo
+        ub, us = ub - wu * wb, us - wu * ws
+        oo, ob, os = oo - wo * wo, ob - wo * wb, os - wo * ws
+        bb, bs = bb - wb * wb, bs - wb * ws
+        ss = ss - ws * ws
     # also when it is not a number
     if not nis <= gate:
         return belief, nis, misses
