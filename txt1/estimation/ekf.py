@@ -294,7 +294,8 @@ def update(
     # the mean's change
     dx = dy = dt = du = do = db = ds = nis = 0.0
     misses = []
-    for left, row, noise in zip(residual, h, sigmas, strict=True):
+    for place, row in enumerate(h):
+        left, noise = residual[place], sigmas[place]
         # c = P h, its spread h c, and the part of what is left that the mean's change says already
         if row is GYRO:
             cx, cy, ct, cu, co, cb, cs = xo + xb, yo + yb, to + tb, uo + ub, oo + ob, ob + bb, os + bs

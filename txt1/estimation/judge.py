@@ -142,10 +142,10 @@ class Judge:
         self.own, self.own_at = measurement.values, measurement.time
         if len(before) != len(measurement.values):
             return False
-        steps = zip(measurement.rows, measurement.values, before, measurement.sigmas, strict=True)
-        for row, here, there, sigma in steps:
-            step, reach = here - there, MOVES_BY
-            if row == 2:
+        _, _, _, rows, values, sigmas, _ = measurement
+        for place, there in enumerate(before):
+            step, reach, sigma = values[place] - there, MOVES_BY, sigmas[place]
+            if rows[place] == 2:
                 step, reach = wrap_angle(step), TURNS_BY
             if not abs(step) <= reach * dt + APART * sigma:
                 return True

@@ -61,6 +61,8 @@ SKID_SHARE: Final = 0.3
 SIGMA_GYRO: Final = 0.006
 # by which it reads too much: a data sheet has +-3 % (MPU-6050)
 GYRO_SCALE: Final = 0.03 / sqrt(3.0)
+ROOT_2: Final = sqrt(2.0)
+ROOT_6: Final = sqrt(6.0)
 # readings
 GYRO_KEPT: Final = 1000
 # s, the longest between two of its readings that are integrated
@@ -360,8 +362,8 @@ class Estimator:
             known = self._steering is not None
             v, omega = centred(v, omega, self._wheelbase, 0.5 * (before + self._angle) if known else None)
             # a count more or less at both ends of the time: a difference of two uniform errors
-            count, track_width = self._count_length / dt / sqrt(6.0), self._geometry.track_width
-            own = hypot(count / sqrt(2.0), SPEED_MODEL), hypot(count * sqrt(2.0) / track_width, YAW_MODEL)
+            count, track_width = self._count_length / dt / ROOT_6, self._geometry.track_width
+            own = hypot(count / ROOT_2, SPEED_MODEL), hypot(count * ROOT_2 / track_width, YAW_MODEL)
         else:
             # no encoders: speed and yaw rate are what was asked for
             own = BLIND_SPEED + BLIND_SHARE * abs(v), BLIND_YAW + BLIND_SHARE * abs(omega)
