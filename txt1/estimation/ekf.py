@@ -19,6 +19,7 @@ The products are written out, as an array costs more than the numbers in it: a s
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from math import asin, cos, inf, sin, sqrt
 from operator import mul
 from typing import Final, NamedTuple
@@ -97,8 +98,14 @@ def upright(belief: Belief, value: float, variance: float) -> Belief:
     """The belief that leans no more: the parameter has this value, and is uncertain by this variance about it."""
     if belief.lean is None:
         return belief
-    by = np.array(belief.lean.by)
-    return belief_of(np.array(belief.mean) - value * by, belief.covariance + variance * np.outer(by, by))
+    x, y, theta, rolled, omega, bias, slip = belief.mean
+    bx, by, bt, bu, bo, bb, bs = belief.lean.by
+    mean = (
+        x - value * bx, y - value * by, theta - value * bt, rolled - value * bu,
+        omega - value * bo, bias - value * bb, slip - value * bs,
+    )  # fmt: skip
+    pairs = zip(belief.triangle, combinations_with_replacement(belief.lean.by, 2), strict=True)
+    return Belief(mean, tuple([each + variance * (a * b) for each, (a, b) in pairs]))
 
 
 @dataclass(frozen=True, slots=True)
