@@ -27,6 +27,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.units import new
+
 Array = NDArray[np.float64]
 Seven = tuple[float, float, float, float, float, float, float]
 Triangle = tuple[float, ...]
@@ -238,10 +240,10 @@ def predict(
     lean = belief.lean
     if lean is not None:
         (lx, ly, lt, lu, lo, lb, ls), known, told = lean
-        lean = Lean((
+        lean = new(Lean, ((
             lx + f_xt * lt + f_xu * lu + f_xo * lo + f_xs * ls, ly + f_yt * lt + f_yu * lu + f_yo * lo + f_ys * ls,
             lt + f_to * lo, lu, lo, lb, ls,
-        ), known, told)  # fmt: skip
+        ), known, told))  # fmt: skip
     # P' = M F^T + Q dt
     return Belief(
         (x + v * c, y + v * s, theta + omega * dt, rolled, omega + v * bend, bias, slip),
@@ -390,10 +392,10 @@ def _leaning(lean: Lean, row: Row, leans: float, sigma: float, miss: float, w: S
     moved = (leans - expected) / sigma
     x, y, theta, rolled, omega, bias, slip = by
     wx, wy, wt, wu, wo, wb, ws = w
-    return Lean((
+    return new(Lean, ((
         x + wx * moved, y + wy * moved, theta + wt * moved, rolled + wu * moved,
         omega + wo * moved, bias + wb * moved, slip + ws * moved,
-    ), lean.known + tells * moved * moved, lean.told + tells * moved * miss)  # fmt: skip
+    ), lean.known + tells * moved * moved, lean.told + tells * moved * miss))  # fmt: skip
 
 
 def encoders(mean: Seven) -> tuple[tuple[float, float], tuple[Row, Row]]:

@@ -28,6 +28,7 @@ import numpy as np
 
 from txt1.estimation.ekf import Array, Belief
 from txt1.estimation.measurement import Measurement
+from txt1.units import new
 
 # s: a precise sensor tells soon, a GPS of 1 m later
 WINDOWS: Final[tuple[float, ...]] = (0.8, 1.6, 3.2)
@@ -111,10 +112,10 @@ class Reckoning:
         course = theta - sideways * abs(v) * omega
         ahead, aside = dt * cos(course), dt * sin(course)
         spots.append(
-            Spot(
+            new(Spot, (
                 time, before.x + v * ahead, before.y + v * aside, theta + 0.5 * omega * dt,
                 before.usual_x + usual * ahead, before.usual_y + usual * aside, v,
-            )
+            ))
         )  # fmt: skip
         while time - spots[0].time > KEPT:
             spots.popleft()

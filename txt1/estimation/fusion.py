@@ -67,6 +67,7 @@ from txt1.estimation.trust import Trust
 from txt1.estimation.vote import Cycle, Vote
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
+from txt1.units import new
 
 # m and rad, standard deviations of the pose that it counts from: next to nothing, yet positive
 BEGUN: Final = 1e-4
@@ -842,7 +843,7 @@ class Fusion:
             xx, xy, yy, tt = xx + more[0], xy + more[1], yy + more[2], tt + more[3]
         way_x, way_y = self._way_doubt
         v, told = outside(belief, (xx + way_x * way_x, xy + way_x * way_y, yy + way_y * way_y, tt))
-        return Estimate(x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located)
+        return new(Estimate, (x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located))
 
 
 def _considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float]) -> Belief:
@@ -915,11 +916,12 @@ def _averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:
     time += share * (more.time - time)
     if kind is KIND_GYRO:
         (one,), (two,), (sigma,) = values, more.values, sigmas
-        return Measurement(time, sensor, kind, rows, (one + share * (two - one),), (less * sigma,), at)
+        return new(Measurement, (time, sensor, kind, rows, (one + share * (two - one),), (less * sigma,), at))
     if rows == (0, 1, 2):
         (x, y, theta), (x_too, y_too, theta_too), (sigma_x, sigma_y, sigma_theta) = values, more.values, sigmas
         pose = x + share * (x_too - x), y + share * (y_too - y), theta + share * wrap_angle(theta_too - theta)
-        return Measurement(time, sensor, kind, rows, pose, (less * sigma_x, less * sigma_y, less * sigma_theta), at)
+        wide = less * sigma_x, less * sigma_y, less * sigma_theta
+        return new(Measurement, (time, sensor, kind, rows, pose, wide, at))
     means = [one + share * (two - one) for one, two in zip(values, more.values, strict=True)]
     if rows[-1] == THETA:
         means[-1] = values[-1] + share * wrap_angle(more.values[-1] - values[-1])

@@ -10,6 +10,7 @@ from txt1.estimation.settings import FusedConfig, Quantity
 from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import FixReading, ImuReading, TrackerReading
+from txt1.units import new
 
 QUANTITIES: Final[dict[Kind, tuple[Quantity, ...]]] = {
     KIND_POSE: ("x", "y", "theta"),
@@ -94,7 +95,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
 
         def gyro(reading: Reading[Any]) -> list[Measurement]:
             turning = float(reading.value.rates[2]) / factor
-            return [Measurement(reading.time - delay, name, KIND_GYRO, (0,), (turning,), (rate,))]
+            return [new(Measurement, (reading.time - delay, name, KIND_GYRO, (0,), (turning,), (rate,), (0.0, 0.0)))]
 
         return gyro if "omega" in wanted else lambda reading: []
 
@@ -133,7 +134,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
                 values, sigmas = tuple([values[place] for place in known]), tuple([sigmas[place] for place in known])
                 rows = tuple([rows[place] for place in known])
             if values:
-                made.append(Measurement(time, name, what, rows, tuple(map(float, values)), sigmas, at))
+                made.append(new(Measurement, (time, name, what, rows, tuple(map(float, values)), sigmas, at)))
         return made
 
     return moving

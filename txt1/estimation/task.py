@@ -26,6 +26,7 @@ from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import ImuReading
 from txt1.telemetry.topics import Rule, Topic, declare
+from txt1.units import new
 
 ESTIMATION_PERIOD: Final = 0.02  # s
 # cycles from one vote on the sensors to the next
@@ -287,7 +288,7 @@ class Estimator:
             gyro = sum(turns) / len(turns) - bias if turns else None
             steered = self._steering is not None and self._geometry.steering != "skid"
             steering = wheels[0] * self._curvature if steered else None
-            self.fusion.cycle(Cycle(self._read, *wheels, gyro, steering), dt)
+            self.fusion.cycle(new(Cycle, (self._read, *wheels, gyro, steering)), dt)
             self._compare(dt, wheels[1])
             # wheels that are not believed tell nothing of a mount
             ones = list(self._calibrations.values()) if self.fusion.believes(ENCODERS) else []
@@ -317,7 +318,7 @@ class Estimator:
         elif turning.still is not still:
             self._compared.append(turning)
             turning = Turning(begin, begin, 0.0, still)
-        turning = Turning(turning.begin, self._read, turning.angle + omega * dt, turning.still)
+        turning = new(Turning, (turning.begin, self._read, turning.angle + omega * dt, turning.still))
         if turning.end - turning.begin >= TURN_TIME:
             self._compared.append(turning)
             turning = Turning(self._read, self._read, 0.0, still)
@@ -375,7 +376,8 @@ class Estimator:
         if settings.fields is not None:
             rows = tuple(row for row, name in enumerate(("v", "omega")) if name in settings.fields)
             values, sigmas = tuple(values[row] for row in rows), tuple(sigmas[row] for row in rows)
-        self._give(Measurement(middle - settings.delay, ENCODERS, KIND_ENCODERS, rows, values, sigmas))
+        given = middle - settings.delay, ENCODERS, KIND_ENCODERS, rows, values, sigmas, (0.0, 0.0)
+        self._give(new(Measurement, given))
         spun, news = self._spinning.doubt(v, dt) if self._counts else (0.0, "")
         if news:
             self.fusion.changes.append(news)
