@@ -761,7 +761,7 @@ class Fusion:
         expected: Sequence[float]
         h: Sequence[Row]
         if kind is KIND_ENCODERS:
-            # how far they turn is told by `Kind.TURN`
+            # how far they turn is told by `KIND_TURN`
             if self._turning and rows == (0, 1):
                 return (values[0] - mean[ROLLED],), (ROLLED,)
             expected, h = encoders(mean)
