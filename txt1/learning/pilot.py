@@ -731,6 +731,9 @@ class PilotAgent(PeriodicAgent):
                 # what is seen on the way may make it longer
                 self._arrival += 1.5 * max(0.0, found.time - self._round.time + 1.0)
             a, self.plan, self._round = found.a if found.m else found.e, found.time, found
+            if self.lost:
+                # its light may be elsewhere at the next decision, and the way round on the other side
+                a = self._cautious(a, near)
         else:
             self._round = None
         if self._arrival == inf:

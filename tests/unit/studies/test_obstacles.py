@@ -76,6 +76,14 @@ def test_the_pilot_touches_nothing_where_it_does_without_a_laser(tmp_path: Path)
     assert "0 contacts in 36 episodes" in file.with_suffix(".md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long  # compiled
+def test_a_pilot_that_is_lost_before_a_box_keeps_clear_of_it() -> None:
+    # it saw the light now on one side of the box, now on the other, and drove between these ways
+    told = obstacles.run_told([Config().model_dump(mode="json"), 11763359, 114, 1])
+    ((_, _, touched, *_),) = told["pilot"]
+    assert not touched
+
+
 @pytest.mark.long  # a search for it
 def test_a_floor_leaves_the_laser_out_with_the_obstacles() -> None:
     least = suite.floors(obstacles.drawn(load().config, 5, 1), 2)
