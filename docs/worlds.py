@@ -21,7 +21,7 @@ HERE: Final = Path(__file__).parent
 WORLDS: Final = HERE.parent / "config" / "worlds"
 EVERY, THESIS = HERE.parent / "out" / "pilot-worlds", HERE.parent / "out" / "pilot-thesis"
 PAGE: Final = HERE / "results" / "learning.md"
-SEED: Final = "7021"  # not looked at before: what the pilot is was settled on seeds 77 and 20261122
+SEED: Final = "11763359"  # drawn after the pilot was finished
 NEAR: Final = 1.05  # times its floor, within which it is to be
 SHOWN: Final = 4  # worlds that are named as the farthest from their floors
 
@@ -114,7 +114,7 @@ def changes(results: Sequence[dict[str, Any]]) -> str:
 def main() -> None:
     """Have the pilot learn, and write the page."""
     parser = argparse.ArgumentParser(prog="docs.worlds", description=__doc__)
-    parser.add_argument("--trials", default="10", metavar="N", help="in each world; 10")
+    parser.add_argument("--trials", default="4", metavar="N", help="in each world; 4")
     parser.add_argument("--thesis", default="1000", metavar="N", help="in the thesis's world; 1000")
     parser.add_argument("--report", action="store_true", help="only write the page, from the results that are there")
     given = parser.parse_args()
