@@ -140,7 +140,7 @@ HEIGHTS: Final = 0.1
 SHARED: Final = 5
 # samples that give the same largest reading, after which a sensor's range ends there
 REPEATED: Final = 10
-# of a distance at which the goal should have been, how near to the light it is then looked for
+# share of the light's distance at which the goal is looked for, when it should have been there
 NEARER: Final = 0.9
 # m, rad, log lux and sums of them: no number that it keeps is larger
 LARGEST: Final = 1e6

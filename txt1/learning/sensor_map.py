@@ -35,6 +35,19 @@ ROUNDS: Final = 4
 
 
 @compiled
+def _seen_turned(belief: Belief, c: float, s: float) -> Belief:
+    """A belief in a frame that has turned by an angle of this cosine and sine."""
+    x, y, xx, yy, xy = belief
+    return (
+        c * x + s * y,
+        c * y - s * x,
+        c * c * xx + s * s * yy + 2.0 * c * s * xy,
+        c * c * yy + s * s * xx - 2.0 * c * s * xy,
+        c * s * (yy - xx) + (c * c - s * s) * xy,
+    )
+
+
+@compiled
 def moved(belief: Belief, distance: float, turn: float, slip: float, wander: float) -> Belief:
     """Move the light in the robot's frame after the robot's motion, by odometry with an error of the share `slip`.
 
@@ -46,14 +59,8 @@ def moved(belief: Belief, distance: float, turn: float, slip: float, wander: flo
     xx += slip * slip * (distance * distance + turn * turn * y * y) + wander * wander
     yy += slip * slip * turn * turn * x * x + wander * wander
     xy -= slip * slip * turn * turn * x * y
-    x, y = c * x + s * y, c * y - s * x
-    return (
-        x,
-        y,
-        c * c * xx + s * s * yy + 2.0 * c * s * xy,
-        c * c * yy + s * s * xx - 2.0 * c * s * xy,
-        c * s * (yy - xx) + (c * c - s * s) * xy,
-    )
+    there: Belief = _seen_turned((x, y, xx, yy, xy), c, s)
+    return there
 
 
 @compiled
@@ -102,12 +109,8 @@ def corrected(belief: Belief, survey: Array, z: Array, noise: Array, common: flo
         # along the arc around the robot, and the belief with it; straight on, its own distance would count as a bearing
         across, onward = short * (x * step_y - y * step_x) / far / far, short * (x * step_x + y * step_y) / far
         c, s, longer = cos(across), sin(across), 1.0 + onward / far
-        x, y = longer * (c * x - s * y), longer * (s * x + c * y)
-        xx, yy, xy = (
-            c * c * xx + s * s * yy - 2.0 * c * s * xy,
-            c * c * yy + s * s * xx + 2.0 * c * s * xy,
-            c * s * (xx - yy) + (c * c - s * s) * xy,
-        )
+        x, y, xx, yy, xy = _seen_turned((x, y, xx, yy, xy), c, -s)
+        x, y = longer * x, longer * y
         xa, ya = c * xa - s * ya, s * xa + c * ya
     return (x, y, xx, yy, xy), total, count
 
