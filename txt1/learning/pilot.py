@@ -32,7 +32,8 @@ What it finds out of its sensors and of the light:
 
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
-first and when it is late it tries each action before that.
+first and when it is late it tries each action before that. A survey that led to the goal before is taken again, where
+it fits the latest readings as well as the new one (`_knows`).
 
 Where a laser has seen something near, the plan is "a for m decisions, b for n, then e", and costs more where the body
 comes near to what was seen (`clearance`). While it is lost it takes only actions after which it can still keep clear.
@@ -152,7 +153,8 @@ SECOND: Final = 10
 FADED: Final = 0.05
 # surveys in an episode after which even a light that moves does not explain why nothing fits
 REFITS: Final = 2
-# episodes after which a survey that led to the goal is not forgotten for being late, if the light moves
+# episodes after which a survey that led to the goal is taken again where it fits, and is not forgotten for being late
+# if the light moves
 KNOWN: Final = 3
 # episodes at whose start it says so after the first that took far too long
 DOUBTS: Final = 5
@@ -267,6 +269,8 @@ class PilotAgent(PeriodicAgent):
         # the part that its model does not fit, once reported in this episode
         self.unfit = LONG if self._doubts else MOVES if self.moves else ""
         self._began_lost = self.lost
+        # the survey by which the last episodes ended well
+        self._known = self.survey.copy() if self._goals >= KNOWN and not self.lost else None
         # of the last decisions: the state before, the actions, and their results
         self._course: list[Any] = []
         # whether it has surveyed again in this episode because it was late
@@ -574,14 +578,35 @@ class PilotAgent(PeriodicAgent):
         survey, lights, cost, doubt = self._searched(as_seen)
         if not isfinite(cost):
             return
-        self.survey = survey
         squares = self._misses(survey, as_seen, lights[0])
+        if self._knows(as_seen, squares):
+            return
+        self.survey = survey
         if np.nansum(squares) <= self.settings.doubt * np.isfinite(squares).sum():
             self._follow(rows, lights[0], doubt)
             return
         self._think_again([rows])
         light, doubt = self._survey_on([rows])
         self._follow(rows, light, doubt)
+
+    def _knows(self, rows: Array, squares: Array) -> bool:
+        """Take the survey of before again, and return True, if it fits the latest rows as well as the new one.
+
+        `squares` are the new one's squared misfits. Its numbers were chosen by these rows, so it must fit better by
+        twice their number to be preferred (H. Akaike, A New Look at the Statistical Model Identification, 1974).
+        """
+        latest = self.settings.judged // 2
+        if self._known is None or len(rows) < latest:
+            return False
+        light, square = seen_along(self._known, rows[-latest:], self.settings.slip, *self._unsteady())
+        readings = int(np.isfinite(rows[-latest:, 2 + SENSORS :]).sum())
+        limit = min(chi_square(readings, self.settings.alarm), np.nansum(squares[-latest:]) + 2.0 * NUMBERS)
+        if not square * readings <= limit:
+            return False
+        self.survey, self.lost, self.misfit = self._known.copy(), False, 1.0
+        self._lights_then = [(light, 0.0)]
+        self._carry_on()
+        return True
 
     def _searched(self, rows: Array) -> tuple[Array, Array, float, Array]:
         """Survey an episode, starting from several guesses at the light's place; see `surveyed`."""
