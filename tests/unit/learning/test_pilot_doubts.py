@@ -11,8 +11,10 @@ import pytest
 from studies.learners import lockstep
 from txt1.config import load
 from txt1.learning.agents import make
-from txt1.learning.pilot import chi_square, create
+from txt1.learning.pilot import PilotAgent, chi_square, create
 from txt1.learning.trial import Trial
+from txt1.model.light_sensors import Readings
+from txt1.model.odometry import Odometry
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
 SWAPPED = (
@@ -86,3 +88,32 @@ def test_a_goal_that_is_nearer_to_the_light_than_it_thought_is_found_soon() -> N
 
     (pupil,) = lockstep.trials(config, lambda rng: make("pilot", config, rng), [1], 12, 24)
     assert taught(1.4) < 1.2 * taught(1.0)
+
+
+@pytest.mark.long
+def test_after_readings_that_fit_nothing_it_goes_by_what_led_to_the_goal_before() -> None:
+    class Dazed(PilotAgent):
+        """A taught pilot whose sensors show noise after a second of each episode, until it is lost."""
+
+        def __init__(self, rng: np.random.Generator) -> None:
+            super().__init__(rng)
+            self.recall(taught)
+            self.seen, self.was_lost = 0, False
+
+        def see(self, readings: Readings, odometry: Odometry) -> None:
+            self.seen += 1
+            self.was_lost = self.was_lost or self.lost
+            if self.seen > 60 and not self.was_lost:
+                readings = Readings(*np.exp(self._rng.uniform(2.0, 7.0, 4)))
+            super().see(readings, odometry)
+
+        def end(self, success: bool, odometry: Odometry) -> None:
+            if self.was_lost:
+                ends.append(not self.lost)
+            super().end(success, odometry)
+
+    config = lockstep.asked_alike(load(WORLDS / "thesis.yaml").config)
+    (pupil,) = lockstep.trials(config, lambda rng: make("pilot", config, rng), [1], 12, 24)
+    taught, ends = pupil.agent.memory(), list[bool]()
+    lockstep.trials(config, Dazed, range(1, 25), 1, 24)
+    assert len(ends) >= 20 and sum(ends) >= 0.75 * len(ends)
