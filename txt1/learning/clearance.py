@@ -183,10 +183,11 @@ def clear_along(
     grid: Array,
     body: tuple[float, float, float],
     least: float,
+    stop: float = NEAREST,
 ) -> tuple[tuple[float, float, float, float, float], float]:
     """Drive an action for some decisions; the pose, distance and curvature at the end, and the least room on the way.
 
-    Nothing is driven on after a contact.
+    Nothing is driven on once there is less room than `stop`, m.
     """
     x, y, heading, distance, curvature = pose
     for _ in range(steps):
@@ -196,7 +197,7 @@ def clear_along(
         x, y = x + distance * cos(heading + 0.5 * turn), y + distance * sin(heading + 0.5 * turn)
         heading += turn
         least = min(least, room(grid, body, x, y, heading))
-        if least < NEAREST:
+        if least < stop:
             break
     return (x, y, heading, distance, curvature), least
 
@@ -373,9 +374,9 @@ def clearest(
     best, most = wanted, -inf
     for offset in range(actions):
         a = (wanted + offset) % actions
-        first, low_a = clear_along(pose, a, 2, k, c, scale, grid, body, inf)
+        first, low_a = clear_along(pose, a, 2, k, c, scale, grid, body, inf, 0.0)
         for b in range(actions):
-            _, low = clear_along(first, b, circle, k, c, scale, grid, body, low_a)
+            _, low = clear_along(first, b, circle, k, c, scale, grid, body, low_a, 0.0)
             if offset == 0 and low >= MARGIN:
                 return wanted
             if min(low, MARGIN) > most:

@@ -110,6 +110,25 @@ def test_without_a_light_an_action_that_leads_into_a_post_is_not_taken() -> None
     assert least > 0.04
 
 
+def test_where_every_way_is_narrow_it_takes_the_widest() -> None:
+    begin = (0.0, 0.0, 0.0, STEP, 0.0)
+
+    def widest(action: int, grid: Array) -> float:
+        """The least room on the best way that begins with an action, m; below 0: it touches."""
+        there, low = clear_along(begin, action, 2, K, C, 1.0, grid, BODY, np.inf, 0.0)
+        return max(float(clear_along(there, b, 100, K, C, 1.0, grid, BODY, low, 0.0)[1]) for b in range(3))
+
+    narrow = 0
+    for x, y in ((x, y) for x in np.arange(0.6, 0.8, 0.02) for y in np.arange(-0.3, 0.3, 0.02)):
+        grid = distances(post(x, y))
+        ways = [widest(action, grid) for action in range(3)]
+        if 0.0 < max(ways) < 0.04:
+            narrow += 1
+            for wanted in range(3):
+                assert ways[clearest(wanted, STEP, 0.0, NONE, K, C, 1.0, grid, BODY)] == max(ways)
+    assert narrow >= 3
+
+
 def test_what_was_seen_stays_where_it_is_while_the_robot_turns_and_drives() -> None:
     seen = SeenPoints()
     seen.add(np.array([[1.0, 0.5]]), (0.0, 0.0, 0.0), hide=False)
