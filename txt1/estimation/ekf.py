@@ -244,16 +244,19 @@ def predict(
             lx + f_xt * lt + f_xu * lu + f_xo * lo + f_xs * ls, ly + f_yt * lt + f_yu * lu + f_yo * lo + f_ys * ls,
             lt + f_to * lo, lu, lo, lb, ls,
         ), known, told))  # fmt: skip
+    # the speed has changed evenly, so it has moved the car by half of that over dt, as in `ramped`: BLK 6.3.2
+    shared = 0.5 * qu * dt
+    q_xu, q_yu = shared * f_xu, shared * f_yu
     # P' = M F^T + Q dt
     return Belief(
         (x + v * c, y + v * s, theta + omega * dt, rolled, omega + v * bend, bias, slip),
         (
-            m_xx + m_xt * f_xt + m_xu * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt + across * s * s,
-            m_xy + m_xt * f_yt + m_xu * f_yu + m_xo * f_yo + m_xs * f_ys - across * s * c,
-            m_xt + m_xo * f_to, m_xu, m_xo, m_xb, m_xs,
+            m_xx + m_xt * f_xt + (m_xu + 0.5 * q_xu) * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt + across * s * s,
+            m_xy + m_xt * f_yt + (m_xu + 0.5 * q_xu) * f_yu + m_xo * f_yo + m_xs * f_ys - across * s * c,
+            m_xt + m_xo * f_to, m_xu + q_xu, m_xo, m_xb, m_xs,
 
-            m_yy + m_yt * f_yt + m_yu * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt + across * c * c,
-            m_yt + m_yo * f_to, m_yu, m_yo, m_yb, m_ys,
+            m_yy + m_yt * f_yt + (m_yu + 0.5 * q_yu) * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt + across * c * c,
+            m_yt + m_yo * f_to, m_yu + q_yu, m_yo, m_yb, m_ys,
 
             m_tt + m_to * f_to + qt * dt, m_tu, m_to, m_tb, m_ts,
 

@@ -44,6 +44,15 @@ def covariance(rng: np.random.Generator, size: int) -> Array:
     return root @ root.T + 0.1 * np.eye(size)
 
 
+def noise(density: Sequence[float], dt: float, f: Array) -> Array:
+    """Q of random walks, where the speed's change moves the pose by half of what it would over all of dt."""
+    moved = 0.5 * f[:, ROLLED]
+    moved[ROLLED] = 1.0
+    q = np.diag(density) * dt
+    q[ROLLED, ROLLED] = 0.0
+    return q + density[ROLLED] * dt * np.outer(moved, moved)
+
+
 def test_straight_ahead_it_is_the_kalman_filter_of_another_library_to_1e_9() -> None:
     # heading and yaw rate known and 0: x and v are linear, a car that drives straight on
     rng = np.random.default_rng(1)
@@ -55,9 +64,9 @@ def test_straight_ahead_it_is_the_kalman_filter_of_another_library_to_1e_9() -> 
     from filterpy.kalman import KalmanFilter  # brings all of SciPy
 
     other = KalmanFilter(dim_x=SIZE, dim_z=2)
-    other.x, other.P, other.Q = np.array(ours.mean), initial.copy(), np.diag(density) * 0.02
-    other.F = IDENTITY.copy()
+    other.x, other.P, other.F = np.array(ours.mean), initial.copy(), IDENTITY.copy()
     other.F[X, ROLLED] = 0.02
+    other.Q = noise(density, 0.02, other.F)
     sigmas = 0.6, 1.1
     other.H, other.R = IDENTITY[list(POSE[:2])], np.diag(sigmas) ** 2
     # with v and heading 0 uncertain by nothing, y does not depend on the speed
@@ -82,8 +91,9 @@ def test_in_curves_it_is_the_extended_kalman_filter_of_another_library() -> None
     for _ in range(200):
         before = ours
         ours = predict(before, 0.02, DENSITY)
-        other.x, other.P, other.Q = np.array(before.mean), before.covariance, np.diag(DENSITY) * 0.02
+        other.x, other.P = np.array(before.mean), before.covariance
         other.F = numeric(lambda at: predict(belief_of(at, IDENTITY), 0.02, DENSITY).mean, np.array(before.mean))
+        other.Q = noise(DENSITY, 0.02, other.F)
         other.predict()
         assert ours.covariance == pytest.approx(other.P, rel=5e-4, abs=1e-6)  # differences, not derivatives
         other.x, other.P = np.array(ours.mean), ours.covariance
@@ -95,6 +105,12 @@ def test_in_curves_it_is_the_extended_kalman_filter_of_another_library() -> None
         assert ours.mean == pytest.approx(other.x, abs=1e-9)
         assert ours.covariance == pytest.approx(other.P, abs=1e-9)
         assert nis == pytest.approx(other.mahalanobis**2, abs=1e-9)
+
+
+def test_a_car_whose_wheels_tell_another_speed_has_gained_it_on_its_way() -> None:
+    known = belief_of([0.0] * SIZE, np.zeros((SIZE, SIZE)))
+    gained, _, _ = update(predict(known, 0.02, DENSITY), (0.03,), (ROLLED,), (1e-4,))
+    assert gained.mean[X] == pytest.approx(0.5 * 0.03 * 0.02, rel=0.01)
 
 
 @pytest.mark.parametrize("v", [1.2, -1.2])
