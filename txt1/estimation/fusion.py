@@ -834,10 +834,9 @@ class Fusion:
             if frame.probability and self._judges[name].believed:
                 others.append((frame.probability, (*frame.pulled, 0.0)))
         for chance, (dx, dy, turn) in others:
-            # of two hypotheses: the pose, and where a sensor or dead reckoning would have it
-            share = chance * (1.0 - chance)
-            xx, xy = xx + share * dx * dx, xy + share * dx * dy
-            yy, tt = yy + share * dy * dy, tt + share * turn * turn
+            # the second moment about the pose of one hypothesis, where the other one is as likely as `chance`
+            xx, xy = xx + chance * dx * dx, xy + chance * dx * dy
+            yy, tt = yy + chance * dy * dy, tt + chance * turn * turn
         if self.doubt is not None:
             more = self.doubt(belief.mean)
             xx, xy, yy, tt = xx + more[0], xy + more[1], yy + more[2], tt + more[3]
