@@ -280,10 +280,7 @@ class Fusion:
         for measurement, _ in groups.values():
             self._insert(measurement)
         self._arrived.clear()
-        self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
-        self._placed = not believed.isdisjoint(self._frames)
-        self._turning = not believed.isdisjoint(self._gyros)
-        self._rolling = not believed.isdisjoint(self._wheels_of)
+        self._note_believed()
         self._apply(self._heard())
         self._forget(now - HORIZON)
         for judge in self._judges.values():
@@ -293,6 +290,12 @@ class Fusion:
         if not self._placed:
             self.doubt_speed(_bent(estimate.covariance[12]) * estimate.v, since)
         return estimate
+
+    def _note_believed(self) -> None:
+        self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
+        self._placed = not believed.isdisjoint(self._frames)
+        self._turning = not believed.isdisjoint(self._gyros)
+        self._rolling = not believed.isdisjoint(self._wheels_of)
 
     @property
     def turning(self) -> bool:
@@ -326,6 +329,7 @@ class Fusion:
                 if off and judge.believed:
                     self._tell(judge.doubt(reason))
                     self._take_out(name)
+                    self._note_believed()
                     self._apply(self._heard())
                 elif not off and not judge.believed and judge.reason == reason and judge.fits(self._now):
                     self._tell(judge.restore())

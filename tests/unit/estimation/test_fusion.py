@@ -323,6 +323,22 @@ def test_a_second_sensor_of_the_place_in_a_frame_of_its_own_is_left_out_and_told
     assert sum("another frame" in each for each in drive.fusion.changes) == 1
 
 
+def test_when_a_gyro_is_outvoted_the_wheels_have_turned_the_car_in_the_last_half_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drive = Drive(("imu", "encoders"))
+    drive.go(5.0)
+    before = drive.estimate.theta
+    # a gyro that tells the old curve, while the car has steered to the other side
+    drive.go(0.4, lambda m: m._replace(values=(V, -1.0)) if m.sensor == "encoders" else m)
+    assert wrap_angle(drive.estimate.theta - before) > 0.0
+    monkeypatch.setattr(drive.fusion.vote, "outvoted", lambda: (True, False))
+    drive.fusion.judge_by_vote()
+    assert drive.trust("imu") == (False, "is contradicted by two others")
+    drive.estimate = drive.fusion.step(drive.cycle * 0.02)
+    assert wrap_angle(drive.estimate.theta - before) == pytest.approx(-0.4, abs=0.05)
+
+
 def test_without_encoders_the_steering_tells_nothing_of_the_speed() -> None:
     drive = Drive()
     drive.go(5.0)
