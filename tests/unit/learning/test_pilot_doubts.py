@@ -39,10 +39,10 @@ def test_the_quantile_is_that_of_the_tables(count: int, alarm: float, tabled: fl
 def test_in_its_own_world_it_says_so_in_few_of_800_episodes_and_these_are_mostly_slow() -> None:
     episodes = [one for trial in done(200, 4, 12) for one in trial.episodes]
     # after a slow one it says so at the starts of five
-    said = [one.time for one in episodes if one.unfit]
+    said = [one.time > 1.5 * one.optimal_time for one in episodes if one.unfit]
     again = [one for one in episodes if one.unfit == 0.0]
     assert len(said) <= 10 and len(again) <= 15
-    assert np.median(said) > 1.5 * np.median([one.time for one in episodes])
+    assert sum(said) > 0.5 * len(said)
 
 
 @pytest.mark.long
