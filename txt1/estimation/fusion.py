@@ -292,6 +292,7 @@ class Fusion:
         return estimate
 
     def _note_believed(self) -> None:
+        """Note which sensors are believed now, for the steps that are computed next."""
         self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
         self._placed = not believed.isdisjoint(self._frames)
         self._turning = not believed.isdisjoint(self._gyros)

@@ -33,7 +33,7 @@ What it finds out of its sensors and of the light:
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
 first and when it is late it tries each action before that. A survey that led to the goal before is taken again, where
-it fits the latest readings as well as the new one (`_knows`).
+it fits the latest readings as well as the new one (`_taken_again`).
 
 Where a laser has seen something near, the plan is "a for m decisions, b for n, then e", and costs more where the body
 comes near to what was seen (`clearance`). While it is lost it takes only actions after which it can still keep clear.
@@ -579,7 +579,7 @@ class PilotAgent(PeriodicAgent):
         if not isfinite(cost):
             return
         squares = self._misses(survey, as_seen, lights[0])
-        if self._knows(as_seen, squares):
+        if self._taken_again(as_seen, squares):
             return
         self.survey = survey
         if np.nansum(squares) <= self.settings.doubt * np.isfinite(squares).sum():
@@ -589,8 +589,8 @@ class PilotAgent(PeriodicAgent):
         light, doubt = self._survey_on([rows])
         self._follow(rows, light, doubt)
 
-    def _knows(self, rows: Array, squares: Array) -> bool:
-        """Take the survey of before again, and return True, if it fits the latest rows as well as the new one.
+    def _taken_again(self, rows: Array, squares: Array) -> bool:
+        """Go by the survey of before again, if it fits the latest rows as well as the new one; return whether it does.
 
         `squares` are the new one's squared misfits. Its numbers were chosen by these rows, so it must fit better by
         twice their number to be preferred (H. Akaike, A New Look at the Statistical Model Identification, 1974).
