@@ -187,8 +187,8 @@ class Fusion:
         sigmas = np.array([*known, SPEED, YAW_RATE, BIASED, slip_sigma])
         self._gyro_scale = gyro_scale
         lean = Lean((0.0,) * 7, 0.0, 0.0) if gyro_scale else None
-        self._start = belief_of((*pose, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean)
-        self._base, self._base_time = self._start, -1.0
+        # with its time
+        self._base = belief_of((*pose, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean), -1.0
         self._entries: list[_Entry] = []
         # of them, those that are taken in; the rest lie beyond what is heard of the place
         self._settled = 0
@@ -198,14 +198,14 @@ class Fusion:
         self._now = 0.0
         self._gyros: set[str] = set()
         self._wheels_of: set[str] = set()
+        # whether something has changed of these, or of the next three
+        self._changed = True
         # of the sensors that are believed
         self._names: set[str] = set()
         # a gyro is
         self._turning = False
         # a sensor that tells the place is
         self._placed = False
-        # a sensor that tells the wheels' speed is
-        self._rolling = False
         # m, m, rad by which a jump may be the robot's
         self._carried: tuple[float, float, float] | None = None
         # m, m, rad by which an absolute sensor has overruled dead reckoning
@@ -255,14 +255,14 @@ class Fusion:
             self._dispute = [each * fading for each in self._dispute]
         since, self._now = now - self._now, now
         # nothing is known of how it moved before
-        if self._base_time < 0.0:
-            self._base_time = max(0.0, now - FIRST)
+        if self._base[1] < 0.0:
+            self._base = self._base[0], max(0.0, now - FIRST)
             for judge in self._judges.values():
                 judge.since = now
         groups: dict[str, tuple[Measurement, int]] = {}
-        oldest, rolled = max(self._base_time, now - HORIZON), self._newest()[0].mean[ROLLED]
+        oldest = max(self._base[1], now - HORIZON)
         for measurement in self._arrived:
-            if not self._admits(measurement, oldest, rolled):
+            if not self._admits(measurement, oldest):
                 continue
             kind = measurement.kind
             if kind is not KIND_GYRO and kind is not KIND_POSE:
@@ -280,7 +280,8 @@ class Fusion:
         for measurement, _ in groups.values():
             self._insert(measurement)
         self._arrived.clear()
-        self._note_believed()
+        if self._changed:
+            self._note_believed()
         self._apply(self._heard())
         self._forget(now - HORIZON)
         for judge in self._judges.values():
@@ -293,10 +294,14 @@ class Fusion:
 
     def _note_believed(self) -> None:
         """Note which sensors are believed now, for the steps that are computed next."""
+        self._changed = False
         self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
         self._placed = not believed.isdisjoint(self._frames)
         self._turning = not believed.isdisjoint(self._gyros)
-        self._rolling = not believed.isdisjoint(self._wheels_of)
+
+    def _rolling(self) -> bool:
+        """Whether a sensor that tells the wheels' speed is believed."""
+        return not self._names.isdisjoint(self._wheels_of)
 
     @property
     def turning(self) -> bool:
@@ -348,18 +353,20 @@ class Fusion:
 
     # -- readings in their places ----------------------------------------------------------------------------------
 
-    def _admits(self, measurement: Measurement, oldest: float, rolled: float) -> bool:
-        """Whether a reading is valid in itself, and not older than that, s; `rolled`: the wheels' speed, m/s."""
+    def _admits(self, measurement: Measurement, oldest: float) -> bool:
+        """Whether a reading is valid in itself, and not older than that, s."""
         time, sensor, kind, _, values, sigmas, _ = measurement
         now, judge = self._now, self._judges.get(sensor)
         recent = oldest <= time <= now + SAME_INSTANT
         if judge is None:
             return recent
         judge.since = now
-        if kind is KIND_GYRO:
-            self._gyros.add(sensor)
-        elif kind is KIND_ENCODERS:
-            self._wheels_of.add(sensor)
+        if judge.time is None:
+            self._changed = True
+            if kind is KIND_GYRO:
+                self._gyros.add(sensor)
+            elif kind is KIND_ENCODERS:
+                self._wheels_of.add(sensor)
         if not isfinite(sum(values)) or not min(sigmas) > 0.0:
             wrong = "no number"
         elif not recent:
@@ -369,7 +376,7 @@ class Fusion:
             judge.lag += (now - time - judge.lag) / LAGS
             wrong = ""
             if values == judge.last:
-                wrong = judge.frozen(measurement, rolled)
+                wrong = judge.frozen(measurement, self._newest()[0].mean[ROLLED])
             else:
                 judge.same, judge.last = 0, values
         if judge.time is None or time > judge.time:
@@ -391,14 +398,14 @@ class Fusion:
         key = (round(time / SAME_INSTANT), measurement.sensor)
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=_KEY)
-        entries.insert(place, _Entry(measurement, self._base, time, key))
+        entries.insert(place, _Entry(measurement, self._base[0], time, key))
         if place < self._settled:
             self._settled = place
 
     def _newest(self) -> tuple[Belief, float]:
         """The belief after all that is taken in, and its time."""
         if not self._settled:
-            return self._base, self._base_time
+            return self._base
         entry = self._entries[self._settled - 1]
         return entry.belief, entry.time
 
@@ -409,13 +416,13 @@ class Fusion:
         while old < len(entries) and entries[old].time < before:
             old += 1
         if old:
-            self._base, self._base_time = entries[old - 1].belief, entries[old - 1].time
+            self._base = entries[old - 1].belief, entries[old - 1].time
             del entries[:old]
             self._settled -= old
 
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
         density, sideways = self._moving, self.sideways
-        if not self._turning and not self._placed and self._rolling:
+        if not self._turning and not self._placed and self._rolling():
             variance = self._slip_sigma**2
             # nothing tells of the slip that lasts: it walks until it is as uncertain as at first
             qx, qy, qt, qu, qo, qb, qs = self._density
@@ -497,24 +504,23 @@ class Fusion:
         measurement, new = entry.measurement, entry.new
         if not new and not entry.used:
             return belief
-        if measurement.kind is KIND_TURN:
+        _, sensor, kind, rows, _, sigmas, _ = measurement
+        if kind is KIND_TURN:
             entry.new = False
             return self._turned(belief, measurement, new=new) if self._turning else belief
-        judge = self._judges.get(measurement.sensor)
-        # a robot at rest
-        if judge is None:
-            residual, h = self._expect(belief.mean, measurement)
-            return update(belief, residual, h, measurement.sigmas)[0]
-        kind = measurement.kind
-        if new and judge.settings.tells_pose and not self._located:
+        judge = self._judges.get(sensor)
+        if not self._located and new and judge is not None and judge.settings.tells_pose:
             # in a frame that is still to be found: it says nothing on anybody's errors
             entry.new = entry.used = False
             judge.used += 1
             return self._locate(belief, measurement)
         residual, h = self._expect(belief.mean, measurement)
+        # a robot at rest
+        if judge is None:
+            return update(belief, residual, h, sigmas)[0]
         if kind is KIND_POSE:
             return self._place(belief, entry, judge, residual, h)
-        sigmas = measurement.sigmas[: len(residual)]
+        sigmas = sigmas[: len(residual)]
         leans = belief.mean[OMEGA] if kind is KIND_GYRO else 0.0
         after, nis, misses = update(belief, residual, h, sigmas, leans=leans)
         if kind is KIND_GYRO:
@@ -522,7 +528,7 @@ class Fusion:
             if misses[0] > TRACKS or misses[0] < -TRACKS:
                 after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas, leans=leans)[0]
         elif kind is KIND_ENCODERS:
-            after = self._wheels(belief, after, measurement.rows, residual, h, sigmas, misses)
+            after = self._wheels(belief, after, rows, residual, h, sigmas, misses)
         if new:
             entry.new, entry.used = False, judge.believed
             judge.surprised(nis, len(misses))
@@ -649,7 +655,7 @@ class Fusion:
                 share = min(1.0, MISSES * max(measurement.time - judge.grown_at, 0.0) / max(hypot(*residual[:2]), 1e-9))
             judge.grown_at = measurement.time
             grown = [share * residual[0], share * residual[1], *residual[2:]]
-            entry.wider = _grown(measurement.rows, grown, SLID if self._rolling else 0.0)
+            entry.wider = _grown(measurement.rows, grown, SLID if self._rolling() else 0.0)
             before, belief = belief, belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
             residual, h = self._expect(belief.mean, measurement)
             after, nis, _ = update(belief, residual, h, sigmas)
@@ -715,7 +721,7 @@ class Fusion:
             entry.wider = _grown(measurement.rows, residual, 0.0)
             wide = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
             after = update(wide, *self._expect(wide.mean, measurement), measurement.sigmas)[0]
-            self.changes.append(f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there")
+            self._tell(f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there")
             judge.restore()
             judge.used += 1
             self._accepted(measurement, wide, after)
@@ -753,14 +759,14 @@ class Fusion:
     def _tell(self, news: str) -> None:
         if news:
             self.changes.append(news)
+            self._changed = True
 
     def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Row]]:
         """The measurement less its expectation, and the rows of the Jacobian."""
-        kind, values = measurement.kind, measurement.values
+        _, _, kind, rows, values, _, at = measurement
         if kind is KIND_GYRO:
             return (values[0] - mean[OMEGA] - mean[BIAS],), (GYRO,)
-        rows = measurement.rows
-        if kind is KIND_POSE and rows == (0, 1, 2) and measurement.at == (0.0, 0.0):
+        if kind is KIND_POSE and rows == (0, 1, 2) and at == (0.0, 0.0):
             x, y, theta = values
             return (x - mean[0], y - mean[1], wrap_angle(theta - mean[2])), POSE
         expected: Sequence[float]
@@ -773,8 +779,8 @@ class Fusion:
         elif kind is KIND_VELOCITY:
             expected, h = velocities(mean)
         else:
-            position, at = antenna(mean, measurement.at)
-            expected, h = (*position, mean[THETA]), (*at, THETA)
+            position, by = antenna(mean, at)
+            expected, h = (*position, mean[THETA]), (*by, THETA)
         if len(values) < len(h):
             expected, h = [expected[row] for row in rows], [h[row] for row in rows]
         residual = list(map(sub, values, expected))
@@ -805,7 +811,7 @@ class Fusion:
             spread, leans = about(spread, mean, turn, self._pairs), leaning(self._pairs)
         else:
             return belief
-        self._base = turned(self._base, turn, x, y, spread, leans)
+        self._base = turned(self._base[0], turn, x, y, spread, leans), self._base[1]
         for entry in self._entries:
             entry.belief = turned(entry.belief, turn, x, y, spread, leans)
         self._located = True
@@ -908,8 +914,9 @@ def _walking(density: Seven, slips: float) -> Seven:
 
 def _alike(one: Measurement, two: Measurement, within: float) -> bool:
     """Whether two readings of a sensor may be averaged, within so many seconds."""
-    near = abs(one.time - two.time) < within - SAME_INSTANT
-    return near and one.kind is two.kind and one.rows == two.rows and one.at == two.at
+    time, _, kind, rows, _, _, at = one
+    time_too, _, kind_too, rows_too, _, _, at_too = two
+    return abs(time - time_too) < within - SAME_INSTANT and kind is kind_too and rows == rows_too and at == at_too
 
 
 def _averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:
