@@ -190,21 +190,22 @@ class Calibration:
 
     def _compare(self, one: _Place, two: _Place, gyro: deque[tuple[float, float]]) -> None:
         """Compare the motion between two positions with dead reckoning."""
-        span = two.time - one.time
-        cycles = np.array([each for each in self._cycles if each[0] > one.time - 0.1 and each[0] - each[1] < two.time])
+        begin, end = one.time, two.time
+        span = end - begin
+        cycles = np.array([each for each in self._cycles if each[0] > begin - 0.1 and each[0] - each[1] < end])
         if span > LONGEST or len(cycles) < 3:
             return
         ends, lengths, speeds, turns = cycles.T
         begins = ends - lengths
-        if begins[0] > one.time or ends[-1] < two.time or np.abs(begins[1:] - ends[:-1]).max() > GAP:
+        if begins[0] > begin or ends[-1] < end or np.abs(begins[1:] - ends[:-1]).max() > GAP:
             return
         middles = 0.5 * (begins + ends)
-        near = [each for each in gyro if one.time - GAP < each[0] < two.time + GAP]
+        near = [each for each in gyro if begin - GAP < each[0] < end + GAP]
         by_gyro = len(near) > 2 and all(b[0] - a[0] < GAP for a, b in pairwise(near))
         if by_gyro:
             times, rates = np.array(near).T
             turns = np.interp(middles, times, rates)
-        inside = np.clip(np.minimum(ends, two.time) - np.maximum(begins, one.time), 0.0, None)
+        inside = np.clip(np.minimum(ends, end) - np.maximum(begins, begin), 0.0, None)
         rates_now = (turns - self.mean[BIAS]) * (1.0 - self.mean[SCALE]) if by_gyro else turns
         angles = np.cumsum(rates_now * inside)
         headings = angles - 0.5 * rates_now * inside
@@ -217,8 +218,8 @@ class Calibration:
         side_x, side_y = grip * float((way * pushed) @ aside), -grip * float((way * pushed) @ ahead)
         turn = float(angles[-1])
         c, s = cos(turn), sin(turn)
-        v_a, v_b = (float(np.interp(at, middles, speeds)) * grip for at in (one.time, two.time))
-        w_a, w_b = (float(np.interp(at, middles, rates_now)) for at in (one.time, two.time))
+        v_a, v_b = (float(np.interp(at, middles, speeds)) * grip for at in (begin, end))
+        w_a, w_b = (float(np.interp(at, middles, rates_now)) for at in (begin, end))
         # what is estimated is the whole delay, though a part of it is corrected already
         tau = self.mean[TAU] - self.corrections.delay
         lx, ly = self._mount[0] + self.mean[LX], self._mount[1] + self.mean[LY]
@@ -252,7 +253,7 @@ class Calibration:
         if way_length > LEAST_WAY:
             curvature = turn / copysign(way_length, dx)
             bend, self._curvature = curvature - self._curvature, curvature
-        self._absorb(np.array(residual), np.array(rows), np.diag(variances), two.time, bend)
+        self._absorb(np.array(residual), np.array(rows), np.diag(variances), end, bend)
 
     def _absorb(self, residual: Array, rows: Array, noise: Array, time: float, bend: float) -> None:
         dt = max(0.0, min(time - self._time, LONGEST))

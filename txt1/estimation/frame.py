@@ -101,20 +101,20 @@ class Reckoning:
         `sideways` is how much the car slides outwards in curves, s^2/m, of `ekf.predict`.
         """
         spots = self._spots
-        self.slip += (slip - self.slip) * min(1.0, dt / USUAL_FOR)
+        self.slip += (slip - self.slip) * (dt / USUAL_FOR if dt < USUAL_FOR else 1.0)
         usual, v = v * (1.0 - self.slip), v * (1.0 - slip)
         if spots and time - dt - spots[-1].time > 0.5 * dt:
             spots.clear()
-        before = spots[-1] if spots else Spot(time - dt, 0.0, 0.0, 0.0, 0.0, 0.0, v)
         if not spots:
-            spots.append(before)
-        theta = before.theta + 0.5 * omega * dt
+            spots.append(Spot(time - dt, 0.0, 0.0, 0.0, 0.0, 0.0, v))
+        _, x, y, theta, usual_x, usual_y, _ = spots[-1]
+        theta += 0.5 * omega * dt
         course = theta - sideways * abs(v) * omega
         ahead, aside = dt * cos(course), dt * sin(course)
         spots.append(
             new(Spot, (
-                time, before.x + v * ahead, before.y + v * aside, theta + 0.5 * omega * dt,
-                before.usual_x + usual * ahead, before.usual_y + usual * aside, v,
+                time, x + v * ahead, y + v * aside, theta + 0.5 * omega * dt,
+                usual_x + usual * ahead, usual_y + usual * aside, v,
             ))
         )  # fmt: skip
         while time - spots[0].time > KEPT:

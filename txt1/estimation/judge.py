@@ -138,16 +138,16 @@ class Judge:
 
     def leapt(self, measurement: Measurement) -> bool:
         """Note a reading of the pose; return whether no car can have moved so far since the last reading."""
-        before, dt = self.own, max(measurement.time - self.own_at, 0.0)
-        self.own, self.own_at = measurement.values, measurement.time
-        if len(before) != len(measurement.values):
+        time, _, _, rows, values, sigmas, _ = measurement
+        before, dt = self.own, max(time - self.own_at, 0.0)
+        self.own, self.own_at = values, time
+        if len(before) != len(values):
             return False
-        _, _, _, rows, values, sigmas, _ = measurement
         for place, there in enumerate(before):
-            step, reach, sigma = values[place] - there, MOVES_BY, sigmas[place]
+            step, reach = values[place] - there, MOVES_BY
             if rows[place] == 2:
                 step, reach = wrap_angle(step), TURNS_BY
-            if not abs(step) <= reach * dt + APART * sigma:
+            if not abs(step) <= reach * dt + APART * sigmas[place]:
                 return True
         return False
 

@@ -41,10 +41,10 @@ class MotorWitness:
             self._setpoint, self._since, self._smooth = setpoint, 0.0, motor
             return 0.0
         self._since += dt
-        self._smooth += (motor - self._smooth) * min(1.0, dt / SMOOTH)
+        self._smooth += (motor - self._smooth) * (dt / SMOOTH if dt < SMOOTH else 1.0)
         if self._since < SETTLED or self._usual * setpoint <= 0.0:
             self._usual = self._smooth
             return 0.0
-        self._usual += (self._smooth - self._usual) * min(1.0, dt / USUAL)
+        self._usual += (self._smooth - self._usual) * (dt / USUAL if dt < USUAL else 1.0)
         share = self._smooth / self._usual - 1.0
         return setpoint * share if abs(share) > BAND else 0.0

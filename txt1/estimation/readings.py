@@ -91,11 +91,11 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
     given, assumed, delay = settings.sigma, SIGMAS[kind], settings.delay
     ahead, left = settings.lever
     if kind is ImuReading:
-        rate, factor = given.get("omega", assumed["omega"]), 1.0 + settings.scale
+        sigma, factor = (given.get("omega", assumed["omega"]),), 1.0 + settings.scale
 
         def gyro(reading: Reading[Any]) -> list[Measurement]:
             turning = float(reading.value.rates[2]) / factor
-            return [new(Measurement, (reading.time - delay, name, KIND_GYRO, (0,), (turning,), (rate,), (0.0, 0.0)))]
+            return [new(Measurement, (reading.time - delay, name, KIND_GYRO, (0,), (turning,), sigma, (0.0, 0.0)))]
 
         return gyro if "omega" in wanted else lambda reading: []
 

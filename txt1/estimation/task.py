@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import cos, hypot, isfinite, sin, sqrt, tan
+from math import copysign, cos, hypot, isfinite, sin, sqrt, tan
 from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
@@ -241,16 +241,16 @@ class Estimator:
         given = (measurement,) if self.through is None else self.through(measurement)
         for each in given:
             self.fusion.take(each)
-            kind = each.kind
+            time, _, kind, rows, values, _, _ = each
             if kind is KIND_GYRO:
-                time, (rate,) = each.time, each.values
+                (rate,) = values
                 if isfinite(rate):
                     self._turns.append(rate)
                     if not self._gyro or time > self._gyro[-1][0]:
                         # as it came, without what was learned of its scale
                         self._gyro.append((time, rate * (1.0 + self._gyro_scale)))
-            elif kind is KIND_ENCODERS and each.rows == (0, 1) and all(map(isfinite, each.values)):
-                self._wheels = each.values[0], each.values[1]
+            elif kind is KIND_ENCODERS and rows == (0, 1) and isfinite(sum(values)):
+                self._wheels = values[0], values[1]
 
     def step(self, now: float, wheels: Wheels) -> Estimate:
         """Return the estimate at `now`; raises ArithmeticError when it is no number any more."""
@@ -279,7 +279,7 @@ class Estimator:
         """Variances of the pose by mounts and clocks: of the sensor that leaves the least of them."""
         believes = self.fusion.believes
         doubts = [each.doubt(mean) for name, each in self._calibrations.items() if believes(name)]
-        return min(doubts, default=(0.0, 0.0, 0.0, 0.0))
+        return min(doubts) if doubts else (0.0, 0.0, 0.0, 0.0)
 
     def _vote(self, dt: float, bias: float) -> None:
         """Let the witnesses of the yaw rate report, and vote."""
@@ -312,17 +312,17 @@ class Estimator:
         The error of whole counts does not grow with the turn, and the errors of single cycles cancel: over a second
         the wheels tell a gyro's bias three times as well as their yaw rates do. A car that stands does not turn at all.
         """
-        turning, begin, still = self._turning, self._read - dt, self._still >= REST
-        if turning is None or begin > turning.end + 0.5 * dt:
-            turning = Turning(begin, begin, 0.0, still)
-        elif turning.still is not still:
+        turning, now, still = self._turning, self._read, self._still >= REST
+        begin, angle = now - dt, 0.0
+        if turning is not None and begin <= turning.end + 0.5 * dt:
+            if turning.still is still:
+                begin, _, angle, _ = turning
+            else:
+                self._compared.append(turning)
+        self._turning = turning = new(Turning, (begin, now, angle + omega * dt, still))
+        if now - begin >= TURN_TIME:
             self._compared.append(turning)
-            turning = Turning(begin, begin, 0.0, still)
-        turning = new(Turning, (turning.begin, self._read, turning.angle + omega * dt, turning.still))
-        if turning.end - turning.begin >= TURN_TIME:
-            self._compared.append(turning)
-            turning = Turning(self._read, self._read, 0.0, still)
-        self._turning = turning
+            self._turning = Turning(now, now, 0.0, still)
         while self._compared and self._gyro and self._gyro[-1][0] >= self._compared[0].end:
             self._give_turn(self._compared.popleft())
 
@@ -396,17 +396,19 @@ class Estimator:
         before, self._steering = self._steering, steering
         if before is None:
             return
-        aimed = self._steering_max * max(-1.0, min(1.0, before / STEERING_MAX))
-        if aimed == self._angle:
+        share, most = before / STEERING_MAX, SERVO_RATE * dt
+        turned = self._steering_max * (share if -1.0 < share < 1.0 else copysign(1.0, share)) - self._angle
+        if not turned:
             return
-        turned = max(-SERVO_RATE * dt, min(SERVO_RATE * dt, aimed - self._angle))
+        turned = turned if -most < turned < most else copysign(most, turned)
         self._angle += turned
         curvature = tan(self._angle) / self._lever
         bend, self._curvature = curvature - self._curvature, curvature
         if bend:
             half = 0.5 * abs(turned) / SERVO_RATE
             middle = begin + half if half > TOGETHER else begin
-            self.fusion.take(Measurement(middle, "", KIND_STEERING, (0, 1), (bend, curvature), (1.0, 1.0)))
+            given = middle, "", KIND_STEERING, (0, 1), (bend, curvature), (1.0, 1.0), (0.0, 0.0)
+            self.fusion.take(new(Measurement, given))
 
 
 def usable(estimate: Estimate) -> bool:

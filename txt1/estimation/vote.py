@@ -72,9 +72,10 @@ class Vote:
 
     def cycle(self, cycle: Cycle) -> None:
         """Take in a cycle."""
-        self._cycles.append(cycle)
-        while cycle.time - self._cycles[0].time > WINDOW + FRESH:
-            self._cycles.popleft()
+        cycles, time = self._cycles, cycle.time
+        cycles.append(cycle)
+        while time - cycles[0].time > WINDOW + FRESH:
+            cycles.popleft()
 
     def place(self, measurement: Measurement) -> None:
         """Take in an absolute reading that was taken in by the filter, one for each piece of the path."""
