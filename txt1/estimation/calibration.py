@@ -25,7 +25,7 @@ correction; models of cars are wrong by less than that. The estimate tells what 
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
-from math import copysign, cos, exp, hypot, sin, sqrt
+from math import copysign, cos, exp, hypot, inf, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -126,6 +126,10 @@ class Calibration:
         self.sideways = Calibrated(0.0, Drift().sideways)
         """How much the car slides outwards in curves, s^2/m, of `ekf.predict`."""
         self.segments = 0
+        self.heard = -inf
+        """When its newest reading was taken, by its own clock, s of the run."""
+        # s, the shortest from a reading, by its own clock, to when it had come
+        self._shortest = inf
         # end, length, speed, yaw rate
         self._cycles: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)
         self._waiting: deque[_Place] = deque(maxlen=KEPT)
@@ -138,11 +142,15 @@ class Calibration:
         self._slips = CHANGED**2
         self._left = self._left_to_doubt()
 
-    def cycle(self, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]) -> bool:
-        """Take in a cycle: end and length (s), the wheels' speed and yaw rate (m/s, rad/s), the gyro's readings.
+    def cycle(
+        self, now: float, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]
+    ) -> bool:
+        """Take in a cycle: now, end and length (s), the wheels' speed and yaw rate (m/s, rad/s), the gyro's readings.
 
         Return whether two positions were compared.
         """
+        if 0.0 <= now - self.heard < self._shortest:
+            self._shortest = now - self.heard
         self._cycles.append((end, dt, v, omega))
         waiting = self._waiting
         if not waiting or waiting[0].time > end or (gyro and gyro[-1][0] < waiting[0].time):
@@ -299,6 +307,8 @@ class Calibration:
             value, wrong = float(self.mean[place]), self._wrong(place)
             refuted = getattr(self.corrections, name) or (wrong > SURE and abs(value) > worth)
             right[name] = value if refuted else 0.0
+        # no reading was taken after it had come
+        right["delay"] = max(right["delay"], -self._shortest)
         self.corrections = Corrections(**right)
         self._left = self._left_to_doubt()
 

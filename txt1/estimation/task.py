@@ -232,6 +232,7 @@ class Estimator:
     def _give(self, measurement: Measurement) -> None:
         calibration = self._calibrations.get(measurement.sensor)
         if calibration is not None:
+            calibration.heard = measurement.time
             right = calibration.corrections
             if right.x or right.y or right.delay:
                 at = measurement.at[0] + right.x, measurement.at[1] + right.y
@@ -264,7 +265,7 @@ class Estimator:
         if not isfinite(x + y + theta + v + omega + bias + slip + sum(covariance)):
             raise ArithmeticError("the filter's state is not finite")
         self.estimate = estimate
-        self._vote(dt, bias)
+        self._vote(now, dt, bias)
         return estimate
 
     @property
@@ -281,7 +282,7 @@ class Estimator:
         doubts = [each.doubt(mean) for name, each in self._calibrations.items() if believes(name)]
         return min(doubts) if doubts else (0.0, 0.0, 0.0, 0.0)
 
-    def _vote(self, dt: float, bias: float) -> None:
+    def _vote(self, now: float, dt: float, bias: float) -> None:
         """Let the witnesses of the yaw rate report, and vote."""
         turns, wheels = self._turns, self._wheels
         if dt > 0.0 and wheels is not None and self._counts:
@@ -292,7 +293,7 @@ class Estimator:
             self._compare(dt, wheels[1])
             # wheels that are not believed tell nothing of a mount
             ones = list(self._calibrations.values()) if self.fusion.believes(ENCODERS) else []
-            learned = [each.cycle(self._read, dt, *wheels, self._gyro) for each in ones]
+            learned = [each.cycle(now, self._read, dt, *wheels, self._gyro) for each in ones]
             if True in learned:
                 self._gyro_scale = ones[-1].corrections.scale
                 self.fusion.sideways = min([each.sideways for each in ones], key=_SIGMA)
