@@ -20,7 +20,7 @@ The products are written out, as an array costs more than the numbers in it: a s
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from math import asin, cos, inf, sin, sqrt
+from math import asin, cos, isfinite, sin, sqrt
 from operator import mul
 from typing import Final, NamedTuple
 
@@ -277,19 +277,18 @@ def update(
     residual: Sequence[float],
     h: Sequence[Row],
     sigmas: Sequence[float],
-    gate: float = inf,
     leans: float = 0.0,
 ) -> tuple[Belief, float, list[float]]:
     """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and its misses.
 
-    The misses are the residual's parts in standard deviations, each without the share of the parts before it.
+    The misses are the residual's parts in standard deviations, each without the share of the parts before it. A
+    measurement that is no number changes nothing.
 
     Args:
         belief: before.
         residual: measurement less expectation, z - h(x).
         h: Jacobian of the expectation, by rows, each of the pose or of the motion.
         sigmas: standard deviations of the measurement's numbers, the roots of R's diagonal.
-        gate: largest NIS that is believed; beyond it the belief comes back as it was.
         leans: by how much a unit of the parameter that the belief leans with changes each number.
 
     """
@@ -367,8 +366,7 @@ def update(
         oo, ob, os = oo - wo * wo, ob - wo * wb, os - wo * ws
         bb, bs = bb - wb * wb, bs - wb * ws
         ss = ss - ws * ws
-    # also when it is not a number
-    if not nis <= gate:
+    if not isfinite(nis):
         return belief, nis, misses
     x, y, t, u, o, b, s = belief.mean
     return Belief((x + dx, y + dy, t + dt, u + du, o + do, b + db, s + ds), (

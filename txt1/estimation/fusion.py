@@ -522,11 +522,11 @@ class Fusion:
             return self._place(belief, entry, judge, residual, h)
         sigmas = sigmas[: len(residual)]
         leans = belief.mean[OMEGA] if kind is KIND_GYRO else 0.0
-        after, nis, misses = update(belief, residual, h, sigmas, leans=leans)
+        after, nis, misses = update(belief, residual, h, sigmas, leans)
         if kind is KIND_GYRO:
             # strong tracking: the robot turns otherwise than it did
             if misses[0] > TRACKS or misses[0] < -TRACKS:
-                after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas, leans=leans)[0]
+                after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas, leans)[0]
         elif kind is KIND_ENCODERS:
             after = self._wheels(belief, after, rows, residual, h, sigmas, misses)
         if new:
@@ -580,7 +580,7 @@ class Fusion:
         # the slip walks within the turn, too: its mean is so far from the last one
         sigma = hypot(measurement.sigmas[0], path * sqrt(self._moving[SLIP] * dt / 3.0))
         leans = -by_gyro / grip
-        after, _, (miss,) = update(belief, residual, h, (sigma,), leans=leans)
+        after, _, (miss,) = update(belief, residual, h, (sigma,), leans)
         if new and abs(turned_by) > CURVE and miss:
             chance = (residual[0] / miss) ** 2
             self._slip_changes((residual[0] ** 2 - chance) / turned_by**2 + self._moving[SLIP] * dt, dt)
@@ -591,8 +591,8 @@ class Fusion:
             wide = belief.covariance
             wide[SLIP, SLIP] += change * change
             belief = belief_of(belief.mean, wide, belief.lean)
-            _, _, (miss,) = update(belief, residual, h, (sigma,), leans=leans)
-        return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),), leans=leans)[0]
+            _, _, (miss,) = update(belief, residual, h, (sigma,), leans)
+        return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),), leans)[0]
 
     def _slip_changes(self, square: float, dt: float) -> None:
         """Adapt the slip's random walk to the turns: the square of a change in dt seconds.

@@ -201,12 +201,12 @@ def test_the_covariance_stays_symmetric_and_positive_whatever_is_measured(seed: 
         assert np.linalg.eigvalsh(belief.covariance).min() > -1e-14 * before, "but for rounding"
 
 
-@pytest.mark.parametrize("wrong", [100.0, np.nan, np.inf])
-def test_a_measurement_beyond_the_gate_changes_nothing(wrong: float) -> None:
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_measurement_that_is_no_number_changes_nothing(wrong: float) -> None:
     belief = belief_of(np.zeros(SIZE), IDENTITY)
-    after, nis, _ = update(belief, [wrong], [GYRO], [1.0], gate=25.0)
+    after, nis, _ = update(belief, [wrong], [GYRO], [1.0])
     assert after is belief
-    assert not nis <= 25.0
+    assert not np.isfinite(nis)
 
 
 def test_another_frame_turns_the_pose_and_leaves_distances() -> None:
