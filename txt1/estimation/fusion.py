@@ -285,8 +285,10 @@ class Fusion:
         self._apply(self._heard())
         self._forget(now - HORIZON)
         for judge in self._judges.values():
-            if now - judge.since > judge.settings.timeout and judge.reason != "silent":
-                self._tell(judge.doubt("silent"))
+            if now - judge.since > judge.settings.timeout:
+                missing = "silent" if judge.heard <= judge.since else "not in time"
+                if judge.reason != missing:
+                    self._tell(judge.doubt(missing))
         estimate = self._estimate(self._told())
         if not self._placed:
             self.doubt_speed(_bent(estimate.covariance[12]) * estimate.v, since)
@@ -360,18 +362,19 @@ class Fusion:
         recent = oldest <= time <= now + SAME_INSTANT
         if judge is None:
             return recent
-        judge.since = now
+        judge.heard = now
         if judge.time is None:
             self._changed = True
             if kind is KIND_GYRO:
                 self._gyros.add(sensor)
             elif kind is KIND_ENCODERS:
                 self._wheels_of.add(sensor)
-        if not isfinite(sum(values)) or not min(sigmas) > 0.0:
-            wrong = "no number"
-        elif not recent:
+        if not recent:
             judge.late += 1
             return False
+        judge.since = now
+        if not isfinite(sum(values)) or not min(sigmas) > 0.0:
+            wrong = "no number"
         else:
             judge.lag += (now - time - judge.lag) / LAGS
             wrong = ""

@@ -1,7 +1,7 @@
 """The evidence on a sensor: four rules by which a reading is taken in. `vote.py` and `frame.py` have one more each.
 
-1. **Valid.** A reading that is no number or never changes is ignored, and so is a silent sensor. These
-   faults show without any other sensor.
+1. **Valid.** A reading that is no number, never changes, or comes more than `HORIZON` late or too early is ignored, and
+   so is a sensor without others. These faults show without any other sensor.
 2. **Robust.** A reading within the gate is taken in, with less weight beyond 95 % of chi-square: its sigma grows as
    Huber's function has it (P. J. Huber, *Robust Statistics*, Wiley 1981; in a filter: C. D. Karlgaard, J. Guidance
    38(5), 2015).
@@ -65,7 +65,7 @@ class Belonging:
 
     # Mahalanobis distance beyond which a reading is not simply taken in
     gate: float = 5.0
-    # s without a reading after which it is silent
+    # s without a reading in time after which it is left out
     timeout: float = 1.0
     # whether it tells x and y: then the pose is in its frame
     tells_pose: bool = False
@@ -88,8 +88,10 @@ class Judge:
     time: float | None = None
     # s by which its readings are late, on average
     lag: float = 0.0
-    # when it was heard last, or began to be waited for
+    # when a reading came in time, or began to be waited for
     since: float = 0.0
+    # when any reading came
+    heard: float = 0.0
     # readings in a row that were equal
     same: int = 0
     last: tuple[float, ...] = ()

@@ -33,7 +33,7 @@ class FusedConfig(Section):
     scale: Annotated[float, Field(gt=-0.2, lt=0.2)] = 0.0
     """A gyro's rates are too large by this share."""
     timeout: Positive = 1.0
-    """Time without a reading after which it is silent, s."""
+    """Time without a reading that came in time, after which it is left out, s."""
     gate: Positive = 5.0
     """Mahalanobis distance from the estimate beyond which a reading is not believed."""
 
