@@ -50,7 +50,8 @@ would have made at its start, had it known where the light was (`_wasted`); afte
 episodes, and so on.
 
 It makes the second of these tests at each decision. Where that fails, it also learns its actions anew
-(`_learn_actions_anew`).
+(`_learn_actions_anew`). An action that does then what another one did may have changed places with it, so it tries the
+other, too (`_doubt_actions`).
 
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
@@ -275,6 +276,8 @@ class PilotAgent(PeriodicAgent):
         self._course: list[Any] = []
         # whether it has surveyed again in this episode because it was late
         self._surveyed = False
+        # actions that were not taken since the actions were learned anew
+        self._stale = set[int]()
         # how often it has surveyed again because the readings did not fit
         self._refits = 0
         # length of the plan, decisions
@@ -303,6 +306,7 @@ class PilotAgent(PeriodicAgent):
             self._misfits()
         if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
             self._learn_actions_anew()
+        self._doubt_actions()
         if not self.unfit and len(self._rows) % self.settings.anew == 0:
             self.unfit = self._judge()
         a = self._choose()
@@ -393,7 +397,22 @@ class PilotAgent(PeriodicAgent):
         for (before, *_), taken, after in self._course:
             motion = (before[0], after[0]), (before[1], after[1])
             self.effects.learn(np.array(taken), *motion, self.settings.forgets)
+        delay = self._delay()
+        self._stale = set(range(self.actions)) - {taken[delay] for _, taken, _ in self._course[-SECOND // 2 :]}
         self._course = []
+
+    def _doubt_actions(self) -> None:
+        """Try an action that was not taken since the actions were learned anew, once another one does the same."""
+        if not self._stale:
+            return
+        delay = self._delay()
+        self._stale -= {self._taken[delay]}
+        does = self.effects.c[delay][:, :-1] / (1.0 - self.effects.k[delay][:, None])
+        near = self.settings.slip * np.abs(does).max(axis=1)
+        known = [does[:, a] for a in range(self.actions) if a not in self._stale]
+        alike = [a for a in sorted(self._stale) if any((np.abs(does[:, a] - one) < near).all() for one in known)]
+        self._untried += [a for a in alike for _ in range(self.settings.tries)]
+        self._stale -= set(alike)
 
     def _judge(self) -> str:
         """Return the part of the readings' model that does not fit; "" if the stated noise explains the last ones."""
@@ -402,7 +421,7 @@ class PilotAgent(PeriodicAgent):
         if telling.any(axis=0).sum() == 1:
             return "the light, of which one sensor alone tells"
         readings = int(telling.sum())
-        if (self.lost and self._untried) or len(rows) < 2 * self.settings.anew or not readings:
+        if self._untried or len(rows) < 2 * self.settings.anew or not readings:
             return ""
         limit = chi_square(readings, self.settings.alarm)
         _, square = seen_along(self.survey, rows, 0.0, *self._unsteady())
@@ -733,7 +752,7 @@ class PilotAgent(PeriodicAgent):
 
     def _choose(self) -> int:
         near = self._seen_before.near()
-        if self.lost and self._untried:
+        if self._untried:
             return self._cautious(self._untried.pop(0), near)
         if self._light is None:
             return self._cautious(int(self._rng.integers(self.actions)), near)

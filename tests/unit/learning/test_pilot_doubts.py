@@ -58,6 +58,15 @@ def test_actions_that_are_swapped_are_said_mostly_within_5_s_and_soon_learned_an
 
 
 @pytest.mark.long
+def test_after_left_and_right_are_swapped_it_knows_both_again() -> None:
+    for trial in done(8, 5, 14, SWAPPED):
+        effects = trial.agent.effects
+        delay = int(effects.error.argmin())
+        left, _, right, _ = effects.c[delay, 1] / (1.0 - effects.k[delay, 1])
+        assert left > 1.0 and right < -1.0
+
+
+@pytest.mark.long
 def test_most_episodes_that_a_lamp_that_swings_far_makes_slow_are_said_within_5_s() -> None:
     episodes = [one for trial in done(4, 12, 14, "learning.world=composed", SWINGS) for one in trial.episodes[1:]]
     slow = [one.unfit is not None and one.unfit <= 5.0 for one in episodes if one.time > 1.5 * one.optimal_time]
