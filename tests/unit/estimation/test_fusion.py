@@ -162,7 +162,7 @@ def test_late_by_0_3_s_it_is_as_good_as_in_time() -> None:
 FAILURES: dict[str, tuple[Callable[[Measurement], Measurement | None], str]] = {
     "is no number": (lambda m: m._replace(values=(float("nan"), *m.values[1:])), "no number"),
     "is silent": (lambda m: None, "silent"),
-    "is told for another time": (lambda m: m._replace(time=m.time - 2.0), "not in time"),
+    "is 2 s late": (lambda m: m._replace(time=m.time - 2.0), "not in time"),
     "is of the future": (lambda m: m._replace(time=m.time + 2.0), "not in time"),
     "stands still": (lambda m: m._replace(values=(*truth(10.0)[:2], 0.5)[: len(m.values)]), "stands still"),
 }
