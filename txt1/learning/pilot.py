@@ -11,14 +11,18 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
              corrected by z (Kalman filters), and unlikely places are dropped (`sensor_map`)
     if lost, or late, or at an episode's end:
         survey: p, g, n, s, b, u and the light of each episode  (Gauss-Newton, `sensor_map.surveyed`)
-                <- argmin sum (z - g + n/2 log(|q - p|^2 + u))^2
+                <- argmin sum (z - g + n/2 log(|q - p|^2 + u))^2 + what it was before (`sensor_map.by_part`)
     a     <- first action of the quickest plan "a for m decisions, then b" to the goal's distance from q, on average
              over the likely q (`planner.quickest`)
 
 The sensors sit at p with brightness g and power n, and the light hangs sqrt(u) above them; the robot turns by s h + b
 in a decision when odometry says h. A course that only grazes the goal may miss it and go round again, so it counts as
-longer. The goal's distance is the mean of the distances at which episodes ended well. Where an episode goes on although
-the robot is nearer, it looks for the goal nearer still.
+longer; how much it may miss by is the scatter of the distances at which episodes ended well, of which the goal's
+distance is the mean. Where an episode goes on although the robot is nearer, it looks for the goal nearer still.
+
+A survey uses the readings of the last few episodes. What those before them told of the sensors and of odometry stays
+with it, as the prior of the next survey; where the readings say otherwise it counts for little. Without it a survey
+through a light that moves, or through readings that lag, goes astray in a few episodes.
 
 What it finds out of its sensors and of the light:
 
@@ -27,8 +31,8 @@ What it finds out of its sensors and of the light:
 - A largest reading that repeats is the end of a sensor's range (`ceilings`). It says that the light is at least so
   bright, and counts only where the survey foretells less.
 - When something does not fit, it compares surveys with readings that are late by 0 to 15 decisions, one with a light
-  that moves, which stands still for ten decisions at a time, and one with a light that flickers, whose readings have a
-  part in common that tells nothing (`_think_again`). In the filter a light that moves then wanders.
+  that moves, evenly for five seconds at a time, and one with a light that flickers, whose readings have a part in
+  common that tells nothing (`_think_again`). In the filter a light that moves then wanders.
 
 The pilot is lost at first. It is lost again when the readings no longer fit, or when it is late by half of its plan
 although it has surveyed again. Then it forgets its survey, and surveys from several guesses at the light's place. At
@@ -85,11 +89,15 @@ from txt1.learning.sensor_map import (
     SCALES,
     SENSORS,
     UNLIKELY,
+    Prior,
+    Stations,
+    by_part,
     followed,
     moved,
     seen_along,
     sighted,
     surveyed,
+    told,
     turned,
     way,
 )
@@ -123,7 +131,7 @@ class PilotSettings:
     slip: NotNegative = 0.15
     # standard deviation of the brightness's law, as a share
     model: NotNegative = 0.03
-    # standard deviation of the goal's distance, as a share: a course that grazes the goal might miss it
+    # standard deviation of the goal's distance, as a share, at least: a course that grazes the goal might miss it
     graze: Share = 0.06
     # decisions by which it judges whether its model fits
     judged: PositiveInt = 50
@@ -140,6 +148,8 @@ DRIFTS: Final = 0.01
 HEIGHTS: Final = 0.1
 # delays of which the effects are shared with other robots: a message has little room
 SHARED: Final = 5
+# share of what it knows from earlier episodes that each episode leaves
+KEPT: Final = 0.95
 # samples that give the same largest reading, after which a sensor's range ends there
 REPEATED: Final = 10
 # share of the light's distance at which the goal is looked for, when it should have been there
@@ -152,8 +162,6 @@ _RECORD: Final = 2 + 2 * SENSORS
 SECOND: Final = 10
 # weight that earlier effects of the actions keep when they are others than predicted
 FADED: Final = 0.05
-# surveys in an episode after which even a light that moves does not explain why nothing fits
-REFITS: Final = 2
 # episodes after which a survey that led to the goal is taken again where it fits, and is not forgotten for being late
 # if the light moves
 KNOWN: Final = 3
@@ -161,7 +169,9 @@ KNOWN: Final = 3
 DOUBTS: Final = 5
 LONG: Final = "how long the way takes"
 MOVES: Final = "the light, which moves"
-# decisions in which a light that moves is taken to stand still
+# decisions from one station of a light that moves to the next
+STATION: Final = 50
+# decisions by which it judges whether its model of a light that moves fits
 PIECE: Final = 10
 # standard deviation of the brightness of a light that flickers, as a logarithm
 FLICKER: Final = 0.5
@@ -183,7 +193,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
         new = agent.memory()
         agent.recall({**new, **table.about["knows"]})
         known = agent.memory()
-        for name in ("survey", "spread", "trust", "blind", "least", "most", "repeats"):
+        for name in ("survey", "spread", "trust", "blind", "least", "most", "repeats", "information", "product"):
             if np.shape(known[name]) != np.shape(new[name]):
                 raise ValueError(f"keeps '{name}' of the shape {np.shape(known[name])}, not {np.shape(new[name])}")
         if not agent.survey[HEIGHT] >= 0.0:
@@ -221,6 +231,8 @@ class PilotAgent(PeriodicAgent):
         self.goal = 0.0
         # number of episodes of which it is the mean
         self._goals = 0
+        # mean square of their differences from it
+        self._scatter = 0.0
         # factor on each sensor's variances
         self.trust = np.ones(SENSORS)
         # decisions by which the readings are late, whether the light moves, and whether it flickers
@@ -236,6 +248,8 @@ class PilotAgent(PeriodicAgent):
         self.misfit = 1.0
         self._rng = rng
         self._untried = self._all()
+        # what episodes before those in `_past` told of the survey: see `sensor_map.told`
+        self._told = np.zeros((NUMBERS, NUMBERS)), np.zeros(NUMBERS)
         # for each episode, rows of _RECORD numbers a decision
         self._past: list[Array] = []
         # episodes for which it doubts the model, since one took too long, and the number of these
@@ -278,8 +292,6 @@ class PilotAgent(PeriodicAgent):
         self._surveyed = False
         # actions that were not taken since the actions were learned anew
         self._stale = set[int]()
-        # how often it has surveyed again because the readings did not fit
-        self._refits = 0
         # length of the plan, decisions
         self.plan = inf
         # what the laser has seen, and the sweeps since the last decision with the odometry of their moments
@@ -328,7 +340,10 @@ class PilotAgent(PeriodicAgent):
             # outside before, inside now
             seen = 0.5 * (self._range[0] + self._range[1])
             self._goals = 1 if self.lost else self._goals + 1
-            self.goal += (seen - self.goal) / min(self._goals, 10)
+            off, count = seen - self.goal, min(self._goals, 10)
+            self.goal += off / count
+            # of the last ten
+            self._scatter = self._scatter + (off * off - self._scatter) / count if count > 1 else 0.0
             self.lost = False
             self.misfit = 1.0
         self._trim()
@@ -429,7 +444,7 @@ class PilotAgent(PeriodicAgent):
         if square * readings <= limit:
             return ""
         survey, lights, _, _ = self._survey_with([*map(self._weighed, self._past), rows])
-        if np.nansum(self._misses(survey, rows, lights[-1])) <= limit:
+        if np.nansum(self._misses(survey, rows, lights)) <= limit:
             return ""
         if self.moves:
             return "the light"
@@ -534,8 +549,7 @@ class PilotAgent(PeriodicAgent):
         self._think_again([*self._past, rows])
         light, doubt = self._survey_on([*self._past, rows])
         misfit = self._follow(rows, light, doubt)
-        self._refits += 1
-        if misfit > self.settings.doubt or (self.moves and self._refits > REFITS):
+        if misfit > self.settings.doubt:
             self.unfit = self.unfit or self._judge()
             self._lose()
             self._survey_anew()
@@ -574,8 +588,26 @@ class PilotAgent(PeriodicAgent):
     def _trim(self) -> None:
         """Keep only the latest episodes."""
         while len(self._past) > 1 and sum(map(len, self._past)) - len(self._past[0]) > self.settings.window:
-            self._past.pop(0)
+            self._keep(self._past.pop(0))
         self._past[-1:] = [rows[-self.settings.window :] for rows in self._past[-1:]]
+
+    def _keep(self, rows: Array) -> None:
+        """Keep what an episode told of the survey."""
+        rows = self._weighed(rows)
+        information, product = told(rows, self._stations([rows]), self.survey, self._sights(rows), self._unsteady()[1])
+        if np.isfinite(information).all() and np.isfinite(product).all():
+            self._told = KEPT * self._told[0] + information, KEPT * self._told[1] + product
+
+    def _expected(self) -> Prior:
+        """The survey to expect, by no robot in particular, and by what earlier episodes told of this one."""
+        mean, square = self._prior()
+        mean[:SENSORS] = self.survey[:SENSORS].mean()
+        information, product = self._told
+        known = np.asarray(np.linalg.solve(information + np.diag(1.0 / square), product + mean / square), np.float64)
+        known[POWER] = min(max(known[POWER], POWERS[0]), POWERS[1])
+        known[SCALE] = min(max(known[SCALE], SCALES[0]), SCALES[1])
+        known[HEIGHT] = max(known[HEIGHT], 0.0)
+        return Prior(mean, square, known, by_part(information))
 
     def _prior(self) -> tuple[Array, Array]:
         """The survey to expect without readings, with squared deviations: equal sensors, placed on the robot."""
@@ -629,16 +661,18 @@ class PilotAgent(PeriodicAgent):
 
     def _searched(self, rows: Array) -> tuple[Array, Array, float, Array]:
         """Survey an episode, starting from several guesses at the light's place; see `surveyed`."""
-        mean, square = self._prior()
-        radius = 2.0 * sqrt(square[PLACES])
-        which = np.zeros(len(rows), np.int64)
+        prior = self._expected()
+        radius = 2.0 * sqrt(prior.square[PLACES])
+        one = np.zeros(len(rows), np.int64)
+        stations = Stations(one, one, np.zeros(len(rows)), 0.0)
         found = []
-        for r in (radius, 3.0 * radius):
-            for bearing in np.arange(8) * (pi / 4.0):
-                guess = mean.copy()
-                guess[:4] = np.median(rows[:, 2:6]) + guess[POWER] * log(r)
-                light = np.array([[r * cos(bearing), r * sin(bearing)]])
-                found.append(surveyed(rows, which, guess, light, mean, square, self._unsteady()[1], 12))
+        for start in [prior.mean, prior.known] if self._told[0].any() else [prior.mean]:
+            for r in (radius, 3.0 * radius):
+                for bearing in np.arange(8) * (pi / 4.0):
+                    guess = start.copy()
+                    guess[:4] += np.median(rows[:, 2:6]) + guess[POWER] * log(r) - guess[:4].mean()
+                    light = np.array([[r * cos(bearing), r * sin(bearing)]])
+                    found.append(surveyed(rows, stations, guess, light, prior, self._unsteady()[1], 12))
         best: tuple[Array, Array, float, Array] = min(found, key=lambda one: one[2])
         return best
 
@@ -662,29 +696,44 @@ class PilotAgent(PeriodicAgent):
         return float(misfit)
 
     def _survey_with(self, episodes: list[Array], *, anew: bool = True) -> tuple[Array, Array, float, Array]:
-        """Survey these episodes, starting from the known survey; see `surveyed`.
+        """Survey these episodes, starting from the known survey; see `surveyed`. The light's places are those in the
+        last episode, one a row.
 
         `anew` starts from sensors in the middle, too, with the light at their height and above them.
         """
-        mean, square = self._prior()
-        pieces = [piece for rows in episodes for piece in self._pieces(rows)]
-        lights = np.array([self._sight(piece) for piece in pieces])
-        which = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+        prior, stations = self._expected(), self._stations(episodes)
+        lights = np.concatenate([self._sights(rows) for rows in episodes])
         guesses = [self.survey]
         for height in (0.0, 1.0) if anew else ():
-            guesses.append(np.concatenate([self.survey[:PLACES], mean[PLACES:HEIGHT], [height]]))
-        rows = np.concatenate(pieces)
-        found = [surveyed(rows, which, guess, lights, mean, square, self._unsteady()[1], 6) for guess in guesses]
-        best: tuple[Array, Array, float, Array] = min(found, key=lambda one: one[2])
-        return best
+            guesses.append(np.concatenate([self.survey[:PLACES], prior.mean[PLACES:HEIGHT], [height]]))
+        rows = np.concatenate(episodes)
+        found = [surveyed(rows, stations, guess, lights, prior, self._unsteady()[1], 6) for guess in guesses]
+        survey, lights, cost, doubt = min(found, key=lambda one: one[2])
+        before, share = (each[-len(episodes[-1]) :] for each in (stations.before, stations.share[:, None]))
+        after = np.minimum(before + 1, len(lights) - 1)
+        return survey, (1.0 - share) * lights[before] + share * lights[after], cost, doubt
 
-    def _pieces(self, rows: Array) -> list[Array]:
-        """An episode's rows in pieces in which the light stands still."""
+    def _stations(self, episodes: list[Array]) -> Stations:
+        """The stations of the light in episodes: one each, or, if it moves, one every `STATION` decisions."""
+        lengths = [len(rows) for rows in episodes]
+        episode = np.repeat(np.arange(len(episodes)), lengths)
         if not self.moves:
-            return [rows]
-        first = len(rows) % PIECE
-        cuts = range(first if first > PIECE // 2 else first + PIECE, len(rows), PIECE)
-        return np.split(rows, cuts)
+            return Stations(episode, episode, np.zeros(len(episode)), 0.0)
+        since = np.concatenate([np.arange(length) for length in lengths])
+        first = np.cumsum([0, *((length - 1) // STATION + 2 for length in lengths)])
+        farthest = STATION * self._usual()
+        return Stations(episode, first[episode] + since // STATION, since % STATION / STATION, farthest**2)
+
+    def _sights(self, rows: Array) -> Array:
+        """The light's stations on the map of an episode, as the survey sees them; shape (stations, 2)."""
+        if not self.moves:
+            return np.array([self._sight(rows)])
+        ends = [min(STATION * k, len(rows) - 1) for k in range((len(rows) - 1) // STATION + 2)]
+        sights = [
+            seen_along(self.survey, rows[max(0, end - 5) : end + 1], self.settings.slip, *self._unsteady())
+            for end in ends
+        ]
+        return np.array([self._on_map(rows[: end + 1], light) for end, (light, _) in zip(ends, sights, strict=True)])
 
     def _think_again(self, episodes: list[Array]) -> None:
         """Choose how late the readings are, and whether the light moves: as before, if nothing fits clearly better."""
@@ -695,8 +744,9 @@ class PilotAgent(PeriodicAgent):
         for self.late, self.moves, self.flickers in dict.fromkeys([before, *others]):
             as_seen = list(map(self._weighed, episodes))
             cost = self._survey_with(as_seen, anew=False)[2]
-            # two more numbers for each piece, by H. Akaike, A New Look at the Statistical Model Identification, 1974
-            numbers = 4.0 * sum(len(self._pieces(rows)) for rows in as_seen)
+            # H. Akaike, A New Look at the Statistical Model Identification, 1974, counts twice the numbers that are
+            # chosen; a light that moves counts as if it had a place every PIECE decisions
+            numbers = 4.0 * sum(max(1, len(rows) // PIECE) if self.moves else 1 for rows in as_seen)
             # what is more likely to vary is less likely to be what it is
             sure = [np.log1p(self._unsteady()[1] * (1.0 / np.abs(rows[:, 6:])).sum(axis=1)).sum() for rows in as_seen]
             costs[self.late, self.moves, self.flickers] = cost, numbers + float(sum(sure))
@@ -711,9 +761,7 @@ class PilotAgent(PeriodicAgent):
         survey, lights, cost, doubt = self._survey_with([self._weighed(rows) for rows in episodes])
         if isfinite(cost):
             self.survey = survey
-            pieces = self._pieces(delayed(episodes[-1], self.late))
-            squares = [self._misses(survey, *each) for each in zip(pieces, lights[-len(pieces) :], strict=True)]
-            self._weigh(np.concatenate(squares))
+            self._weigh(self._misses(survey, delayed(episodes[-1], self.late), lights))
         return lights[-1], doubt
 
     def _misses(self, survey: Array, rows: Array, light: Array) -> Array:
@@ -758,7 +806,7 @@ class PilotAgent(PeriodicAgent):
             return self._cautious(int(self._rng.integers(self.actions)), near)
         pace, pending, k, c = self._motion()
         goal = self._near or 0.25 * sqrt(self._prior()[1][PLACES])
-        graze = self.settings.graze * goal
+        graze = max(self.settings.graze * goal, sqrt(self._scatter))
         times = [quickest(light, *pace, pending, k, c, 1.0, goal, graze) for light, _ in self._lights]
         likely = [exp(-0.5 * cost) for _, cost in self._lights]
         on_average = np.average(times, axis=0, weights=likely)
@@ -871,11 +919,14 @@ class PilotAgent(PeriodicAgent):
             "repeats": self.repeats.tolist(),
             "goal": self.goal,
             "goals": self._goals,
+            "scatter": self._scatter,
             "lost": self.lost,
             "doubts": self._doubts,
             "wastes": self._wastes,
             "untried": list(self._untried),
             "episode": self.episode,
+            "information": self._told[0].tolist(),
+            "product": self._told[1].tolist(),
             "past": [np.where(np.isfinite(rows), rows, -1.0).tolist() for rows in self._past],
             "rng": self._rng.bit_generator.state,
         }
@@ -895,6 +946,9 @@ class PilotAgent(PeriodicAgent):
             "late": 0 <= self.late <= max(LATE),
             "doubts": 0 <= self._doubts <= DOUBTS * self._wastes <= LARGEST,
             "goal": 0.0 <= self.goal <= LARGEST,
+            "scatter": 0.0 <= self._scatter <= LARGEST,
+            "information": bool(np.isfinite(self._told[0]).all()),
+            "product": bool(np.isfinite(self._told[1]).all()),
             "past": _small(rows[:, : 2 + SENSORS]) and bool((np.abs(rows[:, 2 + SENSORS :]) > 0.0).all()),
         }
 
@@ -913,6 +967,9 @@ class PilotAgent(PeriodicAgent):
         self.repeats = np.array(memory.get("repeats", self.repeats))
         self.goal, self.lost, self.episode = float(memory["goal"]), bool(memory["lost"]), int(memory["episode"])
         self._goals, self._untried = int(memory["goals"]), list(memory["untried"])
+        self._scatter = float(memory.get("scatter", 0.0))
+        if "information" in memory:
+            self._told = np.array(memory["information"]), np.array(memory["product"])
         self._past = [np.array(rows) for rows in memory["past"]]
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] == -1.0] = inf
@@ -968,8 +1025,8 @@ def _squares(survey: Array, rows: Array, light: Array, common: float) -> Array:
     x, y, heading = way(distance, turn)
     # the readings belong to the middle of the way
     middle, quarter = heading - 0.5 * turn, heading - 0.25 * turn
-    east = light[0] - x + 0.5 * distance * np.cos(quarter)
-    north = light[1] - y + 0.5 * distance * np.sin(quarter)
+    east = light[..., 0] - x + 0.5 * distance * np.cos(quarter)
+    north = light[..., 1] - y + 0.5 * distance * np.sin(quarter)
     ahead, left = (
         np.cos(middle) * east + np.sin(middle) * north,
         np.cos(middle) * north - np.sin(middle) * east,
@@ -1015,7 +1072,10 @@ def _compile(*, round_obstacles: bool) -> None:
     Those for obstacles take seconds, and are needed only with a laser.
     """
     rows, survey, square = np.ones((2, 2 + 2 * SENSORS)), np.ones(NUMBERS), np.ones(NUMBERS)
-    surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 0.0, 1)
+    prior = Prior(survey, square, survey, np.zeros((2, NUMBERS, NUMBERS)))
+    stations = Stations(np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(2), 0.0)
+    surveyed(rows, stations, survey, np.ones((1, 2)), prior, 0.0, 1)
+    told(rows, stations, survey, np.ones((1, 2)), 0.0)
     seen_along(survey, rows, 0.1, 0.0, 0.0)
     pending, c = np.zeros(1, np.int64), np.ones((2, 3))
     quickest((1.0, 0.0, 0.1, 0.1, 0.0), 0.1, 0.0, pending, np.zeros(2), c, 1.0, 0.5, 0.1)

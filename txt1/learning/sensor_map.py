@@ -7,14 +7,19 @@ robot turns by s h + b in a decision when odometry says h:
 
         survey, light  <-  argmin  sum (z - g + n/2 log(|light - p|^2 + u))^2      (Gauss-Newton, outliers count less)
 
-and between surveys a Kalman filter keeps the light's place in the robot's frame. Far from the light it knows the
+A light that moves does so evenly from each of its `Stations` to the next. What earlier episodes told of the survey is
+kept as a normal distribution (`told`), of which each further survey is an update (`Prior`): a fixed-lag smoother that
+marginalises what it drops (G. Sibley, L. Matthies and G. Sukhatme, Sliding Window Filter with Application to
+Planetary Landing, 2010).
+Between surveys a Kalman filter keeps the light's place in the robot's frame. Far from the light it knows the
 distance well and the bearing badly: the light is on an arc, and each correction goes along that arc.
 """
 
 from math import cos, exp, hypot, inf, log, pi, sin, sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from txt1.learning.planner import Array, Belief, compiled
 
@@ -30,6 +35,10 @@ SCALES: Final = (0.3, 3.0)
 UNLIKELY: Final = 20.0
 # square of the misfit, in deviations, from which a reading counts less
 TAIL: Final = 8.0
+# the same of a whole survey, from which it is taken to be another one than earlier episodes told
+CHANGED: Final = 30.0
+# variances by which odometry's scale and drift change from episode to episode
+WANDERS: Final = (0.05**2, 0.002**2)
 # rounds in which the part that readings have in common is found
 ROUNDS: Final = 4
 
@@ -247,14 +256,35 @@ def way(distance: Array, turn: Array) -> tuple[Array, Array, Array]:
     return np.cumsum(distance * np.cos(middle)), np.cumsum(distance * np.sin(middle)), heading
 
 
+class Stations(NamedTuple):
+    """Where the light is at each decision: on the way from one of its stations to the next, evenly."""
+
+    # which episode, which station comes before, and the share of the way from there to the next; shape (rows,)
+    episode: NDArray[np.int64]
+    before: NDArray[np.int64]
+    share: Array
+    # variance of the way from a station to the next, m2; 0: it has one station in an episode
+    apart: float
+
+
+class Prior(NamedTuple):
+    """What a survey is expected to be: one of no robot in particular, and one that earlier episodes told."""
+
+    # of no robot in particular, and the squared deviations from it; shape (NUMBERS,)
+    mean: Array
+    square: Array
+    # as earlier episodes told, and the information on the sensors and on odometry; shape (2, NUMBERS, NUMBERS)
+    known: Array
+    information: Array
+
+
 @compiled
 def _cost(
     rows: Array,
-    which: Array,
+    stations: Stations,
     survey: Array,
     lights: Array,
-    mean: Array,
-    square: Array,
+    prior: Prior,
     common: float,
     gradient: Array,
     normal: Array,
@@ -265,22 +295,43 @@ def _cost(
     level = (survey[0] + survey[1] + survey[2] + survey[3]) / SENSORS
     cost = 0.0
     for i in range(NUMBERS):
-        off = survey[i] - (level if i < SENSORS else mean[i])
+        off = survey[i] - (level if i < SENSORS else prior.mean[i])
         # odometry is mostly right, and lamps hang low; where not, they may be far off
         tail = TAIL if i >= SCALE else 1e9
-        trust = 1.0 / (1.0 + off * off / square[i] / tail)
-        cost += tail * log(1.0 + off * off / square[i] / tail)
-        gradient[i] += trust * off / square[i]
-        normal[i, i] += trust / square[i]
-    column = np.zeros(9, np.int64)
-    slope = np.zeros(9)
+        trust = 1.0 / (1.0 + off * off / prior.square[i] / tail)
+        cost += tail * log(1.0 + off * off / prior.square[i] / tail)
+        gradient[i] += trust * off / prior.square[i]
+        normal[i, i] += trust / prior.square[i]
+    off_known = survey - prior.known
+    for part in range(len(prior.information)):
+        # a robot mostly stays as it is; where not, it may be another one
+        pull = prior.information[part] @ off_known
+        off = max(off_known @ pull, 0.0)
+        trust = 1.0 / (1.0 + off / CHANGED)
+        cost += CHANGED * log(1.0 + off / CHANGED)
+        gradient[:NUMBERS] += trust * pull
+        normal[:NUMBERS, :NUMBERS] += trust * prior.information[part]
+    column = np.zeros(11, np.int64)
+    slope = np.zeros(11)
+    count = 11 if stations.apart > 0.0 else 9
     # slopes of what the readings of a decision have in common
     shared = np.zeros(len(gradient))
     # on the map, and how they change with the scale of turns, and with their drift
     x = y = heading = x_by = y_by = heading_by = x_in = y_in = heading_in = 0.0
     for t in range(rows.shape[0]):
-        e = which[t]
-        begins = t == 0 or which[t - 1] != e
+        e, share_on = stations.before[t], stations.share[t]
+        begins = t == 0 or stations.episode[t - 1] != stations.episode[t]
+        if stations.apart > 0.0 and (begins or stations.before[t - 1] != e):
+            for i in range(2):
+                here, there = NUMBERS + 2 * e + i, NUMBERS + 2 * e + 2 + i
+                step = lights[e + 1, i] - lights[e, i]
+                cost += step * step / stations.apart
+                gradient[here] -= step / stations.apart
+                gradient[there] += step / stations.apart
+                normal[here, here] += 1.0 / stations.apart
+                normal[there, there] += 1.0 / stations.apart
+                normal[here, there] -= 1.0 / stations.apart
+                normal[there, here] -= 1.0 / stations.apart
         if begins:
             x = y = heading = x_by = y_by = heading_by = x_in = y_in = heading_in = 0.0
         # the first row of an episode is of the start, before which nothing drifts
@@ -301,7 +352,11 @@ def _cost(
             here = heading + 0.5 * turn
             here_by, here_in = heading_by + 0.5 * turn_by, heading_in + 0.5 * since
             c, s = cos(here), sin(here)
-            east, north = lights[e, 0] - x, lights[e, 1] - y
+            light_x, light_y = lights[e, 0], lights[e, 1]
+            if share_on > 0.0:
+                light_x += share_on * (lights[e + 1, 0] - light_x)
+                light_y += share_on * (lights[e + 1, 1] - light_y)
+            east, north = light_x - x, light_y - y
             ahead, left = c * east + s * north, c * north - s * east
             ahead_by = left * here_by - c * x_by - s * y_by
             left_by = -ahead * here_by - c * y_by + s * x_by
@@ -339,14 +394,17 @@ def _cost(
                 column[2], slope[2] = PLACES + 2 * k, -by_x
                 column[3], slope[3] = PLACES + 2 * k + 1, -by_y
                 column[4], slope[4] = SCALE, by_x * ahead_by + by_y * left_by
-                column[5], slope[5] = NUMBERS + 2 * e, by_x * c - by_y * s
-                column[6], slope[6] = NUMBERS + 2 * e + 1, by_x * s + by_y * c
+                by_east, by_north = by_x * c - by_y * s, by_x * s + by_y * c
+                column[5], slope[5] = NUMBERS + 2 * e, (1.0 - share_on) * by_east
+                column[6], slope[6] = NUMBERS + 2 * e + 1, (1.0 - share_on) * by_north
                 column[7], slope[7] = DRIFT, by_x * ahead_in + by_y * left_in
                 # by_power is half the logarithm of one over the square
                 column[8], slope[8] = HEIGHT, -0.5 * survey[POWER] * exp(2.0 * by_power) * root
-                for i in range(len(column)):
+                column[9], slope[9] = NUMBERS + 2 * e + 2, share_on * by_east
+                column[10], slope[10] = NUMBERS + 2 * e + 3, share_on * by_north
+                for i in range(count):
                     gradient[column[i]] += trust * miss * slope[i]
-                    for j in range(len(column)):
+                    for j in range(count):
                         normal[column[i], column[j]] += trust * slope[i] * slope[j]
                     shared[column[i]] += trust * root * slope[i]
                 weights += trust * root * root
@@ -366,24 +424,23 @@ def _cost(
 @compiled
 def surveyed(
     rows: Array,
-    which: Array,
+    stations: Stations,
     survey: Array,
     lights: Array,
-    mean: Array,
-    square: Array,
+    prior: Prior,
     common: float,
     rounds: int,
 ) -> tuple[Array, Array, float, Array]:
     """Make a survey by Gauss-Newton from a guess; also returns each episode's light, the cost, the last covariance.
 
-    `rows` are the rows of all decisions: distance, turn, four log readings, their four variances; `which` gives the
-    episode of each row. Deviations from `mean` cost their square over `square`; brightnesses pay for their differences.
+    `rows` are the rows of all decisions: distance, turn, four log readings, their four variances; `stations` where
+    the light is. Deviations from `mean` cost their square over `square`; brightnesses pay for their differences.
     `common` is the variance of what the readings of a decision have in common.
     """
     size = NUMBERS + 2 * lights.shape[0]
     gradient, normal = np.zeros(size), np.zeros((size, size))
     new_gradient, new_normal = np.zeros(size), np.zeros((size, size))
-    cost = _cost(rows, which, survey, lights, mean, square, common, gradient, normal)
+    cost = _cost(rows, stations, survey, lights, prior, common, gradient, normal)
     damping = 1e-2
     for _ in range(rounds):
         damped = normal.copy()
@@ -395,7 +452,7 @@ def surveyed(
         trial[HEIGHT] = max(trial[HEIGHT], 0.0)
         trial[SCALE] = min(max(trial[SCALE], SCALES[0]), SCALES[1])
         moved_lights = lights - step[NUMBERS:].copy().reshape(lights.shape)
-        new = _cost(rows, which, trial, moved_lights, mean, square, common, new_gradient, new_normal)
+        new = _cost(rows, stations, trial, moved_lights, prior, common, new_gradient, new_normal)
         if new < cost:
             gain = cost - new
             survey, lights, cost = trial, moved_lights, new
@@ -408,3 +465,39 @@ def surveyed(
     for i in range(size):
         normal[i, i] += 1e-6
     return survey, lights, cost, np.linalg.inv(normal)[-2:, -2:].copy()
+
+
+@compiled
+def told(rows: Array, stations: Stations, survey: Array, lights: Array, common: float) -> tuple[Array, Array]:
+    """Return the information that rows have of a survey, and its product with the survey that fits them best.
+
+    Linear about this survey; the lights' places are eliminated, as no other episode has them. Shapes (NUMBERS, NUMBERS)
+    and (NUMBERS,).
+    """
+    size = NUMBERS + 2 * lights.shape[0]
+    gradient, normal = np.zeros(size), np.zeros((size, size))
+    nothing = Prior(survey, np.full(NUMBERS, inf), survey, np.zeros((0, NUMBERS, NUMBERS)))
+    _cost(rows, stations, survey, lights, nothing, common, gradient, normal)
+    for i in range(NUMBERS, size):
+        normal[i, i] += 1e-6
+    cross, places = normal[:NUMBERS, NUMBERS:].copy(), normal[NUMBERS:, NUMBERS:].copy()
+    by_places = np.linalg.solve(places, np.column_stack((cross.T.copy(), gradient[NUMBERS:])))
+    information = normal[:NUMBERS, :NUMBERS] - cross @ by_places[:, :NUMBERS].copy()
+    slope = gradient[:NUMBERS] - cross @ by_places[:, NUMBERS].copy()
+    return information, information @ survey - slope
+
+
+def by_part(information: Array) -> Array:
+    """Return the information on the sensors alone, and on odometry alone: either may change without the other.
+
+    Odometry's scale and drift change a little from episode to episode, by `WANDERS`. Shape (2, NUMBERS, NUMBERS).
+    """
+    odometry = np.isin(np.arange(NUMBERS), (SCALE, DRIFT))
+    parts = np.zeros((2, NUMBERS, NUMBERS))
+    for part, own in zip(parts, (~odometry, odometry), strict=True):
+        cross = information[np.ix_(own, ~own)]
+        others = information[np.ix_(~own, ~own)] + 1e-6 * np.eye(int((~own).sum()))
+        part[np.ix_(own, own)] = information[np.ix_(own, own)] - cross @ np.linalg.solve(others, cross.T)
+    both = np.ix_(odometry, odometry)
+    parts[1][both] = parts[1][both] @ np.linalg.inv(np.eye(2) + np.diag(WANDERS) @ parts[1][both])
+    return parts

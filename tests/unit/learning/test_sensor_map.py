@@ -7,16 +7,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.learning.sensor_map import (
+    DRIFT,
     HEIGHT,
     NUMBERS,
     PLACES,
     POWER,
     SCALE,
     UNLIKELY,
+    Prior,
+    Stations,
+    by_part,
     corrected,
     followed,
     sighted,
     surveyed,
+    told,
     way,
 )
 from txt1.model.light_sensors import MOUNT
@@ -73,15 +78,32 @@ def test_two_sensors_leave_two_places() -> None:
     assert len(places) == 2 and any(np.hypot(x - 1.0, y - 0.5) < 0.05 for x, y in places)
 
 
-def driven_past(true: np.ndarray, ahead: float, left: float, brighter: np.ndarray) -> np.ndarray:
-    """The rows of a drive past a lamp that is so much brighter at each decision, as a logarithm."""
+def standing(rows: np.ndarray) -> Stations:
+    """Where a light is that stands still, in one episode."""
+    one = np.zeros(len(rows), np.int64)
+    return Stations(one, one, np.zeros(len(rows)), 0.0)
+
+
+def prior(mean: np.ndarray, square: np.ndarray) -> Prior:
+    """What is expected where no earlier episode told anything."""
+    return Prior(mean, square, mean, np.zeros((2, len(mean), len(mean))))
+
+
+def driven_past(
+    true: np.ndarray, ahead: float, left: float, brighter: np.ndarray, velocity: tuple[float, float] = (0.0, 0.0)
+) -> np.ndarray:
+    """The rows of a drive past a lamp that is so much brighter at each decision, as a logarithm.
+
+    `velocity`: its way in a decision.
+    """
     count = len(brighter)
     distance, turn = np.full(count, 0.02), 0.02 * np.sin(np.arange(count) / 15.0)
     x, y, heading = way(distance, turn)
     # the readings belong to the middle of the way
     x, y, heading = x - 0.5 * distance * np.cos(heading), y - 0.5 * distance * np.sin(heading), heading - 0.5 * turn
     c, s = np.cos(heading), np.sin(heading)
-    places = np.column_stack([c * (ahead - x) + s * (left - y), c * (left - y) - s * (ahead - x)])
+    east, north = (np.array([ahead, left]) + np.arange(count)[:, None] * np.array(velocity)).T - (x, y)
+    places = np.column_stack([c * east + s * north, c * north - s * east])
     z = np.array([read(*place, true) for place in places]) + brighter[:, None]
     return np.column_stack([distance, turn, z, np.full((count, 4), 1e-4)])
 
@@ -92,8 +114,8 @@ def test_a_drive_past_a_lamp_tells_how_high_it_hangs(height: float, ahead: float
     true[:4], true[HEIGHT] = 5.0, height**2
     rows, mean = driven_past(true, ahead, left, np.zeros(150)), SURVEY.copy()
     square = np.array([0.2] * 4 + [0.1] + [1e-3] * 8 + [1e-3, 1e-3, 1.0]) ** 2
-    which, guess = np.zeros(len(rows), np.int64), np.array([[0.5, 0.2]])
-    survey, lights, _, _ = surveyed(rows, which, mean, guess, mean, square, 0.0, 60)
+    guess = np.array([[0.5, 0.2]])
+    survey, lights, _, _ = surveyed(rows, standing(rows), mean, guess, prior(mean, square), 0.0, 60)
     assert abs(np.sqrt(survey[HEIGHT]) - height) < 0.15
     assert np.hypot(*(lights[0] - (ahead, left))) < 0.05
 
@@ -105,11 +127,63 @@ def test_a_lamp_that_flickers_does_not_mislead_a_survey_that_knows_of_it(ahead: 
     rows, mean = driven_past(true, ahead, left, noise), SURVEY.copy()
     square = np.array([0.2] * 4 + [0.1] + [1e-3] * 11) ** 2
     mean[:4] = 4.5
-    which, guess = np.zeros(len(rows), np.int64), np.array([[ahead + 0.1, left - 0.1]])
-    survey, lights, cost, _ = surveyed(rows, which, mean, guess, mean, square, 0.25, 60)
+    stations, guess = standing(rows), np.array([[ahead + 0.1, left - 0.1]])
+    survey, lights, cost, _ = surveyed(rows, stations, mean, guess, prior(mean, square), 0.25, 60)
     assert np.hypot(*(lights[0] - (ahead, left))) < 0.02
     assert np.ptp(survey[:4] - true[:4]) < 0.02
-    assert cost < 0.1 * surveyed(rows, which, mean, guess, mean, square, 0.0, 60)[2]
+    assert cost < 0.1 * surveyed(rows, stations, mean, guess, prior(mean, square), 0.0, 60)[2]
+
+
+def test_a_survey_finds_how_a_light_moves_on() -> None:
+    true = SURVEY.copy()
+    rows, count = driven_past(true, 1.0, 0.5, np.zeros(101), (0.004, -0.003)), 101
+    since = np.arange(count)
+    stations = Stations(np.zeros(count, np.int64), since // 50, since % 50 / 50, 1.0)
+    square = np.array([0.2] * 4 + [0.1] + [1e-3] * 8 + [1e-3] * 3) ** 2
+    _, lights, _, _ = surveyed(rows, stations, true, np.full((4, 2), (1.1, 0.4)), prior(true, square), 0.0, 60)
+    # the last station is beyond the last row
+    assert np.allclose(lights[:3], [(1.0, 0.5), (1.2, 0.35), (1.4, 0.2)], atol=0.03)
+
+
+def known_after(true: np.ndarray, square: np.ndarray) -> Prior:
+    """What a drive past a lamp told of a robot."""
+    rows = driven_past(true, 1.0, 0.5, np.zeros(150))
+    light = np.array([[1.0, 0.5]])
+    survey, lights, _, _ = surveyed(rows, standing(rows), true, light, prior(true, square), 0.0, 20)
+    information, product = told(rows, standing(rows), survey, lights, 0.0)
+    known = np.linalg.solve(information + np.diag(1.0 / square), product + true / square)
+    return Prior(SURVEY, square, known, by_part(information))
+
+
+WEAK = np.array([0.2] * 4 + [0.7] + [0.3] * 8 + [0.1, 0.01, 0.1]) ** 2
+
+
+def test_what_an_episode_told_makes_up_for_a_short_one() -> None:
+    true = SURVEY.copy()
+    true[:5] = 5.0, 5.2, 4.9, 5.1, 2.2
+    rng, errors = np.random.default_rng(3), []
+    rows = driven_past(true, 0.8, -0.6, np.zeros(20))
+    rows[:, 2:6] += rng.normal(0.0, 0.01, (20, 4))
+    for before in (prior(SURVEY, WEAK), known_after(true, WEAK)):
+        survey = surveyed(rows, standing(rows), before.known, np.array([[0.7, -0.5]]), before, 0.0, 60)[0]
+        errors.append(np.abs(survey - true)[PLACES:SCALE].max())
+    assert errors[1] < 0.05 < errors[0]
+
+
+def test_what_an_episode_told_gives_way_where_the_sensors_have_changed_places() -> None:
+    before = known_after(SURVEY, WEAK)
+    true = SURVEY.copy()
+    true[PLACES:SCALE] = -SURVEY[PLACES:SCALE]
+    rows = driven_past(true, 0.8, -0.6, np.zeros(150))
+    survey = surveyed(rows, standing(rows), true, np.array([[0.8, -0.6]]), before, 0.0, 60)[0]
+    assert np.allclose(survey[PLACES:SCALE], true[PLACES:SCALE], atol=0.03)
+
+
+def test_odometry_that_changes_does_not_make_one_doubt_the_sensors() -> None:
+    sensors, odometry = known_after(SURVEY, WEAK).information
+    off = np.zeros(len(SURVEY))
+    off[[SCALE, DRIFT]] = 0.2, 0.02
+    assert off @ sensors @ off == 0.0 < off @ odometry @ off
 
 
 def test_the_bearing_of_a_light_far_away_is_mostly_within_two_of_its_sigmas() -> None:
