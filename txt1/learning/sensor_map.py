@@ -490,11 +490,14 @@ def told(rows: Array, stations: Stations, survey: Array, lights: Array, common: 
 def by_part(information: Array) -> Array:
     """Return the information on the sensors alone, and on odometry alone: either may change without the other.
 
+    The power of the light and its height are left out: another lamp may hang there, and a lamp high above looks like
+    one far away, so that a survey which held the one for the other would never find out.
     Odometry's scale and drift change a little from episode to episode, by `WANDERS`. Shape (2, NUMBERS, NUMBERS).
     """
-    odometry = np.isin(np.arange(NUMBERS), (SCALE, DRIFT))
+    number = np.arange(NUMBERS)
+    odometry, sensors = np.isin(number, (SCALE, DRIFT)), ~np.isin(number, (SCALE, DRIFT, POWER, HEIGHT))
     parts = np.zeros((2, NUMBERS, NUMBERS))
-    for part, own in zip(parts, (~odometry, odometry), strict=True):
+    for part, own in zip(parts, (sensors, odometry), strict=True):
         cross = information[np.ix_(own, ~own)]
         others = information[np.ix_(~own, ~own)] + 1e-6 * np.eye(int((~own).sum()))
         part[np.ix_(own, own)] = information[np.ix_(own, own)] - cross @ np.linalg.solve(others, cross.T)
