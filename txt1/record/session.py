@@ -39,13 +39,16 @@ MEGABYTE: Final = 1_000_000
 @cache
 def machine() -> dict[str, str]:
     """The processor and the libraries on which the last bits of results depend."""
+    wanted, told = ("cpu family", "model", "model name", "stepping"), dict[str, str]()
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
-            models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+            for name, _, value in (line.partition(":") for line in lines):
+                told.setdefault(name.strip(), value.strip())
     except OSError:
         # not Linux
-        models = []
-    processor = " ".join((platform.machine(), *(models[:1] or [platform.processor()]))).strip()
+        told["model name"] = platform.processor()
+    # processors of several kinds have one name, under a hypervisor
+    processor = " ".join((platform.machine(), *(told[name] for name in wanted if name in told))).strip()
     return {"processor": processor, "libm": " ".join(platform.libc_ver()).strip(), "numpy": version("numpy")}
 
 
