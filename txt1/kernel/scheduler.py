@@ -415,6 +415,8 @@ class Scheduler:
         self._running, self._later = False, 0
         if not self.ended.done():
             self.ended.set_exception(_task_fault(entry, error))
+            # seen: `on_fault` tells it, and asyncio need not, where nobody waits for the end
+            self.ended.exception()
         self._on_fault(entry.name, error)
 
     def _end(self) -> None:
