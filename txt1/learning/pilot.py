@@ -575,7 +575,7 @@ class PilotAgent(PeriodicAgent):
         return self._lights[0][0] if self._lights else None
 
     def _lose(self) -> None:
-        """Forget the survey, and the episodes before this one."""
+        """Forget the survey, and the rows of the episodes before this one; what was kept of the sensors stays."""
         self.unfit = self.unfit or "the light"
         self.lost = True
         self.misfit = 1.0
@@ -726,14 +726,15 @@ class PilotAgent(PeriodicAgent):
 
     def _sights(self, rows: Array) -> Array:
         """The light's stations on the map of an episode, as the survey sees them; shape (stations, 2)."""
-        if not self.moves:
-            return np.array([self._sight(rows)])
-        ends = [min(STATION * k, len(rows) - 1) for k in range((len(rows) - 1) // STATION + 2)]
-        sights = [
-            seen_along(self.survey, rows[max(0, end - 5) : end + 1], self.settings.slip, *self._unsteady())
-            for end in ends
-        ]
-        return np.array([self._on_map(rows[: end + 1], light) for end, (light, _) in zip(ends, sights, strict=True)])
+        ends = [len(rows)]
+        if self.moves:
+            ends = [min(STATION * k + 1, len(rows)) for k in range((len(rows) - 1) // STATION + 2)]
+        found = []
+        for end in ends:
+            latest = rows[max(0, end - 6) if self.moves else 0 : end]
+            light, _ = seen_along(self.survey, latest, self.settings.slip, *self._unsteady())
+            found.append(self._on_map(rows[:end], light))
+        return np.array(found)
 
     def _think_again(self, episodes: list[Array]) -> None:
         """Choose how late the readings are, and whether the light moves: as before, if nothing fits clearly better."""
@@ -785,10 +786,6 @@ class PilotAgent(PeriodicAgent):
     def _latest(self, count: int) -> Array:
         """At most so many of the latest rows of this episode, as a survey takes them."""
         return self._weighed(np.array(self._rows[-count - self.late :]))[-count:]
-
-    def _sight(self, rows: Array) -> Place:
-        """The light's place on the map of an episode, by the survey."""
-        return self._on_map(rows, seen_along(self.survey, rows, self.settings.slip, *self._unsteady())[0])
 
     def _on_map(self, rows: Array, light: Belief) -> Place:
         """The place, on the map of an episode's rows, of a light in the robot's frame at their end."""

@@ -11,8 +11,9 @@ A light that moves does so evenly from each of its `Stations` to the next. What 
 kept as a normal distribution (`told`), of which each further survey is an update (`Prior`): a fixed-lag smoother that
 marginalises what it drops (G. Sibley, L. Matthies and G. Sukhatme, Sliding Window Filter with Application to
 Planetary Landing, 2010).
-Between surveys a Kalman filter keeps the light's place in the robot's frame. Far from the light it knows the
-distance well and the bearing badly: the light is on an arc, and each correction goes along that arc.
+
+Between surveys a Kalman filter keeps the light's place in the robot's frame. Far from the light it knows the distance
+well and the bearing badly: the light is on an arc, and each correction goes along that arc.
 """
 
 from math import cos, exp, hypot, inf, log, pi, sin, sqrt
@@ -492,6 +493,7 @@ def by_part(information: Array) -> Array:
 
     The power of the light and its height are left out: another lamp may hang there, and a lamp high above looks like
     one far away, so that a survey which held the one for the other would never find out.
+
     Odometry's scale and drift change a little from episode to episode, by `WANDERS`. Shape (2, NUMBERS, NUMBERS).
     """
     number = np.arange(NUMBERS)

@@ -46,7 +46,8 @@ def machine() -> dict[str, str]:
                 told.setdefault(name.strip(), value.strip())
     except OSError:
         # not Linux
-        told["model name"] = platform.processor()
+        pass
+    told.setdefault("model name", platform.processor())
     # processors of several kinds have one name, under a hypervisor
     processor = " ".join((platform.machine(), *(told[name] for name in wanted if name in told))).strip()
     return {"processor": processor, "libm": " ".join(platform.libc_ver()).strip(), "numpy": version("numpy")}
