@@ -402,22 +402,18 @@ class Scheduler:
         )
 
     def _raised(self, entry: _Scheduled, error: BaseException) -> None:
-        if isinstance(error, StopIteration):
-            error = RuntimeError("its loop over the ticks came to an end")
-        if isinstance(error, KeyboardInterrupt | SystemExit):
-            self._running, self._later = False, 0
-            self._on_fault(entry.name, error)
-            raise error
-        self._fault(entry, error)
-
-    def _fault(self, entry: _Scheduled, error: BaseException) -> None:
         """Make the robot safe, stop every task, and pass the error on."""
         self._running, self._later = False, 0
-        if not self.ended.done():
+        interrupted = isinstance(error, KeyboardInterrupt | SystemExit)
+        if isinstance(error, StopIteration):
+            error = RuntimeError("its loop over the ticks came to an end")
+        if not interrupted and not self.ended.done():
             self.ended.set_exception(_task_fault(entry, error))
             # seen: `on_fault` tells it, and asyncio need not, where nobody waits for the end
             self.ended.exception()
         self._on_fault(entry.name, error)
+        if interrupted:
+            raise error
 
     def _end(self) -> None:
         self._running = False

@@ -360,4 +360,4 @@ class StepByStep(Scheduler):
         try:
             entry.send(now)
         except Exception as error:
-            self._fault(entry, error)
+            self._raised(entry, error)
