@@ -6,7 +6,7 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
 
     z     <- log of the mean of the readings since the last decision
     d, h  <- distance and turn since then, by odometry
-    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action in force (`planner.Effects`)
+    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action in force (`effects.Effects`)
     Q     <- places of the light in the robot's frame that z allows, at first; then each is moved by d, h and
              corrected by z (Kalman filters), and unlikely places are dropped (`sensor_map`)
     if lost, or late, or at an episode's end:
@@ -53,9 +53,9 @@ light moves. It says so at the start of an episode, if one of the last five fail
 would have made at its start, had it known where the light was (`_wasted`); after the second such episode for ten
 episodes, and so on.
 
-It makes the second of these tests at each decision. Where that fails, it also learns its actions anew
-(`_learn_actions_anew`). An action that does then what another one did may have changed places with it, so it tries the
-other, too (`_doubt_actions`).
+It makes the second of these tests at each decision. Where that fails, it goes on by what the actions did before they
+last changed, or learns them anew, and plans anew (`effects.MotionModel`). An action that does then what another one did
+may have changed places with it, so it tries the other, too.
 
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
@@ -75,8 +75,9 @@ from pydantic import Field
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
 from txt1.learning.clearance import ActionPlan, Discs, SeenPoints, body_of, clearest, distances, quickest_clear
+from txt1.learning.effects import Effects, MotionModel
 from txt1.learning.learned import Learned
-from txt1.learning.planner import Array, Belief, Effects, Place, quickest
+from txt1.learning.planner import Array, Belief, Place, quickest
 from txt1.learning.qtable import StoredTable
 from txt1.learning.sensor_map import (
     DRIFT,
@@ -158,10 +159,6 @@ NEARER: Final = 0.9
 LARGEST: Final = 1e6
 # numbers of a decision that it keeps: distance, turn, four log readings, their four variances
 _RECORD: Final = 2 + 2 * SENSORS
-# decisions over which it predicts the effects of its actions, to judge itself
-SECOND: Final = 10
-# weight that earlier effects of the actions keep when they are others than predicted
-FADED: Final = 0.05
 # episodes after which a survey that led to the goal is taken again where it fits, and is not forgotten for being late
 # if the light moves
 KNOWN: Final = 3
@@ -221,7 +218,14 @@ class PilotAgent(PeriodicAgent):
         self._body = body
         self.actions = actions
         self.episode = 0
-        self.effects = Effects(actions, settings.delays)
+        self._model = MotionModel(
+            actions,
+            settings.delays,
+            slip=settings.slip,
+            limit=chi_square(2, settings.alarm),
+            tries=settings.tries,
+            forgets=settings.forgets,
+        )
         # see POWER, PLACES, SCALE
         self.survey = np.zeros(NUMBERS)
         self.survey[POWER], self.survey[SCALE] = 2.0, 1.0
@@ -265,6 +269,7 @@ class PilotAgent(PeriodicAgent):
     def begin(self) -> None:
         """An episode begins."""
         self._before = self.memory()
+        self._model.begin()
         self._rows: list[list[float]] = []
         self._rest()
         # actions, the latest first
@@ -286,12 +291,8 @@ class PilotAgent(PeriodicAgent):
         self._began_lost = self.lost
         # the survey by which the last episodes ended well
         self._known = self.survey.copy() if self._goals >= KNOWN and not self.lost else None
-        # of the last decisions: the state before, the actions, and their results
-        self._course: list[Any] = []
         # whether it has surveyed again in this episode because it was late
         self._surveyed = False
-        # actions that were not taken since the actions were learned anew
-        self._stale = set[int]()
         # length of the plan, decisions
         self.plan = inf
         # what the laser has seen, and the sweeps since the last decision with the odometry of their moments
@@ -316,9 +317,7 @@ class PilotAgent(PeriodicAgent):
             self._survey_anew()
         if not self.lost and self.misfit > self.settings.doubt:
             self._misfits()
-        if len(self._course) == SECOND and self._strayed() > chi_square(2, self.settings.alarm):
-            self._learn_actions_anew()
-        self._doubt_actions()
+        self._untried += [a for a in self._model.doubtful() for _ in range(self.settings.tries)]
         if not self.unfit and len(self._rows) % self.settings.anew == 0:
             self.unfit = self._judge()
         a = self._choose()
@@ -330,6 +329,7 @@ class PilotAgent(PeriodicAgent):
     def end(self, success: bool, odometry: Odometry) -> None:
         """The episode is over."""
         self._learn(odometry)
+        self._model.end()
         self.episode += 1
         if len(self._rows) > 2:
             self._past.append(np.array(self._rows))
@@ -363,11 +363,9 @@ class PilotAgent(PeriodicAgent):
             middle = self._at.theta + 0.5 * turn
             distance = (odometry.x - self._at.x) * cos(middle) + (odometry.y - self._at.y) * sin(middle)
             pace = distance, (turn / distance if abs(distance) > 0.1 * abs(self._usual()) > 0.0 else self._pace[1])
-            taken = np.array(self._taken)
-            delay, known = self._delay(), self.effects
-            knew = self._pace, delay, known.k[delay].copy(), known.c[delay].copy(), known.sums[delay, 0, :, 0].copy()
-            self._course = [*self._course[1 - SECOND :], (knew, self._taken, pace)]
-            self.effects.learn(taken, (self._pace[0], pace[0]), (self._pace[1], pace[1]), self.settings.forgets)
+            if self._model.learn(self._pace, np.array(self._taken), pace):
+                self.unfit = self.unfit or "what the actions do"
+                self._arrival = inf
             self._pace = pace
         self._at = odometry
         self._look_round(distance, turn, odometry)
@@ -386,48 +384,10 @@ class PilotAgent(PeriodicAgent):
             self._seen_before.add(points, since)
         self._sweeps = []
 
-    def _delay(self) -> int:
-        """The delay with the best predictions, in decisions."""
-        return int((self.effects.error * (1.0 + 0.02 * np.arange(self.settings.delays))).argmin())
-
-    def _strayed(self) -> float:
-        """Squared error, in deviations, of the distance and turn that were predicted for the last second."""
-        (pace, delay, k, c, known), _, _ = self._course[0]
-        d, bend = pace
-        distance = turn = 0.0
-        for _, taken, (ahead, curvature) in self._course:
-            a = taken[delay]
-            if a == self.actions or known[a] < self.settings.tries:
-                return 0.0
-            d, bend = k[0] * d + c[0, a], k[1] * bend + c[1, a]
-            distance, turn = distance + d - ahead, turn + d * bend - ahead * curvature
-        longest, sharpest = np.abs(c[:, :-1] / (1.0 - k[:, None])).max(axis=1)
-        slip = self.settings.slip * max(float(longest), 1e-9)
-        return ((distance / slip) ** 2 + (turn / (slip * max(float(sharpest), 1e-3))) ** 2) / len(self._course)
-
-    def _learn_actions_anew(self) -> None:
-        """Forget what the actions did before the last second, but for a little."""
-        self.unfit = self.unfit or "what the actions do"
-        self.effects.sums *= FADED
-        for (before, *_), taken, after in self._course:
-            motion = (before[0], after[0]), (before[1], after[1])
-            self.effects.learn(np.array(taken), *motion, self.settings.forgets)
-        delay = self._delay()
-        self._stale = set(range(self.actions)) - {taken[delay] for _, taken, _ in self._course[-SECOND // 2 :]}
-        self._course = []
-
-    def _doubt_actions(self) -> None:
-        """Try an action that was not taken since the actions were learned anew, once another one does the same."""
-        if not self._stale:
-            return
-        delay = self._delay()
-        self._stale -= {self._taken[delay]}
-        does = self.effects.c[delay][:, :-1] / (1.0 - self.effects.k[delay][:, None])
-        near = self.settings.slip * np.abs(does).max(axis=1)
-        known = [does[:, a] for a in range(self.actions) if a not in self._stale]
-        alike = [a for a in sorted(self._stale) if any((np.abs(does[:, a] - one) < near).all() for one in known)]
-        self._untried += [a for a in alike for _ in range(self.settings.tries)]
-        self._stale -= set(alike)
+    @property
+    def effects(self) -> Effects:
+        """What each action does."""
+        return self._model.effects
 
     def _judge(self) -> str:
         """Return the part of the readings' model that does not fit; "" if the stated noise explains the last ones."""
@@ -832,7 +792,7 @@ class PilotAgent(PeriodicAgent):
 
     def _motion(self) -> tuple[Place, NDArray[np.int64], Array, Array]:
         """Distance and curvature of the last decision, the actions under way, and k and c; turns are true to scale."""
-        delay = self._delay()
+        delay = self._model.delay()
         k, c = self.effects.k[delay], self.effects.c[delay].copy()
         scale, drift = float(self.survey[SCALE]), float(self.survey[DRIFT])
         steady, least = c[0] / (1.0 - k[0]), 0.1 * self._usual()
@@ -848,7 +808,7 @@ class PilotAgent(PeriodicAgent):
         if not len(near):
             return wanted
         pace, pending, k, c = self._motion()
-        untried = self.effects.sums[self._delay(), 0, :, 0] < 1.0
+        untried = self.effects.sums[self._model.delay(), 0, :, 0] < 1.0
         if untried.all():
             return wanted
         # the worst: straight ahead, as fast as any
@@ -885,7 +845,7 @@ class PilotAgent(PeriodicAgent):
         It counts as known unless the pilot is lost, or its actions take longer than the shared delays.
         """
         row = np.concatenate([self.survey, self.spread, [self.goal], self.effects.numbers(SHARED)])
-        visits = 0 if self.lost or self._delay() >= SHARED else max(1, self._goals)
+        visits = 0 if self.lost or self._model.delay() >= SHARED else max(1, self._goals)
         return Learned(self.name, self.episode, (visits,), (tuple(row.tolist()),))
 
     def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
@@ -901,9 +861,8 @@ class PilotAgent(PeriodicAgent):
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
-        effects = {name: getattr(self.effects, name).tolist() for name in ("sums", "error", "k", "c")}
         return {
-            "effects": effects,
+            **self._model.memory(),
             "survey": self.survey.tolist(),
             "spread": self.spread.tolist(),
             "late": self.late,
@@ -931,12 +890,9 @@ class PilotAgent(PeriodicAgent):
     def sound(self) -> dict[str, bool]:
         """Return whether what it keeps is within its range, by the names of `memory`."""
         survey, rows = self.survey, np.concatenate([np.ones((1, _RECORD)), *self._past])
-        own = [getattr(self.effects, name) for name in ("sums", "error", "k", "c")]
-        usual = [getattr(Effects(self.actions, self.settings.delays), name) for name in ("sums", "error", "k", "c")]
-        like = [one.shape == other.shape and _small(one) for one, other in zip(own, usual, strict=True)]
         within = POWERS[0] <= survey[POWER] <= POWERS[1] and SCALES[0] <= survey[SCALE] <= SCALES[1]
         return {
-            "effects": all(like),
+            "effects": self._model.sound(LARGEST),
             "survey": _small(survey) and bool(within),
             "spread": _small(self.spread) and bool((self.spread > 0.0).all()),
             "trust": _small(self.trust) and bool((self.trust > 0.0).all()),
@@ -951,8 +907,7 @@ class PilotAgent(PeriodicAgent):
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from the result of `memory`."""
-        for name, kept in memory["effects"].items():
-            setattr(self.effects, name, np.array(kept))
+        self._model.recall(memory)
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
         self.trust = np.array(memory["trust"])
         # older memories lack some

@@ -1,8 +1,8 @@
-"""The effects of each action, as observed, and the quickest course to the light by them.
+"""The quickest course to the light, by the effects of each action as observed (`effects`).
 
     d' = k d + c(a),  (h/d)' = l (h/d) + e(a)        a: the action in force, d and h: distance and turn in a decision
 
-The coefficients come from least squares that forget. A plan is "a for m decisions, then b", with b for good.
+A plan is "a for m decisions, then b", with b for good.
 """
 
 from functools import partial
@@ -22,95 +22,6 @@ Belief = tuple[float, float, float, float, float]
 SETTLE: Final = 6
 # for functions that call no function of another file, as the cache would not notice its change
 compiled = partial(compiled_anew, cache=True)
-
-
-class Effects:
-    """The effects of each action on distance and curvature, for each delay of 0, 1, 2, ... decisions.
-
-    y' = k y + c(a), with one k for all actions, by least squares that forget; the last action stands for "no action".
-    """
-
-    def __init__(self, actions: int, delays: int) -> None:
-        # sums of 1, y, y', y^2, y y': for distance, and for curvature
-        self.sums = np.zeros((delays, 2, actions + 1, 5))
-        self.sums[..., 3] = 1e-6
-        # mean square error of the predictions
-        self.error = np.zeros(delays)
-        self.k = np.zeros((delays, 2))
-        self.c = np.zeros((delays, 2, actions + 1))
-
-    def learn(self, taken: NDArray[np.int64], distance: Place, curvature: Place, forgets: float) -> None:
-        """Take distances and curvatures before and after a decision; `taken` are the last actions, the latest first."""
-        learn_effects(self.sums, self.error, self.k, self.c, taken, distance, curvature, forgets)
-
-    def numbers(self, delays: int) -> Array:
-        """Return the first `delays` delays' errors, k, c, and weight, mean and mean square of the inputs.
-
-        They are equal for equal robots.
-        """
-        sums = self.sums[:delays]
-        weight, before, square = sums[..., 0], sums[..., 1], sums[..., 3]
-        once = weight > 1e-9
-        means = [np.divide(each, weight, out=np.zeros_like(weight), where=once) for each in (before, square)]
-        own = self.error[:delays], self.k[:delays], self.c[:delays]
-        return np.concatenate([each.ravel() for each in (*own, weight, *means)])
-
-    def take(self, numbers: Array) -> None:
-        """Take over the result of `numbers`; the outputs are computed from its k and c.
-
-        The effects of longer delays are then as those of the last one, and fit worse.
-        """
-        one = self.c[0].size
-        delays = len(numbers) // (1 + 2 + 4 * one)
-        error, k, c, rest = np.split(numbers, np.cumsum([delays, 2 * delays, one * delays]))
-        longer = np.minimum(np.arange(len(self.error)), delays - 1)
-        error = error[longer] + (np.arange(len(self.error)) >= delays) * (1.0 + error.max())
-        k, c = k.reshape(delays, 2)[longer], c.reshape(delays, *self.c.shape[1:])[longer]
-        weight, mean, square = rest.reshape(3, delays, *self.c.shape[1:])[:, longer]
-        weight = np.maximum(weight, 0.0)
-        before, squared = weight * mean, weight * np.maximum(square, mean * mean) + 1e-6
-        self.error, self.c = np.maximum(error, 0.0), c.copy()
-        self.k = np.clip(k, 0.0, 0.95)
-        slope = self.k[..., None]
-        after, product = slope * before + self.c * weight, slope * squared + self.c * before
-        self.sums = np.stack([weight, before, after, squared, product], axis=-1)
-
-
-@compiled
-def learn_effects(
-    sums: Array,
-    error: Array,
-    k: Array,
-    c: Array,
-    taken: NDArray[np.int64],
-    distance: Place,
-    curvature: Place,
-    forgets: float,
-) -> None:
-    """See `Effects.learn`."""
-    weight = distance[1] * distance[1]
-    for delay in range(sums.shape[0]):
-        a = taken[delay]
-        miss = (k[delay, 1] * curvature[0] + c[delay, 1, a] - curvature[1]) ** 2 * weight
-        miss += (k[delay, 0] * distance[0] + c[delay, 0, a] - distance[1]) ** 2
-        error[delay] += 0.03 * (miss - error[delay])
-        for row in range(2):
-            y, y_next = distance if row == 0 else curvature
-            w = 1.0 if row == 0 else weight
-            one = sums[delay, row]
-            one[a] *= forgets
-            one[a, 0] += w
-            one[a, 1] += w * y
-            one[a, 2] += w * y_next
-            one[a, 3] += w * y * y
-            one[a, 4] += w * y * y_next
-            within = across = 1e-12
-            for b in range(one.shape[0]):
-                within += one[b, 3] - one[b, 1] * one[b, 1] / (one[b, 0] + 1e-12)
-                across += one[b, 4] - one[b, 1] * one[b, 2] / (one[b, 0] + 1e-12)
-            k[delay, row] = min(max(across / within, 0.0), 0.95)
-            for b in range(one.shape[0]):
-                c[delay, row, b] = (one[b, 2] - k[delay, row] * one[b, 1]) / (one[b, 0] + 1e-12)
 
 
 @compiled

@@ -15,9 +15,9 @@ from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
 from txt1.learning.agents import make
+from txt1.learning.effects import Effects
 from txt1.learning.learned import NUMBERS_MAX, Learned, learned_of
 from txt1.learning.pilot import PilotAgent
-from txt1.learning.planner import Effects
 from txt1.learning.sensor_map import HEIGHT
 from txt1.learning.sharing import Lessons, Sharing, merge, sharer
 from txt1.learning.sweeps import SweepsAgent
