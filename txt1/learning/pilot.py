@@ -168,6 +168,8 @@ LONG: Final = "how long the way takes"
 MOVES: Final = "the light, which moves"
 # decisions from one station of a light that moves to the next
 STATION: Final = 50
+# m in a decision that a light moves, at least
+SLOWEST: Final = 1e-3
 # decisions by which it judges whether its model of a light that moves fits
 PIECE: Final = 10
 # standard deviation of the brightness of a light that flickers, as a logarithm
@@ -681,7 +683,8 @@ class PilotAgent(PeriodicAgent):
             return Stations(episode, episode, np.zeros(len(episode)), 0.0)
         since = np.concatenate([np.arange(length) for length in lengths])
         first = np.cumsum([0, *((length - 1) // STATION + 2 for length in lengths)])
-        farthest = STATION * self._usual()
+        # without odometry it knows of no way of its own
+        farthest = STATION * max(self._usual(), SLOWEST)
         return Stations(episode, first[episode] + since // STATION, since % STATION / STATION, farthest**2)
 
     def _sights(self, rows: Array) -> Array:

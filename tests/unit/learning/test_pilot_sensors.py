@@ -101,3 +101,9 @@ def test_after_an_episode_that_took_too_long_the_next_begins_with_saying_so() ->
     ]
     assert pairs
     assert all(after.unfit == 0.0 for _, after in pairs)
+
+
+@pytest.mark.long
+def test_without_odometry_it_drives_on_although_a_light_that_moves_might_explain_the_readings() -> None:
+    trials = done(2, 2, 5, *options("{odometry: {missing: true}}"), "learning.time_limit=20.0")
+    assert [len(trial.episodes) for trial in trials] == [2, 2]
