@@ -156,6 +156,7 @@ class MotionModel:
         # the number of decisions at the last change, and the effects before it until it is settled
         self._changed = -3 * SECOND
         self._before: Effects | None = None
+        # whether it then went on by those of before the change before, and whether that was less than 3 s before
         self._back = self._soon = False
 
     def end(self) -> None:
@@ -202,7 +203,10 @@ class MotionModel:
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
         both = {"effects": self.effects, "others": self.others}
-        return {key: each and {name: own.tolist() for name, own in _arrays(each).items()} for key, each in both.items()}
+        numbers = {
+            key: each and {name: own.tolist() for name, own in _arrays(each).items()} for key, each in both.items()
+        }
+        return {**numbers, "stale": sorted(self._stale)}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from the result of `memory`."""
@@ -210,10 +214,13 @@ class MotionModel:
         # older memories lack them
         if memory.get("others") is not None:
             self.others = self._of(memory["others"])
-        self._stale = set()
+        self._stale = set(map(int, memory.get("stale", ())))
+        self.begin()
 
     def sound(self, largest: float) -> bool:
         """Return whether the effects have their shapes, and no number is larger than `largest` or not finite."""
+        if not self._stale <= set(range(self._actions)):
+            return False
         usual = _arrays(Effects(self._actions, self._delays))
         known = [self.effects] if self.others is None else [self.effects, self.others]
         return all(
@@ -260,13 +267,12 @@ class MotionModel:
         self._before, self._soon, self._changed = before, now - self._changed < 3 * SECOND, now
         if self._first is None and now > 2 * SECOND:
             self._first = before
-        latest = self._steps[-LATEST:]
-        self._back = self.others is not None and (
-            self._by(self.others, latest, before) < 0.5 * self._by(before, latest, before)
-        )
-        if self._back:
-            self._take(self.others, before)
+        others, latest = self.others, self._steps[-LATEST:]
+        if others is not None and self._by(others, latest, before) < 0.5 * self._by(before, latest, before):
+            self._back = True
+            self._take(others, before)
         else:
+            self._back = False
             self._learn_anew(self._steps[-SECOND:], before, SECOND // 2)
 
     def _settle(self, before: Effects) -> None:
@@ -291,8 +297,9 @@ class MotionModel:
                 self.others = before
         self._copies = [deepcopy(self.effects)] * COPIES
 
-    def _take(self, effects: Effects | None, before: Effects) -> None:
-        self.effects = deepcopy(effects) or before
+    def _take(self, effects: Effects, before: Effects) -> None:
+        """Go on by effects that are known; the delay stays as before."""
+        self.effects = deepcopy(effects)
         self.effects.error = before.error.copy()
         self._stale, self._foretold = set(), []
 

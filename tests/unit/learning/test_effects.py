@@ -121,6 +121,8 @@ def test_what_is_remembered_holds_both_effects() -> None:
     assert other.memory() == car.model.memory()
     assert other.others is not None
     assert other.sound(1e6)
+    other.recall({**car.model.memory(), "stale": [3]})
+    assert not other.sound(1e6)
     # one that was kept before there were two
     other.recall({"effects": car.model.memory()["effects"]})
     assert other.others is None
