@@ -21,7 +21,7 @@ HERE: Final = Path(__file__).parent
 WORLDS: Final = HERE.parent / "config" / "worlds"
 EVERY, THESIS = HERE.parent / "out" / "pilot-worlds", HERE.parent / "out" / "pilot-thesis"
 PAGE: Final = HERE / "results" / "learning.md"
-SEED: Final = "11763359"  # drawn after the pilot was finished
+SEED: Final = "1213282368"  # drawn after the pilot was finished
 NEAR: Final = 1.05  # times its floor, within which it is to be
 SHOWN: Final = 4  # worlds that are named as the farthest from their floors
 
