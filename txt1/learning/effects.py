@@ -6,14 +6,14 @@ The coefficients come from least squares that forget, for each delay with which 
 Actions may begin to do something else, for good, or for a part of each episode, as on a floor that is slippery here and
 there. `MotionModel` watches for that:
 
-1. It compares the motion of the last second with what it foretold a second ago. If noise of odometry explains the
-   difference with a probability under `alarm` only, the actions do something else.
+1. It compares the motion of the last second with what it foretold a second ago. Where odometry's noise hardly explains
+   the difference, the actions do something else.
 2. The effects that they had before the last such change are taken again, if these tell the last decisions better. If
    not, the effects are learned anew from the last second. Of actions that were not in it little is known; `doubtful`
    names those that should be tried.
 3. The last second is partly from before the change. So it decides once more a second later, when all of it is from
    after the change.
-4. An episode begins with the effects that the last one had in its first two seconds.
+4. Where the effects changed later than two seconds after the start of an episode, the next begins with those of before.
 """
 
 from copy import deepcopy
@@ -28,13 +28,15 @@ from txt1.learning.planner import Array, Place, compiled
 Step = tuple[Place, NDArray[np.int64], Place]
 # decisions over which the effects are judged
 SECOND: Final = 10
-# decisions from one copy of the effects to the next, and the number of copies that are kept
+# decisions from one copy of the effects to the next, and the number of copies; the first is from before the change
 COPIED: Final = 5
 COPIES: Final = 3
 # latest decisions that tell at once whether the effects of before the last change are back
 LATEST: Final = 4
 # weight that earlier effects of the actions keep when they do something else
 FADED: Final = 0.01
+# decisions at the last change, if there was none, and those after which another one is not part of it
+LONG_AGO, SOON = -3 * SECOND, 3 * SECOND
 
 
 class Effects:
@@ -87,6 +89,11 @@ class Effects:
         slope = self.k[..., None]
         after, product = slope * before + self.c * weight, slope * squared + self.c * before
         self.sums = np.stack([weight, before, after, squared, product], axis=-1)
+
+
+def steady(k: Array, c: Array) -> Array:
+    """Return distance and curvature to which each action leads, by k and c of one delay; shape (2, actions)."""
+    return np.asarray(c[:, :-1] / (1.0 - k[:, None]))
 
 
 @compiled
@@ -154,7 +161,7 @@ class MotionModel:
         # the effects of its first two seconds, once there are others
         self._first: Effects | None = None
         # the number of decisions at the last change, and the effects before it until it is settled
-        self._changed = -3 * SECOND
+        self._changed = LONG_AGO
         self._before: Effects | None = None
         # whether it then went on by those of before the change before, and whether that was less than 3 s before
         self._back = self._soon = False
@@ -177,7 +184,7 @@ class MotionModel:
         foretold = delay, known.k[delay].copy(), known.c[delay].copy(), known.sums[delay, 0, :, 0].copy()
         self._foretold = [*self._foretold[1 - SECOND :], foretold]
         self._steps.append((before, taken, after))
-        known.learn(taken, (before[0], after[0]), (before[1], after[1]), self._forgets)
+        self._add(self._steps[-1])
         if len(self._steps) % COPIED == 0:
             self._copies = [*self._copies[1:], deepcopy(known)]
         if self._before is not None and len(self._steps) == self._changed + SECOND:
@@ -193,7 +200,7 @@ class MotionModel:
             return []
         delay = self.delay()
         self._stale.discard(int(self._steps[-1][1][delay]) if self._steps else self._actions)
-        does = self.effects.c[delay][:, :-1] / (1.0 - self.effects.k[delay][:, None])
+        does = steady(self.effects.k[delay], self.effects.c[delay])
         near = self._slip * np.abs(does).max(axis=1)
         known = [does[:, a] for a in range(self._actions) if a not in self._stale]
         alike = [a for a in sorted(self._stale) if any((np.abs(does[:, a] - one) < near).all() for one in known)]
@@ -203,9 +210,7 @@ class MotionModel:
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
         both = {"effects": self.effects, "others": self.others}
-        numbers = {
-            key: each and {name: own.tolist() for name, own in _arrays(each).items()} for key, each in both.items()
-        }
+        numbers = {key: each and {name: own.tolist() for name, own in vars(each).items()} for key, each in both.items()}
         return {**numbers, "stale": sorted(self._stale)}
 
     def recall(self, memory: dict[str, Any]) -> None:
@@ -221,12 +226,12 @@ class MotionModel:
         """Return whether the effects have their shapes, and no number is larger than `largest` or not finite."""
         if not self._stale <= set(range(self._actions)):
             return False
-        usual = _arrays(Effects(self._actions, self._delays))
+        usual = vars(Effects(self._actions, self._delays))
         known = [self.effects] if self.others is None else [self.effects, self.others]
         return all(
             own.shape == usual[name].shape and bool((np.abs(own) <= largest).all())
             for effects in known
-            for name, own in _arrays(effects).items()
+            for name, own in vars(effects).items()
         )
 
     def _of(self, numbers: dict[str, Any]) -> Effects:
@@ -252,7 +257,7 @@ class MotionModel:
             a = taken[delay]
             d, bend = k[0] * d + c[0, a], k[1] * bend + c[1, a]
             distance, turn = distance + d - ahead, turn + d * bend - ahead * curvature
-        longest, sharpest = np.abs(c[:, :-1] / (1.0 - k[:, None])).max(axis=1)
+        longest, sharpest = np.abs(steady(k, c)).max(axis=1)
         slip = self._slip * max(float(longest), 1e-9)
         return float(((distance / slip) ** 2 + (turn / (slip * max(float(sharpest), 1e-3))) ** 2) / len(steps))
 
@@ -264,7 +269,7 @@ class MotionModel:
     def _change(self) -> None:
         """Go on by the effects of before the last change, or learn them anew."""
         before, now = self._copies[0], len(self._steps)
-        self._before, self._soon, self._changed = before, now - self._changed < 3 * SECOND, now
+        self._before, self._soon, self._changed = before, now - self._changed < SOON, now
         if self._first is None and now > 2 * SECOND:
             self._first = before
         others, latest = self.others, self._steps[-LATEST:]
@@ -286,7 +291,7 @@ class MotionModel:
             else:
                 self._take(before, before)
                 self._learn(second, before)
-                self._changed = -3 * SECOND
+                self._changed = LONG_AGO
         elif self.others is not None and self._by(self.others, second, before) <= self._limit:
             self._take(self.others, before)
             self._learn(second, before)
@@ -318,10 +323,10 @@ class MotionModel:
 
     def _learn(self, steps: list[Step], before: Effects) -> None:
         """Learn from these decisions; the delay stays as before."""
-        for pace, taken, after in steps:
-            self.effects.learn(taken, (pace[0], after[0]), (pace[1], after[1]), self._forgets)
+        for step in steps:
+            self._add(step)
         self.effects.error = before.error.copy()
 
-
-def _arrays(effects: Effects) -> dict[str, Array]:
-    return {name: getattr(effects, name) for name in ("sums", "error", "k", "c")}
+    def _add(self, step: Step) -> None:
+        before, taken, after = step
+        self.effects.learn(taken, (before[0], after[0]), (before[1], after[1]), self._forgets)

@@ -75,7 +75,7 @@ from pydantic import Field
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
 from txt1.learning.clearance import ActionPlan, Discs, SeenPoints, body_of, clearest, distances, quickest_clear
-from txt1.learning.effects import Effects, MotionModel
+from txt1.learning.effects import Effects, MotionModel, steady
 from txt1.learning.learned import Learned
 from txt1.learning.planner import Array, Belief, Place, quickest
 from txt1.learning.qtable import StoredTable
@@ -220,7 +220,7 @@ class PilotAgent(PeriodicAgent):
         self._body = body
         self.actions = actions
         self.episode = 0
-        self._model = MotionModel(
+        self._motion_model = MotionModel(
             actions,
             settings.delays,
             slip=settings.slip,
@@ -271,7 +271,7 @@ class PilotAgent(PeriodicAgent):
     def begin(self) -> None:
         """An episode begins."""
         self._before = self.memory()
-        self._model.begin()
+        self._motion_model.begin()
         self._rows: list[list[float]] = []
         self._rest()
         # actions, the latest first
@@ -319,7 +319,7 @@ class PilotAgent(PeriodicAgent):
             self._survey_anew()
         if not self.lost and self.misfit > self.settings.doubt:
             self._misfits()
-        self._untried += [a for a in self._model.doubtful() for _ in range(self.settings.tries)]
+        self._untried += [a for a in self._motion_model.doubtful() for _ in range(self.settings.tries)]
         if not self.unfit and len(self._rows) % self.settings.anew == 0:
             self.unfit = self._judge()
         a = self._choose()
@@ -331,7 +331,7 @@ class PilotAgent(PeriodicAgent):
     def end(self, success: bool, odometry: Odometry) -> None:
         """The episode is over."""
         self._learn(odometry)
-        self._model.end()
+        self._motion_model.end()
         self.episode += 1
         if len(self._rows) > 2:
             self._past.append(np.array(self._rows))
@@ -365,7 +365,7 @@ class PilotAgent(PeriodicAgent):
             middle = self._at.theta + 0.5 * turn
             distance = (odometry.x - self._at.x) * cos(middle) + (odometry.y - self._at.y) * sin(middle)
             pace = distance, (turn / distance if abs(distance) > 0.1 * abs(self._usual()) > 0.0 else self._pace[1])
-            if self._model.learn(self._pace, np.array(self._taken), pace):
+            if self._motion_model.learn(self._pace, np.array(self._taken), pace):
                 self.unfit = self.unfit or "what the actions do"
                 self._arrival = inf
             self._pace = pace
@@ -389,7 +389,7 @@ class PilotAgent(PeriodicAgent):
     @property
     def effects(self) -> Effects:
         """What each action does."""
-        return self._model.effects
+        return self._motion_model.effects
 
     def _judge(self) -> str:
         """Return the part of the readings' model that does not fit; "" if the stated noise explains the last ones."""
@@ -795,7 +795,7 @@ class PilotAgent(PeriodicAgent):
 
     def _motion(self) -> tuple[Place, NDArray[np.int64], Array, Array]:
         """Distance and curvature of the last decision, the actions under way, and k and c; turns are true to scale."""
-        delay = self._model.delay()
+        delay = self._motion_model.delay()
         k, c = self.effects.k[delay], self.effects.c[delay].copy()
         scale, drift = float(self.survey[SCALE]), float(self.survey[DRIFT])
         steady, least = c[0] / (1.0 - k[0]), 0.1 * self._usual()
@@ -811,7 +811,7 @@ class PilotAgent(PeriodicAgent):
         if not len(near):
             return wanted
         pace, pending, k, c = self._motion()
-        untried = self.effects.sums[self._model.delay(), 0, :, 0] < 1.0
+        untried = self.effects.sums[self._motion_model.delay(), 0, :, 0] < 1.0
         if untried.all():
             return wanted
         # the worst: straight ahead, as fast as any
@@ -848,7 +848,7 @@ class PilotAgent(PeriodicAgent):
         It counts as known unless the pilot is lost, or its actions take longer than the shared delays.
         """
         row = np.concatenate([self.survey, self.spread, [self.goal], self.effects.numbers(SHARED)])
-        visits = 0 if self.lost or self._model.delay() >= SHARED else max(1, self._goals)
+        visits = 0 if self.lost or self._motion_model.delay() >= SHARED else max(1, self._goals)
         return Learned(self.name, self.episode, (visits,), (tuple(row.tolist()),))
 
     def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
@@ -865,7 +865,7 @@ class PilotAgent(PeriodicAgent):
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
         return {
-            **self._model.memory(),
+            **self._motion_model.memory(),
             "survey": self.survey.tolist(),
             "spread": self.spread.tolist(),
             "late": self.late,
@@ -895,7 +895,7 @@ class PilotAgent(PeriodicAgent):
         survey, rows = self.survey, np.concatenate([np.ones((1, _RECORD)), *self._past])
         within = POWERS[0] <= survey[POWER] <= POWERS[1] and SCALES[0] <= survey[SCALE] <= SCALES[1]
         return {
-            "effects": self._model.sound(LARGEST),
+            "effects": self._motion_model.sound(LARGEST),
             "survey": _small(survey) and bool(within),
             "spread": _small(self.spread) and bool((self.spread > 0.0).all()),
             "trust": _small(self.trust) and bool((self.trust > 0.0).all()),
@@ -910,7 +910,7 @@ class PilotAgent(PeriodicAgent):
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from the result of `memory`."""
-        self._model.recall(memory)
+        self._motion_model.recall(memory)
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
         self.trust = np.array(memory["trust"])
         # older memories lack some
@@ -1011,7 +1011,7 @@ def courses(table: StoredTable, lights: Array) -> Array:
     """
     memory = table.about["knows"]
     k, c = np.array(memory["effects"]["k"])[0], np.array(memory["effects"]["c"])[0]
-    driven = c[:, :-1] / (1.0 - k)[:, None]
+    driven = steady(k, c)
     straight = int(np.abs(driven[1]).argmin())
     pending, scale = np.zeros(0, np.int64), float(memory["survey"][SCALE])
     goal = float(memory["goal"]) or 1e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from txt1.learning.effects import SECOND, MotionModel
+from txt1.learning.effects import SECOND, MotionModel, steady
 
 # distance in a decision, m, and the share of distance and curvature that stays from one decision to the next
 STEP, STAYS = 0.05, 0.7
@@ -46,9 +46,8 @@ class Car:
     def found(self) -> list[float]:
         """The curvatures that the model believes each action to lead to, 1/m."""
         delay = self.model.delay()
-        effects = self.model.effects
-        driven: NDArray[np.float64] = effects.c[delay, 1, :3] / (1.0 - effects.k[delay, 1])
-        return driven.tolist()
+        curvatures: list[float] = steady(self.model.effects.k[delay], self.model.effects.c[delay])[1].tolist()
+        return curvatures
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -123,6 +122,14 @@ def test_what_is_remembered_holds_both_effects() -> None:
     assert other.sound(1e6)
     other.recall({**car.model.memory(), "stale": [3]})
     assert not other.sound(1e6)
+    # actions that it would try, too
+    car.curvatures = CURVATURES
+    car.drive(2 * SECOND, 2)
+    car.curvatures = np.array([0.9, 0.0, 0.9])
+    car.drive(2 * SECOND, 2)
+    other.recall(car.model.memory())
+    assert car.model.memory()["stale"]
+    assert other.memory() == car.model.memory()
     # one that was kept before there were two
     other.recall({"effects": car.model.memory()["effects"]})
     assert other.others is None
