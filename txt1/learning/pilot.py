@@ -40,7 +40,8 @@ first and when it is late it tries each action before that. A survey that led to
 it fits the latest readings as well as the new one (`_taken_again`).
 
 Where a laser has seen something near, the plan is "a for m decisions, b for n, then e", and costs more where the body
-comes near to what was seen (`clearance`). While it is lost it takes only actions after which it can still keep clear.
+comes near to what was seen (`clearance`). While it is lost it takes only actions after which it can still keep clear,
+by odometry's own turns: a survey that never led to the goal may turn the map.
 
 Every half second it judges itself by the last 5 s (`_judge`). It says that its model does not fit if
 
@@ -376,9 +377,8 @@ class PilotAgent(PeriodicAgent):
 
     def _look_round(self, distance: float, turn: float, odometry: Odometry) -> None:
         """Take what the laser has seen since the last decision."""
-        scale = float(self.survey[SCALE])
-        moved_on = bool(self._rows)
-        self._seen_before.move(distance, scale * turn + (float(self.survey[DRIFT]) if moved_on else 0.0))
+        scale, drift = self._turning(near=True)
+        self._seen_before.move(distance, scale * turn + (drift if self._rows else 0.0))
         for points, then in self._sweeps:
             way_x, way_y = odometry.x - then.x, odometry.y - then.y
             c, s = cos(then.theta), sin(then.theta)
@@ -764,7 +764,7 @@ class PilotAgent(PeriodicAgent):
             return self._cautious(self._untried.pop(0), near)
         if self._light is None:
             return self._cautious(int(self._rng.integers(self.actions)), near)
-        pace, pending, k, c = self._motion()
+        pace, pending, k, c = self._motion(near=len(near) > 0)
         goal = self._near or 0.25 * sqrt(self._prior()[1][PLACES])
         graze = max(self.settings.graze * goal, sqrt(self._scatter))
         times = [quickest(light, *pace, pending, k, c, 1.0, goal, graze) for light, _ in self._lights]
@@ -793,11 +793,17 @@ class PilotAgent(PeriodicAgent):
             self._arrival = len(self._rows) + 1.5 * longest + 2.0 * self.settings.tries
         return a
 
-    def _motion(self) -> tuple[Place, NDArray[np.int64], Array, Array]:
+    def _turning(self, *, near: bool) -> tuple[float, float]:
+        """Odometry's scale and drift; near obstacles a survey that never led to the goal is no better than none."""
+        if near and self.lost:
+            return 1.0, 0.0
+        return float(self.survey[SCALE]), float(self.survey[DRIFT])
+
+    def _motion(self, *, near: bool = False) -> tuple[Place, NDArray[np.int64], Array, Array]:
         """Distance and curvature of the last decision, the actions under way, and k and c; turns are true to scale."""
         delay = self._motion_model.delay()
         k, c = self.effects.k[delay], self.effects.c[delay].copy()
-        scale, drift = float(self.survey[SCALE]), float(self.survey[DRIFT])
+        scale, drift = self._turning(near=near)
         steady, least = c[0] / (1.0 - k[0]), 0.1 * self._usual()
         moves = np.abs(steady) > least
         c[1] *= scale
@@ -810,7 +816,7 @@ class PilotAgent(PeriodicAgent):
         """The wanted action, or another that keeps clear of what is near. Of untried actions nothing is known."""
         if not len(near):
             return wanted
-        pace, pending, k, c = self._motion()
+        pace, pending, k, c = self._motion(near=True)
         untried = self.effects.sums[self._motion_model.delay(), 0, :, 0] < 1.0
         if untried.all():
             return wanted

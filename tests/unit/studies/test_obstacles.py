@@ -84,6 +84,15 @@ def test_a_pilot_that_is_lost_before_a_box_keeps_clear_of_it() -> None:
     assert not touched
 
 
+@pytest.mark.long  # compiled
+@pytest.mark.parametrize(("seed", "number"), [(777, 153), (2540066497, 243)])
+def test_a_lost_pilot_keeps_clear_by_the_turns_of_odometry(seed: int, number: int) -> None:
+    # its first survey told a drift of 0.16 rad/s, so the places that it had seen turned about it
+    told = obstacles.run_told([Config().model_dump(mode="json"), seed, number, 1])
+    ((_, _, touched, *_),) = told["pilot"]
+    assert not touched
+
+
 @pytest.mark.long  # a search for it
 def test_a_floor_leaves_the_laser_out_with_the_obstacles() -> None:
     least = suite.floors(obstacles.drawn(load().config, 5, 1), 2)
