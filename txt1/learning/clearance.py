@@ -366,8 +366,11 @@ def clearest(
     scale: float,
     grid: Array,
     body: tuple[float, float, float],
-) -> int:
-    """The wanted action, if the robot can keep clear for a circle after it; otherwise the action with most room."""
+) -> tuple[int, float]:
+    """The wanted action, if the robot can keep clear for a circle after it; otherwise the action with most room.
+
+    With that room, m, but no more than `MARGIN`.
+    """
     pose, sharpest, step = _begun(distance, curvature, pending, k, c, scale, grid, body)
     actions = c.shape[1] - 1
     circle = int(min(2.0 * pi / (sharpest * step), 200.0))
@@ -378,7 +381,7 @@ def clearest(
         for b in range(actions):
             _, low = clear_along(first, b, circle, k, c, scale, grid, body, low_a, 0.0)
             if offset == 0 and low >= MARGIN:
-                return wanted
+                return wanted, MARGIN
             if min(low, MARGIN) > most:
                 best, most = a, min(low, MARGIN)
-    return best
+    return best, most

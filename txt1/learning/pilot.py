@@ -75,7 +75,16 @@ from pydantic import Field
 
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
-from txt1.learning.clearance import ActionPlan, Discs, SeenPoints, body_of, clearest, distances, quickest_clear
+from txt1.learning.clearance import (
+    MARGIN,
+    ActionPlan,
+    Discs,
+    SeenPoints,
+    body_of,
+    clearest,
+    distances,
+    quickest_clear,
+)
 from txt1.learning.effects import Effects, MotionModel, steady
 from txt1.learning.learned import Learned
 from txt1.learning.planner import Array, Belief, Place, quickest
@@ -813,16 +822,22 @@ class PilotAgent(PeriodicAgent):
         return (distance, curvature), np.array(self._taken[:delay][::-1], np.int64), k, c
 
     def _cautious(self, wanted: int, near: Array) -> int:
-        """The wanted action, or another that keeps clear of what is near. Of untried actions nothing is known."""
+        """The wanted action, or another that keeps clear of what is near.
+
+        An untried action may be as bad as any: straight ahead. But where no other keeps clear, it may be the way out.
+        """
         if not len(near):
             return wanted
         pace, pending, k, c = self._motion(near=True)
         untried = self.effects.sums[self._motion_model.delay(), 0, :, 0] < 1.0
         if untried.all():
             return wanted
-        # the worst: straight ahead, as fast as any
         c[0, untried], c[1, untried] = c[0, int(np.abs(c[0]).argmax())], 0.0
-        return int(clearest(wanted, *pace, pending, k, c, 1.0, distances(near), self._body))
+        a, room = clearest(wanted, *pace, pending, k, c, 1.0, distances(near), self._body)
+        others = np.flatnonzero(untried[: self.actions])
+        if room < MARGIN and len(others):
+            a = wanted if wanted in others else others[0]
+        return int(a)
 
     def decision(self, odometry: Odometry) -> Decision:
         """The bearing's cell of 5 degrees, 0 behind; the misfit; distance and bearing of the light, and the plan."""

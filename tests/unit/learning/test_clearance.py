@@ -104,10 +104,10 @@ def test_the_rest_of_a_plan_begins_with_the_piece_in_force() -> None:
 
 def test_without_a_light_an_action_that_leads_into_a_post_is_not_taken() -> None:
     grid = distances(post(0.95, 0.0))
-    assert clearest(STRAIGHT, STEP, 0.0, NONE, K, C, 1.0, distances(post(3.0, 3.0)), BODY) == STRAIGHT
-    taken = clearest(LEFT, STEP, 0.0, NONE, K, C, 1.0, grid, BODY)
+    assert clearest(STRAIGHT, STEP, 0.0, NONE, K, C, 1.0, distances(post(3.0, 3.0)), BODY) == (STRAIGHT, MARGIN)
+    taken, room = clearest(LEFT, STEP, 0.0, NONE, K, C, 1.0, grid, BODY)
     _, least = clear_along((0.0, 0.0, 0.0, STEP, 0.0), taken, 100, K, C, 1.0, grid, BODY, np.inf)
-    assert least > 0.04
+    assert least >= room > 0.04
 
 
 def test_where_every_way_is_narrow_it_takes_the_widest() -> None:
@@ -125,7 +125,8 @@ def test_where_every_way_is_narrow_it_takes_the_widest() -> None:
         if 0.0 < max(ways) < 0.04:
             narrow += 1
             for wanted in range(3):
-                assert ways[clearest(wanted, STEP, 0.0, NONE, K, C, 1.0, grid, BODY)] == max(ways)
+                taken, room = clearest(wanted, STEP, 0.0, NONE, K, C, 1.0, grid, BODY)
+                assert ways[taken] == max(ways) == pytest.approx(room)
     assert narrow >= 3
 
 

@@ -93,6 +93,14 @@ def test_a_lost_pilot_keeps_clear_by_the_turns_of_odometry(seed: int, number: in
     assert not touched
 
 
+@pytest.mark.long  # compiled
+def test_a_pilot_that_has_tried_one_action_before_a_box_tries_another() -> None:
+    # it knew how to drive straight on, and took the others to be no better
+    told = obstacles.run_told([Config().model_dump(mode="json"), 3408533908, 91, 1])
+    ((_, _, touched, *_),) = told["pilot"]
+    assert not touched
+
+
 @pytest.mark.long  # a search for it
 def test_a_floor_leaves_the_laser_out_with_the_obstacles() -> None:
     least = suite.floors(obstacles.drawn(load().config, 5, 1), 2)
