@@ -160,7 +160,8 @@ class Judge:
         if len(before) != len(residual):
             return False
         reach = [(TURNS_BY if row == 2 else MOVES_BY) * dt for row in measurement.rows]
-        if residual[0] * before[0] + residual[1] * before[1] < 0.0:
+        both = zip(residual, before, measurement.sigmas, strict=True)
+        if sum([here * there / (sigma * sigma) for here, there, sigma in both]) < 0.0:
             # on both sides of the pose: noise
             return False
         near = zip(residual, before, reach, measurement.sigmas, strict=True)

@@ -317,6 +317,16 @@ def test_a_gyro_that_errs_is_no_frame_that_moves() -> None:
     assert drive.trust("vicon") == (True, "")
 
 
+def test_a_heading_that_contradicts_the_gyro_is_taken_in_whatever_the_noise_of_the_place() -> None:
+    drive = Drive()
+    drive.go(10.0)
+    jump = lambda m: m._replace(values=(m.values[0] + 1.0,)) if m.sensor == "imu" else m  # noqa: E731
+    for _ in range(20):
+        drive.go(0.02, jump)
+        assert drive.error()[1] < 3.0 * max(0.01, drive.estimate.sigma(2))
+    assert drive.error()[1] < 0.01
+
+
 def test_a_second_sensor_of_the_place_in_a_frame_of_its_own_is_left_out_and_told_once() -> None:
     drive = Drive(("imu", "encoders", "vicon", "gps"))
     drive.go(10.0, lambda m: m._replace(values=(m.values[0] + 7.0, m.values[1])) if m.sensor == "gps" else m)
