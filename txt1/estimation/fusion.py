@@ -311,15 +311,16 @@ class Fusion:
         return self._turning
 
     def cycle(self, cycle: Cycle, dt: float) -> None:
-        """Take in the witnesses' values for a cycle of dt seconds."""
+        """Take in the witnesses' values for a cycle of dt seconds; wheels that fail by themselves are no witness."""
+        for name in self._wheels_of:
+            if not self._judges[name].believed and self._judges[name].reason != WHEELS:
+                self.vote.clear()
+                self._reckoning.clear()
+                return
         self.vote.cycle(cycle)
         frames = self._frames
         if not frames or not self._located:
             return
-        for name in self._wheels_of:
-            if not self._judges[name].believed and self._judges[name].reason != WHEELS:
-                self._reckoning.clear()
-                return
         _, v, turning, gyro, _ = cycle
         omega = gyro if gyro is not None and self._turning else turning
         slip = self._newest()[0].mean[SLIP]

@@ -290,9 +290,14 @@ class Estimator:
             steered = self._steering is not None and self._geometry.steering != "skid"
             steering = wheels[0] * self._curvature if steered else None
             self.fusion.cycle(new(Cycle, (self._read, *wheels, gyro, steering)), dt)
-            self._compare(dt, wheels[1])
-            # wheels that are not believed tell nothing of a mount
-            ones = list(self._calibrations.values()) if self.fusion.believes(ENCODERS) else []
+            # wheels that are not believed tell nothing of the gyro, nor of a mount
+            believed = self.fusion.believes(ENCODERS)
+            if believed:
+                self._compare(dt, wheels[1])
+            else:
+                self._turning = None
+                self._compared.clear()
+            ones = list(self._calibrations.values()) if believed else []
             learned = [each.cycle(now, self._read, dt, *wheels, self._gyro) for each in ones]
             if True in learned:
                 self._gyro_scale = ones[-1].corrections.scale

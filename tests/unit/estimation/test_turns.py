@@ -9,7 +9,7 @@ from txt1.estimation.task import Estimator, Wheels
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
-from txt1.model.vehicle import Geometry
+from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import ImuReading
 
@@ -106,3 +106,24 @@ def test_a_place_on_the_arc_of_an_uncertain_heading_is_expected() -> None:
 def test_wheels_alone_do_not_know_less_of_their_slip_than_at_first() -> None:
     (early, _), (late, _) = (wheels_alone(seconds, lambda _: 0.0, slip=0.0) for seconds in (1.0, 60.0))
     assert late.sigma(3) < 1.01 * early.sigma(3)
+
+
+def test_wheels_that_stand_still_in_a_curve_outvote_no_gyro_and_teach_it_no_bias() -> None:
+    rng, car = np.random.default_rng(1), Geometry(steering="front")
+    estimator = Estimator(EstimationConfig(sensors=("imu", "encoders")), {"imu": ImuReading}, car)
+    v, omega = 0.5, 0.7
+    counts = STEERING_MAX * np.arctan(omega / v * car.lever) / car.steering_max
+    theta, biases = 0.0, []
+    for cycle in range(1, round(20.0 / CYCLE) + 1):
+        now = cycle * CYCLE
+        # from 10 s on the wheels tell the curve that ended then
+        rate, shaken = (omega, 1e-9 * (cycle % 2)) if now <= 10.0 else (0.0, 0.0)
+        for time in (now - 0.5 * CYCLE, now):
+            told = rate + BIAS + NOISE * float(rng.normal())
+            estimator.take("imu", Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
+        theta += CYCLE * rate
+        estimate = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, v + shaken, omega), now, counts, v, None))
+        biases.append(estimate.bias)
+    assert {each.name: each.believed for each in estimator.trusts()} == {"imu": True, "encoders": False}
+    assert abs(biases[-1] - biases[499]) < LARGEST
+    assert abs(wrap_angle(estimate.theta - theta)) < 3.0 * estimate.sigma(2)
