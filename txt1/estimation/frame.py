@@ -14,7 +14,8 @@ likelihood ratio of the two refutes the car, which does not fit, while the frame
 test (A. S. Willsky, H. L. Jones, IEEE TAC 21(1), 1976). The car's speed may be another in each piece, as slip changes.
 So only what goes across its way refutes it: on a straight way slip and a frame that moves along it are the same, and
 the next curve tells. Where gyro and wheels miss the headings, they err, and nothing is decided. Meanwhile the frame's
-probability, by the densities of both hypotheses, weighs the covariance of a pose that follows it.
+probability, by the densities of both hypotheses, weighs the covariance of a pose that follows it: by the way that the
+pose has gone otherwise than reckoned since the frame was last likely to stand, and by what slip may miss of that way.
 """
 
 from bisect import bisect_left
@@ -164,12 +165,16 @@ class Frame:
         self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
         self._last = -1.0
         self._at = 0.0, 0.0
+        # the last reading at which it was likely to stand, while it is likely to move
+        self._stood: _Pick | None = None
+        # s, until when the pose did not follow it
+        self._refused = -1.0
 
     def clear(self) -> None:
         """Begin anew: a reading leapt, or the robot was carried."""
         self._picks.clear()
         self._waiting.clear()
-        self.probability = 0.0
+        self._stood, self.probability = None, 0.0
 
     def take(self, measurement: Measurement, belief: Belief) -> None:
         """Take in a position, and the filter's belief there."""
@@ -181,6 +186,10 @@ class Frame:
             self._last = measurement.time
             self._waiting.append((measurement, belief))
 
+    def refuse(self, time: float) -> None:
+        """Note that the pose does not follow it until `time`, s of the run."""
+        self._stood, self._refused = None, time
+
     def compare(self, reckoning: Reckoning) -> None:
         """Compare the positions with dead reckoning, as far as it goes."""
         more = False
@@ -190,6 +199,7 @@ class Frame:
             spot = reckoning.at(time)
             if spot is None or (self._picks and time - self._picks[-1].time > LONGEST):
                 self._picks.clear()
+                self._stood = None
             if spot is not None:
                 c, s = cos(theta), sin(theta)
                 x, y = values[0] - c * at[0] + s * at[1], values[1] - s * at[0] - c * at[1]
@@ -200,6 +210,11 @@ class Frame:
             told = [self._moves(span) for span in WINDOWS]
             self.moves = any(moves for moves, _ in told)
             self.probability = max(probability for _, probability in told)
+            if self.probability <= OTHER:
+                self._stood = None
+            elif self._stood is None:
+                begin = max(self._picks[-1].time - WINDOWS[0], self._refused)
+                self._stood = next((each for each in self._picks if each.time >= begin - 1e-6), None)
 
     def _moves(self, span: float) -> tuple[bool, float]:
         """Return whether the frame moves, by the last `span` seconds, and its probability from the evidence."""
@@ -242,15 +257,19 @@ class Frame:
         return car - frame > REFUTED and frame < limit < car, odds / (1.0 + odds)
 
     @property
-    def pulled(self) -> tuple[float, float]:
-        """How far (m) the filter went within the longest window otherwise than reckoned; zeros within noise."""
-        picks = self._picks
-        if len(picks) < ENOUGH:
-            return 0.0, 0.0
-        one, two = picks[0], picks[-1]
-        dx, dy = _turned(one, two.spot.usual_x - one.spot.usual_x, two.spot.usual_y - one.spot.usual_y)
-        dx, dy = two.here[0] - one.here[0] - dx, two.here[1] - one.here[1] - dy
-        return (dx, dy) if hypot(dx, dy) > _noise(one, two) else (0.0, 0.0)
+    def pulled(self) -> tuple[float, float, float]:
+        """How far (m) the pose went otherwise than reckoned since the frame stood, and the reckoned way's sigma, m.
+
+        Zeros within noise; all three while it is not likely to move.
+        """
+        one = self._stood
+        if one is None:
+            return 0.0, 0.0, 0.0
+        two = self._picks[-1]
+        way_x, way_y = _turned(one, two.spot.usual_x - one.spot.usual_x, two.spot.usual_y - one.spot.usual_y)
+        dx, dy = two.here[0] - one.here[0] - way_x, two.here[1] - one.here[1] - way_y
+        sigma = USUAL * hypot(way_x, way_y)
+        return (dx, dy, sigma) if hypot(dx, dy) > _noise(one, two) else (0.0, 0.0, sigma)
 
 
 def _way(one: _Pick, two: _Pick) -> tuple[float, float]:

@@ -51,7 +51,7 @@ from txt1.estimation.ekf import (
     upright,
     velocities,
 )
-from txt1.estimation.frame import USUAL, Frame, Reckoning
+from txt1.estimation.frame import LONGEST, USUAL, Frame, Reckoning
 from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge
 from txt1.estimation.measurement import (
     KIND_ENCODERS,
@@ -626,8 +626,10 @@ class Fusion:
                 frame.clear()
             else:
                 frame.take(measurement, belief)
-            if frame.moves:
-                return self._moving_frame(belief, entry, judge, residual)
+            likely = frame.moves or (judge.reason == MOVES and frame.probability > OTHER)
+            # without wheels nothing tells
+            if likely and measurement.time - self._reckoning.until < LONGEST:
+                return self._moving_frame(belief, entry, judge, frame, residual)
         if nis > gate and (leapt or judge.jumped_at is not None):
             return self._jumped(belief, entry, judge, residual, leapt=leapt)
         judge.jumped_at, judge.jumped = None, 0
@@ -740,7 +742,9 @@ class Fusion:
                 self._carried = dx, dy, turn[0] if turn else 0.0
         return belief
 
-    def _moving_frame(self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float]) -> Belief:
+    def _moving_frame(
+        self, belief: Belief, entry: _Entry, judge: Judge, frame: Frame, residual: Sequence[float]
+    ) -> Belief:
         """Leave out a reading in a frame that moves; it returns as a reading after a leap."""
         entry.used = False
         judge.rejected += 1
@@ -748,13 +752,15 @@ class Fusion:
         if judge.believed:
             self._tell(judge.doubt(MOVES))
             self.vote.clear()
-            # back to where dead reckoning has it from the window's beginning
-            pulled = self._frames[judge.name].pulled
-            if any(pulled):
-                entry.moved = -pulled[0], -pulled[1], self._reckoning.slip
-                entry.wider = _grown((0, 1), [OTHER * each for each in pulled], USUAL)
+            # back to where dead reckoning has it since the frame stood
+            x, y, sigma = frame.pulled
+            if sigma:
+                entry.moved = -x, -y, self._reckoning.slip
+                entry.wider = _grown((0, 1), [OTHER * x, OTHER * y], USUAL)
+                entry.wider[[0, 1], [0, 1]] += sigma * sigma
                 belief = _moved(belief, entry.moved)
                 belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
+        frame.refuse(entry.time)
         if not any(each.settings.tells_pose for each in self._believed()):
             dx, dy, *turn = residual
             self._carried = dx, dy, turn[0] if turn else 0.0
@@ -847,7 +853,10 @@ class Fusion:
             others.append((OTHER, self._dispute))
         for name, frame in self._frames.items():
             if frame.probability and self._judges[name].believed:
-                others.append((frame.probability, (*frame.pulled, 0.0)))
+                x_too, y_too, sigma = frame.pulled
+                others.append((frame.probability, (x_too, y_too, 0.0)))
+                more_still = frame.probability * sigma * sigma
+                xx, yy = xx + more_still, yy + more_still
         for chance, (dx, dy, turn) in others:
             # the second moment about the pose of one hypothesis, where the other one is as likely as `chance`
             xx, xy = xx + chance * dx * dx, xy + chance * dx * dy

@@ -279,6 +279,46 @@ def test_a_frame_that_moves_otherwise_than_any_car_slips_is_found_out_and_the_po
     assert drive.error()[0] < 0.01
 
 
+def test_a_frame_that_was_found_to_move_is_not_believed_while_it_is_likely_to() -> None:
+    drive = Drive()
+    drive.go(10.0)
+    begun = drive.cycle * 0.02
+
+    def drift(m: Measurement) -> Measurement:
+        if m.sensor != "vicon":
+            return m
+        x, y, theta = m.values
+        return m._replace(values=(x, y + 0.05 * (m.time - begun), theta))
+
+    found = False
+    for _ in range(500):
+        drive.go(0.02, drift)
+        assert not (found and drive.trust("vicon")[0])
+        found = found or not drive.trust("vicon")[0]
+        if found:
+            assert drive.error()[0] < 3.0 * hypot(drive.estimate.sigma(0), drive.estimate.sigma(1))
+    assert found
+
+
+@pytest.mark.parametrize("wheels", [None, (float("nan"), 0.0)])
+def test_a_frame_that_stands_is_believed_again_without_wheels_too(wheels: tuple[float, float] | None) -> None:
+    drive = Drive()
+    drive.go(10.0)
+    begun = drive.cycle * 0.02
+
+    def drift(m: Measurement) -> Measurement:
+        if m.sensor != "vicon":
+            return m
+        x, y, theta = m.values
+        return m._replace(values=(x, y + 0.05 * min(m.time - begun, 3.0), theta))
+
+    drive.go(3.0, drift)
+    assert not drive.trust("vicon")[0]
+    failing = lambda m: (wheels and m._replace(values=wheels)) if m.sensor == "encoders" else drift(m)  # noqa: E731
+    drive.go(KEEPS + 2.0, failing)
+    assert drive.trust("vicon") == (True, "")
+
+
 @pytest.mark.parametrize("share", [0.8, 1.2])
 def test_wheels_that_slip_are_no_frame_that_moves(share: float) -> None:
     drive = Drive()
