@@ -813,10 +813,10 @@ class PilotAgent(PeriodicAgent):
         delay = self._motion_model.delay()
         k, c = self.effects.k[delay], self.effects.c[delay].copy()
         scale, drift = self._turning(near=near)
-        steady, least = c[0] / (1.0 - k[0]), 0.1 * self._usual()
-        moves = np.abs(steady) > least
+        reached, least = c[0] / (1.0 - k[0]), 0.1 * self._usual()
+        moves = np.abs(reached) > least
         c[1] *= scale
-        c[1, moves] += (1.0 - k[1]) * drift / steady[moves]
+        c[1, moves] += (1.0 - k[1]) * drift / reached[moves]
         distance, curvature = self._pace
         curvature = scale * curvature + drift / distance if abs(distance) > least else scale * curvature
         return (distance, curvature), np.array(self._taken[:delay][::-1], np.int64), k, c

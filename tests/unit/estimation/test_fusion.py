@@ -1,7 +1,7 @@
 """The fusion: readings at their own times in any order, and sensors that are believed no longer, and again."""
 
 from collections.abc import Callable
-from math import cos, hypot, pi, sin
+from math import cos, hypot, inf, pi, sin
 
 import numpy as np
 import pytest
@@ -279,20 +279,20 @@ def test_a_frame_that_moves_otherwise_than_any_car_slips_is_found_out_and_the_po
     assert drive.error()[0] < 0.01
 
 
+def aside(m: Measurement, most: float = inf) -> Measurement:
+    """The reading in a frame that moves by 0.05 m/s from 10 s on, for `most` seconds."""
+    if m.sensor != "vicon":
+        return m
+    x, y, theta = m.values
+    return m._replace(values=(x, y + 0.05 * min(m.time - 10.0, most), theta))
+
+
 def test_a_frame_that_was_found_to_move_is_not_believed_while_it_is_likely_to() -> None:
     drive = Drive()
     drive.go(10.0)
-    begun = drive.cycle * 0.02
-
-    def drift(m: Measurement) -> Measurement:
-        if m.sensor != "vicon":
-            return m
-        x, y, theta = m.values
-        return m._replace(values=(x, y + 0.05 * (m.time - begun), theta))
-
     found = False
     for _ in range(500):
-        drive.go(0.02, drift)
+        drive.go(0.02, aside)
         assert not (found and drive.trust("vicon")[0])
         found = found or not drive.trust("vicon")[0]
         if found:
@@ -304,17 +304,9 @@ def test_a_frame_that_was_found_to_move_is_not_believed_while_it_is_likely_to() 
 def test_a_frame_that_stands_is_believed_again_without_wheels_too(wheels: tuple[float, float] | None) -> None:
     drive = Drive()
     drive.go(10.0)
-    begun = drive.cycle * 0.02
-
-    def drift(m: Measurement) -> Measurement:
-        if m.sensor != "vicon":
-            return m
-        x, y, theta = m.values
-        return m._replace(values=(x, y + 0.05 * min(m.time - begun, 3.0), theta))
-
-    drive.go(3.0, drift)
+    drive.go(3.0, aside)
     assert not drive.trust("vicon")[0]
-    failing = lambda m: (wheels and m._replace(values=wheels)) if m.sensor == "encoders" else drift(m)  # noqa: E731
+    failing = lambda m: (wheels and m._replace(values=wheels)) if m.sensor == "encoders" else aside(m, 3.0)  # noqa: E731
     drive.go(KEEPS + 2.0, failing)
     assert drive.trust("vicon") == (True, "")
 
