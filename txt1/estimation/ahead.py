@@ -133,4 +133,4 @@ def _gone(
         ),
         belief.lean,
     )  # fmt: skip
-    return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs), 0.0, sideways)
+    return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs), sideways)

@@ -177,7 +177,12 @@ def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
 
 
 def predict(
-    belief: Belief, dt: float, density: Seven, bend: float = 0.0, sideways: tuple[float, float] = (0.0, 0.0)
+    belief: Belief,
+    dt: float,
+    density: Seven,
+    sideways: tuple[float, float] = (0.0, 0.0),
+    bend: float = 0.0,
+    bent: float = 0.0,
 ) -> Belief:
     """The belief dt seconds later, on the arc of its speed and yaw rate, thesis (2.2).
 
@@ -188,9 +193,10 @@ def predict(
         belief: now.
         dt: s.
         density: variances that a second adds, of `Drift.density`.
+        sideways: k and its standard deviation, s^2/m, which moves it across its way for `SIDEWAYS_FOR`.
         bend: change of the steering's curvature meanwhile, 1/m: the yaw rate changes by speed times that, (2.12). How
             well it follows tells nothing of the speed, as servos lag and filter; so F leaves that out.
-        sideways: k and its standard deviation, s^2/m, which moves it across its way for `SIDEWAYS_FOR`.
+        bent: that change times how long it has lasted at the end, s/m.
 
     """
     x, y, theta, rolled, omega, bias, slip = belief.mean
@@ -249,7 +255,7 @@ def predict(
     q_xu, q_yu = shared * f_xu, shared * f_yu
     # P' = M F^T + Q dt
     return Belief(
-        (x + v * c, y + v * s, theta + omega * dt, rolled, omega + v * bend, bias, slip),
+        (x + v * c, y + v * s, theta + omega * dt + v * bent, rolled, omega + v * bend, bias, slip),
         (
             m_xx + m_xt * f_xt + (m_xu + 0.5 * q_xu) * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt + across * s * s,
             m_xy + m_xt * f_yt + (m_xu + 0.5 * q_xu) * f_yu + m_xo * f_yo + m_xs * f_ys - across * s * c,

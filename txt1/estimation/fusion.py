@@ -132,8 +132,11 @@ class _Entry:
 
     measurement: Measurement
     belief: Belief
+    # of the belief
     time: float
     key: tuple[float, str]
+    # a turn of the steering that counts with the next reading; the belief is the one before it
+    waits: bool = False
     new: bool = True
     used: bool = True
     # nothing is known of the slip before it
@@ -419,12 +422,14 @@ class Fusion:
         old = 0
         while old < len(entries) and entries[old].time < before:
             old += 1
+        while old and entries[old - 1].waits:
+            old -= 1
         if old:
             self._base = entries[old - 1].belief, entries[old - 1].time
             del entries[:old]
             self._settled -= old
 
-    def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
+    def _predicted(self, belief: Belief, dt: float, bend: float = 0.0, bent: float = 0.0) -> Belief:
         density, sideways = self._moving, self.sideways
         if not self._turning and not self._placed and self._rolling():
             variance = self._slip_sigma**2
@@ -433,8 +438,8 @@ class Fusion:
             density = qx, qy, qt, qu, qo, qb, qs * max(0.0, 1.0 - belief.triangle[-1] / variance)
             belief = _slipping(belief, dt, 2.0 * FLOOR * variance)
         while dt > STEP_MAX:
-            belief, dt = predict(belief, STEP_MAX, density, 0.0, sideways), dt - STEP_MAX
-        return predict(belief, dt if dt > 0.0 else 0.0, density, bend, sideways)
+            belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
+        return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bent)
 
     def _heard(self) -> float:
         """The time until which readings are taken in: where the most precise sensor of the place has been heard."""
@@ -454,26 +459,39 @@ class Fusion:
         """Take in the entries that are not yet, as far as their time is not beyond `until`."""
         entries, until = self._entries, until + SAME_INSTANT
         belief, time = self._newest()
-        for place in range(self._settled, len(entries)):
-            entry = entries[place]
-            if entry.time > until:
-                break
+        place = self._settled
+        while place and entries[place - 1].waits:
+            place -= 1
+        # of the steering since the belief: its change, 1/m, and that times its time
+        bend = moment = 0.0
+        for entry in entries[place:]:
             measurement = entry.measurement
-            steering = measurement.kind is KIND_STEERING
-            bend = measurement.values[0] if steering else 0.0
-            if bend or entry.time - time >= SAME_INSTANT:
-                belief = self._predicted(belief, entry.time - time, bend)
-            time = entry.time
-            if not steering:
-                if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
-                    belief = self._slip_unknown(belief)
-                if entry.moved is not None:
-                    belief = _moved(belief, entry.moved)
-                if entry.wider is not None:
-                    belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
-                belief = self._measure(belief, entry)
-            entry.belief = belief
-            self._settled = place + 1
+            at = measurement[0]
+            if at > until:
+                break
+            place += 1
+            if measurement[2] is KIND_STEERING:
+                # with the next reading, as a prediction of its own takes as long as that one's
+                bend, moment = bend + measurement[4][0], moment + measurement[4][0] * at
+                entry.waits, entry.belief, entry.time = True, belief, time
+                continue
+            if bend or at - time >= SAME_INSTANT:
+                belief = self._predicted(belief, at - time, bend, bend * at - moment)
+                bend = moment = 0.0
+            time = at
+            if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
+                belief = self._slip_unknown(belief)
+            if entry.moved is not None:
+                belief = _moved(belief, entry.moved)
+            if entry.wider is not None:
+                belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
+            entry.belief = belief = self._measure(belief, entry)
+        if bend:
+            # no reading has come after it
+            last = entries[place - 1]
+            at = last.measurement.time
+            last.waits, last.belief, last.time = False, self._predicted(belief, at - time, bend, bend * at - moment), at
+        self._settled = place
 
     def _told(self) -> Belief:
         """The belief now."""

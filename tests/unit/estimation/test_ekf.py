@@ -117,7 +117,7 @@ def test_a_car_whose_wheels_tell_another_speed_has_gained_it_on_its_way() -> Non
 @pytest.mark.parametrize("omega", [2.0, -2.0])
 def test_in_a_curve_the_car_slides_outwards(v: float, omega: float) -> None:
     belief = belief_of([0.0, 0.0, 0.0, v, omega, 0.0, 0.0], IDENTITY * 1e-4)
-    straight, sliding = (predict(belief, 0.001, DENSITY, 0.0, each) for each in ((0.0, 0.0), (0.02, 0.01)))
+    straight, sliding = (predict(belief, 0.001, DENSITY, each) for each in ((0.0, 0.0), (0.02, 0.01)))
     # towards the curve's middle is where v omega points
     outwards = -(sliding.mean[Y] - straight.mean[Y]) * np.sign(v * omega)
     assert outwards == pytest.approx(0.02 * v * v * abs(omega) * 0.001, rel=0.01)
@@ -190,7 +190,7 @@ def test_the_covariance_stays_symmetric_and_positive_whatever_is_measured(seed: 
     rng = np.random.default_rng(seed)
     belief = belief_of(rng.normal(size=SIZE), covariance(rng, SIZE))
     for _ in range(30):
-        belief = predict(belief, float(rng.uniform(0.0, 0.5)), DENSITY, float(rng.normal()))
+        belief = predict(belief, float(rng.uniform(0.0, 0.5)), DENSITY, bend=float(rng.normal()))
         before = np.abs(belief.covariance).max()
         h = rng.normal(size=(int(rng.integers(1, 4)), SIZE))
         h[:, slice(0, ROLLED) if rng.random() < 0.5 else slice(ROLLED, SIZE)] = 0.0
