@@ -637,7 +637,8 @@ class Fusion:
         entry.new = False
         gate = judge.settings.gate**2
         judge.surprised(nis, len(residual))
-        leapt = judge.leapt(measurement)
+        fits = nis <= CHI99[len(residual) - 1]
+        leapt = judge.leapt(measurement, fits=fits)
         frame = self._frames.get(judge.name)
         if frame is not None:
             if leapt:
@@ -661,7 +662,7 @@ class Fusion:
                 entry.used = False
                 return belief
             self._tell(judge.restore())
-        if nis <= CHI99[len(residual) - 1]:
+        if fits:
             judge.missed = ()
             judge.fitted_at = judge.grown_at = measurement.time
         elif judge.misses_again(measurement, residual):
@@ -689,7 +690,8 @@ class Fusion:
             judge.rejected += 1
             entry.used = False
             return belief
-        after = self._softly(belief, after, nis, residual, h, sigmas)
+        if nis > CHI95[len(residual) - 1]:
+            after = self._softly(belief, after, nis, residual, h, sigmas)
         judge.used += 1
         judge.placed_at, judge.placed_sigma = measurement.time, measurement.sigmas[0]
         self._accepted(measurement, belief, after)

@@ -138,12 +138,15 @@ class Judge:
         """Note a reading's NIS and the count of its numbers."""
         self.surprise += ((nis / count if nis < 100.0 * count else 100.0) - self.surprise) / MEMORY
 
-    def leapt(self, measurement: Measurement) -> bool:
-        """Note a reading of the pose; return whether no car can have moved so far since the last reading."""
+    def leapt(self, measurement: Measurement, *, fits: bool) -> bool:
+        """Note a reading of the pose; return whether no car can have moved so far since the last reading.
+
+        One that fits, like the last ones, has not leapt.
+        """
         time, _, _, rows, values, sigmas, _ = measurement
         before, dt = self.own, max(time - self.own_at, 0.0)
         self.own, self.own_at = values, time
-        if len(before) != len(values):
+        if len(before) != len(values) or (fits and self.jumped_at is None and not self.missed):
             return False
         for place, there in enumerate(before):
             step, reach = values[place] - there, MOVES_BY
