@@ -65,6 +65,7 @@ from txt1.estimation.measurement import (
 from txt1.estimation.spinning import HOLDS
 from txt1.estimation.trust import Trust
 from txt1.estimation.vote import Cycle, Vote
+from txt1.estimation.walk import SLID, Walk
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 from txt1.units import new
@@ -93,12 +94,8 @@ SAME_INSTANT: Final = 1e-6
 TURNS: Final = 3.0
 # rad from which a turn tells of the slip
 CURVE: Final = 0.1
-# standard deviation of the slip after an absolute sensor contradicted the wheels
-SLID: Final = 0.1
 # s over which the slip of two moments is related: floors, starts and stops; chosen
 FLOOR: Final = 2.0
-# turns over which the walk of the slip is averaged
-MEMORY: Final = 5
 # s in which it is forgotten that a sensor overruled dead reckoning; chosen
 FORGOTTEN: Final = 10.0
 # of the wheels' way; more is no slip any more, but wheels that tell nothing
@@ -180,12 +177,8 @@ class Fusion:
         self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
         self.sideways = 0.0, drift.sideways
         """How much it slides outwards in curves, and the standard deviation of that, s^2/m, of `ekf.predict`."""
-        self._density: Seven = drift.density()
-        # as it is by itself, and with slip as it changes here: much, until turns tell otherwise
-        self._slips = slip_sigma**2
-        self._moving = _walking(self._density, self._slips)
+        self._walk = Walk(drift, slip_sigma)
         self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
-        self._slip_sigma = slip_sigma
         pose, known = start or ((0.0,) * 3, (BEGUN,) * 3)
         sigmas = np.array([*known, SPEED, YAW_RATE, BIASED, slip_sigma])
         self._gyro_scale = gyro_scale
@@ -430,13 +423,10 @@ class Fusion:
             self._settled -= old
 
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0, bent: float = 0.0) -> Belief:
-        density, sideways = self._moving, self.sideways
+        density, sideways = self._walk.told, self.sideways
         if not self._turning and not self._placed and self._rolling():
-            variance = self._slip_sigma**2
-            # nothing tells of the slip that lasts: it walks until it is as uncertain as at first
-            qx, qy, qt, qu, qo, qb, qs = self._density
-            density = qx, qy, qt, qu, qo, qb, qs * max(0.0, 1.0 - belief.triangle[-1] / variance)
-            belief = _slipping(belief, dt, 2.0 * FLOOR * variance)
+            density = self._walk.settled(belief.triangle[-1])
+            belief = _slipping(belief, dt, 2.0 * FLOOR * self._walk.slip_sigma**2)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
         return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bent)
@@ -500,14 +490,14 @@ class Fusion:
         if self._settled < len(entries):
             believed = self._names
             later = [each.measurement for each in entries[self._settled :] if each.key[1] in believed]
-            return ahead(belief, time, now, later, self._moving, self.sideways, turning=self._turning)
+            return ahead(belief, time, now, later, self._walk.told, self.sideways, turning=self._turning)
         return self._predicted(belief, now - time) if now - time >= SAME_INSTANT else belief
 
     def _slip_unknown(self, belief: Belief) -> Belief:
         """The belief when nothing is known of the slip; the car's speed stays as it is."""
         v, covariance = belief.mean[ROLLED] * (1.0 - belief.mean[SLIP]), belief.covariance
         covariance[SLIP, :] = covariance[:, SLIP] = 0.0
-        covariance[SLIP, SLIP] = self._slip_sigma**2
+        covariance[SLIP, SLIP] = self._walk.slip_sigma**2
         covariance[ROLLED, ROLLED] += SPEED**2
         x, y, theta, _, omega, bias, _ = belief.mean
         return belief_of((x, y, theta, v, omega, bias, 0.0), covariance, belief.lean)
@@ -600,12 +590,12 @@ class Fusion:
         residual = (told - turned_by / grip,)
         h = ((0.0, 0.0, 0.0, 0.0, 0.0, -dt / grip, turned_by / (grip * grip)),)
         # the slip walks within the turn, too: its mean is so far from the last one
-        sigma = hypot(measurement.sigmas[0], path * sqrt(self._moving[SLIP] * dt / 3.0))
+        sigma = hypot(measurement.sigmas[0], path * sqrt(self._walk.told[SLIP] * dt / 3.0))
         leans = -by_gyro / grip
         after, _, (miss,) = update(belief, residual, h, (sigma,), leans)
         if new and abs(turned_by) > CURVE and miss:
             chance = (residual[0] / miss) ** 2
-            self._slip_changes((residual[0] ** 2 - chance) / turned_by**2 + self._moving[SLIP] * dt, dt)
+            self._walk.changed((residual[0] ** 2 - chance) / turned_by**2 + self._walk.told[SLIP] * dt, dt)
         if -TURNS <= miss <= TURNS:
             return after
         if abs(turned_by) > CURVE:
@@ -615,15 +605,6 @@ class Fusion:
             belief = belief_of(belief.mean, wide, belief.lean)
             _, _, (miss,) = update(belief, residual, h, (sigma,), leans)
         return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),), leans)[0]
-
-    def _slip_changes(self, square: float, dt: float) -> None:
-        """Adapt the slip's random walk to the turns: the square of a change in dt seconds.
-
-        Covariance matching (A. H. Mohamed and K. P. Schwarz): the excess of the innovation's square over its
-        expectation is added to the expectation.
-        """
-        self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
-        self._moving = _walking(self._density, self._slips)
 
     def _place(
         self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float], h: Sequence[Row]
@@ -937,12 +918,6 @@ def _moved(belief: Belief, by: tuple[float, float, float]) -> Belief:
     """The belief somewhere else (m, m), with this slip."""
     x, y, theta, rolled, omega, bias, _ = belief.mean
     return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2]), belief.triangle, belief.lean)
-
-
-def _walking(density: Seven, slips: float) -> Seven:
-    """The density with slip that changes by so much at least, a variance of a second."""
-    x, y, theta, rolled, omega, bias, usual = density
-    return x, y, theta, rolled, omega, bias, max(usual, slips)
 
 
 def _alike(one: Measurement, two: Measurement, within: float) -> bool:
