@@ -16,7 +16,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, exp, hypot, isfinite, sin, sqrt
+from math import cos, exp, hypot, inf, isfinite, sin, sqrt
 from operator import attrgetter, sub
 from typing import Final
 
@@ -111,6 +111,8 @@ WHEELS: Final = "the car moves otherwise than its wheels tell"
 JUMPED: Final = "has jumped"
 MOVES: Final = "tells a way that no car goes: its frame moves"
 FRAMES: Final = "measures positions in another frame than"
+# s without a reading of the place, after which slip walks as at first
+BLIND: Final = 0.25
 # m/s by which dead reckoning may be off: slip, skids, a push
 MISSES: Final = 0.5
 # s in which another sensor has told the place
@@ -193,6 +195,7 @@ class Fusion:
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
         self._gyros: set[str] = set()
+        self._headings: set[str] = set()
         self._wheels_of: set[str] = set()
         # whether something has changed of these, or of the next three
         self._changed = True
@@ -208,6 +211,8 @@ class Fusion:
         self._dispute = [0.0, 0.0, 0.0]
         # m in x and y by which the way may be longer than the car's, as speed and heading may be off
         self._way_doubt = (0.0, 0.0)
+        # s of the run, when a sensor told the place
+        self._placed_at = inf
 
     def take(self, measurement: Measurement) -> None:
         """Take in a measurement with the next step."""
@@ -354,7 +359,7 @@ class Fusion:
 
     def _admits(self, measurement: Measurement, oldest: float) -> bool:
         """Whether a reading is valid in itself, and not older than that, s."""
-        time, sensor, kind, _, values, sigmas, _ = measurement
+        time, sensor, kind, rows, values, sigmas, _ = measurement
         now, judge = self._now, self._judges.get(sensor)
         recent = oldest <= time <= now + SAME_INSTANT
         if judge is None:
@@ -366,6 +371,8 @@ class Fusion:
                 self._gyros.add(sensor)
             elif kind is KIND_ENCODERS:
                 self._wheels_of.add(sensor)
+            elif kind is KIND_POSE and rows[-1] == THETA:
+                self._headings.add(sensor)
         if not recent:
             judge.late += 1
             return False
@@ -422,14 +429,16 @@ class Fusion:
             del entries[:old]
             self._settled -= old
 
-    def _predicted(self, belief: Belief, dt: float, bend: float = 0.0, bent: float = 0.0) -> Belief:
-        density, sideways = self._walk.told, self.sideways
+    def _predicted(self, belief: Belief, begin: float, end: float, bend: float = 0.0, moment: float = 0.0) -> Belief:
+        """The belief at `end`, s of the run, of one at `begin`; of changes of the steering, the sum and the moment."""
+        dt, sideways, walk = end - begin, self.sideways, self._walk
+        density = walk.blind if begin - self._placed_at > BLIND else walk.told
         if not self._turning and not self._placed and self._rolling():
-            density = self._walk.settled(belief.triangle[-1])
-            belief = _slipping(belief, dt, 2.0 * FLOOR * self._walk.slip_sigma**2)
+            density = walk.settled(belief.triangle[-1])
+            belief = _slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
-        return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bent)
+        return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bend * end - moment)
 
     def _heard(self) -> float:
         """The time until which readings are taken in: where the most precise sensor of the place has been heard."""
@@ -466,7 +475,7 @@ class Fusion:
                 entry.waits, entry.belief, entry.time = True, belief, time
                 continue
             if bend or at - time >= SAME_INSTANT:
-                belief = self._predicted(belief, at - time, bend, bend * at - moment)
+                belief = self._predicted(belief, time, at, bend, moment)
                 bend = moment = 0.0
             time = at
             if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
@@ -480,7 +489,7 @@ class Fusion:
             # no reading has come after it
             last = entries[place - 1]
             at = last.measurement.time
-            last.waits, last.belief, last.time = False, self._predicted(belief, at - time, bend, bend * at - moment), at
+            last.waits, last.belief, last.time = False, self._predicted(belief, time, at, bend, moment), at
         self._settled = place
 
     def _told(self) -> Belief:
@@ -491,7 +500,7 @@ class Fusion:
             believed = self._names
             later = [each.measurement for each in entries[self._settled :] if each.key[1] in believed]
             return ahead(belief, time, now, later, self._walk.told, self.sideways, turning=self._turning)
-        return self._predicted(belief, now - time) if now - time >= SAME_INSTANT else belief
+        return self._predicted(belief, time, now) if now - time >= SAME_INSTANT else belief
 
     def _slip_unknown(self, belief: Belief) -> Belief:
         """The belief when nothing is known of the slip; the car's speed stays as it is."""
@@ -575,7 +584,7 @@ class Fusion:
                 if row == 0 and abs(left) > HOLDS * SLOT:
                     # wheels that lock or spin: the car's speed is anywhere between its last one and theirs
                     sigmas = (abs(left), *sigmas[1:])
-        if not self._turning and not self._placed:
+        if not self._turning and self._names.isdisjoint(self._headings):
             return _considered(wide, residual, h, sigmas)
         return after if wide is belief else update(wide, residual, h, sigmas)[0]
 
@@ -674,7 +683,8 @@ class Fusion:
         if nis > CHI95[len(residual) - 1]:
             after = self._softly(belief, after, nis, residual, h, sigmas)
         judge.used += 1
-        judge.placed_at, judge.placed_sigma = measurement.time, measurement.sigmas[0]
+        self._placed_at = judge.placed_at = measurement.time
+        judge.placed_sigma = measurement.sigmas[0]
         self._accepted(measurement, belief, after)
         return after
 

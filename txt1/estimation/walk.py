@@ -24,9 +24,11 @@ class Walk:
         self._least: Seven = drift.density()
         # much, until turns tell otherwise
         self._slips = slip_sigma**2
-        self.blind = self.told = self._with(self._slips)
-        """The variances that a second adds: `told` with slip as turns have told of it. `blind` for when no sensor tells
-        the place any more: while one did, the slip was followed before a turn was over, so turns told too little."""
+        self.told = self._with(self._slips)
+        """The variances that a second adds, with slip as turns have told of it."""
+        self.blind = self._with(SLID**2)
+        """The same when no sensor tells the place any more: while one did, the slip was followed before a turn was
+        over, so turns have told too little."""
 
     def _with(self, slips: float) -> Seven:
         x, y, theta, rolled, omega, bias, usual = self._least

@@ -383,6 +383,43 @@ def test_when_a_gyro_is_outvoted_the_wheels_have_turned_the_car_in_the_last_half
     assert wrap_angle(drive.estimate.theta - before) == pytest.approx(-0.4, abs=0.05)
 
 
+def test_once_no_sensor_tells_the_place_the_wheels_may_slip_otherwise_than_before() -> None:
+    drive = Drive()
+    drive.go(10.0)
+
+    def blind(m: Measurement) -> Measurement | None:
+        if m.sensor == "vicon":
+            return None
+        return m._replace(values=(m.values[0] / 0.85, m.values[1] / 0.85)) if m.sensor == "encoders" else m
+
+    drive.go(1.5, blind)
+    assert 0.1 < drive.error()[0] < 3.0 * hypot(drive.estimate.sigma(0), drive.estimate.sigma(1))
+
+
+def test_wheels_beside_a_gps_tell_nothing_of_their_slip_without_a_gyro() -> None:
+    rng = np.random.default_rng(1)
+    fusion = Fusion(
+        {"encoders": Belonging(), "gps": Belonging(tells_pose=True)}, start=((0.0, 0.0, 0.0), (0.02, 0.02, 0.03))
+    )
+    x = y = theta = curvature = 0.0
+    for cycle in range(1, 2001):
+        time = 0.02 * cycle
+        if cycle % 50 == 1:
+            before, curvature = curvature, float(rng.uniform(-1.2, 1.2))
+            turned = (curvature - before, curvature)
+            fusion.take(Measurement(time - 0.02, "", Kind.STEERING, (0, 1), turned, (1.0, 1.0)))
+        way, turn = 0.8 * 0.02, 0.8 * curvature * 0.02
+        x, y, theta = x + way * cos(theta + 0.5 * turn), y + way * sin(theta + 0.5 * turn), theta + turn
+        wheels = (0.8 + 0.006 * float(rng.normal()), 0.8 * curvature + 0.04 * float(rng.normal()))
+        fusion.take(Measurement(time - 0.01, "encoders", Kind.ENCODERS, (0, 1), wheels, (0.006, 0.04)))
+        if cycle % 10 == 0:
+            told = (x + float(rng.normal()), y + float(rng.normal()))
+            fusion.take(Measurement(time, "gps", Kind.POSE, (0, 1), told, (1.0, 1.0)))
+        estimate = fusion.step(time)
+        assert abs(estimate.slip) < 0.15, "there is none"
+    assert abs(wrap_angle(estimate.theta - theta)) < 3.0 * estimate.sigma(2)
+
+
 def test_without_encoders_the_steering_tells_nothing_of_the_speed() -> None:
     drive = Drive()
     drive.go(5.0)
