@@ -233,6 +233,7 @@ class Fusion:
             frame.clear()
         for judge in self._judges.values():
             judge.own, judge.jumped_at, judge.missed = (), None, ()
+            judge.mean_miss = judge.mean_variance = 0.0, 0.0
 
     def believes(self, sensor: str) -> bool:
         """Whether a sensor is fused and believed."""
@@ -331,6 +332,7 @@ class Fusion:
 
     def judge_by_vote(self) -> None:
         """Leave out an outvoted gyro or outvoted wheels, unless no other sensor measures the same quantity."""
+        self.vote.compare(turning=self._turning)
         gyro_off, wheels_off = self.vote.outvoted()
         placed = self._located and self._placed
         for names, off, reason in ((self._gyros, gyro_off, OUTVOTED), (self._wheels_of, wheels_off and placed, WHEELS)):
@@ -338,7 +340,7 @@ class Fusion:
                 judge = self._judges[name]
                 if off and judge.believed:
                     self._tell(judge.doubt(reason))
-                    self._take_out(name)
+                    self._take_out(name, self.vote.apart if name in self._gyros else 0.0)
                     self._note_believed()
                     self._apply(self._heard())
                 elif not off and not judge.believed and judge.reason == reason and judge.fits(self._now):
@@ -511,13 +513,18 @@ class Fusion:
         x, y, theta, _, omega, bias, _ = belief.mean
         return belief_of((x, y, theta, v, omega, bias, 0.0), covariance, belief.lean)
 
-    def _take_out(self, sensor: str) -> None:
-        """Leave a sensor's readings out that were taken in."""
+    def _take_out(self, sensor: str, turned: float) -> None:
+        """Leave a sensor's readings out that were taken in; before them it may have turned the pose by so much, rad."""
+        first = None
         for place, entry in enumerate(self._entries[: self._settled]):
             compared = sensor in self._gyros and entry.measurement.kind is KIND_TURN
             if (entry.measurement.sensor == sensor or compared) and entry.used:
                 entry.used, entry.new = False, False
                 self._settled = min(place, self._settled)
+                first = first or entry
+        if first is not None and turned:
+            first.wider = np.zeros((SIZE, SIZE)) if first.wider is None else first.wider
+            first.wider[THETA, THETA] += turned * turned
 
     # -- one reading -----------------------------------------------------------------------------------------------
 
@@ -620,7 +627,7 @@ class Fusion:
     ) -> Belief:
         """The belief with a reading of the pose, by the rules of `txt1.estimation.judge`."""
         measurement = entry.measurement
-        sigmas = measurement.sigmas
+        sigmas, expected = measurement.sigmas, belief.triangle
         after, nis, _ = update(belief, residual, h, sigmas)
         if not entry.new:
             return self._softly(belief, after, nis, residual, h, sigmas) if entry.used else belief
@@ -683,6 +690,10 @@ class Fusion:
         if nis > CHI95[len(residual) - 1]:
             after = self._softly(belief, after, nis, residual, h, sigmas)
         judge.used += 1
+        if len(residual) == 2:
+            noise = sigmas[0] * sigmas[0]
+            since = measurement.time - (judge.placed_at or 0.0)
+            judge.averaged(since, residual, (expected[0] + noise, expected[7] + noise))
         self._placed_at = judge.placed_at = measurement.time
         judge.placed_sigma = measurement.sigmas[0]
         self._accepted(measurement, belief, after)
@@ -863,7 +874,12 @@ class Fusion:
         if any(self._dispute):
             others.append((OTHER, self._dispute))
         for name, frame in self._frames.items():
-            if frame.probability and self._judges[name].believed:
+            judge = self._judges[name]
+            if not judge.believed:
+                continue
+            if judge.mean_variance[0]:
+                others.append((1.0, (*judge.lasting(), 0.0)))
+            if frame.probability:
                 x_too, y_too, sigma = frame.pulled
                 others.append((frame.probability, (x_too, y_too, 0.0)))
                 more_still = frame.probability * sigma * sigma

@@ -11,6 +11,8 @@
    tracking filter, D. H. Zhou, P. M. Frank, Int. J. Control 65(2), 1996.
    Where another sensor of positions that is no less precise was taken in within a second, their frames differ: this one
    is left out.
+   What hides in the noise of single positions shows in their mean: wheels that err, or the sensor itself. Which of the
+   two does is not told apart, so the pose stays, and by so much it is told to be uncertain.
 4. **Jump.** A reading that does not agree with its sensor's own last one, as nothing moves so fast, has two
    explanations: the sensor's frame has jumped, or the robot was carried away. Readings are left out, while the estimate
    tells the covariance of both hypotheses (Bar-Shalom, Li, Kirubarajan 2001, 1.4.16). They are taken in again when
@@ -39,6 +41,8 @@ SAME_COUNTS: Final = 25
 MOVING: Final = 0.1
 # readings over which a sensor's misses are averaged
 MEMORY: Final = 25
+# s over which the misses of positions are averaged
+MISSED_FOR: Final = 4.0
 # m/s, more than a robot moves at, driven or carried
 MOVES_BY: Final = 5.0
 # rad/s, likewise
@@ -113,6 +117,9 @@ class Judge:
     jumped_at: float | None = None
     # readings since then
     jumped: int = 0
+    # the mean by which positions without a heading have missed the pose, m, and its variances, m^2
+    mean_miss: tuple[float, float] = (0.0, 0.0)
+    mean_variance: tuple[float, float] = (0.0, 0.0)
     # readings in a row that fitted, of a sensor that is not believed
     fitting: int = 0
     fitting_since: float = 0.0
@@ -156,6 +163,22 @@ class Judge:
                 return True
         return False
 
+    def averaged(self, dt: float, residual: Sequence[float], variances: tuple[float, float]) -> None:
+        """Note by how much a position has missed the pose, m, and the variances of that, dt seconds after the last."""
+        share = min(dt / MISSED_FOR, 1.0)
+        (x, y), (xx, yy), keeps = self.mean_miss, self.mean_variance, 1.0 - share
+        self.mean_miss = keeps * x + share * residual[0], keeps * y + share * residual[1]
+        keeps, share = keeps * keeps, share * share
+        self.mean_variance = keeps * xx + share * variances[0], keeps * yy + share * variances[1]
+
+    def lasting(self) -> tuple[float, float]:
+        """By how much positions miss the pose for long, m, less what chance does: 2 of the chi-square, on average."""
+        (x, y), (xx, yy) = self.mean_miss, self.mean_variance
+        if not xx:
+            return 0.0, 0.0
+        left = sqrt(1.0 - 2.0 / max(x * x / xx + y * y / yy, 2.0))
+        return left * x, left * y
+
     def misses_again(self, measurement: Measurement, residual: Sequence[float]) -> bool:
         """Note a reading beyond 99 %; return whether the last was beyond it, too, so it is no single outlier."""
         before, dt = self.missed, max(measurement.time - self.missed_at, 0.0)
@@ -189,4 +212,5 @@ class Judge:
         news = "" if self.believed else f"'{self.name}' is believed again"
         self.believed, self.reason, self.fitting, self.surprise = True, "", 0, 1.0
         self.jumped_at, self.jumped, self.missed = None, 0, ()
+        self.mean_miss = self.mean_variance = 0.0, 0.0
         return news

@@ -22,6 +22,8 @@ WINDOW: Final = 0.3  # s
 FRESH: Final = 0.5
 # cycles
 ENOUGH: Final = 8
+# s in which it is forgotten that gyro and wheels turned apart; chosen
+FORGOTTEN: Final = 10.0
 # s of a piece of a path by positions, at least
 LEG: Final = 0.2 * WINDOW - 1e-6
 # of a rate that slip and understeer explain
@@ -62,11 +64,16 @@ class Vote:
     """The witnesses' reports of the last seconds."""
 
     def __init__(self) -> None:
+        self.apart = 0.0
+        """By how much a believed gyro has turned the pose otherwise than the wheels lately, rad."""
+        # s of the run
+        self._compared = 0.0
         self._cycles: deque[Cycle] = deque()
         self._places: dict[str, deque[Place]] = {}
 
     def clear(self) -> None:
         """Forget everything: the robot was carried elsewhere."""
+        self.apart = 0.0
         self._cycles.clear()
         self._places.clear()
 
@@ -88,6 +95,16 @@ class Vote:
         places.append(Place(time, values[0], values[1], values[2] if len(values) > 2 else None, sigmas[0], sigmas[-1]))
         while time - places[0].time > WINDOW:
             places.popleft()
+
+    def compare(self, *, turning: bool) -> None:
+        """Note how far gyro and wheels have turned apart since the last time; `turning`: the gyro is believed."""
+        since, self._compared = self._compared, self._cycles[-1].time if self._cycles else 0.0
+        apart = [each.gyro - each.wheels for each in self._cycles if each.time > since and each.gyro is not None]
+        if not turning:
+            self.apart = 0.0
+        elif apart:
+            rate = sum(apart) / len(apart) - self.apart / FORGOTTEN
+            self.apart += rate * min(self._compared - since, WINDOW)
 
     def outvoted(self) -> tuple[bool, bool]:
         """Whether the gyro is, and whether the wheels are."""

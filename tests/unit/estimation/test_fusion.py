@@ -383,6 +383,18 @@ def test_when_a_gyro_is_outvoted_the_wheels_have_turned_the_car_in_the_last_half
     assert wrap_angle(drive.estimate.theta - before) == pytest.approx(-0.4, abs=0.05)
 
 
+def test_the_heading_is_as_uncertain_as_an_outvoted_gyro_may_have_turned_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = Drive(("imu", "encoders", "gps"), start=True)
+    drive.go(5.0)
+    for _ in range(20):
+        drive.go(0.1, lambda m: m._replace(values=(m.values[0] + 0.3,)) if m.sensor == "imu" else m)
+        drive.fusion.judge_by_vote()
+    monkeypatch.setattr(drive.fusion.vote, "outvoted", lambda: (True, False))
+    drive.fusion.judge_by_vote()
+    drive.estimate = drive.fusion.step(drive.cycle * 0.02)
+    assert 0.3 < drive.error()[1] < 3.0 * drive.estimate.sigma(2)
+
+
 def test_once_no_sensor_tells_the_place_the_wheels_may_slip_otherwise_than_before() -> None:
     drive = Drive()
     drive.go(10.0)
@@ -394,6 +406,31 @@ def test_once_no_sensor_tells_the_place_the_wheels_may_slip_otherwise_than_befor
 
     drive.go(1.5, blind)
     assert 0.1 < drive.error()[0] < 3.0 * hypot(drive.estimate.sigma(0), drive.estimate.sigma(1))
+
+
+def test_the_pose_is_as_uncertain_as_a_gps_misses_it_for_long() -> None:
+    drive = Drive(("imu", "encoders", "gps"), start=True)
+
+    def poor(m: Measurement) -> Measurement:
+        if m.sensor != "gps":
+            return m
+        x, y, _ = truth(m.time)
+        told = x + 3.0 * (m.values[0] - x), y + 3.0 * (m.values[1] - y)
+        return m._replace(values=told, sigmas=(0.9, 0.9))
+
+    def faster(m: Measurement) -> Measurement:
+        further = 0.06 * (m.time - 20.0)
+        return m._replace(values=(m.values[0] + further, m.values[1])) if m.sensor == "encoders" else poor(m)
+
+    drive.go(20.0, poor)
+    worst, apart = 0.0, []
+    for _ in range(750):
+        drive.go(0.02, faster)
+        worst = max(worst, drive.error()[0])
+        apart.append(drive.error()[0] / hypot(drive.estimate.sigma(0), drive.estimate.sigma(1)))
+    assert worst > 0.8, "wheels that err hide in a GPS's noise"
+    assert max(apart) < 2.6
+    assert np.mean(np.square(apart)) < 2.0
 
 
 def test_wheels_beside_a_gps_tell_nothing_of_their_slip_without_a_gyro() -> None:
