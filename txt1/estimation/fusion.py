@@ -111,7 +111,7 @@ WHEELS: Final = "the car moves otherwise than its wheels tell"
 JUMPED: Final = "has jumped"
 MOVES: Final = "tells a way that no car goes: its frame moves"
 FRAMES: Final = "measures positions in another frame than"
-# s without a reading of the place, after which slip walks as at first
+# s without a reading of the place, after which slip walks further
 BLIND: Final = 0.25
 # m/s by which dead reckoning may be off: slip, skids, a push
 MISSES: Final = 0.5
