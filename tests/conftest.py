@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -15,6 +16,10 @@ from tests.examples import SHARE, USUAL
 from tests.patience import surviving
 
 HERE = Path(__file__).parent
+
+# A process with a BLAS thread for each processor computes no sooner here, and its threads keep a processor busy while
+# they wait. This has to be said before numpy is imported, and holds for processes that the tests start, too.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # No example has a deadline, and none is drawn too slowly, as both say how busy the machine is. A change is judged by
 # the same examples each time, so what fails is the change's; `make test-long` looks for others.
