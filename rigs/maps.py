@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
@@ -137,6 +136,8 @@ TRACKS: Final = {
 
 def centre_line(track: Track) -> np.ndarray:
     """Return the centre line of a track (n, 4), which begins at (0, 0) along x."""
+    from scipy.interpolate import BSpline  # takes 0.2 s, for each process that collects the tests
+
     corners = np.array(track.corners[:: -1 if track.clockwise else 1], float)
     wrapped = np.concatenate((corners, corners[:3]))
     curve = BSpline(np.arange(-3.0, len(corners) + 4.0), wrapped, 3)

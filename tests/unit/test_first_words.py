@@ -10,7 +10,6 @@ import pytest
 from txt1 import __version__
 from txt1.cli import COMMANDS, demo, execute, parsers
 from txt1.cli.demo import steps
-from txt1.record.report import Content, draw
 from txt1.ui.screens import SCREENS
 
 
@@ -69,6 +68,8 @@ def test_a_first_screen_is_refused_where_there_are_none(capsys: pytest.CaptureFi
 
 
 def test_a_report_marks_where_the_robot_was_disarmed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from txt1.record.report import Content, draw  # matplotlib takes 0.3 s, for each process that collects the tests
+
     log = tmp_path / "wall.mcap"
     words = ["--headless", "--speed", "max", "--seed", "1", "--duration", "9", "--drive", "0.5,0", "--log", str(log)]
     assert execute(["run", *words]) == 3
