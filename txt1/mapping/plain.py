@@ -50,6 +50,8 @@ def search(
     """Return (score, dx in cells, dy in cells, number of the angle); as `kernels.search`, without its middle field."""
     wide = kernels.WIDE
     rows, columns = fine.shape
+    # with a row and a column of zeros, where all that lies outside is looked up
+    fine, coarse = np.pad(fine, (0, 1)), np.pad(coarse, (0, 1))
     cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
     xs = np.floor((cosine * points[:, 0] - sine * points[:, 1] - x0) / cell).astype(np.int64)
     ys = np.floor((sine * points[:, 0] + cosine * points[:, 1] - y0) / cell).astype(np.int64)
@@ -58,10 +60,9 @@ def search(
     bounds = np.empty((len(angles), len(blocks), len(blocks)))
     for k in range(len(angles)):
         x, y = xs[k] + blocks[:, None], ys[k] + blocks[:, None]
-        inside_x, inside_y = (x > -wide) & (x < columns), (y > -wide) & (y < rows)
-        x, y = np.clip(x, 0, columns - 1), np.clip(y, 0, rows - 1)
-        values = np.where(inside_y[:, None] & inside_x[None], coarse[y[:, None] >> 2, x[None] >> 2], 0)
-        bounds[k] = values.mean(axis=2) / 255.0 - turned[k]
+        x = np.where((x > -wide) & (x < columns), np.maximum(x, 0) >> 2, coarse.shape[1] - 1)
+        y = np.where((y > -wide) & (y < rows), np.maximum(y, 0) >> 2, coarse.shape[0] - 1)
+        bounds[k] = _at(coarse, x, y).mean(axis=2) / 255.0 - turned[k]
     best, found = at_least, (0, 0, -1)
     for block in np.argsort(-bounds, axis=None, kind="stable"):
         k, by, bx = (int(each) for each in np.unravel_index(int(block), bounds.shape))
@@ -70,14 +71,19 @@ def search(
         oy = np.arange(blocks[by], min(blocks[by] + wide, reach + 1))
         ox = np.arange(blocks[bx], min(blocks[bx] + wide, reach + 1))
         x, y = xs[k] + ox[:, None], ys[k] + oy[:, None]
-        inside_x, inside_y = (x >= 0) & (x < columns), (y >= 0) & (y < rows)
-        x, y = np.clip(x, 0, columns - 1), np.clip(y, 0, rows - 1)
-        values = np.where(inside_y[:, None] & inside_x[None], fine[y[:, None], x[None]], 0).mean(axis=2) / 255.0
+        x = np.where((x >= 0) & (x < columns), x, columns)
+        y = np.where((y >= 0) & (y < rows), y, rows)
+        values = _at(fine, x, y).mean(axis=2) / 255.0
         values -= turned[k] + costs[0] * (oy[:, None] ** 2 + ox[None] ** 2)
         at = np.unravel_index(int(values.argmax()), values.shape)
         if values[at] > best:
             best, found = float(values[at]), (int(ox[at[1]]), int(oy[at[0]]), k)
     return best, *found
+
+
+def _at(field: Any, x: Any, y: Any) -> Any:
+    """Return the field's values, by rows of `y`, rows of `x` and points."""
+    return field.ravel().take((y * field.shape[1])[:, None] + x[None])
 
 
 def listed(points: Any, x0: float, y0: float, cell: float, rows: int, columns: int) -> Any:
