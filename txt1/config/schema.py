@@ -44,7 +44,7 @@ class Section(BaseModel):
     Some sections are dataclasses, defined beside the code that uses them; the same rules apply to them.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class GainsConfig(Section):
