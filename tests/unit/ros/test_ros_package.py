@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 import runpy
+import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -27,6 +29,15 @@ ARGUMENTS = {
     "txt1": {"port": "", "namespace": "", "tf": "auto", "options": ""},
     **{name: {"port": ""} for name in ("slam", "nav2", "localization", "teleop")},
 }
+
+
+PROCESS = subprocess.run
+
+
+@cache
+def ran(words: tuple[str, ...], **options: bool) -> subprocess.CompletedProcess[str]:
+    """A process that has ended. Each launch asks for the same description, so it is started once for all tests."""
+    return PROCESS(words, **options)
 
 
 def launched(
@@ -60,6 +71,7 @@ def launched(
         module = ModuleType(module_name)
         vars(module).update(functions)
         monkeypatch.setitem(sys.modules, module_name, module)
+    monkeypatch.setattr(subprocess, "run", lambda words, **options: ran(tuple(words), **options))
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     *arguments, start = runpy.run_path(str(PACKAGE / "launch" / f"{name}.launch.py"))["generate_launch_description"]()
     assert {each.name: each.value for each in arguments} == ARGUMENTS[name]
