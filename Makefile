@@ -112,6 +112,7 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 $(VENV)/.dev: $(VENV)/.installed
 	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]'
 	$(BIN)/python -m compileall -q txt1 studies  # as pip does with all others: each process of the tests loads them
+	@$(BIN)/python -m pytest --collect-only >/dev/null || true  # compiles the tests, or six processes would do it at once
 	@touch $@
 
 $(FUZZ)/.dev: pyproject.toml
