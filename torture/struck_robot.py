@@ -105,7 +105,7 @@ class Desk:
     def __init__(self, kind: str, robot: Robot, port: Any, ways: tuple[Way, Way], seed: int) -> None:
         self.kind = kind
         self.robot = robot
-        limits = robot.config.limits()
+        self._limits = limits = robot.config.limits()
         self.v_max, self.omega_max, self.radius = limits.v_max, limits.omega_max, limits.radius_min or 0.3
         self.v, self.omega = 0.5, 0.0
         """Where the program drives, m/s and rad/s."""
@@ -388,7 +388,7 @@ class Desk:
         """Check what the tasks want the hardware to do."""
         self._check_armed()
         motor, front, rear, pwm4, pwm5, v, omega = outputs
-        limits = self.robot.config.limits()
+        limits = self._limits
         if not (
             all(type(count) is int for count in outputs[:5])
             and abs(motor) <= limits.motor_max
