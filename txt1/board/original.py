@@ -25,7 +25,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.battery import remaining_time
 from txt1.model.odometry import Odometry, advance
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
-from txt1.protocol.decoder import DATA_MAX, OVERHEAD, Decoder, Event
+from txt1.protocol.decoder import DATA_MAX, OVERHEAD, Decoder, Event, receivable
 from txt1.protocol.layout import HEADER, Role, checksum
 from txt1.protocol.messages import (
     BatteryLevels,
@@ -74,6 +74,7 @@ class Framer:
 
     def __init__(self, take: Callable[[Event], None]) -> None:
         self.take = take
+        self._table = receivable(Role.BOARD)
         self._frame = bytearray()
 
     def feed(self, data: bytes) -> None:
@@ -87,8 +88,9 @@ class Framer:
                 if byte != HEADER[size - 1]:
                     frame.clear()
             elif size == (frame[2] + OVERHEAD if frame[2] <= DATA_MAX else SWALLOWED):
-                for event in Decoder(Role.BOARD).feed(_understood(bytes(frame))) if frame[2] <= DATA_MAX else ():
-                    self.take(event)
+                if frame[2] <= DATA_MAX:
+                    for event in Decoder(Role.BOARD, self._table).feed(_understood(bytes(frame))):
+                        self.take(event)
                 frame.clear()
 
     def close(self) -> None:

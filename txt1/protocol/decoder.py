@@ -91,12 +91,13 @@ class Decoder:
     `faults` counts faults by reason.
     """
 
-    def __init__(self, role: Role) -> None:
+    def __init__(self, role: Role, table: dict[bytes, Receivable] | None = None) -> None:
         self.role = role
         self.position = 0  # bytes fed so far
         # offset in the stream of each event that the last `feed` or `expire` returned
         self.offsets: list[int] = []
-        self._table = receivable(role)
+        # the legal frames, from who makes many decoders
+        self._table = receivable(role) if table is None else table
         self.messages = {legal.message: 0 for legal in self._table.values() if legal.message is not None}
         self.faults = dict.fromkeys(Reason, 0)
         # bytes outside intact frames: noise, damaged frames and unknown frames
