@@ -89,20 +89,26 @@ def test_nothing_that_a_bridge_asks_for_ends_it_and_a_stop_is_obeyed_after_it(
 
 
 @pytest.mark.parametrize("end", ENDS)
-async def test_no_request_is_left_out_above(end: str) -> None:
-    async with Robot.open(hal="sim", seed=1) as robot:
-        there = vars(ENDS[end](robot))
-        assert set(there["_requests"]) <= {*ASKED, "arm", "call"}
-        calls = there.get("_calls")
-        assert calls is None or set(vars(calls)["_functions"]) <= {*CALLED, "arm"}
+def test_no_request_is_left_out_above(end: str) -> None:
+    async def main() -> None:
+        async with Robot.open(hal="sim", seed=1) as robot:
+            there = vars(ENDS[end](robot))
+            assert set(there["_requests"]) <= {*ASKED, "arm", "call"}
+            calls = there.get("_calls")
+            assert calls is None or set(vars(calls)["_functions"]) <= {*CALLED, "arm"}
+
+    run(main(), speed="max")
 
 
-async def test_no_request_of_a_page_a_fleet_or_a_learner_is_left_out_of_the_bridges_test() -> None:
-    async with Robot.open(hal="sim", seed=1) as robot:
-        services = Services(robot, robot.config, "max", Path("/nowhere"))
-        asked = {**vars(RobotEnd(robot, "any", {}))["_requests"], **FleetLink(robot).requests, **services.requests}
-        assert set(asked) == set(FIELDS_OF_BRIDGES)
-        await services.close()
+def test_no_request_of_a_page_a_fleet_or_a_learner_is_left_out_of_the_bridges_test() -> None:
+    async def main() -> None:
+        async with Robot.open(hal="sim", seed=1) as robot:
+            services = Services(robot, robot.config, "max", Path("/nowhere"))
+            asked = {**vars(RobotEnd(robot, "any", {}))["_requests"], **FleetLink(robot).requests, **services.requests}
+            assert set(asked) == set(FIELDS_OF_BRIDGES)
+            await services.close()
+
+    run(main(), speed="max")
 
 
 @settings(max_examples=examples(60), deadline=None)
