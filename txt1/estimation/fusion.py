@@ -112,7 +112,7 @@ JUMPED: Final = "has jumped"
 MOVES: Final = "tells a way that no car goes: its frame moves"
 FRAMES: Final = "measures positions in another frame than"
 # s without a reading of the place, after which slip walks further
-BLIND: Final = 0.25
+BLIND: Final = 0.5
 # m/s by which dead reckoning may be off: slip, skids, a push
 MISSES: Final = 0.5
 # s in which another sensor has told the place

@@ -404,7 +404,7 @@ def test_once_no_sensor_tells_the_place_the_wheels_may_slip_otherwise_than_befor
             return None
         return m._replace(values=(m.values[0] / 0.85, m.values[1] / 0.85)) if m.sensor == "encoders" else m
 
-    drive.go(1.5, blind)
+    drive.go(2.5, blind)
     assert 0.1 < drive.error()[0] < 3.0 * hypot(drive.estimate.sigma(0), drive.estimate.sigma(1))
 
 
