@@ -71,6 +71,7 @@ class Found(NamedTuple):
     error: float  # m, the largest
     heading: float  # degrees, the largest
     share: float  # the largest error of x, y or theta, of three of its sigma
+    beyond: float  # s, the longest time for which one of them was larger than three of its sigma
     detected: float  # s until the sensor was left out; infinite: never
     again: float  # s from the end of the failure until it was believed; infinite: never
 
@@ -85,6 +86,7 @@ class _Watch:
             robot.sensors[each].listeners.append(partial(self._estimator.take, each))
         self._sensor, self._robot = sensor, robot
         self._most = np.zeros(3)
+        self._beyond, self._longest = 0.0, 0.0
         self._lost, self._again = inf, inf
 
     def step(self, now: float) -> None:
@@ -95,6 +97,8 @@ class _Watch:
         apart = [abs(estimate.x - true[0]), abs(estimate.y - true[1]), abs(wrap_angle(estimate.theta - true[2]))]
         share = max(each / estimate.sigma(place) for place, each in enumerate(apart)) / 3.0
         self._most = np.maximum(self._most, (hypot(*apart[:2]), apart[2] * 180.0 / pi, share))
+        self._beyond = self._beyond + ESTIMATION_PERIOD if share > 1.0 else 0.0
+        self._longest = max(self._longest, self._beyond)
         if not self._estimator.fusion.believes(self._sensor):
             self._lost, self._again = min(self._lost, now), inf
         elif self._lost < inf and self._again == inf:
@@ -103,7 +107,7 @@ class _Watch:
     def found(self) -> Found:
         error, heading, share = self._most.tolist()
         again = max(self._again - END, 0.0) if self._again < inf else inf
-        return Found(error, heading, share, self._lost - BEGIN, again)
+        return Found(error, heading, share, self._longest, self._lost - BEGIN, again)
 
 
 def cases() -> list[tuple[str, str, str]]:
@@ -139,17 +143,20 @@ def show(seeds: Iterable[int]) -> None:
     lines = []
     for case in cases():
         found = [each[case] for each in results]
-        error, heading, share, detected, again = (max(column) for column in zip(*found, strict=True))
+        error, heading, share, beyond, detected, again = (max(column) for column in zip(*found, strict=True))
         before = BEFORE[case]
         name = (case[0], "all", case[2]) if case[2] == SOUND else case
         told = ["never" if each == inf else f"{each:.2f}" for each in (detected, again)]
         row = f"| {' | '.join(name)} | {error:.4f} ({before[0]:.4f}) | {heading:.2f} ({before[1]:.2f}) "
-        row += f"| {share:.2f} ({before[2]:.2f}) | {' | '.join(['-', '-'] if case[2] == SOUND else told)} |"
+        row += (
+            f"| {share:.2f} ({before[2]:.2f}) | {beyond:.2f} | {' | '.join(['-', '-'] if case[2] == SOUND else told)} |"
+        )
         lines.append((error / before[0], row))
     worse = sum(ratio > 1.0 for ratio, _ in lines)
     print(f"{len(results)} drives, the worst of each; in brackets version 0.2.0 on the rehearsed course.")
     print(f"Of {len(lines)} errors {worse} are larger than there; the largest ratio first:\n")
-    print("| set-up | sensor | failure | largest m | heading deg | of 3 sigma | left out after s | again after s |")
-    print("|---|---|---|---|---|---|---|---|")
+    columns = ("set-up", "sensor", "failure", "largest m", "heading deg", "of 3 sigma", "beyond it for s")
+    print(f"| {' | '.join((*columns, 'left out after s', 'again after s'))} |")
+    print("|---" * (len(columns) + 2) + "|")
     for _, row in sorted(lines, reverse=True):
         print(row)
