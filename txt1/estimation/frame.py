@@ -67,6 +67,8 @@ RECKONED: Final = 0.004
 REFUTED: Final = 27.6
 # probability that a frame moves, before anything tells it
 OTHER: Final = 0.2
+# s in which it is forgotten that the pose may have followed a frame that moved; chosen
+FORGOTTEN: Final = 10.0
 # standard deviations of a normal number at 99 %
 FITS: Final = 2.33
 
@@ -169,12 +171,17 @@ class Frame:
         self._stood: _Pick | None = None
         # s, until when the pose did not follow it
         self._refused = -1.0
+        # the highest probability since it stood
+        self._most = 0.0
+        self.past = 0.0, 0.0
+        """m by which it may have pulled the pose before it was likely to stand, by the root of the probability."""
 
     def clear(self) -> None:
-        """Begin anew: a reading leapt, or the robot was carried."""
+        """Begin anew, as a reading leapt, or is measured elsewhere on the robot."""
+        self._stands()
         self._picks.clear()
         self._waiting.clear()
-        self._stood, self.probability = None, 0.0
+        self.probability = 0.0
 
     def take(self, measurement: Measurement, belief: Belief) -> None:
         """Take in a position, and the filter's belief there."""
@@ -188,7 +195,7 @@ class Frame:
 
     def refuse(self, time: float) -> None:
         """Note that the pose does not follow it until `time`, s of the run."""
-        self._stood, self._refused = None, time
+        self._stood, self._refused, self._most, self.past = None, time, 0.0, (0.0, 0.0)
 
     def compare(self, reckoning: Reckoning) -> None:
         """Compare the positions with dead reckoning, as far as it goes."""
@@ -198,8 +205,8 @@ class Frame:
             here_x, here_y, theta = belief.mean[:3]
             spot = reckoning.at(time)
             if spot is None or (self._picks and time - self._picks[-1].time > LONGEST):
+                self._stands()
                 self._picks.clear()
-                self._stood = None
             if spot is not None:
                 c, s = cos(theta), sin(theta)
                 x, y = values[0] - c * at[0] + s * at[1], values[1] - s * at[0] - c * at[1]
@@ -210,11 +217,22 @@ class Frame:
             told = [self._moves(span) for span in WINDOWS]
             self.moves = any(moves for moves, _ in told)
             self.probability = max(probability for _, probability in told)
+            self._most = max(self._most, self.probability)
+            fading = exp(-PICKED / FORGOTTEN)
+            self.past = fading * self.past[0], fading * self.past[1]
             if self.probability <= OTHER:
-                self._stood = None
+                self._stands()
             elif self._stood is None:
                 begin = max(self._picks[-1].time - WINDOWS[0], self._refused)
                 self._stood = next((each for each in self._picks if each.time >= begin - 1e-6), None)
+
+    def _stands(self) -> None:
+        """Note that it is likely to stand now, wherever it may have moved the pose to before."""
+        if self._stood is not None and self._picks:
+            x, y, _ = self.pulled
+            chance = sqrt(self._most)
+            self.past = self.past[0] + chance * x, self.past[1] + chance * y
+        self._stood, self._most = None, 0.0
 
     def _moves(self, span: float) -> tuple[bool, float]:
         """Return whether the frame moves, by the last `span` seconds, and its probability from the evidence."""

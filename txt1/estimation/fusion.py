@@ -229,8 +229,7 @@ class Fusion:
         self.vote.clear()
         self._carried, self._dispute = None, [0.0, 0.0, 0.0]
         self._way_doubt = 0.0, 0.0
-        for frame in self._frames.values():
-            frame.clear()
+        self._frames = {name: Frame() for name in self._frames}
         for judge in self._judges.values():
             judge.own, judge.jumped_at, judge.missed = (), None, ()
             judge.mean_miss = judge.mean_variance = 0.0, 0.0
@@ -879,6 +878,8 @@ class Fusion:
                 continue
             if judge.mean_variance[0]:
                 others.append((1.0, (*judge.lasting(), 0.0)))
+            if any(frame.past):
+                others.append((1.0, (*frame.past, 0.0)))
             if frame.probability:
                 x_too, y_too, sigma = frame.pulled
                 others.append((frame.probability, (x_too, y_too, 0.0)))

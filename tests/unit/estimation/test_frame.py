@@ -1,0 +1,40 @@
+"""What a frame that may have moved has pulled the pose by."""
+
+from math import hypot
+
+import numpy as np
+import pytest
+
+from txt1.estimation.ekf import SIZE, belief_of
+from txt1.estimation.frame import Frame, Reckoning
+from txt1.estimation.measurement import Kind, Measurement
+
+V, MOVING = 0.5, 0.1  # m/s, of the car and of the frame, along the car's way
+CERTAIN = np.eye(SIZE) * 1e-6
+
+
+def drive(frame: Frame, reckoning: Reckoning, cycles: range, at: tuple[float, float] = (0.0, 0.0)) -> float:
+    """Drive straight on; after 2 s the frame moves. Return where the sensor has the car, m."""
+    x = 0.0
+    for cycle in cycles:
+        time = 0.02 * cycle
+        x = V * time + MOVING * max(0.0, min(time, 4.0) - 2.0)
+        reckoning.go(time, 0.02, V, 0.0, 0.0, 0.0)
+        told = Measurement(time, "vicon", Kind.POSE, (0, 1, 2), (x + at[0], 0.0, 0.0), (0.002, 0.002, 0.003), at)
+        frame.take(told, belief_of([x, 0.0, 0.0, V, 0.0, 0.0, 0.0], CERTAIN))
+        frame.compare(reckoning)
+    return x
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0), (0.01, 0.0)])
+def test_what_a_frame_pulled_the_pose_by_is_not_forgotten_at_once(at: tuple[float, float]) -> None:
+    frame, reckoning = Frame(), Reckoning()
+    drive(frame, reckoning, range(1, 200))
+    pulled = hypot(*frame.pulled[:2])
+    assert pulled > 0.1
+    # it stands from now on; a mount that was corrected begins the comparison anew
+    drive(frame, reckoning, range(200, 400), at)
+    assert frame.pulled == (0.0, 0.0, 0.0)
+    assert 0.5 * pulled < hypot(*frame.past) < 1.2 * pulled
+    drive(frame, reckoning, range(400, 2400), at)
+    assert hypot(*frame.past) < 0.05
