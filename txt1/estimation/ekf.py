@@ -250,12 +250,8 @@ def predict(
             lx + f_xt * lt + f_xu * lu + f_xo * lo + f_xs * ls, ly + f_yt * lt + f_yu * lu + f_yo * lo + f_ys * ls,
             lt + f_to * lo, lu, lo, lb, ls,
         ), known, told))  # fmt: skip
-    q_oo = q_to = q_tt = 0.0
-    if bend:
-        lasted = bent / bend
-        q_oo = (STEERING * v * bend) ** 2
-        q_to = q_oo * lasted
-        q_tt = q_to * lasted
+    # how well it follows the steering is one random number of rate and turn
+    rate, turned_by = STEERING * v * bend, STEERING * v * bent
     # the speed has changed evenly, so it has moved the car by half of that over dt, as in `ramped`: BLK 6.3.2
     shared = 0.5 * qu * dt
     q_xu, q_yu = shared * f_xu, shared * f_yu
@@ -270,11 +266,11 @@ def predict(
             m_yy + m_yt * f_yt + (m_yu + 0.5 * q_yu) * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt + across * c * c,
             m_yt + m_yo * f_to, m_yu + q_yu, m_yo, m_yb, m_ys,
 
-            m_tt + m_to * f_to + qt * dt + q_tt, m_tu, m_to + q_to, m_tb, m_ts,
+            m_tt + m_to * f_to + qt * dt + turned_by * turned_by, m_tu, m_to + rate * turned_by, m_tb, m_ts,
 
             uu + qu * dt, uo, ub, us,
 
-            oo + qo * dt + q_oo, ob, os,
+            oo + qo * dt + rate * rate, ob, os,
 
             bb + qb * dt, bs,
 

@@ -189,8 +189,11 @@ class Frame:
             # another mount than before would look like a frame that has moved
             self._at = measurement.at
             self.clear()
-        if measurement.time - self._last >= PICKED - 1e-6:
+        since = measurement.time - self._last
+        if since >= PICKED - 1e-6:
             self._last = measurement.time
+            fading = exp(-since / FORGOTTEN)
+            self.past = fading * self.past[0], fading * self.past[1]
             self._waiting.append((measurement, belief))
 
     def refuse(self, time: float) -> None:
@@ -218,8 +221,6 @@ class Frame:
             self.moves = any(moves for moves, _ in told)
             self.probability = max(probability for _, probability in told)
             self._most = max(self._most, self.probability)
-            fading = exp(-PICKED / FORGOTTEN)
-            self.past = fading * self.past[0], fading * self.past[1]
             if self.probability <= OTHER:
                 self._stands()
             elif self._stood is None:

@@ -33,8 +33,11 @@ def test_what_a_frame_pulled_the_pose_by_is_not_forgotten_at_once(at: tuple[floa
     pulled = hypot(*frame.pulled[:2])
     assert pulled > 0.1
     # it stands from now on; a mount that was corrected begins the comparison anew
-    drive(frame, reckoning, range(200, 400), at)
+    x = drive(frame, reckoning, range(200, 400), at)
     assert frame.pulled == (0.0, 0.0, 0.0)
     assert 0.5 * pulled < hypot(*frame.past) < 1.2 * pulled
-    drive(frame, reckoning, range(400, 2400), at)
+    # and fades without wheels, too
+    for cycle in range(400, 2400):
+        told = Measurement(0.02 * cycle, "vicon", Kind.POSE, (0, 1, 2), (x, 0.0, 0.0), (0.002, 0.002, 0.003), at)
+        frame.take(told, belief_of([x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], CERTAIN))
     assert hypot(*frame.past) < 0.05
