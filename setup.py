@@ -65,6 +65,7 @@ MODULES = {
         "spinning",
         "task",
         "vote",
+        "walk",
     ],
     "tasks": ["battery", "controller", "encoder", "panel", "serial", "state"],
     "record": ["encoder", "recorder"],

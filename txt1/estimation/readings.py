@@ -142,8 +142,10 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
 
 def _fields(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
     """The function that tells these fields of a value; of a single one, too, in a tuple."""
-    get = attrgetter(*names)
-    return get if len(names) > 1 else lambda value: (get(value),)
+    if len(names) > 1:
+        return attrgetter(*names)
+    one: Callable[[Any], Any] = attrgetter(*names)
+    return lambda value: (one(value),)
 
 
 def tells_pose(kind: type, settings: FusedConfig) -> bool:
