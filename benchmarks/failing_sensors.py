@@ -148,9 +148,8 @@ def show(seeds: Iterable[int]) -> None:
         name = (case[0], "all", case[2]) if case[2] == SOUND else case
         told = ["never" if each == inf else f"{each:.2f}" for each in (detected, again)]
         row = f"| {' | '.join(name)} | {error:.4f} ({before[0]:.4f}) | {heading:.2f} ({before[1]:.2f}) "
-        row += (
-            f"| {share:.2f} ({before[2]:.2f}) | {beyond:.2f} | {' | '.join(['-', '-'] if case[2] == SOUND else told)} |"
-        )
+        told = ["-", "-"] if case[2] == SOUND else told
+        row += f"| {share:.2f} ({before[2]:.2f}) | {beyond:.2f} | {' | '.join(told)} |"
         lines.append((error / before[0], row))
     worse = sum(ratio > 1.0 for ratio, _ in lines)
     print(f"{len(results)} drives, the worst of each; in brackets version 0.2.0 on the rehearsed course.")

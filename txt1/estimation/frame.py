@@ -28,6 +28,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from txt1.estimation.ekf import Array, Belief
+from txt1.estimation.judge import FORGOTTEN, OTHER
 from txt1.estimation.measurement import Measurement
 from txt1.units import new
 
@@ -65,10 +66,6 @@ MOVES: Final = 1.0
 RECKONED: Final = 0.004
 # chi-square of two numbers at 99.9999 %
 REFUTED: Final = 27.6
-# probability that a frame moves, before anything tells it
-OTHER: Final = 0.2
-# s in which it is forgotten that the pose may have followed a frame that moved; chosen
-FORGOTTEN: Final = 10.0
 # standard deviations of a normal number at 99 %
 FITS: Final = 2.33
 

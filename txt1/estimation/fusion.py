@@ -52,7 +52,7 @@ from txt1.estimation.ekf import (
     velocities,
 )
 from txt1.estimation.frame import LONGEST, USUAL, Frame, Reckoning
-from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge
+from txt1.estimation.judge import CHI95, CHI99, FORGOTTEN, KEEPS, OTHER, SEVERAL, Belonging, Judge
 from txt1.estimation.measurement import (
     KIND_ENCODERS,
     KIND_GYRO,
@@ -96,8 +96,6 @@ TURNS: Final = 3.0
 CURVE: Final = 0.1
 # s over which the slip of two moments is related: floors, starts and stops; chosen
 FLOOR: Final = 2.0
-# s in which it is forgotten that a sensor overruled dead reckoning; chosen
-FORGOTTEN: Final = 10.0
 # of the wheels' way; more is no slip any more, but wheels that tell nothing
 SLIP_MAX: Final = 0.6
 # m/s, standard deviation of the speed of a robot that stands

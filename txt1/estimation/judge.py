@@ -53,6 +53,8 @@ NOISE: Final = 3.5
 APART: Final = NOISE * sqrt(2.0)
 # s for which a sensor of the place stays where it jumped to, and is believed again
 KEEPS: Final = 5.0
+# s in which it is forgotten what may have moved the pose: an overruled reckoning, a gyro, a frame; chosen
+FORGOTTEN: Final = 10.0
 # probability of the other hypothesis: that a jump was the robot's, that a sensor drifts away
 OTHER: Final = 0.2
 # readings after a leap, before anybody may have been carried anywhere

@@ -14,6 +14,7 @@ from itertools import pairwise
 from math import hypot, sqrt
 from typing import Final, NamedTuple
 
+from txt1.estimation.judge import FORGOTTEN
 from txt1.estimation.measurement import Measurement
 from txt1.model.kinematics import wrap_angle
 
@@ -22,8 +23,6 @@ WINDOW: Final = 0.3  # s
 FRESH: Final = 0.5
 # cycles
 ENOUGH: Final = 8
-# s in which it is forgotten that gyro and wheels turned apart; chosen
-FORGOTTEN: Final = 10.0
 # s of a piece of a path by positions, at least
 LEG: Final = 0.2 * WINDOW - 1e-6
 # of a rate that slip and understeer explain
