@@ -15,6 +15,7 @@ another, each the very one that a robot runs.
 
 import argparse
 import asyncio
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,6 +28,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks import drawn_drives, drives, failing_sensors, random_drives, seeds, wrong_settings
+from txt1.errors import ConfigError
 from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, ESTIMATION_PERIOD, PRIORITY, Estimator
@@ -293,7 +295,8 @@ def main(*, quick: bool) -> None:
         show_laps(["1"] if quick else ["1", "2", "3"], 1.0 if quick else 3.0, Path(folder) / "laps.jsonl", inf, None)
 
 
-if __name__ == "__main__":
+def command() -> None:
+    """Do what the arguments ask for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("laps", "circle", "step", "drives", "draw", "random", "failures", "wrong"))
     parser.add_argument("--laps", type=float, default=10.0)
@@ -304,6 +307,17 @@ if __name__ == "__main__":
     parser.add_argument("--folder", type=Path, help="of recorded or drawn drives, *.npz")
     seeds.arguments(parser, "out/laps.jsonl", 100)
     given = parser.parse_args()
+    for name in ("seeds", "runs"):
+        if getattr(given, name) < 1:
+            parser.error(f"--{name} is {getattr(given, name)}; give 1 or more")
+    try:
+        measure(parser, given)
+    except ConfigError as error:
+        parser.error(str(error))
+
+
+def measure(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
+    """Measure what was asked for; raises ConfigError: there is no such vehicle."""
     if given.what == "laps":
         wanted = [str(seed) for seed in range(given.first, given.first + given.seeds)]
         show_laps(wanted, given.laps, given.kept, given.minutes, given.figure)
@@ -325,3 +339,10 @@ if __name__ == "__main__":
         drives.show(given.folder)
     else:
         show_step(given.runs)
+
+
+if __name__ == "__main__":
+    try:
+        command()
+    except KeyboardInterrupt:
+        sys.exit(130)
