@@ -390,7 +390,9 @@ class Fusion:
         if wrong:
             judge.rejected += 1
             self._tell(judge.doubt(wrong))
-        return not wrong
+            return False
+        # a position that is told again is no news: its errors are those of the last one
+        return not judge.same or kind is not KIND_POSE
 
     def _lags(self, sensor: str) -> bool:
         """Whether a sensor is always late."""

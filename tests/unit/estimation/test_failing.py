@@ -1,0 +1,140 @@
+"""A car with a sensor that fails: who is believed meanwhile, and how far off the estimate is of what it says."""
+
+from collections.abc import Callable, Iterable
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+
+from txt1.estimation.measurement import Measurement
+from txt1.estimation.settings import PRESETS, EstimationConfig
+from txt1.estimation.task import Estimator, Wheels
+from txt1.model.estimate import Estimate
+from txt1.model.kinematics import wrap_angle
+from txt1.model.odometry import Odometry
+from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.sensors.base import Reading
+from txt1.sensors.readings import FixReading, ImuReading, TrackerReading
+
+CYCLE = 0.02  # s
+CAR = Geometry(steering="front")
+KINDS: dict[str, type] = {"imu": ImuReading, "gps": FixReading, "vicon": TrackerReading}
+Way = Callable[[float], tuple[float, float]]
+"""Speed (m/s) and curvature (1/m) over time."""
+
+
+class Car:
+    """A car whose sensors tell the truth but for noise and what `fails` makes of it, and a filter that hears them."""
+
+    def __init__(self, preset: str, way: Way, slip: float = 0.0, seed: int = 1) -> None:
+        names = PRESETS[preset]  # type: ignore[index]
+        self.kinds = {each: KINDS[each] for each in names if each in KINDS}
+        self.estimator = Estimator(EstimationConfig(sensors=names), self.kinds, CAR)
+        self.estimator.through = lambda measurement: self.fails(measurement)
+        self.fails: Callable[[Measurement], Iterable[Measurement]] = lambda measurement: (measurement,)
+        self.way, self.slip, self.rng = way, slip, np.random.default_rng(seed)
+        self.now, self.pose = 0.0, (0.0, 0.0, 0.0)
+        self.estimate: Estimate
+        # of each cycle: m, rad, and the largest of x, y and theta of three of its sigma
+        self.errors: list[tuple[float, float, float]] = []
+
+    def noise(self, sigma: float) -> float:
+        return sigma * float(self.rng.normal())
+
+    def reading(self, name: str) -> Reading[Any]:
+        x, y, theta = self.pose
+        if name == "gps":
+            return Reading(self.now, FixReading(0, 0, x + self.noise(1), y + self.noise(1), sigma_x=1.0, sigma_y=1.0))
+        half = 0.5 * (theta + self.noise(0.001))
+        seen = (0.0, 0.0, sin(half), cos(half))
+        return Reading(self.now, TrackerReading(x + self.noise(0.001), y + self.noise(0.001), 0.0, seen))
+
+    def go(self, until: float) -> None:
+        self.errors.clear()
+        while self.now < until - 1e-9:
+            self.now += CYCLE
+            v, curvature = self.way(self.now)
+            x, y, theta = self.pose
+            way, turn = v * CYCLE, v * curvature * CYCLE
+            middle = theta + 0.5 * turn
+            self.pose = x + way * cos(middle), y + way * sin(middle), theta + turn
+            for name in self.kinds:
+                if name == "imu":
+                    for time in (self.now - 0.5 * CYCLE, self.now):
+                        told = v * curvature + 0.01 + self.noise(0.006)
+                        self.estimator.take(name, Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
+                elif name == "vicon" or round(self.now / CYCLE) % 10 == 0:
+                    self.estimator.take(name, self.reading(name))
+            rolled = v / (1.0 - self.slip)
+            shaken = (self.noise(0.005), self.noise(0.03)) if v else (0.0, 0.0)
+            told = Odometry(0.0, 0.0, 0.0, rolled + shaken[0], rolled * curvature + shaken[1])
+            counts = STEERING_MAX * np.arctan(curvature * CAR.lever) / CAR.steering_max
+            self.estimate = found = self.estimator.step(self.now, Wheels(told, self.now, counts, v, None))
+            x, y, theta = self.pose
+            apart = abs(found.x - x), abs(found.y - y), abs(wrap_angle(found.theta - theta))
+            share = max(each / found.sigma(place) for place, each in enumerate(apart)) / 3.0
+            self.errors.append((float(np.hypot(*apart[:2])), apart[2], share))
+
+    def worst(self) -> tuple[float, float, float]:
+        """The largest errors since the last `go` began, m and rad, and the largest share of three sigma."""
+        error, heading, share = np.max(self.errors, axis=0).tolist()
+        return error, heading, share
+
+    def believed(self, name: str) -> bool:
+        return {each.name: each.believed for each in self.estimator.trusts()}[name]
+
+
+def busy(time: float) -> tuple[float, float]:
+    """As a person drives: another speed and another curve every 1.5 s."""
+    rng = np.random.default_rng(int(time / 1.5))
+    return float(rng.uniform(0.3, 1.2)), float(rng.uniform(-1.5, 1.5))
+
+
+def held(sensor: str) -> Callable[[Measurement], Iterable[Measurement]]:
+    """A sensor that tells its first values again and again."""
+    kept: list[tuple[float, ...]] = []
+
+    def fail(measurement: Measurement) -> Iterable[Measurement]:
+        if measurement.sensor != sensor:
+            return (measurement,)
+        kept.append(measurement.values)
+        return (measurement._replace(values=kept[0]),)
+
+    return fail
+
+
+def late(sensor: str, by: float) -> Callable[[Measurement], Iterable[Measurement]]:
+    """A sensor whose readings come later, s."""
+    under_way: list[Measurement] = []
+
+    def fail(measurement: Measurement) -> Iterable[Measurement]:
+        if measurement.sensor != sensor:
+            return (measurement,)
+        under_way.append(measurement)
+        came = [each for each in under_way if each.time + by <= measurement.time]
+        del under_way[: len(came)]
+        return came
+
+    return fail
+
+
+def off(sensor: str, more: Callable[[float], tuple[float, ...]]) -> Callable[[Measurement], Iterable[Measurement]]:
+    """A sensor whose values have something added, over time."""
+
+    def fail(measurement: Measurement) -> Iterable[Measurement]:
+        if measurement.sensor != sensor:
+            return (measurement,)
+        values = zip(measurement.values, more(measurement.time), strict=True)
+        return (measurement._replace(values=tuple(value + each for value, each in values)),)
+
+    return fail
+
+
+def test_a_tracker_that_freezes_while_the_car_stands_holds_nothing_back_when_it_starts() -> None:
+    car = Car("vicon", lambda time: (0.5, 0.3) if not 5.0 < time < 7.0 else (0.0, 0.3))
+    car.go(6.0)
+    car.fails = held("vicon")
+    car.go(7.5)
+    assert not car.believed("vicon")
+    assert car.worst()[0] < 0.01
+    assert car.worst()[2] < 1.0
