@@ -204,6 +204,7 @@ class Estimator:
         self._turns: list[float] = []
         # what the encoders told with it, m/s and rad/s
         self._wheels: tuple[float, float] | None = None
+        self._setpoint = 0.0  # m/s
         self._cycles = 0
 
     def take(self, name: str, reading: Reading[Any]) -> None:
@@ -288,7 +289,8 @@ class Estimator:
         if dt > 0.0 and wheels is not None and self._counts:
             gyro = sum(turns) / len(turns) - bias if turns else None
             steered = self._steering is not None and self._geometry.steering != "skid"
-            steering = wheels[0] * self._curvature if steered else None
+            # of wheels that do not turn, though they should, the speed is no witness
+            steering = (wheels[0] or self._setpoint) * self._curvature if steered else None
             self.fusion.cycle(new(Cycle, (self._read, *wheels, gyro, steering)), dt)
             # wheels that are not believed tell nothing of the gyro, nor of a mount
             believed = self.fusion.believes(ENCODERS)
@@ -360,7 +362,7 @@ class Estimator:
         """Take in speed and yaw rate, which are means over the last dt seconds, so of its middle."""
         _, _, _, v, omega = wheels.odometry
         middle = wheels.time - 0.5 * dt
-        before = self._angle
+        before, self._setpoint = self._angle, wheels.setpoint
         self._steer(wheels.steering, wheels.time - dt, dt)
         settings = self.settings.get(ENCODERS)
         if settings is None:

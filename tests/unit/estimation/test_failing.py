@@ -138,3 +138,14 @@ def test_a_tracker_that_freezes_while_the_car_stands_holds_nothing_back_when_it_
     assert not car.believed("vicon")
     assert car.worst()[0] < 0.01
     assert car.worst()[2] < 1.0
+
+
+def test_encoders_that_freeze_while_the_car_stands_outvote_no_gyro() -> None:
+    car = Car("imu-gps", lambda time: busy(time) if not 25.0 < time < 27.0 else (0.0, 0.3))
+    car.go(26.0)
+    car.fails = held("encoders")
+    for until in np.arange(26.5, 40.0, 0.5):
+        car.go(float(until))
+        assert car.believed("imu")
+    assert not car.believed("encoders")
+    assert car.worst()[1] < 0.2
