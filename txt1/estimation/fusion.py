@@ -16,7 +16,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, exp, hypot, inf, isfinite, sin, sqrt
+from math import cos, exp, hypot, isfinite, sin, sqrt
 from operator import attrgetter, sub
 from typing import Final
 
@@ -109,8 +109,6 @@ WHEELS: Final = "the car moves otherwise than its wheels tell"
 JUMPED: Final = "has jumped"
 MOVES: Final = "tells a way that no car goes: its frame moves"
 FRAMES: Final = "measures positions in another frame than"
-# s without a reading of the place, after which slip walks further
-BLIND: Final = 0.5
 # m/s by which dead reckoning may be off: slip, skids, a push
 MISSES: Final = 0.5
 # s in which another sensor has told the place
@@ -199,8 +197,8 @@ class Fusion:
         self._changed = True
         # of the sensors that are believed
         self._names: set[str] = set()
-        # a gyro is
-        self._turning = False
+        # a gyro is, and a sensor that tells the wheels' speed
+        self._turning = self._rolling = False
         # a sensor that tells the place is
         self._placed = False
         # m, m, rad by which a jump may be the robot's
@@ -209,8 +207,6 @@ class Fusion:
         self._dispute = [0.0, 0.0, 0.0]
         # m in x and y by which the way may be longer than the car's, as speed and heading may be off
         self._way_doubt = (0.0, 0.0)
-        # s of the run, when a sensor told the place
-        self._placed_at = inf
 
     def take(self, measurement: Measurement) -> None:
         """Take in a measurement with the next step."""
@@ -299,10 +295,7 @@ class Fusion:
         self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
         self._placed = not believed.isdisjoint(self._frames)
         self._turning = not believed.isdisjoint(self._gyros)
-
-    def _rolling(self) -> bool:
-        """Whether a sensor that tells the wheels' speed is believed."""
-        return not self._names.isdisjoint(self._wheels_of)
+        self._rolling = not believed.isdisjoint(self._wheels_of)
 
     @property
     def turning(self) -> bool:
@@ -433,8 +426,10 @@ class Fusion:
     def _predicted(self, belief: Belief, begin: float, end: float, bend: float = 0.0, moment: float = 0.0) -> Belief:
         """The belief at `end`, s of the run, of one at `begin`; of changes of the steering, the sum and the moment."""
         dt, sideways, walk = end - begin, self.sideways, self._walk
-        density = walk.blind if begin - self._placed_at > BLIND else walk.told
-        if not self._turning and not self._placed and self._rolling():
+        density = walk.blind if begin > walk.blind_from else walk.told
+        if not self._rolling:
+            density = walk.untold(density)
+        elif not self._turning and not self._placed:
             density = walk.settled(belief.triangle[-1])
             belief = _slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
         while dt > STEP_MAX:
@@ -676,7 +671,7 @@ class Fusion:
                 share = min(1.0, MISSES * max(measurement.time - judge.grown_at, 0.0) / max(hypot(*residual[:2]), 1e-9))
             judge.grown_at = measurement.time
             grown = [share * residual[0], share * residual[1], *residual[2:]]
-            entry.wider = _grown(measurement.rows, grown, SLID if self._rolling() else 0.0)
+            entry.wider = _grown(measurement.rows, grown, SLID if self._rolling else 0.0)
             before, belief = belief, belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
             residual, h = self._expect(belief.mean, measurement)
             after, nis, _ = update(belief, residual, h, sigmas)
@@ -693,7 +688,8 @@ class Fusion:
             noise = sigmas[0] * sigmas[0]
             since = measurement.time - (judge.placed_at or 0.0)
             judge.averaged(since, residual, (expected[0] + noise, expected[7] + noise))
-        self._placed_at = judge.placed_at = measurement.time
+        self._walk.placed(measurement.time, judge.placed_at)
+        judge.placed_at = measurement.time
         judge.placed_sigma = measurement.sigmas[0]
         self._accepted(measurement, belief, after)
         return after

@@ -1,5 +1,6 @@
 """How the state changes by itself, and how much of that is slip, which turns tell."""
 
+from math import inf
 from typing import Final
 
 from txt1.estimation.ekf import Drift, Seven
@@ -8,6 +9,12 @@ from txt1.estimation.ekf import Drift, Seven
 MEMORY: Final = 5
 # standard deviation of a slip that has changed
 SLID: Final = 0.1
+# s without a reading of the place, after which slip walks further: the time of so many readings, within these bounds
+BLIND_READINGS: Final = 5
+BLIND_LEAST: Final = 0.1
+BLIND_MOST: Final = 0.5
+# m/s by which a speed that nothing tells changes in a second; chosen
+UNTOLD: Final = 0.5
 
 
 class Walk:
@@ -29,10 +36,23 @@ class Walk:
         self.blind = self._with(SLID**2)
         """The same when no sensor tells the place any more: while one did, the slip was followed before a turn was
         over, so turns have told too little."""
+        self.blind_from = inf
+        """s of the run, from when on no sensor has told the place for too long."""
 
     def _with(self, slips: float) -> Seven:
         x, y, theta, rolled, omega, bias, usual = self._least
         return x, y, theta, rolled, omega, bias, max(usual, slips)
+
+    def placed(self, time: float, before: float | None) -> None:
+        """Note that a sensor has told the place at a time, s of the run, and before."""
+        waits = BLIND_READINGS * (time - before) if before is not None else BLIND_MOST
+        waits = waits if waits > BLIND_LEAST else BLIND_LEAST
+        self.blind_from = time + (waits if waits < BLIND_MOST else BLIND_MOST)
+
+    def untold(self, density: Seven) -> Seven:
+        """These densities when nothing tells how fast the wheels turn."""
+        x, y, theta, _, omega, bias, slip = density
+        return x, y, theta, UNTOLD**2, omega, bias, slip
 
     def settled(self, variance: float) -> Seven:
         """The densities when nothing tells of the slip that lasts, of which so much is unknown.

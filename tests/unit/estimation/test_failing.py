@@ -149,3 +149,24 @@ def test_encoders_that_freeze_while_the_car_stands_outvote_no_gyro() -> None:
         assert car.believed("imu")
     assert not car.believed("encoders")
     assert car.worst()[1] < 0.2
+
+
+def test_without_wheels_a_position_is_as_uncertain_as_the_speed_may_have_changed() -> None:
+    shares = []
+    for seed in (2, 4):
+        car = Car("imu-gps", lambda time: (0.4 if int(time / 4.0) % 2 else 1.0, 0.2), seed=seed)
+        car.go(20.0)
+        car.fails = lambda measurement: () if measurement.sensor == "encoders" else (measurement,)
+        car.go(40.0)
+        shares += [share for _, _, share in car.errors]
+    assert sum(share > 1.0 for share in shares) < 0.01 * len(shares)
+
+
+def test_slip_that_changes_as_a_tracker_falls_silent_is_soon_in_what_is_told() -> None:
+    car = Car("vicon", lambda _: (1.2, 0.3))
+    car.go(10.0)
+    car.fails = lambda measurement: () if measurement.sensor == "vicon" else (measurement,)
+    car.slip = 0.12
+    car.go(13.0)
+    assert car.worst()[0] > 0.15
+    assert car.worst()[2] < 1.0
