@@ -325,7 +325,12 @@ class Fusion:
         self.vote.compare(turning=self._turning)
         gyro_off, wheels_off = self.vote.outvoted()
         placed = self._located and self._placed
-        for names, off, reason in ((self._gyros, gyro_off, OUTVOTED), (self._wheels_of, wheels_off and placed, WHEELS)):
+        # whoever outvoted a gyro and has failed since was no witness
+        alone = not self._rolling and self._names.isdisjoint(self._headings)
+        for names, off, alike, reason in (
+            (self._gyros, gyro_off and not alone, self.vote.alike, OUTVOTED),
+            (self._wheels_of, wheels_off and placed, True, WHEELS),
+        ):
             for name in names:
                 judge = self._judges[name]
                 if off and judge.believed:
@@ -333,7 +338,11 @@ class Fusion:
                     self._take_out(name, self.vote.apart if name in self._gyros else 0.0)
                     self._note_believed()
                     self._apply(self._heard())
-                elif not off and not judge.believed and judge.reason == reason and judge.fits(self._now):
+                elif judge.believed or judge.reason != reason:
+                    continue
+                elif off or not (alike or alone):
+                    judge.fitting = 0
+                elif judge.fits(self._now) or (alone and reason is OUTVOTED):
                     self._tell(judge.restore())
                     mine = [each for each in self._entries if each.measurement.sensor == name]
                     if mine:
@@ -516,7 +525,9 @@ class Fusion:
                 entry.used, entry.new = False, False
                 self._settled = min(place, self._settled)
                 first = first or entry
-        if first is not None and turned:
+        if first is not None and sensor in self._gyros:
+            # what it told of the slip, too
+            first.fresh = True
             first.wider = np.zeros((SIZE, SIZE)) if first.wider is None else first.wider
             first.wider[THETA, THETA] += turned * turned
 

@@ -65,6 +65,8 @@ class Vote:
     def __init__(self) -> None:
         self.apart = 0.0
         """By how much a believed gyro has turned the pose otherwise than the wheels lately, rad."""
+        self.alike = False
+        """Whether gyro and wheels turn alike, without any slip."""
         # s of the run
         self._compared = 0.0
         self._cycles: deque[Cycle] = deque()
@@ -107,6 +109,7 @@ class Vote:
 
     def outvoted(self) -> tuple[bool, bool]:
         """Whether the gyro is, and whether the wheels are."""
+        self.alike = False
         if not self._cycles:
             return False, False
         end = self._cycles[-1].time
@@ -122,6 +125,7 @@ class Vote:
             return False, False
         _, speeds, turns, gyros, steerings = zip(*cycles, strict=True)
         v, wheels, gyro, third = sum(speeds) / len(cycles), sum(turns) / len(cycles), _mean(gyros), _mean(steerings)
+        self.alike = gyro is not None and abs(gyro - wheels) <= YAW + TYRES * abs(v)
         noise, sliding = YAW, False
         if seen is not None:
             speed, sigma, turning, uncertain = seen

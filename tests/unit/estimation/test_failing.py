@@ -162,6 +162,35 @@ def test_without_wheels_a_position_is_as_uncertain_as_the_speed_may_have_changed
     assert sum(share > 1.0 for share in shares) < 0.01 * len(shares)
 
 
+def test_a_gyro_that_was_outvoted_is_not_believed_again_for_what_slip_may_explain() -> None:
+    car = Car("imu-gps", lambda time: busy(time) if time < 20.0 else (1.2, 2.0))
+    car.go(20.0)
+    car.fails = off("imu", lambda time: (-1.1 if time < 22.0 else -0.5,))
+    car.go(22.0)
+    assert not car.believed("imu"), "1.1 rad/s of 2.4 is more than slip does"
+    car.go(30.0)
+    assert not car.believed("imu"), "0.5 rad/s may be slip, but it is a gyro's that has failed"
+    car.fails = lambda measurement: (measurement,)
+    car.go(32.0)
+    assert car.believed("imu")
+
+
+def test_a_gyro_is_believed_again_once_the_wheels_that_outvoted_it_have_failed() -> None:
+    def way(time: float) -> tuple[float, float]:
+        return busy(time) if time < 18.0 else (0.02, 0.0) if time < 20.1 else (1.2, 1.5)
+
+    car = Car("imu-gps", way)
+    car.go(20.0)
+    car.fails = held("encoders")
+    seen = []
+    for until in np.arange(20.1, 22.0, 0.1):
+        car.go(float(until))
+        seen.append((car.believed("imu"), car.believed("encoders")))
+    assert (False, True) in seen, "a car that creeps turns no faster than its wheels"
+    assert (False, False) not in seen
+    assert seen[-1] == (True, False)
+
+
 def test_slip_that_changes_as_a_tracker_falls_silent_is_soon_in_what_is_told() -> None:
     car = Car("vicon", lambda _: (1.2, 0.3))
     car.go(10.0)
