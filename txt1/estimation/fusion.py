@@ -16,7 +16,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, exp, hypot, isfinite, sin, sqrt
+from math import cos, exp, hypot, inf, isfinite, sin, sqrt
 from operator import attrgetter, sub
 from typing import Final
 
@@ -64,7 +64,7 @@ from txt1.estimation.measurement import (
 )
 from txt1.estimation.spinning import HOLDS
 from txt1.estimation.trust import Trust
-from txt1.estimation.vote import Cycle, Vote
+from txt1.estimation.vote import STALE, Cycle, Vote
 from txt1.estimation.walk import SLID, Walk
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
@@ -201,6 +201,8 @@ class Fusion:
         self._turning = self._rolling = False
         # a sensor that tells the place is
         self._placed = False
+        # s of the run, of a gyro's newest reading
+        self._turned_at = -inf
         # m, m, rad by which a jump may be the robot's
         self._carried: tuple[float, float, float] | None = None
         # m, m, rad by which an absolute sensor has overruled dead reckoning
@@ -389,6 +391,8 @@ class Fusion:
                 judge.same, judge.last = 0, values
         if judge.time is None or time > judge.time:
             judge.time = time
+            if kind is KIND_GYRO:
+                self._turned_at = time
         if wrong:
             judge.rejected += 1
             self._tell(judge.doubt(wrong))
@@ -596,7 +600,8 @@ class Fusion:
                 if row == 0 and abs(left) > HOLDS * SLOT:
                     # wheels that lock or spin: the car's speed is anywhere between its last one and theirs
                     sigmas = (abs(left), *sigmas[1:])
-        if not self._turning and self._names.isdisjoint(self._headings):
+        # of speed and yaw rate the last is the latter
+        if rows[len(residual) - 1] == 1 and self._names.isdisjoint(self._headings):
             return _considered(wide, residual, h, sigmas)
         return after if wide is belief else update(wide, residual, h, sigmas)[0]
 
@@ -811,7 +816,7 @@ class Fusion:
         h: Sequence[Row]
         if kind is KIND_ENCODERS:
             # how far they turn is told by `KIND_TURN`
-            if self._turning and rows == (0, 1):
+            if self._turning and measurement[0] - self._turned_at < STALE and rows == (0, 1):
                 return (values[0] - mean[ROLLED],), (ROLLED,)
             expected, h = encoders(mean)
         elif kind is KIND_VELOCITY:

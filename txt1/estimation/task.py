@@ -18,7 +18,7 @@ from txt1.estimation.readings import plan, tells_heading, tells_pose
 from txt1.estimation.settings import EstimationConfig, FusedConfig
 from txt1.estimation.spinning import SpinWitness
 from txt1.estimation.trust import Trust
-from txt1.estimation.vote import Cycle
+from txt1.estimation.vote import STALE, Cycle
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
@@ -247,11 +247,12 @@ class Estimator:
             if kind is KIND_GYRO:
                 (rate,) = values
                 if isfinite(rate):
-                    self._turns.append(rate)
+                    if time > self._read - STALE:
+                        self._turns.append(rate)
                     if not self._gyro or time > self._gyro[-1][0]:
                         # as it came, without what was learned of its scale
                         self._gyro.append((time, rate * (1.0 + self._gyro_scale)))
-            elif kind is KIND_ENCODERS and rows == (0, 1) and isfinite(sum(values)):
+            elif kind is KIND_ENCODERS and rows == (0, 1) and isfinite(sum(values)) and time > self._read - STALE:
                 self._wheels = values[0], values[1]
 
     def step(self, now: float, wheels: Wheels) -> Estimate:

@@ -23,6 +23,8 @@ WINDOW: Final = 0.3  # s
 FRESH: Final = 0.5
 # cycles
 ENOUGH: Final = 8
+# s by which a reading may be late and be a witness of how the car moves now
+STALE: Final = 0.1
 # s of a piece of a path by positions, at least
 LEG: Final = 0.2 * WINDOW - 1e-6
 # of a rate that slip and understeer explain

@@ -5,6 +5,7 @@ from math import cos, sin
 from typing import Any
 
 import numpy as np
+import pytest
 
 from txt1.estimation.measurement import Measurement
 from txt1.estimation.settings import PRESETS, EstimationConfig
@@ -173,6 +174,20 @@ def test_a_gyro_that_was_outvoted_is_not_believed_again_for_what_slip_may_explai
     car.fails = lambda measurement: (measurement,)
     car.go(32.0)
     assert car.believed("imu")
+
+
+@pytest.mark.parametrize("sensor", ["encoders", "imu"])
+def test_readings_that_are_late_contradict_nobody(sensor: str) -> None:
+    car = Car("imu-gps", busy)
+    car.go(20.0)
+    before = car.worst()[1]
+    car.fails = late(sensor, 0.3)
+    for until in range(21, 41):
+        car.go(float(until))
+        assert car.believed("imu")
+        assert car.believed("encoders")
+        # of a gyro that is late, the wheels tell the last turn, with their slip
+        assert car.worst()[1] < before + (0.15 if sensor == "imu" else 0.05)
 
 
 def test_a_gyro_is_believed_again_once_the_wheels_that_outvoted_it_have_failed() -> None:
