@@ -174,7 +174,7 @@ class Frame:
         """m by which it may have pulled the pose before it was likely to stand, by the root of the probability."""
 
     def clear(self) -> None:
-        """Begin anew, as a reading leapt, or is measured elsewhere on the robot."""
+        """Begin anew, as a reading leapt."""
         self._stands()
         self._picks.clear()
         self._waiting.clear()
@@ -184,14 +184,21 @@ class Frame:
         """Take in a position, and the filter's belief there."""
         if measurement.at != self._at:
             # another mount than before would look like a frame that has moved
-            self._at = measurement.at
-            self.clear()
+            self._mount(measurement.at)
         since = measurement.time - self._last
         if since >= PICKED - 1e-6:
             self._last = measurement.time
             fading = exp(-since / FORGOTTEN)
             self.past = fading * self.past[0], fading * self.past[1]
             self._waiting.append((measurement, belief))
+
+    def _mount(self, at: tuple[float, float]) -> None:
+        """Have the robot's positions by another place of the sensor on it, m."""
+        dx, dy = self._at[0] - at[0], self._at[1] - at[1]
+        self._at = at
+        for place, pick in enumerate(self._picks):
+            c, s = cos(pick.theta), sin(pick.theta)
+            self._picks[place] = pick._replace(x=pick.x + c * dx - s * dy, y=pick.y + s * dx + c * dy)
 
     def refuse(self, time: float) -> None:
         """Note that the pose does not follow it until `time`, s of the run."""
@@ -201,7 +208,7 @@ class Frame:
         """Compare the positions with dead reckoning, as far as it goes."""
         more = False
         while self._waiting and self._waiting[0][0].time <= reckoning.until:
-            (time, _, _, _, values, sigmas, at), belief = self._waiting.popleft()
+            (time, _, _, _, values, sigmas, _), belief = self._waiting.popleft()
             here_x, here_y, theta = belief.mean[:3]
             spot = reckoning.at(time)
             if spot is None or (self._picks and time - self._picks[-1].time > LONGEST):
@@ -209,7 +216,8 @@ class Frame:
                 self._picks.clear()
             if spot is not None:
                 c, s = cos(theta), sin(theta)
-                x, y = values[0] - c * at[0] + s * at[1], values[1] - s * at[0] - c * at[1]
+                ahead, left = self._at
+                x, y = values[0] - c * ahead + s * left, values[1] - s * ahead - c * left
                 sigma_theta = sqrt(belief.triangle[13])
                 self._picks.append(_Pick(time, x, y, theta, sigmas[0], sigma_theta, (here_x, here_y), spot))
                 more = True

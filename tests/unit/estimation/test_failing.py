@@ -214,3 +214,14 @@ def test_slip_that_changes_as_a_tracker_falls_silent_is_soon_in_what_is_told() -
     car.go(13.0)
     assert car.worst()[0] > 0.15
     assert car.worst()[2] < 1.0
+
+
+def test_a_frame_that_moves_while_the_mount_is_learned_is_found_out() -> None:
+    car = Car("vicon", busy, slip=0.1)
+    car.go(10.0)
+    car.fails = off("vicon", lambda time: (0.05 * (time - 10.0), 0.0, 0.0))
+    car.go(12.0)
+    while car.now < 40.0:
+        car.go(car.now + CYCLE)
+        assert car.worst()[0] < 3.0 * np.hypot(car.estimate.sigma(0), car.estimate.sigma(1))
+    assert not car.believed("vicon")
