@@ -170,8 +170,9 @@ class Frame:
         self._refused = -1.0
         # the highest probability since it stood
         self._most = 0.0
-        self.past = 0.0, 0.0
-        """m by which it may have pulled the pose before it was likely to stand, by the root of the probability."""
+        self.past = 0.0, 0.0, 0.0
+        """What it may have pulled the pose by before it was likely to stand: as `pulled`, by the root of the
+        probability."""
 
     def clear(self) -> None:
         """Begin anew, as a reading leapt."""
@@ -189,7 +190,8 @@ class Frame:
         if since >= PICKED - 1e-6:
             self._last = measurement.time
             fading = exp(-since / FORGOTTEN)
-            self.past = fading * self.past[0], fading * self.past[1]
+            x, y, sigma = self.past
+            self.past = fading * x, fading * y, fading * sigma
             self._waiting.append((measurement, belief))
 
     def _mount(self, at: tuple[float, float]) -> None:
@@ -202,7 +204,7 @@ class Frame:
 
     def refuse(self, time: float) -> None:
         """Note that the pose does not follow it until `time`, s of the run."""
-        self._stood, self._refused, self._most, self.past = None, time, 0.0, (0.0, 0.0)
+        self._stood, self._refused, self._most, self.past = None, time, 0.0, (0.0, 0.0, 0.0)
 
     def compare(self, reckoning: Reckoning) -> None:
         """Compare the positions with dead reckoning, as far as it goes."""
@@ -235,9 +237,9 @@ class Frame:
     def _stands(self) -> None:
         """Note that it is likely to stand now, wherever it may have moved the pose to before."""
         if self._stood is not None and self._picks:
-            x, y, _ = self.pulled
-            chance = sqrt(self._most)
-            self.past = self.past[0] + chance * x, self.past[1] + chance * y
+            (x, y, sigma), chance = self.pulled, sqrt(self._most)
+            past_x, past_y, past_sigma = self.past
+            self.past = past_x + chance * x, past_y + chance * y, hypot(past_sigma, chance * sigma)
         self._stood, self._most = None, 0.0
 
     def _moves(self, span: float) -> tuple[bool, float]:

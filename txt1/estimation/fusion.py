@@ -247,7 +247,8 @@ class Fusion:
 
     def step(self, now: float) -> Estimate:
         """The estimate at `now`, s of the run, with all that has arrived since the last step."""
-        if any(self._dispute):
+        # without another sensor of the place nothing tells better
+        if self._placed and any(self._dispute):
             fading = exp((self._now - now) / FORGOTTEN)
             self._dispute = [each * fading for each in self._dispute]
         since, self._now = now - self._now, now
@@ -668,6 +669,7 @@ class Fusion:
                 judge.rejected += 1
                 entry.used = False
                 return belief
+            self._pulls_again(judge, belief, after)
             self._tell(judge.restore())
         if fits:
             judge.missed = ()
@@ -761,6 +763,7 @@ class Fusion:
             wide = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
             after = update(wide, *self._expect(wide.mean, measurement), measurement.sigmas)[0]
             self._tell(f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there")
+            self._pulls_again(judge, belief, after)
             judge.restore()
             judge.used += 1
             self._accepted(measurement, wide, after)
@@ -786,11 +789,12 @@ class Fusion:
             self._tell(judge.doubt(MOVES))
             self.vote.clear()
             # back to where dead reckoning has it since the frame stood
-            x, y, sigma = frame.pulled
-            if sigma:
+            (x, y, sigma), (*past, past_sigma) = frame.pulled, frame.past
+            if sigma or any(frame.past):
                 entry.moved = -x, -y, self._reckoning.slip
                 entry.wider = _grown((0, 1), [OTHER * x, OTHER * y], USUAL)
-                entry.wider[[0, 1], [0, 1]] += sigma * sigma
+                entry.wider[[0, 1], [0, 1]] += sigma * sigma + past_sigma * past_sigma
+                entry.wider[:2, :2] += np.outer(past, past)
                 belief = _moved(belief, entry.moved)
                 belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
         frame.refuse(entry.time)
@@ -798,6 +802,15 @@ class Fusion:
             dx, dy, *turn = residual
             self._carried = dx, dy, turn[0] if turn else 0.0
         return belief
+
+    def _pulls_again(self, judge: Judge, before: Belief, after: Belief) -> None:
+        """Note what a sensor whose frame has moved pulls the pose by, as it is believed again.
+
+        It may stand somewhere else than it did, or the reckoning was off meanwhile.
+        """
+        if judge.reason == MOVES:
+            x, y = before.mean[:2]
+            self._frames[judge.name].past = after.mean[0] - x, after.mean[1] - y, 0.0
 
     def _tell(self, news: str) -> None:
         if news:
@@ -886,12 +899,12 @@ class Fusion:
             others.append((OTHER, self._dispute))
         for name, frame in self._frames.items():
             judge = self._judges[name]
-            if not judge.believed:
-                continue
             if judge.mean_variance[0]:
                 others.append((1.0, (*judge.lasting(), 0.0)))
             if any(frame.past):
-                others.append((1.0, (*frame.past, 0.0)))
+                x_too, y_too, sigma = frame.past
+                others.append((1.0, (x_too, y_too, 0.0)))
+                xx, yy = xx + sigma * sigma, yy + sigma * sigma
             if frame.probability:
                 x_too, y_too, sigma = frame.pulled
                 others.append((frame.probability, (x_too, y_too, 0.0)))

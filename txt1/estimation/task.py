@@ -279,10 +279,13 @@ class Estimator:
         self._calibrations[measurement.sensor].place(measurement, theta)
 
     def _doubt(self, mean: Seven) -> tuple[float, float, float, float]:
-        """Variances of the pose by mounts and clocks: of the sensor that leaves the least of them."""
-        believes = self.fusion.believes
-        doubts = [each.doubt(mean) for name, each in self._calibrations.items() if believes(name)]
-        return min(doubts) if doubts else (0.0, 0.0, 0.0, 0.0)
+        """Variances of the pose by mounts and clocks: of the sensor that leaves the least of them.
+
+        Where none is believed, the pose is still what they have told.
+        """
+        believes, all_of_them = self.fusion.believes, self._calibrations
+        doubts = [each.doubt(mean) for name, each in all_of_them.items() if believes(name)]
+        return min(doubts or [each.doubt(mean) for each in all_of_them.values()])
 
     def _vote(self, now: float, dt: float, bias: float) -> None:
         """Let the witnesses of the yaw rate report, and vote."""

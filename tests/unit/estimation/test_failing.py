@@ -1,7 +1,7 @@
 """A car with a sensor that fails: who is believed meanwhile, and how far off the estimate is of what it says."""
 
 from collections.abc import Callable, Iterable
-from math import cos, sin
+from math import cos, inf, sin
 from typing import Any
 
 import numpy as np
@@ -206,6 +206,17 @@ def test_a_gyro_is_believed_again_once_the_wheels_that_outvoted_it_have_failed()
     assert seen[-1] == (True, False)
 
 
+def test_a_silent_tracker_leaves_the_doubt_of_its_mount_behind() -> None:
+    car = Car("vicon", busy)
+    car.go(10.0)
+    car.fails = lambda measurement: () if measurement.sensor == "vicon" else (measurement,)
+    before = inf
+    while car.believed("vicon"):
+        before = car.estimate.sigma(0)
+        car.go(car.now + CYCLE)
+    assert car.estimate.sigma(0) > 0.95 * before, "nothing has told better since"
+
+
 def test_slip_that_changes_as_a_tracker_falls_silent_is_soon_in_what_is_told() -> None:
     car = Car("vicon", lambda _: (1.2, 0.3))
     car.go(10.0)
@@ -214,6 +225,19 @@ def test_slip_that_changes_as_a_tracker_falls_silent_is_soon_in_what_is_told() -
     car.go(13.0)
     assert car.worst()[0] > 0.15
     assert car.worst()[2] < 1.0
+
+
+def test_a_tracker_whose_frame_was_moved_is_believed_again_but_not_to_the_millimetre() -> None:
+    car = Car("vicon", lambda _: (0.5, 0.5))
+    car.go(10.0)
+    car.fails = off("vicon", lambda time: (0.0, 0.3 * min(time - 10.0, 3.0), 0.0))
+    seen = []
+    while car.now < 30.0:
+        car.go(car.now + CYCLE)
+        seen.append(car.believed("vicon"))
+        assert car.worst()[2] < 1.0 or all(seen)
+    assert not all(seen) and seen[-1]
+    assert car.worst()[0] == pytest.approx(0.9, abs=0.02)
 
 
 def test_a_frame_that_moves_while_the_mount_is_learned_is_found_out() -> None:
