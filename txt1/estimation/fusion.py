@@ -551,6 +551,7 @@ class Fusion:
             # in a frame that is still to be found: it says nothing on anybody's errors
             entry.new = entry.used = False
             judge.used += 1
+            judge.leapt(measurement, fits=True)
             return self._locate(belief, measurement)
         residual, h = self._expect(belief.mean, measurement)
         # a robot at rest

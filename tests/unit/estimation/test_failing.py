@@ -227,6 +227,16 @@ def test_slip_that_changes_as_a_tracker_falls_silent_is_soon_in_what_is_told() -
     assert car.worst()[2] < 1.0
 
 
+def test_a_fix_far_away_right_after_the_pose_was_found_is_not_followed() -> None:
+    car = Car("imu-gps", busy)
+    while not (car.now and car.estimate.located):
+        car.go(car.now + CYCLE)
+    begun = car.now
+    car.fails = off("gps", lambda time: (20.0, 0.0) if time < begun + 1.0 else (0.0, 0.0))
+    car.go(begun + 3.0)
+    assert car.worst()[0] < 2.0
+
+
 def test_a_tracker_whose_frame_was_moved_is_believed_again_but_not_to_the_millimetre() -> None:
     car = Car("vicon", lambda _: (0.5, 0.5))
     car.go(10.0)
