@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import seeds
 from benchmarks.plain_filter import START, PlainFilter, Told
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, Estimator, Wheels
@@ -217,31 +218,34 @@ def limit(name: str, other: tuple[float, float], cleaned: tuple[float, float]) -
     return (0.7 if "lever" in name else 1.1) * lower[0], 1.1 * lower[1]
 
 
+def _row(file: Path) -> tuple[bool, str]:
+    """Whether a drive meets what is wanted, and its row of the table."""
+    drive, name = read(file), file.stem
+    mine, knowing, other = ours(drive), ours(drive, told=True), plain(drive)
+    cleaned = plain(without_faults(drive))
+    wanted = limit(name, other[:2], cleaned[:2])
+    # the table's figures are rounded
+    missed, missed_knowing = (
+        each.position > wanted[0] + 5e-5 or each.heading > wanted[1] + 5e-3 for each in (mine, knowing)
+    )
+    known = BEFORE.get(name)
+    figures = [f"{m:.4f}, {d:.2f}" for m, d in known] if known else ["", ""]
+    return (
+        not missed and not missed_knowing,
+        f"| {name} | {knowing.position:.4f}, {knowing.heading:.3f} {'**missed**' if missed_knowing else 'met'} "
+        f"| {mine.position:.4f}, {mine.heading:.3f} {'**missed**' if missed else 'met'} "
+        f"| {wanted[0]:.4f}, {wanted[1]:.3f} "
+        f"| {mine.nees:.2f} | {mine.share:.2f} | {mine.overconfident:.1f} "
+        f"| {other.position:.4f}, {other.heading:.2f} | {other.nees:.2f} | {figures[0]} | {figures[1]} |",
+    )
+
+
 def show(folder: Path) -> None:
     """Print the table of a folder's drives; the rows that miss what is wanted come first."""
-    rows = []
-    for file in sorted(folder.glob("*.npz")):
-        drive = read(file)
-        name = file.stem
-        mine, knowing, other = ours(drive), ours(drive, told=True), plain(drive)
-        cleaned = plain(without_faults(drive))
-        wanted = limit(name, other[:2], cleaned[:2])
-        # the table's figures are rounded
-        missed, missed_knowing = (
-            each.position > wanted[0] + 5e-5 or each.heading > wanted[1] + 5e-3 for each in (mine, knowing)
-        )
-        known = BEFORE.get(name)
-        figures = [f"{m:.4f}, {d:.2f}" for m, d in known] if known else ["", ""]
-        rows.append(
-            (
-                not missed and not missed_knowing,
-                f"| {name} | {knowing.position:.4f}, {knowing.heading:.3f} {'**missed**' if missed_knowing else 'met'} "
-                f"| {mine.position:.4f}, {mine.heading:.3f} {'**missed**' if missed else 'met'} "
-                f"| {wanted[0]:.4f}, {wanted[1]:.3f} "
-                f"| {mine.nees:.2f} | {mine.share:.2f} | {mine.overconfident:.1f} "
-                f"| {other.position:.4f}, {other.heading:.2f} | {other.nees:.2f} | {figures[0]} | {figures[1]} |",
-            )
-        )
+    seeds.each(sorted(folder.glob("*.npz")), "filtering", _row, _print)
+
+
+def _print(rows: list[tuple[bool, str]]) -> None:
     print(
         "| drive | told the start: m, degrees rms | not told | at most | NEES | in band | sigma < error / 3, s "
         "| plain filter here | its NEES | plain filter, another's | version 0.2.0 |"

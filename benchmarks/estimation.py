@@ -16,7 +16,7 @@ another, each the very one that a robot runs.
 import argparse
 import asyncio
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import hypot, inf, pi
@@ -278,11 +278,14 @@ def show_step(runs: int) -> None:
         )
 
 
-def show_random(vehicle: str, numbers: Iterable[int], seconds: float) -> None:
+def show_random(vehicle: str, numbers: Sequence[int], seconds: float) -> None:
     """Print how far off the set-ups are on drives as a person makes them, and on two from rest."""
-    results = [random_drives.random(vehicle, number, seconds) for number in numbers]
-    print(f"{vehicle}, {len(results)} drives of {seconds:g} s, by the last three quarters of each:\n")
-    print(random_drives.table(results))
+
+    def show(results: list[dict[str, dict[str, float]]]) -> None:
+        print(f"{vehicle}, {len(results)} drives of {seconds:g} s, by the last three quarters of each:\n")
+        print(random_drives.table(results))
+
+    seeds.each(numbers, "driving", lambda number: random_drives.random(vehicle, number, seconds), show)
     if vehicle == "txt1":
         print("\n1 m/s and 1 rad/s from rest, 10 s:\n")
         print(random_drives.table([random_drives.from_rest(1)]))
@@ -336,6 +339,8 @@ def measure(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
     elif given.what == "drives":
         if given.folder is None or not given.folder.is_dir():
             parser.error("drives needs --folder, which holds the recorded drives")
+        if not any(given.folder.glob("*.npz")):
+            parser.error(f"--folder {given.folder} holds no drives, *.npz; draw makes some")
         drives.show(given.folder)
     else:
         show_step(given.runs)

@@ -1,12 +1,13 @@
 """Sensors that fail on drives as a person makes them: how far off the filter is, and what it says of itself."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from functools import partial
 from math import hypot, inf, pi
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from benchmarks import seeds
 from benchmarks.drives import KINDS
 from benchmarks.random_drives import SETTINGS
 from txt1.config import load
@@ -72,6 +73,7 @@ class Found(NamedTuple):
     heading: float  # degrees, the largest
     share: float  # the largest error of x, y or theta, of three of its sigma
     beyond: float  # s, the longest time for which one of them was larger than three of its sigma
+    nees: float  # the mean
     detected: float  # s until the sensor was left out; infinite: never
     again: float  # s from the end of the failure until it was believed; infinite: never
 
@@ -87,6 +89,7 @@ class _Watch:
         self._sensor, self._robot = sensor, robot
         self._most = np.zeros(3)
         self._beyond, self._longest = 0.0, 0.0
+        self._nees: list[float] = []
         self._lost, self._again = inf, inf
 
     def step(self, now: float) -> None:
@@ -94,7 +97,10 @@ class _Watch:
         assert true is not None
         if now < BEGIN:
             return
-        apart = [abs(estimate.x - true[0]), abs(estimate.y - true[1]), abs(wrap_angle(estimate.theta - true[2]))]
+        error = np.array([estimate.x - true[0], estimate.y - true[1], wrap_angle(estimate.theta - true[2])])
+        spread = np.reshape(estimate.covariance, (5, 5))[:3, :3]
+        self._nees.append(float(error @ np.linalg.solve(spread, error)))
+        apart = np.abs(error).tolist()
         share = max(each / estimate.sigma(place) for place, each in enumerate(apart)) / 3.0
         self._most = np.maximum(self._most, (hypot(*apart[:2]), apart[2] * 180.0 / pi, share))
         self._beyond = self._beyond + ESTIMATION_PERIOD if share > 1.0 else 0.0
@@ -107,7 +113,7 @@ class _Watch:
     def found(self) -> Found:
         error, heading, share = self._most.tolist()
         again = max(self._again - END, 0.0) if self._again < inf else inf
-        return Found(error, heading, share, self._longest, self._lost - BEGIN, again)
+        return Found(error, heading, share, self._longest, float(np.mean(self._nees)), self._lost - BEGIN, again)
 
 
 def cases() -> list[tuple[str, str, str]]:
@@ -137,25 +143,31 @@ async def _driven(seed: int) -> dict[tuple[str, str, str], Found]:
     return {each: watch.found() for each, watch in watches.items()}
 
 
-def show(seeds: Iterable[int]) -> None:
+def show(numbers: Sequence[int]) -> None:
     """Drive, and print for each case the worst of the seeds: what got worse since version 0.2.0 first."""
-    results = [run(_driven(seed), speed="max") for seed in seeds]
+    seeds.each(numbers, "driving", lambda seed: run(_driven(seed), speed="max"), _print)
+
+
+def _print(results: list[dict[tuple[str, str, str], Found]]) -> None:
     lines = []
     for case in cases():
         found = [each[case] for each in results]
-        error, heading, share, beyond, detected, again = (max(column) for column in zip(*found, strict=True))
+        error, heading, share, beyond, _, detected, again = (max(column) for column in zip(*found, strict=True))
+        drives = sum(each.beyond > 1.0 for each in found) / len(found)
+        nees = float(np.mean([each.nees for each in found]))
         before = BEFORE[case]
         name = (case[0], "all", case[2]) if case[2] == SOUND else case
         told = ["never" if each == inf else f"{each:.2f}" for each in (detected, again)]
-        row = f"| {' | '.join(name)} | {error:.4f} ({before[0]:.4f}) | {heading:.2f} ({before[1]:.2f}) "
         told = ["-", "-"] if case[2] == SOUND else told
-        row += f"| {share:.2f} ({before[2]:.2f}) | {beyond:.2f} | {' | '.join(told)} |"
+        row = f"| {' | '.join(name)} | {error:.4f} ({before[0]:.4f}) | {heading:.2f} ({before[1]:.2f}) "
+        row += f"| {share:.2f} ({before[2]:.2f}) | {beyond:.2f} | {drives:.2f} | {nees:.1f} | {' | '.join(told)} |"
         lines.append((error / before[0], row))
     worse = sum(ratio > 1.0 for ratio, _ in lines)
-    print(f"{len(results)} drives, the worst of each; in brackets version 0.2.0 on the rehearsed course.")
-    print(f"Of {len(lines)} errors {worse} are larger than there; the largest ratio first:\n")
+    print(f"{len(results)} drives, the worst of each, and NEES on average; in brackets version 0.2.0 on the rehearsed")
+    print(f"course. Of {len(lines)} errors {worse} are larger than there; the largest ratio first:\n")
     columns = ("set-up", "sensor", "failure", "largest m", "heading deg", "of 3 sigma", "beyond it for s")
-    print(f"| {' | '.join((*columns, 'left out after s', 'again after s'))} |")
-    print("|---" * (len(columns) + 2) + "|")
+    more = ("drives for over 1 s", "NEES", "left out after s", "again after s")
+    print(f"| {' | '.join((*columns, *more))} |")
+    print("|---" * (len(columns) + len(more)) + "|")
     for _, row in sorted(lines, reverse=True):
         print(row)

@@ -2,11 +2,17 @@
 
 import json
 from argparse import ArgumentParser
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from rich.console import Console
+from rich.progress import track
 
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+
+Case = TypeVar("Case")
+Result = TypeVar("Result")
 
 
 def arguments(parser: ArgumentParser, kept: str, seeds: int) -> None:
@@ -36,3 +42,16 @@ def results(kept: Path, cases: Iterable[str], run: Callable[[str], Any], minutes
             done[case] = run(case)
             print(json.dumps((case, done[case])), file=file, flush=True)
     return {case: done[case] for case in wanted if case in done}
+
+
+def each(
+    cases: Collection[Case], text: str, run: Callable[[Case], Result], show: Callable[[list[Result]], None]
+) -> None:
+    """Run all cases with a bar, and show their results; after Ctrl-C the results so far."""
+    found: list[Result] = []
+    try:
+        for case in track(cases, text, console=Console(stderr=True), transient=True):
+            found.append(run(case))
+    finally:
+        if found:
+            show(found)

@@ -1,12 +1,13 @@
 """A mount, a clock or a scale that is stated wrongly: whether the filter tells so, once it can know."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from math import pi
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import seeds
 from benchmarks.drives import BAND
 from benchmarks.random_drives import Watch, driven
 from txt1.estimation.settings import PRESETS, EstimationConfig, FusedConfig
@@ -69,9 +70,12 @@ def _inside(nees: Array) -> float:
     return float(np.mean((nees > BAND[0]) & (nees < BAND[1])))
 
 
-def show(seeds: Iterable[int]) -> None:
+def show(numbers: Sequence[int]) -> None:
     """Drive, and print of each case what held from `GIVEN` s after it could be known to the end."""
-    drives = [_driven(seed) for seed in seeds]
+    seeds.each(numbers, "driving", _driven, _print)
+
+
+def _print(drives: list[tuple[Array, dict[str, Watch]]]) -> None:
     print(f"{len(drives)} drives of {SECONDS:g} s, each from {GIVEN:g} s after what is wrong can be known:\n")
     print("| | m rms | degrees rms | NEES | time in band | runs with NEES in band |")
     print("|---|---|---|---|---|---|")
