@@ -55,6 +55,9 @@ MODULES = {
     "control": ["commander", "limits", "pid"],
     "estimation": [
         "ahead",
+        "averaging",
+        "besides",
+        "doubtful",
         "ekf",
         "frame",
         "fusion",

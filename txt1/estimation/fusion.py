@@ -2,21 +2,21 @@
 
 A reading may be up to `HORIZON` late. It is inserted at its time, and all later steps are computed again. So the order
 in which readings arrive makes no difference. Where the most precise sensor of the place is always late, the filter runs
-behind by as much, and `txt1.estimation.ahead` goes on from there. Readings of a fast sensor that arrive together, and
-were taken within `SLOT`, are averaged first, as their errors are independent (preintegration: T. Lupton, S. Sukkarieh,
-IEEE T-RO 28(1), 2012), which halves the work.
+behind by as much, and `txt1.estimation.ahead` goes on from there. Each belief is one of `ekf`, or of `doubtful` where
+less is known than before.
 
-The rules by which a reading is taken in are in `txt1.estimation.judge` and `txt1.estimation.vote`. Errors of the car's
-model count as process noise that adapts to the innovations (A. H. Mohamed, K. P. Schwarz, J. Geodesy 73, 1999; strong
-tracking if a single innovation is too large). Such errors are hard starts, servos that lag, and slip; the difference
-between the wheels' yaw rate and the gyro's shows slip.
+The rules by which a reading is taken in are in `txt1.estimation.judge`, `vote` and `frame`; what else may be true is in
+`besides`, and counts in the covariance that is told. Errors of the car's model count as process noise that adapts to
+the innovations (A. H. Mohamed, K. P. Schwarz, J. Geodesy 73, 1999; strong tracking if a single innovation is too
+large). Such errors are hard starts, servos that lag, and slip; the difference between the wheels' yaw rate and the
+gyro's shows slip.
 """
 
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, exp, hypot, inf, isfinite, sin, sqrt
+from math import cos, hypot, inf, isfinite, sin, sqrt
 from operator import attrgetter, sub
 from typing import Final
 
@@ -24,7 +24,10 @@ import numpy as np
 
 from txt1.estimation.ahead import STEP_MAX, TRACKS, ahead
 from txt1.estimation.alignment import about, aligned, leaning
+from txt1.estimation.averaging import NEWEST, SAME_INSTANT, SLOT, alike, averaged
+from txt1.estimation.besides import Besides, bent
 from txt1.estimation.calibration import SURE, WORTH_SCALE, probability
+from txt1.estimation.doubtful import SPEED, considered, grown, moved, slip_unknown, slipping, widened
 from txt1.estimation.ekf import (
     BIAS,
     GYRO,
@@ -52,7 +55,7 @@ from txt1.estimation.ekf import (
     velocities,
 )
 from txt1.estimation.frame import LONGEST, USUAL, Frame, Reckoning
-from txt1.estimation.judge import CHI95, CHI99, FORGOTTEN, KEEPS, OTHER, SEVERAL, Belonging, Judge
+from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge
 from txt1.estimation.measurement import (
     KIND_ENCODERS,
     KIND_GYRO,
@@ -72,8 +75,6 @@ from txt1.units import new
 
 # m and rad, standard deviations of the pose that it counts from: next to nothing, yet positive
 BEGUN: Final = 1e-4
-# m/s, standard deviation of the speed at the start: it may be driving already
-SPEED: Final = 0.5
 # rad/s, likewise
 YAW_RATE: Final = 0.5
 # rad/s, standard deviation of the gyro's bias at the start
@@ -82,14 +83,8 @@ BIASED: Final = 0.02
 FIRST: Final = 0.04
 # s that a reading may be late
 HORIZON: Final = 0.5
-# s within which readings of a sensor are averaged that arrive together
-SLOT: Final = 0.02
-# the same of positions in time: the newest tells most of where the car is now
-NEWEST: Final = 0.005
 # readings over which it is averaged how late a sensor is
 LAGS: Final = 25
-# s between readings of one instant, to which clocks and sums of times are rounded
-SAME_INSTANT: Final = 1e-6
 # the same of a turn by wheels and gyro, beyond which the slip has changed
 TURNS: Final = 3.0
 # rad from which a turn tells of the slip
@@ -114,7 +109,6 @@ MISSES: Final = 0.5
 # s in which another sensor has told the place
 RECENT: Final = 1.0
 
-_UNITS: Final = np.eye(SIZE)
 _KEY: Final = attrgetter("key")
 
 Doubt = Callable[[Seven], tuple[float, float, float, float]]
@@ -203,12 +197,7 @@ class Fusion:
         self._placed = False
         # s of the run, of a gyro's newest reading
         self._turned_at = -inf
-        # m, m, rad by which a jump may be the robot's
-        self._carried: tuple[float, float, float] | None = None
-        # m, m, rad by which an absolute sensor has overruled dead reckoning
-        self._dispute = [0.0, 0.0, 0.0]
-        # m in x and y by which the way may be longer than the car's, as speed and heading may be off
-        self._way_doubt = (0.0, 0.0)
+        self._besides = Besides()
 
     def take(self, measurement: Measurement) -> None:
         """Take in a measurement with the next step."""
@@ -223,8 +212,7 @@ class Fusion:
         self._located = not any(judge.settings.tells_pose for judge in self._judges.values())
         self._pairs.clear()
         self.vote.clear()
-        self._carried, self._dispute = None, [0.0, 0.0, 0.0]
-        self._way_doubt = 0.0, 0.0
+        self._besides = Besides()
         self._frames = {name: Frame() for name in self._frames}
         for judge in self._judges.values():
             judge.own, judge.jumped_at, judge.missed = (), None, ()
@@ -237,9 +225,7 @@ class Fusion:
 
     def doubt_speed(self, speed: float, dt: float) -> None:
         """Note that the speed may have been off by `speed` m/s for dt seconds, so that the pose is off by the way."""
-        theta = self._newest()[0].mean[THETA]
-        x, y = self._way_doubt
-        self._way_doubt = x + speed * dt * cos(theta), y + speed * dt * sin(theta)
+        self._besides.drive(self._newest()[0].mean[THETA], speed, dt)
 
     def trusts(self) -> tuple[Trust, ...]:
         """How much each sensor is believed."""
@@ -247,11 +233,10 @@ class Fusion:
 
     def step(self, now: float) -> Estimate:
         """The estimate at `now`, s of the run, with all that has arrived since the last step."""
-        # without another sensor of the place nothing tells better
-        if self._placed and any(self._dispute):
-            fading = exp((self._now - now) / FORGOTTEN)
-            self._dispute = [each * fading for each in self._dispute]
         since, self._now = now - self._now, now
+        # without another sensor of the place nothing tells better
+        if self._placed:
+            self._besides.fade(since)
         # nothing is known of how it moved before
         if self._base[1] < 0.0:
             self._base = self._base[0], max(0.0, now - FIRST)
@@ -270,8 +255,8 @@ class Fusion:
             group = groups.get(sensor)
             if group is None:
                 groups[sensor] = measurement, 1
-            elif _alike(group[0], measurement, SLOT if kind is KIND_GYRO or self._lags(sensor) else NEWEST):
-                groups[sensor] = _averaged(*group, measurement), group[1] + 1
+            elif alike(group[0], measurement, SLOT if kind is KIND_GYRO or self._lags(sensor) else NEWEST):
+                groups[sensor] = averaged(*group, measurement), group[1] + 1
             else:
                 self._insert(group[0])
                 groups[sensor] = measurement, 1
@@ -289,7 +274,7 @@ class Fusion:
                     self._tell(judge.doubt(missing))
         estimate = self._estimate(self._told())
         if not self._placed:
-            self.doubt_speed(_bent(estimate.covariance[12]) * estimate.v, since)
+            self.doubt_speed(bent(estimate.covariance[12]) * estimate.v, since)
         return estimate
 
     def _note_believed(self) -> None:
@@ -330,7 +315,7 @@ class Fusion:
         placed = self._located and self._placed
         # whoever outvoted a gyro and has failed since was no witness
         alone = not self._rolling and self._names.isdisjoint(self._headings)
-        for names, off, alike, reason in (
+        for names, off, close, reason in (
             (self._gyros, gyro_off and not alone, self.vote.alike, OUTVOTED),
             (self._wheels_of, wheels_off and placed, True, WHEELS),
         ):
@@ -343,7 +328,7 @@ class Fusion:
                     self._apply(self._heard())
                 elif judge.believed or judge.reason != reason:
                     continue
-                elif off or not (alike or alone):
+                elif off or not (close or alone):
                     judge.fitting = 0
                 elif judge.fits(self._now) or (alone and reason is OUTVOTED):
                     self._tell(judge.restore())
@@ -445,7 +430,7 @@ class Fusion:
             density = walk.untold(density)
         elif not self._turning and not self._placed:
             density = walk.settled(belief.triangle[-1])
-            belief = _slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
+            belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
         return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bend * end - moment)
@@ -489,11 +474,11 @@ class Fusion:
                 bend = moment = 0.0
             time = at
             if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
-                belief = self._slip_unknown(belief)
+                belief = slip_unknown(belief, self._walk.slip_sigma)
             if entry.moved is not None:
-                belief = _moved(belief, entry.moved)
+                belief = moved(belief, entry.moved)
             if entry.wider is not None:
-                belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
+                belief = widened(belief, entry.wider)
             entry.belief = belief = self._measure(belief, entry)
         if bend:
             # no reading has come after it
@@ -511,15 +496,6 @@ class Fusion:
             later = [each.measurement for each in entries[self._settled :] if each.key[1] in believed]
             return ahead(belief, time, now, later, self._walk.told, self.sideways, turning=self._turning)
         return self._predicted(belief, time, now) if now - time >= SAME_INSTANT else belief
-
-    def _slip_unknown(self, belief: Belief) -> Belief:
-        """The belief when nothing is known of the slip; the car's speed stays as it is."""
-        v, covariance = belief.mean[ROLLED] * (1.0 - belief.mean[SLIP]), belief.covariance
-        covariance[SLIP, :] = covariance[:, SLIP] = 0.0
-        covariance[SLIP, SLIP] = self._walk.slip_sigma**2
-        covariance[ROLLED, ROLLED] += SPEED**2
-        x, y, theta, _, omega, bias, _ = belief.mean
-        return belief_of((x, y, theta, v, omega, bias, 0.0), covariance, belief.lean)
 
     def _take_out(self, sensor: str, turned: float) -> None:
         """Leave a sensor's readings out that were taken in; before them it may have turned the pose by so much, rad."""
@@ -578,7 +554,7 @@ class Fusion:
                 if judge.reason not in (OUTVOTED, WHEELS) and judge.fits(measurement.time):
                     self._tell(judge.restore())
                     self._heard_again(entry)
-                    belief = self._slip_unknown(belief) if entry.fresh else belief
+                    belief = slip_unknown(belief, self._walk.slip_sigma) if entry.fresh else belief
                     residual, h = self._expect(belief.mean, measurement)
                     after = update(belief, residual, h, sigmas)[0]
         return after if entry.used else belief
@@ -604,7 +580,7 @@ class Fusion:
                     sigmas = (abs(left), *sigmas[1:])
         # of speed and yaw rate the last is the latter
         if rows[len(residual) - 1] == 1 and self._names.isdisjoint(self._headings):
-            return _considered(wide, residual, h, sigmas)
+            return considered(wide, residual, h, sigmas)
         return after if wide is belief else update(wide, residual, h, sigmas)[0]
 
     def _turned(self, belief: Belief, measurement: Measurement, *, new: bool) -> Belief:
@@ -689,13 +665,12 @@ class Fusion:
             if span < KEEPS:
                 share = min(1.0, MISSES * max(measurement.time - judge.grown_at, 0.0) / max(hypot(*residual[:2]), 1e-9))
             judge.grown_at = measurement.time
-            grown = [share * residual[0], share * residual[1], *residual[2:]]
-            entry.wider = _grown(measurement.rows, grown, SLID if self._rolling else 0.0)
-            before, belief = belief, belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
+            missed = [share * residual[0], share * residual[1], *residual[2:]]
+            entry.wider = grown(measurement.rows, missed, SLID if self._rolling else 0.0)
+            before, belief = belief, widened(belief, entry.wider)
             residual, h = self._expect(belief.mean, measurement)
             after, nis, _ = update(belief, residual, h, sigmas)
-            pulled = zip(self._dispute, after.mean, before.mean, strict=False)
-            self._dispute = [so_far + here - there for so_far, here, there in pulled]
+            self._besides.overrule(before, after)
         elif nis > gate:
             judge.rejected += 1
             entry.used = False
@@ -739,14 +714,7 @@ class Fusion:
         return update(belief, residual, h, [soft * sigma for sigma in sigmas])[0]
 
     def _accepted(self, measurement: Measurement, before: Belief, after: Belief) -> None:
-        self._carried = None
-        if any(self._way_doubt):
-            # the reading takes away of the error what it takes of the variance
-            x, y = self._way_doubt
-            self._way_doubt = (
-                x * after.triangle[0] / before.triangle[0],
-                y * after.triangle[7] / before.triangle[7],
-            )
+        self._besides.place(before, after)
         if measurement.rows[:2] == (0, 1):
             self.vote.place(measurement)
             if self.absolute is not None:
@@ -760,8 +728,8 @@ class Fusion:
         judge.jumped += 1
         others = any(each.settings.tells_pose for each in self._believed() if each is not judge)
         if measurement.time - judge.jumped_at >= KEEPS and not others:
-            entry.wider = _grown(measurement.rows, residual, 0.0)
-            wide = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
+            entry.wider = grown(measurement.rows, residual, 0.0)
+            wide = widened(belief, entry.wider)
             after = update(wide, *self._expect(wide.mean, measurement), measurement.sigmas)[0]
             self._tell(f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there")
             self._pulls_again(judge, belief, after)
@@ -775,8 +743,7 @@ class Fusion:
             if judge.reason != MOVES:
                 self._tell(judge.doubt(JUMPED))
             if not others:
-                dx, dy, *turn = residual
-                self._carried = dx, dy, turn[0] if turn else 0.0
+                self._besides.missed(residual)
         return belief
 
     def _moving_frame(
@@ -793,15 +760,14 @@ class Fusion:
             (x, y, sigma), (*past, past_sigma) = frame.pulled, frame.past
             if sigma or any(frame.past):
                 entry.moved = -x, -y, self._reckoning.slip
-                entry.wider = _grown((0, 1), [OTHER * x, OTHER * y], USUAL)
+                entry.wider = grown((0, 1), [OTHER * x, OTHER * y], USUAL)
                 entry.wider[[0, 1], [0, 1]] += sigma * sigma + past_sigma * past_sigma
                 entry.wider[:2, :2] += np.outer(past, past)
-                belief = _moved(belief, entry.moved)
-                belief = belief_of(belief.mean, belief.covariance + entry.wider, belief.lean)
+                belief = moved(belief, entry.moved)
+                belief = widened(belief, entry.wider)
         frame.refuse(entry.time)
         if not any(each.settings.tells_pose for each in self._believed()):
-            dx, dy, *turn = residual
-            self._carried = dx, dy, turn[0] if turn else 0.0
+            self._besides.missed(residual)
         return belief
 
     def _pulls_again(self, judge: Judge, before: Belief, after: Belief) -> None:
@@ -892,120 +858,7 @@ class Fusion:
     def _estimate(self, belief: Belief) -> Estimate:
         belief = self._with_scale(belief)
         x, y, theta, _, omega, bias, slip = belief.mean
-        xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
-        others: list[tuple[float, Sequence[float]]] = []
-        if self._carried is not None:
-            others.append((OTHER, self._carried))
-        if any(self._dispute):
-            others.append((OTHER, self._dispute))
-        for name, frame in self._frames.items():
-            judge = self._judges[name]
-            if judge.mean_variance[0]:
-                others.append((1.0, (*judge.lasting(), 0.0)))
-            if any(frame.past):
-                x_too, y_too, sigma = frame.past
-                others.append((1.0, (x_too, y_too, 0.0)))
-                xx, yy = xx + sigma * sigma, yy + sigma * sigma
-            if frame.probability:
-                x_too, y_too, sigma = frame.pulled
-                others.append((frame.probability, (x_too, y_too, 0.0)))
-                more_still = frame.probability * sigma * sigma
-                xx, yy = xx + more_still, yy + more_still
-        for chance, (dx, dy, turn) in others:
-            # the second moment about the pose of one hypothesis, where the other one is as likely as `chance`
-            xx, xy = xx + chance * dx * dx, xy + chance * dx * dy
-            yy, tt = yy + chance * dy * dy, tt + chance * turn * turn
-        if self.doubt is not None:
-            more = self.doubt(belief.mean)
-            xx, xy, yy, tt = xx + more[0], xy + more[1], yy + more[2], tt + more[3]
-        way_x, way_y = self._way_doubt
-        v, told = outside(belief, (xx + way_x * way_x, xy + way_x * way_y, yy + way_y * way_y, tt))
+        doubt = self.doubt(belief.mean) if self.doubt is not None else (0.0, 0.0, 0.0, 0.0)
+        places = [(self._judges[name], frame) for name, frame in self._frames.items()]
+        v, told = outside(belief, self._besides.covariance(places, doubt))
         return new(Estimate, (x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located))
-
-
-def _considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float]) -> Belief:
-    """The belief with the rates that wheels tell, which alone tell nothing of their slip.
-
-    The slip is a consider state (S. F. Schmidt, Advances in Control Systems 3, 1966): its uncertainty counts, but it is
-    not estimated, and the pose follows from the rates. Joseph's form holds for any gain.
-    """
-    p, rows = belief.covariance, np.array([_UNITS[row] if isinstance(row, int) else row for row in h])
-    noise = np.diag(np.square(sigmas))
-    rates = rows.copy()
-    rates[:, SLIP] = 0.0
-    gain = np.zeros((SIZE, len(rows)))
-    both = [ROLLED, OMEGA]
-    gain[both] = np.linalg.solve(rates @ p @ rates.T + noise, rates @ p[:, both]).T
-    left = np.eye(SIZE) - gain @ rows
-    lean = belief.lean
-    if lean is not None:
-        x, y, theta, rolled, omega, bias, slip = (left @ lean.by).tolist()
-        lean = lean._replace(by=(x, y, theta, rolled, omega, bias, slip))
-    return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T, lean)
-
-
-def _slipping(belief: Belief, dt: float, density: float) -> Belief:
-    """The belief when slip varies for dt seconds with this spectral density, 1/s, and nothing tells of it.
-
-    Way and turn are off by the same share. The slip that lasts is a state of the belief.
-    """
-    _, _, theta, rolled, omega, _, slip = belief.mean
-    v = rolled * (1.0 - slip)
-    missed = np.array([v * cos(theta), v * sin(theta), omega])
-    covariance = belief.covariance
-    covariance[:3, :3] += density * max(dt, 0.0) * np.outer(missed, missed)
-    return belief_of(belief.mean, covariance, belief.lean)
-
-
-def _bent(variance: float) -> float:
-    """The share by which a way is shorter along a heading of this variance, rad^2: the root of its second moment.
-
-    A belief has what goes across the way, as it is linear in the heading. Along it the way is longer than the car's by
-    1 - cos of the error: places that are as likely lie on an arc.
-    """
-    mean, square = 1.0 - exp(-0.5 * variance), 1.0 - exp(-variance)
-    return sqrt(mean * mean + 0.5 * square * square)
-
-
-def _moved(belief: Belief, by: tuple[float, float, float]) -> Belief:
-    """The belief somewhere else (m, m), with this slip."""
-    x, y, theta, rolled, omega, bias, _ = belief.mean
-    return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2]), belief.triangle, belief.lean)
-
-
-def _alike(one: Measurement, two: Measurement, within: float) -> bool:
-    """Whether two readings of a sensor may be averaged, within so many seconds."""
-    time, _, kind, rows, _, _, at = one
-    time_too, _, kind_too, rows_too, _, _, at_too = two
-    return abs(time - time_too) < within - SAME_INSTANT and kind is kind_too and rows == rows_too and at == at_too
-
-
-def _averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:
-    """The mean of `count` readings and one more, with independent errors."""
-    share = 1.0 / (count + 1)
-    less = sqrt(1.0 - share)
-    time, sensor, kind, rows, values, sigmas, at = mean
-    time += share * (more.time - time)
-    if kind is KIND_GYRO:
-        (one,), (two,), (sigma,) = values, more.values, sigmas
-        return new(Measurement, (time, sensor, kind, rows, (one + share * (two - one),), (less * sigma,), at))
-    if rows == (0, 1, 2):
-        (x, y, theta), (x_too, y_too, theta_too), (sigma_x, sigma_y, sigma_theta) = values, more.values, sigmas
-        pose = x + share * (x_too - x), y + share * (y_too - y), theta + share * wrap_angle(theta_too - theta)
-        wide = less * sigma_x, less * sigma_y, less * sigma_theta
-        return new(Measurement, (time, sensor, kind, rows, pose, wide, at))
-    means = [one + share * (two - one) for one, two in zip(values, more.values, strict=True)]
-    if rows[-1] == THETA:
-        means[-1] = values[-1] + share * wrap_angle(more.values[-1] - values[-1])
-    return Measurement(time, sensor, kind, rows, tuple(means), tuple([less * sigma for sigma in sigmas]), at)
-
-
-def _grown(rows: Sequence[int], residual: Sequence[float], slid: float) -> Array:
-    """The covariance of a pose that is off by a residual, and of motion that has changed, shape (7, 7)."""
-    spread = np.zeros((SIZE, SIZE))
-    size = hypot(*residual[:2])
-    for row, each in zip(rows, residual, strict=False):
-        spread[row, row] = each * each if row == THETA else 0.5 * size * size
-    spread[ROLLED, ROLLED] = (size / SLOT) ** 2 if slid == 0.0 else 0.0
-    spread[SLIP, SLIP] = slid * slid
-    return spread
