@@ -185,6 +185,12 @@ class Calibration:
         value, sigma = self.learned(name)
         return Calibrated(base + value, sigma)
 
+    @property
+    def doubtful(self) -> float:
+        """The variance that an unknown mount leaves of the pose, m^2."""
+        along, _, across, _ = self._left
+        return along + across
+
     def doubt(self, mean: Seven) -> tuple[float, float, float, float]:
         """Variances (x, x and y, y, theta) of the pose, as mount and clock may be other than they are taken for."""
         a, b, d, time = self._left

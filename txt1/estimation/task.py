@@ -3,13 +3,13 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import copysign, cos, hypot, isfinite, sin, sqrt, tan
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from txt1.estimation.calibration import GYRO_CLOCK, Calibration
-from txt1.estimation.ekf import Seven, centred
+from txt1.estimation.ekf import centred
 from txt1.estimation.fusion import Fusion
 from txt1.estimation.judge import Belonging
 from txt1.estimation.measurement import KIND_ENCODERS, KIND_GYRO, KIND_STEERING, KIND_TURN, Measurement
@@ -83,6 +83,7 @@ _COVARIANCES: Final = [
 
 
 _SIGMA: Final = itemgetter(1)
+_DOUBTFUL: Final = attrgetter("doubtful")
 
 
 def _message(estimate: Estimate) -> tuple[float, ...]:
@@ -180,7 +181,7 @@ class Estimator:
         self._gyro_scale = 0.0
         if self._calibrations:
             self.fusion.absolute = self._place
-            self.fusion.doubt = self._doubt
+            self._doubt()
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
         # of it, m, rad and m: they take a while to compute
@@ -278,14 +279,13 @@ class Estimator:
     def _place(self, measurement: Measurement, theta: float) -> None:
         self._calibrations[measurement.sensor].place(measurement, theta)
 
-    def _doubt(self, mean: Seven) -> tuple[float, float, float, float]:
-        """Variances of the pose by mounts and clocks: of the sensor that leaves the least of them.
+    def _doubt(self) -> None:
+        """Have the doubts of mount and clock of the sensor in the covariance that leaves the least of them.
 
         Where none is believed, the pose is still what they have told.
         """
-        believes, all_of_them = self.fusion.believes, self._calibrations
-        doubts = [each.doubt(mean) for name, each in all_of_them.items() if believes(name)]
-        return min(doubts or [each.doubt(mean) for each in all_of_them.values()])
+        believed = [each for name, each in self._calibrations.items() if self.fusion.believes(name)]
+        self.fusion.doubt = min(believed or self._calibrations.values(), key=_DOUBTFUL).doubt
 
     def _vote(self, now: float, dt: float, bias: float) -> None:
         """Let the witnesses of the yaw rate report, and vote."""
@@ -317,6 +317,8 @@ class Estimator:
         self._cycles += 1
         if self._cycles % VOTES == 0:
             self.fusion.judge_by_vote()
+            if self._calibrations:
+                self._doubt()
 
     def _compare(self, dt: float, omega: float) -> None:
         """Add a cycle to the turn by the wheels, and give it beside the gyro's when it was long enough or it stopped.
