@@ -136,8 +136,9 @@ class Judge:
         """Note a reading like the last one; return its fault, or "" if it has none. `speed`: the wheels', m/s."""
         self.same += 1
         if measurement.kind is KIND_ENCODERS:
-            # whole counts are often the same, but not for so long; of a car that stands they are
-            frozen = self.same >= SAME_COUNTS and (any(measurement.values) or not self.believed) and self.settings.told
+            # whole counts are often the same, but not for so long; those of a car that stands are
+            stands = not any(measurement.values) and (self.believed or abs(speed) < MOVING)
+            frozen = self.same >= SAME_COUNTS and not stands and self.settings.told
         else:
             moving = measurement.kind is not KIND_POSE or abs(speed) > MOVING or not self.believed
             frozen = self.same >= SAME_MAX and moving

@@ -259,3 +259,14 @@ def test_a_frame_that_moves_while_the_mount_is_learned_is_found_out() -> None:
         car.go(car.now + CYCLE)
         assert car.worst()[0] < 3.0 * np.hypot(car.estimate.sigma(0), car.estimate.sigma(1))
     assert not car.believed("vicon")
+
+
+def test_encoders_that_failed_are_believed_again_by_a_car_that_stands() -> None:
+    car = Car("imu-gps", lambda time: busy(time) if time < 20.0 else (0.0, 0.3))
+    car.go(20.0)
+    car.fails = lambda measurement: () if measurement.sensor == "encoders" else (measurement,)
+    car.go(22.0)
+    assert not car.believed("encoders")
+    car.fails = lambda measurement: (measurement,)
+    car.go(24.0)
+    assert car.believed("encoders")
