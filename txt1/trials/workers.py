@@ -34,7 +34,7 @@ AGAIN: Final = 5
 # s of real time between two checks whether it has to end
 POLL: Final = 0.1
 # s that trials have to notice the end; others are killed, and their results are lost
-GRACE: Final = 2.0
+GRACE: Final = 1.0
 LOOPBACK: Final = ("127.0.0.1", "localhost", "[::1]")
 OPTIONS: Final = {
     "--jobs": takes("N", "number of processes; in simulation one for each processor by default", count),

@@ -94,13 +94,14 @@ def main(arguments: argparse.Namespace) -> int:
         results, ended = conduct(plan, out, arguments.resume, watch, machines)
     if results:
         _tell(experiment.write(plan, out, results), beside_thesis=name == "thesis" and world == OWN[name])
-        if any(one.episodes for one in results) and not arguments.no_pictures:
+        # after a signal they would take longer than anybody waits
+        if any(one.episodes for one in results) and not arguments.no_pictures and not isinstance(ended, int):
             try:
                 plots.draw(out, results, experiment.best(results), task_of(config), known_floor(config))
             except MissingExtra as error:
                 say(f"no pictures: {error}")
     if ended is not None and (results or not isinstance(ended, Txt1Error)):
-        say(f"ended early; what was learned is in {out}, --out {out} --resume carries on")
+        say(f"ended early; what was learned is in {out}, --out {out} --resume carries on and draws it")
     if isinstance(ended, NotArmed):
         say(f"the robot was stopped: {ended.reason}")
         return DISARMED
