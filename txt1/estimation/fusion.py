@@ -311,7 +311,7 @@ class Fusion:
     def judge_by_vote(self) -> None:
         """Leave out an outvoted gyro or outvoted wheels, unless no other sensor measures the same quantity."""
         self.vote.compare(turning=self._turning)
-        gyro_off, wheels_off = self.vote.outvoted()
+        gyro_off, wheels_off = self.vote.outvoted(self._newest()[0].mean[SLIP])
         placed = self._located and self._placed
         # whoever outvoted a gyro and has failed since was no witness
         alone = not self._rolling and self._names.isdisjoint(self._headings)

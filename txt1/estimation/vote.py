@@ -68,7 +68,7 @@ class Vote:
         self.apart = 0.0
         """By how much a believed gyro has turned the pose otherwise than the wheels lately, rad."""
         self.alike = False
-        """Whether gyro and wheels turn alike, without any slip."""
+        """Whether gyro and wheels turn alike, but for the slip that is known."""
         # s of the run
         self._compared = 0.0
         self._cycles: deque[Cycle] = deque()
@@ -109,8 +109,8 @@ class Vote:
             rate = sum(apart) / len(apart) - self.apart / FORGOTTEN
             self.apart += rate * min(self._compared - since, WINDOW)
 
-    def outvoted(self) -> tuple[bool, bool]:
-        """Whether the gyro is, and whether the wheels are."""
+    def outvoted(self, slip: float = 0.0) -> tuple[bool, bool]:
+        """Whether the gyro is, and whether the wheels are; `slip` is the wheels'."""
         self.alike = False
         if not self._cycles:
             return False, False
@@ -127,7 +127,7 @@ class Vote:
             return False, False
         _, speeds, turns, gyros, steerings = zip(*cycles, strict=True)
         v, wheels, gyro, third = sum(speeds) / len(cycles), sum(turns) / len(cycles), _mean(gyros), _mean(steerings)
-        self.alike = gyro is not None and abs(gyro - wheels) <= YAW + TYRES * abs(v)
+        self.alike = gyro is not None and abs(gyro - (1.0 - slip) * wheels) <= YAW + TYRES * abs(v)
         noise, sliding = YAW, False
         if seen is not None:
             speed, sigma, turning, uncertain = seen

@@ -270,3 +270,14 @@ def test_encoders_that_failed_are_believed_again_by_a_car_that_stands() -> None:
     car.fails = lambda measurement: (measurement,)
     car.go(24.0)
     assert car.believed("encoders")
+
+
+def test_a_gyro_returns_in_a_curve_too_where_the_wheels_slip_as_is_known() -> None:
+    car = Car("imu-gps", lambda time: busy(time) if time < 30.0 else (1.0, 1.5), slip=0.15)
+    car.go(30.0)
+    car.fails = off("imu", lambda _: (-1.2,))
+    car.go(32.0)
+    assert not car.believed("imu")
+    car.fails = lambda measurement: (measurement,)
+    car.go(42.0)
+    assert car.believed("imu")
