@@ -592,7 +592,8 @@ class Fusion:
         _, _, _, _, _, bias, slip = belief.mean
         grip, turned_by = 1.0 - slip, by_gyro - bias * dt
         residual = (told - turned_by / grip,)
-        h = ((0.0, 0.0, 0.0, 0.0, 0.0, -dt / grip, turned_by / (grip * grip)),)
+        # wheels that stand tell nothing of slip: the gyro's noise in both is the same, and would be taken for some
+        h = ((0.0, 0.0, 0.0, 0.0, 0.0, -dt / grip, turned_by / (grip * grip) if told else 0.0),)
         # the slip walks within the turn, too: its mean is so far from the last one
         sigma = hypot(measurement.sigmas[0], path * sqrt(self._walk.told[SLIP] * dt / 3.0))
         leans = -by_gyro / grip

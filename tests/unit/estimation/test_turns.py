@@ -127,3 +127,20 @@ def test_wheels_that_stand_still_in_a_curve_outvote_no_gyro_and_teach_it_no_bias
     assert {each.name: each.believed for each in estimator.trusts()} == {"imu": True, "encoders": False}
     assert abs(biases[-1] - biases[499]) < LARGEST
     assert abs(wrap_angle(estimate.theta - theta)) < 3.0 * estimate.sigma(2)
+
+
+def test_a_car_that_stands_for_a_minute_learns_no_slip_from_the_gyros_noise() -> None:
+    rng, estimator = (
+        np.random.default_rng(1),
+        Estimator(EstimationConfig(sensors=("imu", "encoders")), {"imu": ImuReading}, Geometry(steering="front")),
+    )
+    slips = []
+    for cycle in range(1, round(80.0 / CYCLE) + 1):
+        now = cycle * CYCLE
+        v, rate = (0.5, 0.7) if now < 18.0 else (0.0, 0.0)
+        for time in (now - 0.5 * CYCLE, now):
+            told = rate + BIAS + NOISE * float(rng.normal())
+            estimator.take("imu", Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
+        wheels = Odometry(0.0, 0.0, 0.0, v / 0.9 + 1e-9 * (v > 0.0) * (cycle % 2), rate / 0.9)
+        slips.append(estimator.step(now, Wheels(wheels, now, None, v, None)).slip)
+    assert np.abs(np.subtract(slips[-1], slips[round(20.0 / CYCLE)])) < 0.01
