@@ -55,7 +55,7 @@ from txt1.estimation.ekf import (
     velocities,
 )
 from txt1.estimation.frame import LONGEST, USUAL, Frame, Reckoning
-from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge
+from txt1.estimation.judge import CHI95, CHI99, KEEPS, MOVING, OTHER, SEVERAL, Belonging, Judge
 from txt1.estimation.measurement import (
     KIND_ENCODERS,
     KIND_GYRO,
@@ -425,7 +425,10 @@ class Fusion:
     def _predicted(self, belief: Belief, begin: float, end: float, bend: float = 0.0, moment: float = 0.0) -> Belief:
         """The belief at `end`, s of the run, of one at `begin`; of changes of the steering, the sum and the moment."""
         dt, sideways, walk = end - begin, self.sideways, self._walk
-        density = walk.blind if begin > walk.blind_from else walk.told
+        density = walk.told
+        # of a car that stands, slip does not change
+        if begin > walk.blind_from and abs(belief.mean[ROLLED]) > MOVING:
+            density = walk.blind
         if not self._rolling:
             density = walk.untold(density)
         elif not self._turning and not self._placed:

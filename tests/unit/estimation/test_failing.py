@@ -281,3 +281,16 @@ def test_a_gyro_returns_in_a_curve_too_where_the_wheels_slip_as_is_known() -> No
     car.fails = lambda measurement: (measurement,)
     car.go(42.0)
     assert car.believed("imu")
+
+
+def test_a_gps_that_holds_its_fix_while_the_car_stands_leaves_the_slip_as_it_was_known() -> None:
+    car = Car("imu-gps", lambda time: (1.0, 0.4) if time < 40.0 else (0.0, 0.4), slip=0.1)
+    car.go(41.0)
+    slip = car.estimate.slip
+    car.fails = held("gps")
+    car.go(100.0)
+    assert car.believed("gps"), "of a car that stands the place stays the same"
+    assert car.estimate.slip == pytest.approx(slip, abs=0.01)
+    car.way = lambda _: (1.0, 0.4)
+    car.go(100.06)
+    assert car.estimate.sigma(3) < 0.2, "m/s of a speed of 1"
