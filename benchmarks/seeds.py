@@ -6,10 +6,8 @@ from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rich.console import Console
-from rich.progress import track
-
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.trials.run import progress
 
 Case = TypeVar("Case")
 Result = TypeVar("Result")
@@ -50,8 +48,10 @@ def each(
     """Run all cases with a bar, and show their results; after Ctrl-C the results so far."""
     found: list[Result] = []
     try:
-        for case in track(cases, text, console=Console(stderr=True), transient=True):
-            found.append(run(case))
+        with progress(text, len(cases)) as bar:
+            for case in cases:
+                found.append(run(case))
+                bar.advance(bar.task_ids[0])
     finally:
         if found:
             show(found)

@@ -16,8 +16,8 @@ class Besides:
     """The hypotheses that the filter does not follow."""
 
     def __init__(self) -> None:
-        self.carried: tuple[float, float, float] | None = None
-        """m, m, rad by which a jump may be the robot's."""
+        # m, m, rad by which a jump may be the robot's
+        self._carried: tuple[float, float, float] | None = None
         # m, m, rad by which an absolute sensor has overruled dead reckoning
         self._overruled: Sequence[float] = ()
         # m in x and y by which the way may be longer than the car's, as speed and heading may be off
@@ -26,7 +26,7 @@ class Besides:
     def missed(self, residual: Sequence[float]) -> None:
         """Note a reading that leapt by this, m, m and rad: the robot may have been carried there."""
         dx, dy, *turn = residual
-        self.carried = dx, dy, turn[0] if turn else 0.0
+        self._carried = dx, dy, turn[0] if turn else 0.0
 
     def overrule(self, before: Belief, after: Belief) -> None:
         """Note that an absolute sensor has overruled dead reckoning, which may be right."""
@@ -47,7 +47,7 @@ class Besides:
 
     def place(self, before: Belief, after: Belief) -> None:
         """Note a position that was taken in: it takes away of the way's error what it takes of the variance."""
-        self.carried = None
+        self._carried = None
         x, y = self._way
         if x or y:
             self._way = x * after.triangle[0] / before.triangle[0], y * after.triangle[7] / before.triangle[7]
@@ -61,8 +61,8 @@ class Besides:
         """
         xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
         others: list[tuple[float, Sequence[float]]] = []
-        if self.carried is not None:
-            others.append((OTHER, self.carried))
+        if self._carried is not None:
+            others.append((OTHER, self._carried))
         if self._overruled:
             others.append((OTHER, self._overruled))
         for judge, frame in places:

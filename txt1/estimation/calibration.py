@@ -186,7 +186,7 @@ class Calibration:
         return Calibrated(base + value, sigma)
 
     @property
-    def doubtful(self) -> float:
+    def mount_variance(self) -> float:
         """The variance that an unknown mount leaves of the pose, m^2."""
         along, _, across, _ = self._left
         return along + across

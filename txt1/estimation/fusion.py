@@ -316,7 +316,7 @@ class Fusion:
         # whoever outvoted a gyro and has failed since was no witness
         alone = not self._rolling and self._names.isdisjoint(self._headings)
         for names, off, close, reason in (
-            (self._gyros, gyro_off and not alone, self.vote.alike, OUTVOTED),
+            (self._gyros, gyro_off and not alone, self.vote.turn_alike or alone, OUTVOTED),
             (self._wheels_of, wheels_off and placed, True, WHEELS),
         ):
             for name in names:
@@ -328,7 +328,7 @@ class Fusion:
                     self._apply(self._heard())
                 elif judge.believed or judge.reason != reason:
                     continue
-                elif off or not (close or alone):
+                elif off or not close:
                     judge.fitting = 0
                 elif judge.fits(self._now) or (alone and reason is OUTVOTED):
                     self._tell(judge.restore())

@@ -1,7 +1,8 @@
 """The evidence on a sensor: four rules by which a reading is taken in. `vote.py` and `frame.py` have one more each.
 
-1. **Valid.** A reading is ignored that is no number, never changes, is later than `fusion.HORIZON`, or of the future. A
-   sensor that gives no others is left out. These faults show without any other sensor.
+1. **Valid.** A reading is ignored that is no number, never changes, is later than `fusion.HORIZON`, or of the future,
+   and so is a position that is told again. A sensor that gives no others is left out. These faults show without any
+   other sensor.
 2. **Robust.** A reading within the gate is taken in, with less weight beyond 95 % of chi-square: its sigma grows as
    Huber's function has it (P. J. Huber, *Robust Statistics*, Wiley 1981; in a filter: C. D. Karlgaard, J. Guidance
    38(5), 2015).

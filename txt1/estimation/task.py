@@ -83,7 +83,7 @@ _COVARIANCES: Final = [
 
 
 _SIGMA: Final = itemgetter(1)
-_DOUBTFUL: Final = attrgetter("doubtful")
+_MOUNT_VARIANCE: Final = attrgetter("mount_variance")
 
 
 def _message(estimate: Estimate) -> tuple[float, ...]:
@@ -181,7 +181,7 @@ class Estimator:
         self._gyro_scale = 0.0
         if self._calibrations:
             self.fusion.absolute = self._place
-            self._doubt()
+            self._choose_doubt()
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
         # of it, m, rad and m: they take a while to compute
@@ -279,13 +279,13 @@ class Estimator:
     def _place(self, measurement: Measurement, theta: float) -> None:
         self._calibrations[measurement.sensor].place(measurement, theta)
 
-    def _doubt(self) -> None:
-        """Have the doubts of mount and clock of the sensor in the covariance that leaves the least of them.
+    def _choose_doubt(self) -> None:
+        """Choose whose doubts of mount and clock the covariance has: of the sensor that leaves the least of them.
 
         Where none is believed, the pose is still what they have told.
         """
         believed = [each for name, each in self._calibrations.items() if self.fusion.believes(name)]
-        self.fusion.doubt = min(believed or self._calibrations.values(), key=_DOUBTFUL).doubt
+        self.fusion.doubt = min(believed or self._calibrations.values(), key=_MOUNT_VARIANCE).doubt
 
     def _vote(self, now: float, dt: float, bias: float) -> None:
         """Let the witnesses of the yaw rate report, and vote."""
@@ -318,7 +318,7 @@ class Estimator:
         if self._cycles % VOTES == 0:
             self.fusion.judge_by_vote()
             if self._calibrations:
-                self._doubt()
+                self._choose_doubt()
 
     def _compare(self, dt: float, omega: float) -> None:
         """Add a cycle to the turn by the wheels, and give it beside the gyro's when it was long enough or it stopped.

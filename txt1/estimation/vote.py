@@ -3,7 +3,8 @@
 Over `WINDOW` the gyro, the wheels, and a third witness (an absolute heading, else the steering) tell how far the robot
 has turned. Two that agree outvote the third: mid-value selection, the common voter of redundant sensors (R. J. Patton,
 P. M. Frank, R. N. Clark, *Fault Diagnosis in Dynamic Systems*, Prentice Hall 1989). They agree within what slip,
-understeer and unequal tyres explain, as these are the car's model and no fault.
+understeer and unequal tyres explain, as these are the car's model and no fault. A gyro that was outvoted has to agree
+more closely to be believed again, as in a curve that much would hide its fault. A late reading is no witness.
 
 The wheels' speed has one better witness, an absolute position. It is always right, by `txt1.estimation.judge`. The way
 is that of the most precise sensor alone: from one sensor's position to another's there is no way, only their errors.
@@ -67,7 +68,7 @@ class Vote:
     def __init__(self) -> None:
         self.apart = 0.0
         """By how much a believed gyro has turned the pose otherwise than the wheels lately, rad."""
-        self.alike = False
+        self.turn_alike = False
         """Whether gyro and wheels turn alike, but for the slip that is known."""
         # s of the run
         self._compared = 0.0
@@ -111,7 +112,7 @@ class Vote:
 
     def outvoted(self, slip: float = 0.0) -> tuple[bool, bool]:
         """Whether the gyro is, and whether the wheels are; `slip` is the wheels'."""
-        self.alike = False
+        self.turn_alike = False
         if not self._cycles:
             return False, False
         end = self._cycles[-1].time
@@ -127,7 +128,7 @@ class Vote:
             return False, False
         _, speeds, turns, gyros, steerings = zip(*cycles, strict=True)
         v, wheels, gyro, third = sum(speeds) / len(cycles), sum(turns) / len(cycles), _mean(gyros), _mean(steerings)
-        self.alike = gyro is not None and abs(gyro - (1.0 - slip) * wheels) <= YAW + TYRES * abs(v)
+        self.turn_alike = gyro is not None and abs(gyro - (1.0 - slip) * wheels) <= YAW + TYRES * abs(v)
         noise, sliding = YAW, False
         if seen is not None:
             speed, sigma, turning, uncertain = seen

@@ -14,7 +14,7 @@ BLIND_READINGS: Final = 5
 BLIND_LEAST: Final = 0.1
 BLIND_MOST: Final = 0.5
 # m/s by which a speed that nothing tells changes in a second; chosen
-UNTOLD: Final = 0.5
+SPEED_WALK: Final = 0.5
 
 
 class Walk:
@@ -52,7 +52,7 @@ class Walk:
     def untold(self, density: Seven) -> Seven:
         """These densities when nothing tells how fast the wheels turn."""
         x, y, theta, _, omega, bias, slip = density
-        return x, y, theta, UNTOLD**2, omega, bias, slip
+        return x, y, theta, SPEED_WALK**2, omega, bias, slip
 
     def settled(self, variance: float) -> Seven:
         """The densities when nothing tells of the slip that lasts, of which so much is unknown.

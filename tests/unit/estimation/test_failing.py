@@ -10,6 +10,7 @@ import pytest
 from txt1.estimation.measurement import Measurement
 from txt1.estimation.settings import PRESETS, EstimationConfig
 from txt1.estimation.task import Estimator, Wheels
+from txt1.experiments.sensor_failure import added
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
@@ -32,7 +33,7 @@ class Car:
         self.kinds = {each: KINDS[each] for each in names if each in KINDS}
         self.estimator = Estimator(EstimationConfig(sensors=names), self.kinds, CAR)
         self.estimator.through = lambda measurement: self.fails(measurement)
-        self.fails: Callable[[Measurement], Iterable[Measurement]] = lambda measurement: (measurement,)
+        self.fails: Callable[[Measurement], Iterable[Measurement]] = sound
         self.way, self.slip, self.rng = way, slip, np.random.default_rng(seed)
         self.now, self.pose = 0.0, (0.0, 0.0, 0.0)
         self.estimate: Estimate
@@ -91,6 +92,16 @@ def busy(time: float) -> tuple[float, float]:
     return float(rng.uniform(0.3, 1.2)), float(rng.uniform(-1.5, 1.5))
 
 
+def sound(measurement: Measurement) -> Iterable[Measurement]:
+    """Every sensor as it is."""
+    return (measurement,)
+
+
+def silent(sensor: str) -> Callable[[Measurement], Iterable[Measurement]]:
+    """A sensor that tells nothing."""
+    return lambda measurement: () if measurement.sensor == sensor else (measurement,)
+
+
 def held(sensor: str) -> Callable[[Measurement], Iterable[Measurement]]:
     """A sensor that tells its first values again and again."""
     kept: list[tuple[float, ...]] = []
@@ -125,8 +136,7 @@ def off(sensor: str, more: Callable[[float], tuple[float, ...]]) -> Callable[[Me
     def fail(measurement: Measurement) -> Iterable[Measurement]:
         if measurement.sensor != sensor:
             return (measurement,)
-        values = zip(measurement.values, more(measurement.time), strict=True)
-        return (measurement._replace(values=tuple(value + each for value, each in values)),)
+        return (measurement._replace(values=added(measurement.values, more(measurement.time), 1.0)),)
 
     return fail
 
@@ -157,7 +167,7 @@ def test_without_wheels_a_position_is_as_uncertain_as_the_speed_may_have_changed
     for seed in (2, 4):
         car = Car("imu-gps", lambda time: (0.4 if int(time / 4.0) % 2 else 1.0, 0.2), seed=seed)
         car.go(20.0)
-        car.fails = lambda measurement: () if measurement.sensor == "encoders" else (measurement,)
+        car.fails = silent("encoders")
         car.go(40.0)
         shares += [share for _, _, share in car.errors]
     assert sum(share > 1.0 for share in shares) < 0.01 * len(shares)
@@ -171,7 +181,7 @@ def test_a_gyro_that_was_outvoted_is_not_believed_again_for_what_slip_may_explai
     assert not car.believed("imu"), "1.1 rad/s of 2.4 is more than slip does"
     car.go(30.0)
     assert not car.believed("imu"), "0.5 rad/s may be slip, but it is a gyro's that has failed"
-    car.fails = lambda measurement: (measurement,)
+    car.fails = sound
     car.go(32.0)
     assert car.believed("imu")
 
@@ -209,7 +219,7 @@ def test_a_gyro_is_believed_again_once_the_wheels_that_outvoted_it_have_failed()
 def test_a_silent_tracker_leaves_the_doubt_of_its_mount_behind() -> None:
     car = Car("vicon", busy)
     car.go(10.0)
-    car.fails = lambda measurement: () if measurement.sensor == "vicon" else (measurement,)
+    car.fails = silent("vicon")
     before = inf
     while car.believed("vicon"):
         before = car.estimate.sigma(0)
@@ -220,7 +230,7 @@ def test_a_silent_tracker_leaves_the_doubt_of_its_mount_behind() -> None:
 def test_slip_that_changes_as_a_tracker_falls_silent_is_soon_in_what_is_told() -> None:
     car = Car("vicon", lambda _: (1.2, 0.3))
     car.go(10.0)
-    car.fails = lambda measurement: () if measurement.sensor == "vicon" else (measurement,)
+    car.fails = silent("vicon")
     car.slip = 0.12
     car.go(13.0)
     assert car.worst()[0] > 0.15
@@ -264,10 +274,10 @@ def test_a_frame_that_moves_while_the_mount_is_learned_is_found_out() -> None:
 def test_encoders_that_failed_are_believed_again_by_a_car_that_stands() -> None:
     car = Car("imu-gps", lambda time: busy(time) if time < 20.0 else (0.0, 0.3))
     car.go(20.0)
-    car.fails = lambda measurement: () if measurement.sensor == "encoders" else (measurement,)
+    car.fails = silent("encoders")
     car.go(22.0)
     assert not car.believed("encoders")
-    car.fails = lambda measurement: (measurement,)
+    car.fails = sound
     car.go(24.0)
     assert car.believed("encoders")
 
@@ -278,7 +288,7 @@ def test_a_gyro_returns_in_a_curve_too_where_the_wheels_slip_as_is_known() -> No
     car.fails = off("imu", lambda _: (-1.2,))
     car.go(32.0)
     assert not car.believed("imu")
-    car.fails = lambda measurement: (measurement,)
+    car.fails = sound
     car.go(42.0)
     assert car.believed("imu")
 

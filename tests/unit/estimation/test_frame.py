@@ -32,7 +32,7 @@ def test_what_a_frame_pulled_the_pose_by_is_not_forgotten_at_once(at: tuple[floa
     drive(frame, reckoning, range(1, 200))
     pulled = hypot(*frame.pulled[:2])
     assert pulled > 0.1
-    # it stands from now on; a mount that was corrected begins the comparison anew
+    # it stands from now on; a mount that was corrected does not look like a frame that moves
     x = drive(frame, reckoning, range(200, 400), at)
     assert frame.pulled == (0.0, 0.0, 0.0)
     assert 0.5 * pulled < hypot(*frame.past) < 1.2 * pulled
