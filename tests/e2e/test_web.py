@@ -199,8 +199,36 @@ def test_a_visitor_is_slower_and_changes_nothing(car: Live) -> None:
             await visitor.send(do="limit", speed=1.5)
             await driven(car, visitor, lambda robot: robot.runtime.state.control.v == 0.5, 1.5, 1.5)
             assert car.call(lambda robot: robot.runtime.state.gains) == before
-            await until(lambda: len(visitor.told) == 3)
+            await visitor.command(do="here", points=[[1.0, 1.0]])
+            car.call(lambda robot: robot.stop())
+            await visitor.command(do="arm")
+            await until(lambda: len(visitor.told) == 5)
+            assert not car.call(lambda robot: robot.armed), "what a visitor has stopped, or anybody, the operator arms"
             await visitor.send(do="release")
+
+
+def test_an_operator_takes_the_wheel_from_a_visitor_at_once_and_for_good(car: Live) -> None:
+    async def main() -> None:
+        async with page(car, visitors_token(TOKEN)) as visitor, page(car) as operator:
+            await driven(car, visitor, drives, 0.5)
+            await operator.send(do="take")
+            await comes(car, stands)
+            for _ in range(5):  # the visitor goes on
+                await visitor.command(do="drive", v=0.5, omega=0.0)
+                await visitor.send(do="take")
+                await asyncio.sleep(0.05)
+            assert car.call(stands)
+            await driven(car, operator, lambda robot: robot.runtime.state.control.v < -0.1, -0.5)
+            await operator.send(do="give")
+            await comes(car, stands)
+            for _ in range(5):
+                await visitor.command(do="drive", v=0.5, omega=0.0)
+                await asyncio.sleep(0.05)
+            assert car.call(stands), "its press is older than the free wheel"
+            await visitor.send(do="release")
+            await driven(car, visitor, drives, 0.5)
+            await visitor.send(do="release")
+            await comes(car, stands)
 
     go(main())
 
@@ -215,6 +243,7 @@ def test_the_wheel_comes_free_when_its_page_goes(car: Live) -> None:
                 await asyncio.sleep(0.05)
                 assert car.call(lambda robot: robot.runtime.state.control.v) >= 0.0
             await comes(car, stands)
+            await watching.send(do="release")  # it has to let go first
             await driven(car, watching, lambda robot: robot.runtime.state.control.v < -0.1, -0.5)
             await watching.send(do="release")
 

@@ -86,6 +86,8 @@ class Page:
     round_trip: float | None = None
     # topics that the page plots
     chosen: frozenset[str] = frozenset()
+    # whether it has to let go before it may drive: another page had the wheel
+    overruled: bool = False
     # player of the recording that it shows in place of the robot
     player: PagePlayer | None = None
     # how often it has asked for a recording, or for the robot again
@@ -167,7 +169,7 @@ class Pages:
         del self.connected[page.number]
         if page.car.wheel.holder == page.number:
             page.car.wheel.give(page.number)
-            self.ask(page, "release")
+            self.halt(page)
         self.subscribe()
         self.status()
 
@@ -259,6 +261,11 @@ class Pages:
                 page.tell(told=str(error))
         except OSError:
             self.ended.set()
+
+    def halt(self, page: Page) -> None:
+        """Release a page's robot, and end its route: the robot stands."""
+        self.ask(page, "release")
+        self.ask(page, "halt")
 
     def subscribe(self) -> None:
         """Subscribe to the topics that pages plot, if they have changed."""

@@ -1,7 +1,20 @@
-"""The requests of a page, by name: a function each, and their table at the end.
+"""The requests of a page: a table that says who may make each, what it costs, and what it does.
 
-The age of a command follows from its time stamp (`PageClock`); late commands are counted. A stop needs neither the
-wheel nor budget.
+How it works
+------------
+
+`REQUESTS`, at the end, has a row for each request. A request without a row is refused, and so is a row's request by a
+page of another role. `take` carries out a page's message; it is the only place that asks whether a page may. It goes
+through the row in this order, and the first "no" ends it:
+
+1. the page's budget pays the cost, except for a stop;
+2. the page has a role that may;
+3. `read` finds the fields sound (ValueError, TypeError or KeyError: the message is counted as malformed);
+4. a command is young: its age follows from its time stamp (`PageClock`);
+5. the page has the wheel, or gets it (`PageWheel.take`), if the request needs it.
+
+Then `do` acts, and asks nothing about roles or the wheel. A change of hands passes through zero: the robot halts, and
+the page that has driven or wanted to drive meanwhile has to let go before it moves the robot.
 """
 
 from __future__ import annotations
@@ -9,10 +22,12 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable, Mapping
+from enum import Enum
 from itertools import chain
 from math import inf, isfinite
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
+from txt1.web.auth import Role
 from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME, PagePlayer, recordings
 from txt1.web.wheel import AGE_MAX
@@ -25,8 +40,39 @@ STOP_MAX: Final = 1000
 CHOSEN_MAX: Final = 20
 # of a route
 POINTS_MAX: Final = 100
+# the smallest limit of visitors' speed, m/s
+LIMIT_MIN: Final = 0.1
+
+EVERYBODY: Final[frozenset[Role]] = frozenset({"operator", "visitor"})
+OPERATOR: Final[frozenset[Role]] = frozenset({"operator"})
 
 Message = dict[str, Any]
+
+
+class Wheel(Enum):
+    """What a request has to do with the wheel."""
+
+    UNUSED = "unused"
+    """It needs no wheel."""
+    HELD = "held"
+    """Only the page that has the wheel makes it."""
+    TAKEN = "taken"
+    """The page gets the wheel first, if it may; a page that shows a recording does not."""
+
+
+class Request(NamedTuple):
+    """A request of a page: who may make it, what it costs, and what it does."""
+
+    who: frozenset[Role]
+    wheel: Wheel
+    cost: float
+    """What it takes of the page's budget (`MESSAGES`)."""
+    read: Callable[[Message], Any]
+    """Returns the fields; raises ValueError, TypeError or KeyError for fields without sense."""
+    do: Callable[[Pages, Page, Any, float], None]
+    """Acts; gets the fields and the command's age in s."""
+    again: str | None = None
+    """For a command that may come too late: how to give it again; "" for one that the page repeats anyway."""
 
 
 def take(pages: Pages, page: Page, text: str) -> bool:
@@ -44,7 +90,12 @@ def take(pages: Pages, page: Page, text: str) -> bool:
             return False
     try:
         message = json.loads(text)
-        REQUESTS[message["do"]](pages, page, message, present)
+        request = REQUESTS[message["do"]]
+        if request.cost > 1.0 and not page.budget.spend(present, request.cost - 1.0):
+            page.counts["dropped"] += 1
+            page.tell(told="too much at once: wait a second")
+            return False
+        _carry_out(pages, page, request, message, present)
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         page.counts["malformed"] += 1
     except Exception as error:
@@ -52,6 +103,57 @@ def take(pages: Pages, page: Page, text: str) -> bool:
         page.counts["malformed"] += 1
         page.tell(told=f"that failed: {type(error).__name__}: {error}")
     return enough
+
+
+def _carry_out(pages: Pages, page: Page, request: Request, message: Message, present: float) -> None:
+    if page.role not in request.who:
+        page.counts["refused"] += 1
+        page.tell(told="visitors may look, drive and stop; this is the operator's")
+        return
+    fields = request.read(message)
+    age = 0.0
+    if request.again is not None:
+        age = page.clock.age(float(message["t"]), present)
+        if not (page.sequence.accepts(message["n"]) and 0.0 <= age <= AGE_MAX):
+            page.counts["late"] += 1
+            if request.again:
+                page.tell(told=f"that came too late: {request.again}")
+            return
+    if request.wheel is Wheel.HELD and page.car.wheel.holder != page.number:
+        return
+    if request.wheel is Wheel.TAKEN:
+        # a hand that holds something gives the command again and again
+        holds = request.again == ""
+        why = _grasp(pages, page, present, holds)
+        if why:
+            page.counts["refused"] += 1
+            page.overruled = page.overruled or holds
+            if not holds:
+                page.tell(told=why)
+                pages.status(page)
+            return
+    request.do(pages, page, fields, age)
+
+
+def _grasp(pages: Pages, page: Page, present: float, holds: bool) -> str:
+    """Give a page the wheel; return why it does not get it, "" if it has it."""
+    if page.player is not None:
+        return "this page shows a recording; go back to the robot first"
+    wheel = page.car.wheel
+    before, operator = wheel.holder, page.role == "operator"
+    if not wheel.take(page.number, operator, present):
+        return wheel.why(operator)
+    if before == page.number:
+        return ""
+    if before:
+        # passes through zero; both pages have to let go of what they hold
+        pages.halt(page)
+        page.overruled = page.overruled or holds
+        pages.connected[before].overruled = True
+        if holds:
+            page.tell(told="you have the wheel now: let go, then drive")
+    pages.status()
+    return ""
 
 
 def _is_stop(text: str) -> bool:
@@ -65,43 +167,109 @@ def _is_stop(text: str) -> bool:
     return isinstance(message, dict) and message.get("do") == "stop"
 
 
-def _fresh(page: Page, message: Message, present: float) -> float | None:
-    """Return the age of a command in s; None if it is late, which is counted."""
-    age = page.clock.age(float(message["t"]), present)
-    if page.sequence.accepts(message["n"]) and 0.0 <= age <= AGE_MAX:
-        return age
-    page.counts["late"] += 1
-    return None
+# -- fields ------------------------------------------------------------------------------------------------------------
 
 
-def _pong(pages: Pages, page: Page, message: Message, present: float) -> None:
-    sent = float(message["ping"])
-    if 0.0 <= present - sent < 60.0:
-        page.clock.answered(sent, float(message["t"]), present)
-        page.round_trip = present - sent
+def _nothing(message: Message) -> None:
+    """For a request without fields."""
 
 
-def _stop(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Stop all robots of a fleet, whichever the page shows; confirm it, or the page repeats it when it connects."""
-    pages.ask(None, "stop")
-    if not pages.ended.is_set():
-        page.tell(stop=message.get("stop"))
+def _times(message: Message) -> tuple[float, float]:
+    return float(message["ping"]), float(message["t"])
 
 
-def _drive(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Drive at v in m/s and omega in rad/s; with zeros the page holds the wheel and the robot stands."""
+def _number_of_stop(message: Message) -> object:
+    return message.get("stop")
+
+
+def _velocity(message: Message) -> tuple[float, float]:
     v, omega = float(message["v"]), float(message["omega"])
     if not (isfinite(v) and isfinite(omega)):
         raise ValueError("not finite")
-    age = _fresh(page, message, present)
-    if age is None or page.player is not None:
-        return
-    before = page.car.wheel.holder
-    if not page.car.wheel.drive(page.number, present):
-        page.counts["refused"] += 1
-        return
-    if before != page.number:
-        pages.status()
+    return v, omega
+
+
+def _points(message: Message, most: int) -> list[list[float]]:
+    points = [[float(x), float(y)] for x, y in message["points"]]
+    if not (0 < len(points) <= most and all(map(isfinite, chain(*points)))):
+        raise ValueError("points")
+    return points
+
+
+def _way(message: Message) -> tuple[list[list[float]], float]:
+    speed = float(message.get("speed", 0.5))
+    if not 0.0 < speed < inf:
+        raise ValueError("speed")
+    return _points(message, POINTS_MAX), speed
+
+
+def _place(message: Message) -> list[list[float]]:
+    return _points(message, 2)
+
+
+def _sequence(message: Message) -> object:
+    return message.get("n")
+
+
+def _table(message: Message) -> tuple[object, object]:
+    return message["linear"], message["angular"]
+
+
+def _speed(message: Message) -> float:
+    return float(message["speed"])
+
+
+def _on(message: Message) -> bool:
+    return bool(message["on"])
+
+
+def _name(message: Message) -> object:
+    return message["name"]
+
+
+def _topics(message: Message) -> list[str]:
+    topics = message["topics"]
+    if not (isinstance(topics, list) and len(topics) <= CHOSEN_MAX and all(isinstance(t, str) for t in topics)):
+        raise ValueError("topics")
+    return topics
+
+
+def _recording(message: Message) -> str | None:
+    """Return the name of a recording, None for none; a wrong name is found when it is shown."""
+    name = message.get("name")
+    return None if name is None else str(name)
+
+
+def _position(message: Message) -> tuple[object, object]:
+    return message.get("to"), message.get("speed")
+
+
+# -- what each does ----------------------------------------------------------------------------------------------------
+
+
+def _pong(pages: Pages, page: Page, times: tuple[float, float], age: float) -> None:
+    sent, theirs = times
+    present = now()
+    if 0.0 <= present - sent < 60.0:
+        page.clock.answered(sent, theirs, present)
+        page.round_trip = present - sent
+
+
+def _stop(pages: Pages, page: Page, number: object, age: float) -> None:
+    """Stop all robots of a fleet, whichever the page shows; confirm it, or the page repeats it when it connects."""
+    pages.ask(None, "stop")
+    if not pages.ended.is_set():
+        page.tell(stop=number)
+
+
+def _drive(pages: Pages, page: Page, velocity: tuple[float, float], age: float) -> None:
+    """Drive at v in m/s and omega in rad/s; with zeros the page holds the wheel and the robot stands."""
+    v, omega = velocity
+    page.car.wheel.drove(now())
+    if v == 0.0 and omega == 0.0:
+        page.overruled = False
+    elif page.overruled:
+        v = omega = 0.0
     limit = pages.limit_of(page)
     if limit is not None and abs(v) > limit:
         v, omega = v * limit / abs(v), omega * limit / abs(v)
@@ -110,140 +278,104 @@ def _drive(pages: Pages, page: Page, message: Message, present: float) -> None:
     pages.ask(page, "drive", v=v, omega=omega, age=age)
 
 
-def _release(pages: Pages, page: Page, message: Message, present: float) -> None:
+def _release(pages: Pages, page: Page, number: object, age: float) -> None:
     """Release the stick: the robot stops, and the page keeps the wheel. A late release counts, too."""
-    page.sequence.accepts(message.get("n"))
+    page.sequence.accepts(number)
+    page.overruled = False
     if page.car.wheel.holder == page.number:
-        pages.ask(page, "release")
-        pages.ask(page, "halt")
+        pages.halt(page)
 
 
-def _take(pages: Pages, page: Page, message: Message, present: float) -> None:
-    if page.player is None and page.car.wheel.take(page.number, present):
-        # the request of the page before
-        pages.ask(page, "release")
-        pages.ask(page, "halt")
-    else:
-        page.tell(told=f"page {page.car.wheel.holder} drives; it may give the wheel away, or be idle for 10 s")
-    pages.status()
+def _take(pages: Pages, page: Page, nothing: None, age: float) -> None:
+    """Take the wheel, and let the robot stand. It is a press, so the page need not let go."""
+    page.overruled = False
+    pages.halt(page)
 
 
-def _give(pages: Pages, page: Page, message: Message, present: float) -> None:
+def _give(pages: Pages, page: Page, nothing: None, age: float) -> None:
     if page.car.wheel.holder == page.number:
-        pages.ask(page, "release")
-        pages.ask(page, "halt")
+        pages.halt(page)
         page.car.wheel.give(page.number)
         pages.status()
 
 
-def _arm(pages: Pages, page: Page, message: Message, present: float) -> None:
-    if _fresh(page, message, present) is None:
-        page.tell(told="that came too late: hold again")
-    elif page.player is None and page.car.wheel.take(page.number, present):
-        pages.ask(page, "arm")
-        pages.status()
-    else:
-        page.tell(told=f"page {page.car.wheel.holder} drives: only it arms the robot")
+def _arm(pages: Pages, page: Page, nothing: None, age: float) -> None:
+    pages.ask(page, "arm")
 
 
-def _disarm(pages: Pages, page: Page, message: Message, present: float) -> None:
+def _disarm(pages: Pages, page: Page, nothing: None, age: float) -> None:
     pages.ask(page, "disarm", reason=f"disarmed by web page {page.number}")
 
 
-def _go(pages: Pages, page: Page, message: Message, present: float) -> None:
+def _go(pages: Pages, page: Page, way: tuple[list[list[float]], float], age: float) -> None:
     """Drive along points, m, as long as the page repeats `hold`."""
-    points = [[float(x), float(y)] for x, y in message["points"]]
-    wanted = float(message.get("speed", 0.5))
-    if not (0 < len(points) <= POINTS_MAX and all(map(isfinite, (wanted, *chain(*points)))) and wanted > 0.0):
-        raise ValueError("points or speed")
-    if _fresh(page, message, present) is None:
-        page.tell(told="that came too late: press again")
-    elif page.player is None:
-        if not page.car.wheel.drive(page.number, present):
-            page.tell(told=f"page {page.car.wheel.holder} drives")
-            return
-        speed = min(wanted, pages.limit_of(page) or wanted)
-        pages.ask(page, "go", points=points, speed=speed)
+    points, wanted = way
+    page.car.wheel.drove(now())
+    pages.ask(page, "go", points=points, speed=min(wanted, pages.limit_of(page) or wanted))
 
 
-def _here(pages: Pages, page: Page, message: Message, present: float) -> None:
-    """Set the robot's place on its map, and a place that it faces, m; only the driving page may do so."""
-    points = [[float(x), float(y)] for x, y in message["points"]]
-    if not (0 < len(points) <= 2 and all(map(isfinite, chain(*points)))):
-        raise ValueError("points")
-    if _fresh(page, message, present) is None:
-        page.tell(told="that came too late: press again")
-    elif page.player is None:
-        if page.car.wheel.drive(page.number, present):
-            pages.ask(page, "here", points=points)
-        else:
-            page.tell(told=f"page {page.car.wheel.holder} drives: it says where the robot is")
+def _here(pages: Pages, page: Page, points: list[list[float]], age: float) -> None:
+    """Set the robot's place on its map, and a place that it faces, m."""
+    page.car.wheel.drove(now())
+    pages.ask(page, "here", points=points)
 
 
-def _hold(pages: Pages, page: Page, message: Message, present: float) -> None:
-    age = _fresh(page, message, present)
-    if age is not None and page.car.wheel.holder == page.number and page.car.wheel.drive(page.number, present):
-        pages.ask(page, "hold", age=age)
+def _hold(pages: Pages, page: Page, nothing: None, age: float) -> None:
+    page.car.wheel.drove(now())
+    pages.ask(page, "hold", age=age)
 
 
-def _gains(pages: Pages, page: Page, message: Message, present: float) -> None:
-    if _operates(page):
-        pages.ask(page, "gains", linear=message["linear"], angular=message["angular"])
+def _gains(pages: Pages, page: Page, table: tuple[object, object], age: float) -> None:
+    linear, angular = table
+    pages.ask(page, "gains", linear=linear, angular=angular)
 
 
-def _limit(pages: Pages, page: Page, message: Message, present: float) -> None:
-    limit = float(message["speed"])
-    if _operates(page) and 0.1 <= limit < inf:
-        pages.limit = limit
-        pages.status()
+def _limit(pages: Pages, page: Page, limit: float, age: float) -> None:
+    """Limit the speed of visitors, m/s; a visitor who drives faster than that has to begin again."""
+    if not LIMIT_MIN <= limit < inf:
+        return
+    for each in pages.connected.values():
+        if limit < pages.limit and each.role == "visitor" and each.car.wheel.holder == each.number:
+            pages.halt(each)
+    pages.limit = limit
+    pages.status()
 
 
-def _record(pages: Pages, page: Page, message: Message, present: float) -> None:
-    if _operates(page):
-        pages.ask(page, "record", on=bool(message["on"]))
+def _record(pages: Pages, page: Page, on: bool, age: float) -> None:
+    pages.ask(page, "record", on=on)
 
 
-def _operates(page: Page) -> bool:
-    if page.role != "operator":
-        page.tell(told="visitors may look and drive; this is the operator's")
-    return page.role == "operator"
-
-
-def _robot(pages: Pages, page: Page, message: Message, present: float) -> None:
+def _robot(pages: Pages, page: Page, name: object, age: float) -> None:
     """Show another robot of the fleet, and release the present robot."""
-    car = pages.cars[message["name"]]
+    car = pages.cars[name]  # type: ignore[index]
     if car is not page.car:
-        _give(pages, page, message, present)
+        _give(pages, page, None, age)
         page.car, page.chosen = car, frozenset()
         pages.subscribe()
         page.show(car.full)
     pages.status(page)
 
 
-def _choose(pages: Pages, page: Page, message: Message, present: float) -> None:
-    topics = message["topics"]
-    if not (isinstance(topics, list) and len(topics) <= CHOSEN_MAX and all(isinstance(t, str) for t in topics)):
-        raise ValueError("topics")
+def _choose(pages: Pages, page: Page, topics: list[str], age: float) -> None:
     page.chosen = frozenset(t[:100] for t in topics)
     pages.subscribe()
 
 
-def _files(pages: Pages, page: Page, message: Message, present: float) -> None:
+def _files(pages: Pages, page: Page, nothing: None, age: float) -> None:
     page.tell(files=recordings(pages.folder))
 
 
-def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
+def _replay(pages: Pages, page: Page, name: str | None, age: float) -> None:
     """Show a recording in place of the robot; without a name show the robot again."""
-    name = message.get("name")
     page.replays += 1
     if page.player is not None:
         page.player.stop()
         page.player = None
-    if name is not None and not RECORDING_NAME.fullmatch(str(name)):
+    if name is not None and not RECORDING_NAME.fullmatch(name):
         raise ValueError("name")
-    _give(pages, page, message, present)
+    _give(pages, page, None, age)
     if name is not None:
-        pages.later(_play(pages, page, str(name), page.replays))
+        pages.later(_play(pages, page, name, page.replays))
     else:
         page.show(page.car.full)
     pages.status(page)
@@ -270,31 +402,35 @@ async def _play(pages: Pages, page: Page, name: str, asked: int) -> None:
         page.tell(told=f"{name} cannot be shown: {error}")
 
 
-def _wind(pages: Pages, page: Page, message: Message, present: float) -> None:
+def _wind(pages: Pages, page: Page, where: tuple[object, object], age: float) -> None:
     """Move within the recording, or set its speed; 0 pauses."""
     if page.player is not None:
-        page.player.wind(message.get("to"), message.get("speed"))
+        page.player.wind(*where)
         pages.status(page)
 
 
-REQUESTS: Final[Mapping[str, Callable[[Pages, Page, Message, float], None]]] = {
-    "pong": _pong,
-    "stop": _stop,
-    "drive": _drive,
-    "release": _release,
-    "take": _take,
-    "give": _give,
-    "arm": _arm,
-    "disarm": _disarm,
-    "go": _go,
-    "here": _here,
-    "hold": _hold,
-    "gains": _gains,
-    "limit": _limit,
-    "record": _record,
-    "robot": _robot,
-    "choose": _choose,
-    "files": _files,
-    "replay": _replay,
-    "wind": _wind,
+REQUESTS: Final[Mapping[str, Request]] = {
+    # everybody stops, whatever else there is
+    "stop": Request(EVERYBODY, Wheel.UNUSED, 0, _number_of_stop, _stop),
+    "disarm": Request(EVERYBODY, Wheel.UNUSED, 1, _nothing, _disarm),
+    # whoever has the wheel, or gets it
+    "drive": Request(EVERYBODY, Wheel.TAKEN, 1, _velocity, _drive, again=""),
+    "go": Request(EVERYBODY, Wheel.TAKEN, 5, _way, _go, again="press again"),
+    "take": Request(EVERYBODY, Wheel.TAKEN, 5, _nothing, _take),
+    "hold": Request(EVERYBODY, Wheel.HELD, 1, _nothing, _hold, again=""),
+    "release": Request(EVERYBODY, Wheel.UNUSED, 1, _sequence, _release),
+    "give": Request(EVERYBODY, Wheel.HELD, 5, _nothing, _give),
+    "arm": Request(OPERATOR, Wheel.TAKEN, 5, _nothing, _arm, again="hold again"),
+    "here": Request(OPERATOR, Wheel.TAKEN, 5, _place, _here, again="press again"),
+    # what changes the robot
+    "gains": Request(OPERATOR, Wheel.UNUSED, 5, _table, _gains),
+    "limit": Request(OPERATOR, Wheel.UNUSED, 5, _speed, _limit),
+    "record": Request(OPERATOR, Wheel.UNUSED, 20, _on, _record),
+    # what a page shows
+    "pong": Request(EVERYBODY, Wheel.UNUSED, 1, _times, _pong),
+    "robot": Request(EVERYBODY, Wheel.UNUSED, 5, _name, _robot),
+    "choose": Request(EVERYBODY, Wheel.UNUSED, 5, _topics, _choose),
+    "files": Request(EVERYBODY, Wheel.UNUSED, 20, _nothing, _files),
+    "replay": Request(EVERYBODY, Wheel.UNUSED, 20, _recording, _replay),
+    "wind": Request(EVERYBODY, Wheel.UNUSED, 1, _position, _wind),
 }

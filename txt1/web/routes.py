@@ -1,11 +1,14 @@
-"""The routes of the web page: its files, signing in and out, recordings, and a socket for every page."""
+"""The routes of the web page: its files, signing in and out, recordings, and a socket for every page.
+
+`ROUTES` says who may ask for each; there are no routes but these.
+"""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterable, Awaitable, Callable
 from io import BytesIO
-from typing import Final
+from typing import Final, NamedTuple
 
 from aiohttp import WSMessage, WSMsgType, web
 
@@ -14,7 +17,7 @@ from txt1.web.auth import Auth, Role
 from txt1.web.files import page_files
 from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME
-from txt1.web.requests import take
+from txt1.web.requests import EVERYBODY, OPERATOR, take
 
 PAGES_MAX: Final = 100
 # s within which a connection has to send its first request
@@ -51,6 +54,16 @@ def _limit(request: web.Request, answer: web.StreamResponse) -> None:
     )
 
 
+class Route(NamedTuple):
+    """A route: who may ask for it, and which method of `Routes` answers."""
+
+    method: str
+    path: str
+    who: frozenset[Role | None]
+    """None is a stranger."""
+    answer: Callable[[Routes, web.Request], Awaitable[web.StreamResponse]]
+
+
 class Routes:
     """Answers requests of admitted pages."""
 
@@ -62,14 +75,20 @@ class Routes:
     def application(self) -> web.Application:
         """Return all routes."""
         app = web.Application(middlewares=[self._guard], client_max_size=MESSAGE_MAX)
-        app.router.add_get("/", self._index)
-        app.router.add_post("/sign-in", self._sign_in)
-        app.router.add_post("/sign-out", self._sign_out)
-        app.router.add_get("/socket", self._socket)
-        app.router.add_get("/visitors.svg", self._visitors)
-        app.router.add_get("/recordings/{name}", self._recording)
-        app.router.add_get("/{name}", self._file)
+        for route in ROUTES:
+            app.router.add_route(route.method, route.path, self._admitting(route))
         return app
+
+    def _admitting(self, route: Route) -> Callable[[web.Request], Awaitable[web.StreamResponse]]:
+        """Return the handler of a route, for those alone who may ask for it."""
+
+        async def handle(request: web.Request) -> web.StreamResponse:
+            role = self._role(request)
+            if role not in route.who:
+                raise web.HTTPForbidden(text="sign in first\n" if role is None else "this is the operator's\n")
+            return await route.answer(self, request)
+
+        return handle
 
     def hang_up(self) -> None:
         """Close the connections that have been silent for too long."""
@@ -104,10 +123,12 @@ class Routes:
     def _role(self, request: web.Request) -> Role | None:
         return self._door.role(request.cookies.get(self._door.cookie), wall())
 
-    async def _index(self, request: web.Request) -> web.Response:
+    async def index(self, request: web.Request) -> web.Response:
+        """Return the page, or the door for a stranger."""
         return self._answer(request, "index.html" if self._role(request) else "sign-in.html")
 
-    async def _file(self, request: web.Request) -> web.Response:
+    async def file(self, request: web.Request) -> web.Response:
+        """Return a file of the page, by its name."""
         return self._answer(request, request.match_info["name"])
 
     def _answer(self, request: web.Request, name: str) -> web.Response:
@@ -119,7 +140,8 @@ class Routes:
             return web.Response(status=304, headers={"ETag": file.tag, "Cache-Control": "no-cache"})
         return web.Response(body=file.body, headers=headers)
 
-    async def _sign_in(self, request: web.Request) -> web.Response:
+    async def sign_in(self, request: web.Request) -> web.Response:
+        """Return a cookie for the right token."""
         async with asyncio.timeout(STRANGER):
             given = (await request.post()).get("token", "")
         signed = self._door.sign_in(str(given).strip(), wall())
@@ -133,16 +155,17 @@ class Routes:
         )
         return response
 
-    async def _sign_out(self, request: web.Request) -> web.Response:
+    async def sign_out(self, request: web.Request) -> web.Response:
+        """Take the cookie back."""
         response = web.Response(status=204)
         response.del_cookie(self._door.cookie, path="/")
         return response
 
-    async def _visitors(self, request: web.Request) -> web.Response:
+    async def visitors(self, request: web.Request) -> web.Response:
         """Return the visitors' address as a QR code, for the operator to show."""
         token = self._door.visitors_token
-        if self._role(request) != "operator" or token is None:
-            raise web.HTTPForbidden(text="only the operator invites\n")
+        if token is None:
+            raise web.HTTPForbidden(text="without a token everybody is the operator, and nobody is invited\n")
         import segno
 
         # with its namespace, without which a browser shows no picture
@@ -151,19 +174,18 @@ class Routes:
         code.save(picture, kind="svg", scale=4, border=2, light="white")
         return web.Response(body=picture.getvalue(), content_type="image/svg+xml")
 
-    async def _recording(self, request: web.Request) -> web.StreamResponse:
+    async def recording(self, request: web.Request) -> web.StreamResponse:
+        """Return a recording, to be saved."""
         name = request.match_info["name"]
         path = self._pages.folder / name
-        if self._role(request) is None:
-            raise web.HTTPForbidden(text="sign in first\n")
         if not RECORDING_NAME.fullmatch(name) or path.is_symlink() or not path.is_file():
             raise web.HTTPNotFound(text="there is no such recording\n")
         return web.FileResponse(path, headers={"Content-Disposition": f'attachment; filename="{name}"'})
 
-    async def _socket(self, request: web.Request) -> web.StreamResponse:
+    async def socket(self, request: web.Request) -> web.StreamResponse:
+        """Connect a page until it leaves."""
         role = self._role(request)
-        if role is None:
-            raise web.HTTPForbidden(text="sign in first\n")
+        assert role is not None
         if len(self._pages.connected) >= PAGES_MAX:
             raise web.HTTPServiceUnavailable(text=f"there are {PAGES_MAX} pages already\n")
         socket = web.WebSocketResponse(heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False, timeout=PARTING)
@@ -176,6 +198,18 @@ class Routes:
             sender.cancel()
             self._pages.leave(page)
         return socket
+
+
+STRANGERS: Final[frozenset[Role | None]] = frozenset({None, "visitor", "operator"})
+ROUTES: Final = (
+    Route("GET", "/", STRANGERS, Routes.index),
+    Route("POST", "/sign-in", STRANGERS, Routes.sign_in),
+    Route("POST", "/sign-out", STRANGERS, Routes.sign_out),
+    Route("GET", "/socket", frozenset(EVERYBODY), Routes.socket),
+    Route("GET", "/visitors.svg", frozenset(OPERATOR), Routes.visitors),
+    Route("GET", "/recordings/{name}", frozenset(EVERYBODY), Routes.recording),
+    Route("GET", "/{name}", STRANGERS, Routes.file),
+)
 
 
 async def listen(pages: Pages, page: Page, messages: AsyncIterable[WSMessage]) -> None:

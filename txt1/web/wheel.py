@@ -67,44 +67,55 @@ class Budget:
         self._rate, self._burst = rate, burst
         self._left, self._at = burst, -inf
 
-    def has(self, now: float) -> bool:
+    def has(self, now: float, cost: float = 1.0) -> bool:
         """Return whether there is budget for another message."""
         if self._at > -inf:
             self._left = min(self._burst, self._left + self._rate * (now - self._at))
         self._at = now
-        return self._left >= 1.0
+        return self._left >= cost
 
-    def spend(self, now: float) -> bool:
+    def spend(self, now: float, cost: float = 1.0) -> bool:
         """Spend budget on a message; return whether there was enough."""
-        enough = self.has(now)
+        enough = self.has(now, cost)
         if enough:
-            self._left -= 1.0
+            self._left -= cost
         return enough
 
 
 class PageWheel:
-    """The number of the page that has the wheel; 0 for none."""
+    """The page that has the wheel: its number, 0 for none, and whether it is an operator's."""
 
     def __init__(self) -> None:
         self.holder = 0
+        self._operated = False
         self._drove = -inf
 
-    def take(self, page: int, now: float) -> bool:
-        """Give a page the wheel if it is free, or its holder has been idle; return whether the page has it now."""
-        if self.holder not in (0, page) and now - self._drove < IDLE:
-            return False
-        if self.holder != page:
-            self.holder, self._drove = page, now
+    def take(self, page: int, operator: bool, now: float) -> bool:
+        """Give a page the wheel if it may have it; return whether it has the wheel now.
+
+        A page may have it if it is free. An operator takes it from a visitor at once; between equals it changes hands
+        when its holder has been idle; a visitor never takes it from an operator.
+        """
+        if self.holder == page:
+            return True
+        if self.holder:
+            equal = operator == self._operated
+            if (equal and now - self._drove < IDLE) or (self._operated and not operator):
+                return False
+        self.holder, self._operated, self._drove = page, operator, now
         return True
 
-    def drive(self, page: int, now: float) -> bool:
-        """Return whether a page may drive: it has the wheel, or takes a free wheel."""
-        if self.holder not in (0, page):
-            return False
-        self.holder, self._drove = page, now
-        return True
+    def drove(self, now: float) -> None:
+        """Note that the holder drives, so it is not idle."""
+        self._drove = now
 
     def give(self, page: int) -> None:
         """Release the wheel."""
         if self.holder == page:
             self.holder = 0
+
+    def why(self, operator: bool) -> str:
+        """Return why a page does not get the wheel, and when it will."""
+        if self._operated and not operator:
+            return f"page {self.holder} is an operator's, and has the wheel until it gives it up"
+        return f"page {self.holder} drives; it may give up the wheel, or be idle for {IDLE:g} s"

@@ -23,7 +23,7 @@ from txt1.web.requests import FLOOD, REQUESTS, STOP_MAX, take  # noqa: E402
 from txt1.web.routes import listen  # noqa: E402
 
 STOP = '{"do": "stop"}'
-ALIKE = '{"a": "stop", "do": "choose", "topics": []}'
+ALIKE = '{"a": "stop", "do": "wind"}'
 BURST = int(MESSAGES[1])
 
 
@@ -206,7 +206,7 @@ async def test_a_mistake_of_ours_costs_one_message(robot: Robot, monkeypatch: py
     def broken(*_: object) -> None:
         raise ZeroDivisionError("of ours")
 
-    monkeypatch.setattr(requests, "REQUESTS", {**REQUESTS, "broken": broken})
+    monkeypatch.setattr(requests, "REQUESTS", {**REQUESTS, "broken": REQUESTS["wind"]._replace(do=broken)})
     pages = pages_of(robot)
     page = join(pages)
     take(pages, page, '{"do": "broken"}')

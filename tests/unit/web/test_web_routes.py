@@ -124,6 +124,28 @@ async def test_a_browser_asks_each_time_and_fetches_a_file_only_if_it_is_another
         assert (headers["ETag"], headers["Cache-Control"]) == (first["ETag"], "no-cache")
 
 
+MAY_ASK: Final = {
+    ("GET", "/"): ("", "visitor", "operator"),
+    ("POST", "/sign-in"): ("", "visitor", "operator"),
+    ("POST", "/sign-out"): ("", "visitor", "operator"),
+    ("GET", "/socket"): ("visitor", "operator"),
+    ("GET", "/visitors.svg"): ("operator",),
+    ("GET", "/recordings/{name}"): ("visitor", "operator"),
+    ("GET", "/{name}"): ("", "visitor", "operator"),
+}
+"""Who may ask for which route; "" is a stranger."""
+
+
+async def test_each_route_is_for_its_roles_and_there_is_no_other(site: Site) -> None:
+    there = {(route.method, getattr(route.resource, "canonical", "")) for route in site.server.app.router.routes()}
+    # each GET brings a HEAD along
+    assert {each for each in there if each[0] != "HEAD"} == set(MAY_ASK)
+    for (method, path), roles in MAY_ASK.items():
+        for role in ("", "visitor", "operator"):
+            status, _, _ = await site.ask(path.replace("{name}", "run.mcap"), role, method, data={"token": TOKEN})
+            assert (status == 403) == (role not in roles), (method, path, role)
+
+
 @pytest.mark.parametrize(
     ("path", "stranger", "visitor", "operator"),
     [
@@ -322,9 +344,9 @@ async def test_a_page_at_its_socket_has_its_role_asks_for_things_and_leaves(role
         await socket.send_str('{"do": "stop", "stop": 7}')
         assert json.loads((await socket.receive()).data) == {"stop": 7}
         assert site.robot.times("stop") == 1
-        page.car.wheel.drive(page.number, 0.0)
+        page.car.wheel.take(page.number, role == "operator", 0.0)
     await site.until(lambda: not site.pages.connected)
-    assert page.car.wheel.holder == 0 and site.robot.asked[-1] == ("release", {})
+    assert page.car.wheel.holder == 0 and site.robot.asked[-2:] == [("release", {}), ("halt", {})]
     await site.until(lambda: not any("Pages.send" in str(task) for task in asyncio.all_tasks()))
 
 

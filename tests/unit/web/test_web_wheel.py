@@ -69,8 +69,9 @@ def test_a_page_counts_from_zero_as_far_as_it_can_count() -> None:
 
 def test_the_wheel_is_free_at_first_and_again_after_ten_idle_seconds() -> None:
     wheel = PageWheel()
-    assert wheel.holder == 0 and wheel.drive(2, 0.0)
-    assert [wheel.take(3, now) for now in (0.0, 9.9, 10.0)] == [False, False, True]
+    assert wheel.holder == 0 and wheel.take(2, True, 0.0)
+    wheel.drove(5.0)
+    assert [wheel.take(3, True, now) for now in (5.0, 14.9, 15.0)] == [False, False, True]
 
 
 @given(st.lists(st.integers(-5, 50) | st.none() | st.text(max_size=2) | st.booleans() | st.floats()))
@@ -93,25 +94,31 @@ def test_a_budget_is_never_overdrawn(pauses: list[float]) -> None:
     assert Budget(10.0, 20.0).spend(0.0)
 
 
-moves = st.lists(st.tuples(st.sampled_from(["take", "drive", "give"]), st.integers(1, 3), st.floats(0.0, 15.0)))
+moves = st.lists(st.tuples(st.sampled_from(["take", "drove", "give"]), st.integers(1, 4), st.floats(0.0, 15.0)))
 
 
 @given(moves)
-def test_the_wheel_changes_hands_only_when_it_is_given_or_idle(steps: list[tuple[str, int, float]]) -> None:
+def test_the_wheel_changes_hands_only_when_it_is_given_or_idle_or_by_rank(steps: list[tuple[str, int, float]]) -> None:
     wheel, now, last = PageWheel(), 0.0, -inf
     for what, page, pause in steps:
         now += pause
         before = wheel.holder
+        operator, operated = page % 2 == 0, before % 2 == 0
         if what == "give":
             wheel.give(page)
             assert wheel.holder == (0 if before == page else before)
-            continue
-        had = wheel.take(page, now) if what == "take" else wheel.drive(page, now)
-        assert had == (wheel.holder == page)
-        if before not in (0, page):
-            assert wheel.holder == before or (what == "take" and now - last >= IDLE)
-        if had and (what == "drive" or before != page):
+        elif what == "drove" and before == page:
+            wheel.drove(now)
             last = now
+        elif what == "take":
+            had = wheel.take(page, operator, now)
+            assert had == (wheel.holder == page)
+            if before not in (0, page):
+                idle = now - last >= IDLE
+                assert had == (operator > operated or (operator == operated and idle))
+                assert had or wheel.why(operator).startswith(f"page {before} ")
+            if had and before != page:
+                last = now
 
 
 def test_a_late_command_is_one_that_the_gate_would_not_obey() -> None:

@@ -185,7 +185,9 @@ function show() {
   $("link").textContent = !link.open ? "lost" : silent ? "silent" : mode?.link.alive === false ? "board lost"
     : know.page.round_trip == null ? "alive" : `${Math.round(1000 * know.page.round_trip)} ms`
   $("arm").dataset.armed = mode?.armed && !replay ? "1" : ""
-  $("arm").hidden = Boolean(mode?.remote)
+  const visitor = know.page.role === "visitor"
+  $("arm").hidden = Boolean(mode?.remote) || (visitor && !mode?.armed)
+  $("tabs").querySelector("[data-tab=gains]").hidden = visitor
   $("arm").firstElementChild.textContent = mode?.armed ? "disarm" : "hold to arm"
   $("take").textContent = mine ? "give up the wheel" : holder ? `page ${holder} drives` : "take the wheel"
   $("take").setAttribute("aria-pressed", String(Boolean(mine)))
@@ -218,7 +220,7 @@ function battery(state, range) {
 function hint(mode, holder, mine, driver, replay) {
   if (replay) return "This is a recording: nothing here moves the robot, but STOP stops it."
   if (!mode) return "Waiting for the robot."
-  if (!mode.armed) return mode.remote ? "The robot is not armed, which is done at the robot itself." : "The robot is not armed: hold the button above for half a second."
+  if (!mode.armed) return know.page.role === "visitor" ? "The robot is not armed, which is the operator's to do." : mode.remote ? "The robot is not armed, which is done at the robot itself." : "The robot is not armed: hold the button above for half a second."
   if (holder && !mine) return `Page ${holder} drives. You watch; STOP works all the same.`
   if (driver === "policy") return "A taught policy drives. Hold the stick to take over; it goes on when you let go."
   if (driver && driver !== "web" && driver !== "route") return `'${driver}' drives. It is your turn when it lets go.`
@@ -275,7 +277,7 @@ function marking(on) {
 function tools() {
   const some = map.waypoints.length > 0
   $("go").hidden = $("clear").hidden = !some
-  $("here").hidden = !some || map.waypoints.length > 2 || map.frame !== "map"
+  $("here").hidden = !some || know.page.role === "visitor" || map.waypoints.length > 2 || map.frame !== "map"
 }
 
 $("stop").addEventListener("pointerdown", () => drive.stop())

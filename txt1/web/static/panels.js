@@ -203,11 +203,11 @@ const kept = (panel, name, text) => {
 }
 
 const files = (know, panel) => {
-  const replay = know.page.replay, text = JSON.stringify([know.files, replay, know.topics["/recording"]])
+  const replay = know.page.replay, text = JSON.stringify([know.files, replay, know.topics["/recording"], know.page.role])
   if (kept(panel, "files", text)) return
   const now = know.topics["/recording"]
   const parts = [element("div", { className: "row" },
-    replay ? null : element("button", { id: "record", className: now ? "" : "primary", onclick: () => know.send({ do: "record", on: !now }) }, now ? "stop recording" : "record"),
+    replay || know.page.role === "visitor" ? null : element("button", { id: "record", className: now ? "" : "primary", onclick: () => know.send({ do: "record", on: !now }) }, now ? "stop recording" : "record"),
     element("button", { onclick: () => know.send({ do: "files" }) }, "Refresh"),
     now ? span(now, "dim") : null)]
   if (replay) {
