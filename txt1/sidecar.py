@@ -19,10 +19,14 @@ robot starts there is no `serve`; then a timer reads the line.
 *A flood.* At most 20 messages are taken at a time; each tick allows 8 more. The rest is dropped and counted. An
 emergency stop is never dropped: dropped and malformed messages are searched for one.
 
+*The start.* A process has the full share of the processor until its first heartbeat, and less from then on. On a busy
+computer the start may take minutes, which is no fault. So the process counts as hung only after `START` s in which it
+used no processor time, or after `START` s of processor time. Both double with each failure.
+
 *The end.* The line ends after a message that is too long, after a heartbeat that is too late (with `silence`), or when
 the process ends. Its memory is limited, and the system ends it first when memory runs out. A process that failed is
 started again, after longer and longer pauses, as often as `Restart` allows. A silent process loses the wheel by the
-ordinary rule: its commands go stale.
+ordinary rule: its commands go stale. A trouble is told the first time, the tenth, the hundredth.
 
 *A life.* `_start` starts the process and makes the line. `_drop` closes the line and puts the reason into the future
 `_end`. The coroutine `_live` waits for that, reaps the process, and starts it again or returns the reason. All other
@@ -49,7 +53,7 @@ from types import FrameType
 from typing import Any, Final, Literal, NamedTuple, Self
 
 from txt1.kernel import timeslice
-from txt1.kernel.clock import RealClock, nanoseconds, seconds
+from txt1.kernel.clock import RealClock, nanoseconds, process_time, seconds
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.ticks import Ticks
 
@@ -59,8 +63,17 @@ Reason = Literal["ended", "failed"]
 BEAT: Final = 0.05
 # s without a heartbeat after which the process counts as silent
 SILENT: Final = 0.25
-# s within which a process has to send its first heartbeat
-START: Final = 10.0
+# s without work, or of work, after which a process that has not sent its first heartbeat counts as hung
+START: Final = 30.0
+# s after which it is told that the start takes long
+SLOW: Final = 10.0
+# s between two looks at a starting process, and the work in it that counts as work
+START_LOOK: Final = 1.0
+START_WORK: Final = 0.005
+# numbers of a trouble of one kind that are told, after the first
+TOLD_TIMES: Final = (10, 100, 1000, 10_000, 100_000)
+# s without a trouble after which the next one is told as the first
+TROUBLE_OVER: Final = 600.0
 # s of real time that it has to end by itself
 END_PATIENCE: Final = 1.0
 # on a shared processor the robot's process is then woken at once, and not at the end of a time slice
@@ -142,7 +155,7 @@ class Sidecar:
     # s of real time between heartbeats
     beat: float = BEAT
     restart: Restart = field(default_factory=Restart)
-    # of the process; 0: it has as large a share of the processor as any program
+    # of the process once it is ready; 0: it has as large a share of the processor as any program
     niceness: int = NICENESS
     # whether requests are read at once, up to `HELD` s before a tick; otherwise in the ticks
     prompt: bool = False
@@ -164,6 +177,9 @@ class Sidecar:
         """Why it does not work, as it was reported; "" while it works."""
         # number of failures in a row, each soon after the start
         self._failures = 0
+        # of troubles in a row by kind, and when the last was reported
+        self._troubles: Counter[str] = Counter()
+        self._reported_at = 0
         self._allowance = MESSAGES
         self._ticking = False
         # whether the line is read only in the ticks
@@ -241,7 +257,6 @@ class Sidecar:
                     words,
                     self.on_terminal,
                     self.environment,
-                    self.niceness,
                 )
         except BaseException:
             ours.close()
@@ -249,9 +264,11 @@ class Sidecar:
         ours.setblocking(False)
         self._socket, self._tail, self._unsent = ours, b"", b""
         self._sent = self._received = 0
-        self._heard = _clock.now_ns() + nanoseconds(START)
-        self._hushed = self._paused = False
-        self._began = _clock.now_ns()
+        # of its start; once it is ready, of that
+        self._began = self._heard = self._looked = self._worked_at = _clock.now_ns()
+        # processor time that it has used, s, when it was last looked at
+        self._worked = 0.0
+        self._ready = self._hushed = self._paused = False
         self._end: asyncio.Future[str | Exception] = self._loop.create_future()
         if not self._polled:
             self._loop.add_reader(ours, self._readable)
@@ -298,17 +315,37 @@ class Sidecar:
             return
         quiet = seconds(_clock.now_ns() - self._heard)
         try:
-            if self.silence is not None and quiet > self.silence:
+            if not self._ready:
+                self._judge_start(quiet)
+            elif self.silence is not None and quiet > self.silence:
                 self._gone(f"was silent for {quiet:.1f} s")
             elif quiet > SILENT and not self._hushed:
                 self._hushed = True
                 self.counts["silent"] += 1
                 self._report(
-                    "is silent: this computer is too busy, or the program hangs; if this lasts, start txt1 again"
+                    "silent",
+                    "is silent: this computer is too busy, or the program hangs; if this lasts, start txt1 again",
                 )
             self._send()
         except Exception as error:
             self._drop(error)
+
+    def _judge_start(self, since: float) -> None:
+        """Give up a process that hangs before its first heartbeat, `since` s after its start; slowness is no fault."""
+        now = _clock.now_ns()
+        if self._child is None or now - self._looked < nanoseconds(START_LOOK):
+            return
+        self._looked = now
+        work = process_time(self._child.pid)
+        if work is not None and work - self._worked >= START_WORK:
+            self._worked, self._worked_at = work, now
+        patience = START * 2.0 ** min(self._failures, 60)
+        idle = seconds(now - self._worked_at)
+        if self.silence is not None and max(idle, work or 0.0) > patience:
+            self._gone(f"did not start within {since:.1f} s")
+        elif since > SLOW and not self._hushed:
+            self._hushed = True
+            self._report("slow", "is still starting: this computer is busy")
 
     def _take(self) -> str | None:
         """Act on the data that has arrived; return why the process is lost, if it is."""
@@ -349,6 +386,10 @@ class Sidecar:
         self.counts["taken"] += 1
         self.trouble = ""
         self._heard, self._received, self._hushed = now, received, False
+        if not self._ready:
+            self._ready, self._began = True, now
+            assert self._child is not None
+            timeslice.ordinary(self._child.pid, self.niceness, session=not self.on_terminal)
         self.request(Request(name, message, age))
 
     def _obey_stops(self, data: bytes) -> None:
@@ -405,9 +446,9 @@ class Sidecar:
             if self._closing.is_set():
                 return "ended"
             if not end and self.returncode == 0:
-                self._report("has ended")
+                self._report("end", "has ended")
                 return "ended"
-            if seconds(_clock.now_ns() - self._began) > self.restart.longest:
+            if self._ready and seconds(_clock.now_ns() - self._began) > self.restart.longest:
                 self._failures = 0
             why = end or f"ended with {self.returncode}"
             while not self._closing.is_set():
@@ -425,21 +466,29 @@ class Sidecar:
     async def _may_start(self, why: str) -> bool:
         """Report why it does not work, and wait until it may be started again; False: it may not."""
         if self.counts["restarts"] >= self.restart.limit:
-            self._report(f"{why} and is not started again")
+            self._report("end", f"{why} and is not started again")
             return False
         pause = min(self.restart.pause * 2.0 ** min(self._failures, 60), self.restart.longest)
         self.counts["restarts"] += 1
         self._failures += 1
-        self._report(f"{why} and is started again in {pause:g} s")
+        self._report("restart", f"{why} and is started again in {pause:g} s")
         with suppress(TimeoutError):
             await asyncio.wait_for(self._closing.wait(), pause)
             return False
         return True
 
-    def _report(self, trouble: str) -> None:
-        """Report that it does not work."""
-        self.trouble = trouble
-        self.tell(trouble)
+    def _report(self, kind: str, trouble: str) -> None:
+        """Report that it does not work; tell a trouble of a kind that repeats the first, tenth, hundredth time."""
+        now = _clock.now_ns()
+        if now - self._reported_at > nanoseconds(TROUBLE_OVER):
+            self._troubles.clear()
+        self.trouble, self._reported_at = trouble, now
+        self._troubles[kind] += 1
+        times = self._troubles[kind]
+        if times == 1:
+            self.tell(trouble)
+        elif times in TOLD_TIMES:
+            self.tell(f"{trouble} ({times} times so far)")
 
 
 def start_beside(
@@ -448,7 +497,6 @@ def start_beside(
     words: Sequence[str],
     on_terminal: bool,
     environment: Mapping[str, str] | None,
-    niceness: int,
 ) -> subprocess.Popen[bytes]:
     """Start the process, which inherits the socket `fd`, and the terminal's session or none; call it in a thread."""
     # Ctrl-C goes to the whole foreground group: the child ignores it from its birth, before its own code can say so
@@ -463,9 +511,7 @@ def start_beside(
         )
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    timeslice.ordinary(child.pid, niceness)
-    if not on_terminal:
-        timeslice.whole_session(child.pid, niceness)
+    timeslice.ordinary(child.pid, 0, session=not on_terminal)
     # it has ended already
     with suppress(OSError):
         if hasattr(resource, "prlimit"):

@@ -29,19 +29,29 @@ def short() -> None:
             _set(0, os.getpriority(os.PRIO_PROCESS, 0), SHORT)
 
 
-def ordinary(process: int, niceness: int) -> None:
-    """Give another process, which has inherited short turns, ordinary turns and this niceness."""
-    # the process has ended
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, process, niceness)
-        if sys.platform == "linux":
-            _set(process, niceness, 0)
+def ordinary(process: int, niceness: int, session: bool = False) -> None:
+    """Give all threads of another process ordinary turns and this niceness.
+
+    `session`: the process leads a session of its own; so does its share of the processor, where the system divides the
+    processor among sessions.
+    """
+    for thread in _threads(process):
+        # it has ended
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, thread, niceness)
+            if sys.platform == "linux":
+                _set(thread, niceness, 0)
+    if session:
+        with suppress(OSError):
+            Path(f"/proc/{process}/autogroup").write_text(str(niceness), encoding="ascii")
 
 
-def whole_session(process: int, niceness: int) -> None:
-    """Set the niceness of a process's whole session, if the system shares the processor among sessions."""
-    with suppress(OSError):
-        Path(f"/proc/{process}/autogroup").write_text(str(niceness), encoding="ascii")
+def _threads(process: int) -> list[int]:
+    """Return the ids of a process's threads. Only on Linux does each of them have a niceness of its own."""
+    try:
+        return [int(each.name) for each in Path(f"/proc/{process}/task").iterdir()]
+    except OSError:
+        return [process]
 
 
 def _set(thread: int, niceness: int, turn: int) -> None:

@@ -108,7 +108,7 @@ class Far:
         try:
             with theirs:
                 words = [json.dumps(dict(self._options))]
-                self._child = await asyncio.to_thread(start_beside, theirs.fileno(), program, words, False, None, 0)
+                self._child = await asyncio.to_thread(start_beside, theirs.fileno(), program, words, False, None)
             self._line = ours
             told = await self._ready()
         except OSError as error:
@@ -244,8 +244,7 @@ def main(fd: str, options: str) -> None:
             send(line, Ready(str(error)))
             return
         # compiling first, at this priority, a busy computer never got done
-        timeslice.ordinary(os.getpid(), NICENESS)
-        timeslice.whole_session(os.getpid(), NICENESS)
+        timeslice.ordinary(os.getpid(), NICENESS, session=True)
         send(line, Ready())
         while (task := receive(line, ScanTask)) is not None:
             try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 
 from txt1.sidecar import Connection
@@ -15,6 +16,14 @@ def echo(connection: Connection, **options: object) -> None:
         connection.request("echo", telemetry=telemetry)
         if telemetry.get("end"):
             return
+
+
+def late(connection: Connection) -> None:
+    """Is ready only when the robot has sent something; it has a thread before that."""
+    threading.Thread(target=threading.Event().wait, daemon=True).start()
+    connection.newest()
+    connection.request("began")
+    connection.newest()
 
 
 def drive(connection: Connection) -> None:
