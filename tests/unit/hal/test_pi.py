@@ -1599,6 +1599,24 @@ def test_a_guard_that_does_not_begin_is_told_and_leaves_no_process(
     assert (processes_of(tmp_path / "registers"), opened()) == ([], before), told
 
 
+def test_a_guard_that_starts_slowly_has_more_time_at_the_next_attempt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "START", 0.05)
+    process = pretends("import time; time.sleep(60)", tmp_path, monkeypatch)
+
+    async def told() -> str:
+        with pytest.raises(HalError) as refused:
+            await process.open()
+        return str(refused.value)
+
+    async def body() -> list[str]:
+        return [await told() for _ in range(3)]
+
+    for said, patience in zip(run(body()), ("0.05", "0.1", "0.2"), strict=True):
+        assert f"nothing within {patience} s" in said
+
+
 @pytest.mark.parametrize(
     ("program", "neutral", "asked", "fails"),
     [
@@ -1743,7 +1761,7 @@ def test_a_guard_that_is_lost_is_replaced_at_once_and_then_tried_once_a_second(m
     starts: list[Pretended | HalError] = []
     outcomes: list[Pretended | HalError] = [one, two, HalError("no power"), HalError("no power"), three]
 
-    def start(_: GuardSetup) -> Pretended:
+    def start(_: GuardSetup, patience: float) -> Pretended:
         outcome = outcomes[len(starts)]
         starts.append(outcome)
         if isinstance(outcome, HalError):

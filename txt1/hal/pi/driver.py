@@ -46,7 +46,7 @@ WRITES: Final = 2.0
 SETTLED: Final = 1.0
 # s after which a new guard is started when a guard has ended
 AGAIN: Final = 1.0
-# s that a guard may take to start, as Python on a Raspberry Pi 3
+# s that a guard may take to start, as Python on a Raspberry Pi 3; doubled each time that it was not enough
 START: Final = 10.0
 NOT_NEUTRAL: Final = (
     "the outputs are perhaps not neutral: their guard was killed, and the bus fails; "
@@ -159,11 +159,17 @@ class Process:
         self._rest = b""
         # time since which pulses wait for an answer, s of the run
         self._unanswered = inf
+        # s that the next guard may take to start
+        self._patience = START
 
     async def open(self) -> None:
         """Start the guard, and wait until it has put out neutral."""
-        self._process, self._rest, self._again = await asyncio.to_thread(_start, self._setup), b"", inf
-        self._unanswered = inf
+        try:
+            self._process = await asyncio.to_thread(_start, self._setup, self._patience)
+        except GuardSlow:
+            self._patience *= 2.0
+            raise
+        self._rest, self._again, self._unanswered, self._patience = b"", inf, inf, START
 
     async def close(self) -> None:
         """End the guard; its outputs are then neutral, even if it had to be killed. Raises HalError if they are not."""
@@ -244,8 +250,12 @@ async def _aside(work: Callable[[], bool]) -> bool:
         return False
 
 
-def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
-    """Start a guard; called in a thread."""
+class GuardSlow(HalError):
+    """A guard had not started when its time was over."""
+
+
+def _start(setup: GuardSetup, patience: float) -> subprocess.Popen[bytes]:
+    """Start a guard, which has `patience` s for it; called in a thread."""
     # imports are made now: after a guard was killed there is no time for them
     if setup.output == "pca9685":
         guard.bus_class(setup)
@@ -257,13 +267,13 @@ def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
         stderr=subprocess.PIPE,
     )
     assert process.stdin is not None and process.stdout is not None and process.stderr is not None
-    begun, _, _ = select.select([process.stdout], [], [], START)
+    begun, _, _ = select.select([process.stdout], [], [], patience)
     if not begun:
         process.kill()
         with suppress(subprocess.TimeoutExpired):
             # also closes the pipes
             process.communicate(timeout=DIES)
-        raise HalError(explain(setup, f"nothing within {START:g} s"))
+        raise GuardSlow(explain(setup, f"nothing within {patience:g} s"))
     if len(process.stdout.read(ANSWER.size)) < ANSWER.size:
         error = process.stderr.read().decode(errors="replace").strip().splitlines()
         process.communicate()
