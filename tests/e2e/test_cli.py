@@ -329,6 +329,8 @@ def test_the_exit_codes_are_documented(capsys: Capture) -> None:
 
 
 WITNESS = """
+import asyncio
+
 from txt1.hal.registry import create_sim
 
 def create(config):
@@ -340,6 +342,8 @@ def create(config):
         write(outputs, now)
 
     async def watched_close():
+        open(config.hal_options["report"] + ".closing", "w").close()
+        await asyncio.sleep(config.hal_options.get("lasts", 0.0))
         await close()
         with open(config.hal_options["report"], "w") as report:
             report.write(f"{max(o.motor for o in seen)} {seen[-1][:5]}")
@@ -396,6 +400,23 @@ def test_a_signal_ends_a_driving_robot_with_its_code_and_neutral_outputs(witness
             driven, last = (witness / number.name).read_text().split(" ", 1)
             assert int(driven) > 500
             assert last == "(0, 0, 0, 0, 0)"
+
+
+@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_signal_does_not_cut_the_stop_short(witness: Path, second: signal.Signals) -> None:
+    report = witness / "report"
+    words = ("--hal", "witness", "--headless", "--drive", "0.5,0", "--duration", "3600")
+    settings = ("--set", f"hal_options.report={report}", "--set", "hal_options.lasts=1.0")
+    with start("run", *words, *settings, program=TXT1, stdout=subprocess.PIPE) as run:
+        assert run.stdout is not None
+        while "v=+0.0" in run.stdout.readline():
+            pass
+        run.send_signal(signal.SIGINT)
+        wait_until((witness / "report.closing").exists)
+        run.send_signal(second)
+        _, err = run.communicate(timeout=LIMIT)
+    assert (run.returncode, err) == (130, "txt1: the robot is being stopped; that takes some seconds\n")
+    assert report.read_text().endswith("(0, 0, 0, 0, 0)")
 
 
 @pytest.mark.parametrize("speed", [[], ["--speed", "max"]], ids=["real time", "virtual time"])

@@ -22,6 +22,7 @@ from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, NotArmed, StopNotVerified, TaskFault
 from txt1.hal.base import Hal
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.realtime import SWEEP, realtime
 from txt1.kernel.ticks import Ticks
@@ -40,6 +41,7 @@ from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from types import FrameType
 
     from txt1.board.board import Board
     from txt1.fleet.fleet import Fleet
@@ -48,6 +50,9 @@ if TYPE_CHECKING:
 
 # s, shortest time between two heartbeats of the drawing process
 BEAT_MIN: Final = 0.005
+# s after a first signal in which further ones end nothing: a stop is verified in 3 s, and escalates
+STOPPING: Final = 10
+STDERR: Final = 2
 # s for which a command without an operator waits for the link
 LINK_PATIENCE: Final = 10.0
 
@@ -79,9 +84,9 @@ class App:
                 self.code = 128 + number
                 if self._subject is not None:
                     self._subject.disarm("ended by a signal")
-                # a second error is not caught any more
                 for each in SIGNALS:
                     loop.remove_signal_handler(each)
+                    signal.signal(each, partial(_again, since=stopwatch_ns()))
                 task.cancel()
 
             def failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
@@ -205,6 +210,17 @@ class App:
         """Seconds between two heartbeats of the drawing process: 20 a second of the robot's time."""
         speed = self.speed if isinstance(self.speed, float) else 1.0
         return max(REFRESH / max(speed, 1.0), BEAT_MIN)
+
+
+def _again(number: int, _: FrameType | None, since: int) -> None:
+    """Take a further signal: it ends the process only after the time in which a robot is stopped and seen to stand.
+
+    Otherwise a second Ctrl-C would leave a car that rolls with its ESC on.
+    """
+    if stopwatch_ns() - since < STOPPING * NS_PER_S:
+        os.write(STDERR, b"txt1: the robot is being stopped; that takes some seconds\n")
+    else:
+        os._exit(128 + number)
 
 
 async def get_ready(robot: Robot, arm: bool | None) -> None:
