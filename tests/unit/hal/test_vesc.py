@@ -316,6 +316,23 @@ def test_a_fault_of_the_controller_disarms_and_is_named() -> None:
     run(drive(), speed="max")
 
 
+def test_an_answer_of_old_firmware_ends_no_drive() -> None:
+    hal, port = on_the_desk()
+
+    async def drive() -> None:
+        async with Robot.open(hal, config=config()) as robot:
+            await robot.linked(5.0)
+            robot.arm()
+            await robot.drive(1.0, 0.0, 1.0)
+            assert port.device is not None
+            port.device.send(packet(bytes((PacketId.FW_VERSION, 3, 40)) + bytes(16)))
+            await robot.drive(1.0, 0.0, 1.0)
+            assert robot.odometry.v == pytest.approx(1.0, rel=0.02)
+            assert "firmware 3.40 was ignored" in str([event.text for event in robot.runtime.state.events])
+
+    run(drive(), speed="max")
+
+
 @pytest.mark.parametrize("pause", [0.05, 0.5, 2.0, 10.0, 60.0])
 def test_a_restart_is_noticed_whatever_its_pause_and_the_pose_does_not_leap(
     pause: float, monkeypatch: pytest.MonkeyPatch

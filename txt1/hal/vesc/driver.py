@@ -255,7 +255,7 @@ class VescHal(PlainHal):
         self._asked = -ASK_AGAIN
         # share of the steering's range, left positive
         self._share = 0.0
-        self._halted = False
+        self._halted = self._driven = False
 
     async def open(self) -> None:
         """Open the port."""
@@ -292,7 +292,7 @@ class VescHal(PlainHal):
         time = self._line.time()
         v = outputs.v if self._line.ready else 0.0
         if v:
-            self._halted = False
+            self._halted, self._driven = False, True
             self._share = self._geometry.steering_share(outputs.omega / v)
             drive = order(PacketId.SET_RPM, min(max(v * self._erpm_per_speed, -1e6), 1e6))
         else:
@@ -338,11 +338,15 @@ class VescHal(PlainHal):
                     self._tell()
 
     def _take_firmware(self, major: int, minor: int) -> None:
-        if major < 5:
+        if major >= 5:
+            self._firmware = major, minor
+            self._tell()
+        elif self._firmware is None and not self._driven:
             remedy = "update it with VESC Tool: 5 and 6 are spoken here"
             self._line.fail(HalError(f"the VESC has firmware {major}.{minor:02d}: {remedy}"))
-        self._firmware = major, minor
-        self._tell()
+        else:
+            # a car that drove is not let go of for a single answer
+            self._line.tell(f"an answer about firmware {major}.{minor:02d} was ignored: 5 and 6 are spoken here")
 
     def _tell(self) -> None:
         if self._firmware is None:
