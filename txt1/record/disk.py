@@ -72,16 +72,12 @@ class FileSink:
     def close(self, dropped: int) -> None:
         """Finish the file; RecordingError: it cannot be finished, but its content can be recovered."""
         try:
-            self._finish(dropped)
+            self._file.close({"dropped": str(dropped)})
         except OSError as error:
             self._file.abandon()
             raise RecordingError(
                 f"{self._file.path}: cannot finish it: {_words(error)}; 'txt1 log recover' saves what is in it"
             ) from error
-
-    def _finish(self, dropped: int) -> None:
-        self._file.add_metadata("txt1.end", {"dropped": str(dropped)})
-        self._file.close()
 
     def _is_full(self, block: Block) -> bool:
         size, time_ns = self._rotation
@@ -90,9 +86,14 @@ class FileSink:
         return bool((size and self._file.size >= size) or (time_ns and block.first - self._began >= time_ns))
 
     def _next_file(self) -> None:
+        """Begin the next file. OSError or ConfigError: the disk takes no more; then all files are as before."""
         path = part(self._path, self._parts)
         following = McapFile(path, self._metadata | {"part": str(self._parts)}, self._compression)
-        self._finish(self._lost)
+        try:
+            self._file.close({"dropped": str(self._lost)})
+        except OSError:
+            following.discard()
+            raise
         self._file, self._parts, self._began = following, self._parts + 1, None
 
 

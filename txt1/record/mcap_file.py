@@ -44,7 +44,7 @@ _COMPRESS: Final[dict[Compression, Callable[[bytes], bytes]]] = {
 class McapFile:
     """A file that grows by chunks; the metadata come first, so that they are there whatever happens later.
 
-    Raises ConfigError: the file exists already, or cannot be made.
+    Raises ConfigError: the file exists already, or cannot be made. No file is left behind then.
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, str], compression: Compression = "zstd") -> None:
@@ -67,8 +67,13 @@ class McapFile:
         self._span: tuple[int, int] | None = None
         self._metadata: list[mcap.MetadataIndex] = []
         self._counts: Counter[int] = Counter()
-        self._write(MCAP0_MAGIC + _bytes(mcap.Header("ros2", f"txt1 {__version__}")))
-        self.add_metadata("txt1", {"format": str(FORMAT)} | dict(metadata))
+        head = MCAP0_MAGIC + _bytes(mcap.Header("ros2", f"txt1 {__version__}"))
+        about = self._metadata_record("txt1", {"format": str(FORMAT)} | dict(metadata), len(head))
+        try:
+            self._write(head + about)
+        except OSError as error:
+            self.discard()
+            raise ConfigError(f"{path}: cannot make the recording: {error.strerror}; make room on the disk") from None
 
     def _write(self, data: bytes) -> None:
         """Append bytes, all of them or none; raises OSError when the disk does not take them."""
@@ -78,16 +83,21 @@ class McapFile:
                 written += os.write(self._file, data[written:] if written else data)
         except OSError:
             if written:
-                os.ftruncate(self._file, self.size)
-                os.lseek(self._file, self.size, os.SEEK_SET)
+                self._cut(self.size)
             raise
         self.size += len(data)
 
-    def add_metadata(self, name: str, metadata: Mapping[str, str]) -> None:
-        """Append a metadata record; raises OSError."""
-        start, data = self.size, _bytes(mcap.Metadata(name, dict(metadata)))
-        self._write(data)
+    def _cut(self, size: int) -> None:
+        """Take back everything after this number of bytes; raises OSError."""
+        os.ftruncate(self._file, size)
+        os.lseek(self._file, size, os.SEEK_SET)
+        self.size = size
+
+    def _metadata_record(self, name: str, metadata: Mapping[str, str], start: int) -> bytes:
+        """Return a metadata record, which the summary refers to from now on, for byte `start` of the file."""
+        data = _bytes(mcap.Metadata(name, dict(metadata)))
         self._metadata.append(mcap.MetadataIndex(length=len(data), name=name, offset=start))
+        return data
 
     def add(self, block: Block) -> None:
         """Append a block as one chunk with its index; raises OSError, and then nothing of it is in the file."""
@@ -149,19 +159,32 @@ class McapFile:
         """See everything on the disk itself; raises OSError."""
         os.fsync(self._file)
 
-    def close(self) -> None:
-        """Append the index of the whole file and let go of it; raises OSError."""
-        end = _bytes(mcap.DataEnd(0))
+    def close(self, end: Mapping[str, str]) -> None:
+        """Append the metadata of the end and the index of the whole file, and close the file.
+
+        Raises OSError: the disk does not take them; then none of them is in the file, which is still open.
+        """
+        last = self._metadata_record("txt1.end", end, self.size) + _bytes(mcap.DataEnd(0))
+        size = self.size
         try:
-            self._write(end + self._summary(self.size + len(end)))
+            self._write(last + self._summary(size + len(last)))
             os.fsync(self._file)
-        finally:
-            os.close(self._file)
+        except OSError:
+            self._metadata.pop()
+            self._cut(size)
+            raise
+        os.close(self._file)
 
     def abandon(self) -> None:
-        """Let go of the file as it is; what is in it can be recovered."""
+        """Close the file as it is; its content can be recovered."""
         with suppress(OSError):
             os.close(self._file)
+
+    def discard(self) -> None:
+        """Close the file and delete it."""
+        self.abandon()
+        with suppress(OSError):
+            self.path.unlink()
 
     def _summary(self, start: int) -> bytes:
         """The summary section that begins at byte `start`, the footer and the closing magic."""
