@@ -12,6 +12,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -344,6 +345,8 @@ def test_a_panel_of_the_layout_is_configured_as_foxglove_does(panel: str) -> Non
 
 
 def test_the_layout_shows_values_that_there_are() -> None:
+    # declares the topics of maps
+    import_module("txt1.mapping.telling")
     messages = {topic.name: topic.message for topic in TOPICS.values()}
     named = set(re.findall(r'"(/[^"]+)"', json.dumps(LAYOUT)))
     assert {path.partition(".")[0] for path in named} == {
