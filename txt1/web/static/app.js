@@ -49,7 +49,7 @@ const speeds = new Chart($("v-chart"), ["robot", "goal"], 0.2)
 const turns = new Chart($("w-chart"), ["robot", "goal"], 0.2)
 const charts = [speeds, turns]
 const link = new Link({ telemetry, message, change })
-const drive = new Drive(link, { stick: $("stick"), knob: $("knob"), arm: $("arm"), speed: changeSpeed }, driving)
+const drive = new Drive(link, { stick: $("stick"), knob: $("knob"), arm: $("arm"), speed: changeSpeed }, driving, toast)
 
 // -- from the robot
 

@@ -1,6 +1,6 @@
 // The hand rule of txt1/control/hand.py, by the numbers that /hand tells of the car: two axes become a velocity.
 
-const DEAD = 0.1  // share of an axis around its middle that counts as none
+export const DEAD = 0.1  // share of an axis around its middle that counts as none
 
 // An axis, -1 to 1, without its dead middle.
 export function shaped(value) {
