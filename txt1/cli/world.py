@@ -15,10 +15,12 @@ from txt1.cli.options import CONFIGURATION, VEHICLE
 from txt1.commands import OK, add_actions, takes
 from txt1.config import Config, load
 from txt1.errors import ConfigError
+from txt1.file_limits import read_text
 from txt1.hal.registry import create_sim
 from txt1.maps.files import Map, names, read
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN
 from txt1.resources import resource
+from txt1.safe_yaml import read_yaml
 from txt1.sim.movers import Moving
 from txt1.sim.obstacles import Outline, outline
 from txt1.sim.parameters import Mover
@@ -86,8 +88,8 @@ def configured(arguments: argparse.Namespace) -> Config:
 def is_map(file: Path) -> bool:
     """Whether a .yaml is a map's, not a configuration."""
     try:
-        tree = yaml.safe_load(file.read_bytes())
-    except (OSError, ValueError, RecursionError, yaml.YAMLError):
+        tree = read_yaml(read_text(file))
+    except (OSError, ValueError, yaml.YAMLError):
         return False
     return isinstance(tree, dict) and ("image" in tree or "resolution" in tree)
 

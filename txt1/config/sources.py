@@ -22,6 +22,7 @@ from txt1 import additions
 from txt1.config.renamed import name_now, translated
 from txt1.config.schema import RECORDED, Config
 from txt1.errors import ConfigError
+from txt1.file_limits import read_text
 from txt1.resources import resource
 
 T = TypeVar("T")
@@ -180,7 +181,7 @@ def _of_vehicle(settings: Sequence[Setting]) -> list[Setting]:
 
 def _from_file(path: Path) -> list[Setting]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, pipes=True)
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}; check --config") from None
     except UnicodeDecodeError:
@@ -240,7 +241,7 @@ def _from_override(text: str) -> Iterator[Setting]:
 
 
 def _parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
-    from txt1.config.safe_yaml import parse
+    from txt1.safe_yaml import parse
 
     return parse(text, origin, problem)
 

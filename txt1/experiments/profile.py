@@ -11,9 +11,10 @@ from typing import Annotated, Final, Literal
 import yaml
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
-from txt1.config.safe_yaml import read_yaml
 from txt1.config.schema import Section
 from txt1.errors import ConfigError
+from txt1.file_limits import read_text
+from txt1.safe_yaml import read_yaml
 from txt1.units import Positive
 
 # folder of the thesis's experiments
@@ -99,7 +100,7 @@ def load_profile(name: str) -> Profile:
     """Return the profile of this name, or in this file; raises ConfigError: there is none, or it is not valid."""
     file = PROFILES / f"{name}.yaml" if "/" not in name and not name.endswith((".yaml", ".yml")) else Path(name)
     try:
-        tree = read_yaml(file.read_text(encoding="utf-8"))
+        tree = read_yaml(read_text(file))
     except FileNotFoundError:
         near = difflib.get_close_matches(name, names(), n=1)
         hint = f"did you mean '{near[0]}'?" if near else "give a YAML file of your own"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import ConfigError
+from txt1.file_limits import JSON_MAX, read_text
 
 Array = NDArray[np.float64]
 
@@ -110,7 +111,7 @@ def load(folder: Path) -> Recording:
     """Return the samples in a folder; raises ConfigError: there are none, or the columns differ."""
     file = folder / FILE
     try:
-        head, *rows = file.read_text().splitlines() or [""]
+        head, *rows = read_text(file, JSON_MAX).splitlines() or [""]
         if tuple(head.split(",")) != Instant._fields:
             raise ConfigError(f"{file}: its columns are not a run's; give a folder that --out has made")
         return Recording(Instant(*map(float, row.split(","))) for row in rows)

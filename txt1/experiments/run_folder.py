@@ -14,6 +14,7 @@ from txt1.experiments.metrics import judge
 from txt1.experiments.profile import Profile
 from txt1.experiments.recording import Recording
 from txt1.experiments.runner import Leg
+from txt1.file_limits import JSON_MAX, read_text
 
 METRICS: Final = "metrics.json"
 FILES: Final = (recordings.FILE, METRICS)
@@ -69,7 +70,7 @@ def read(folder: Path) -> Run:
     """Return the run in a folder; raises ConfigError: there is none."""
     file = folder / METRICS
     try:
-        tree = json.loads(file.read_text())
+        tree = json.loads(read_text(file, JSON_MAX))
         profile = Profile.model_validate(tree.pop("profile"))
         return Run(str(tree.pop("label")), profile, recordings.load(folder), tree)
     except OSError as error:

@@ -21,10 +21,11 @@ import yaml
 from pydantic import Field, ValidationError
 
 from txt1.config import Config
-from txt1.config.safe_yaml import read_yaml
 from txt1.config.schema import Section
 from txt1.config.sources import vehicle_file, vehicles, with_values
 from txt1.errors import ConfigError
+from txt1.file_limits import read_text
+from txt1.safe_yaml import read_yaml
 
 # m between two robots without a start of their own
 APART: Final = 1.5
@@ -93,7 +94,7 @@ def _vehicle_values(name: str) -> Mapping[str, Any]:
         return {}
     if not file.is_file():
         raise ConfigError(f"vehicle: there is none '{name}'; there are: {', '.join([Config().vehicle, *vehicles()])}")
-    values = read_yaml(file.read_text(encoding="utf-8"))
+    values = read_yaml(read_text(file))
     return values if isinstance(values, dict) else {}
 
 
@@ -132,7 +133,7 @@ def plan_of(fleet: FleetPlan | str | os.PathLike[str] | int) -> FleetPlan:
         return FleetPlan(robots={name: MemberPlan() for name in names(fleet)})
     path = Path(fleet)
     try:
-        tree = read_yaml(path.read_text(encoding="utf-8"))
+        tree = read_yaml(read_text(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the fleet: {error.strerror}; check the name") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:

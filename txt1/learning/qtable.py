@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import QTableError
+from txt1.file_limits import JSON_MAX, read_text
 
 # Q(s, a), shape (states, actions)
 Table = NDArray[np.float64]
@@ -108,7 +109,7 @@ def load(path: Path) -> StoredTable:
     """Return the table in a file; raises QTableError: there is no file, or it is not a whole, unaltered Q-table."""
     ours = "give the qtable.json that 'txt1 learn' wrote"
     try:
-        content = json.loads(path.read_text(encoding="utf-8"), parse_float=_finite, parse_constant=_finite)
+        content = json.loads(read_text(path, JSON_MAX), parse_float=_finite, parse_constant=_finite)
     except OSError as error:
         raise QTableError(str(path), f"cannot be read: {error.strerror}", ours) from error
     except (ValueError, RecursionError) as error:

@@ -6,14 +6,16 @@ It is a NumPy archive without pickled objects; equal graphs give equal bytes.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
-from zipfile import BadZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
 from txt1.errors import ConfigError
+from txt1.file_limits import GRAPH_MAX, read_bytes
 from txt1.mapping import drawing
 from txt1.mapping.graph import EDGE
 from txt1.mapping.mapper import KeyScan, Mapper
@@ -22,6 +24,25 @@ from txt1.mapping.matcher import Cloud
 VERSION: Final = 1
 SUFFIXES: Final = (".graph", ".pgm", ".svg", ".yaml")
 """Suffixes of a map's files; the .yaml is written last: when it is there, all files are there."""
+
+
+PARTS: Final[dict[str, tuple[type, tuple[int, ...]]]] = {
+    "poses": (np.float64, (3,)),
+    "counts": (np.int64, ()),
+    "times": (np.float64, ()),
+    "points": (np.float64, (2,)),
+    "normals": (np.float64, (2,)),
+    **{name: (EDGE[name].base.type, EDGE[name].shape) for name in EDGE.names or ()},
+}
+"""Each part of a graph: the type of its values, and the shape of each entry."""
+
+
+def _part(file: Mapping[str, Any], name: str, kind: type, shape: tuple[int, ...]) -> Any:
+    """Return a part of a graph; raises ValueError: it is of another type or shape."""
+    part = file[name]
+    if part.dtype != kind or part.shape[1:] != shape or part.ndim != 1 + len(shape):
+        raise ValueError(f"{name}: {part.dtype} of shape {part.shape}")
+    return part
 
 
 def content(mapper: Mapper, about: dict[str, Any]) -> bytes:
@@ -49,18 +70,25 @@ def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
     Raises ConfigError: the file is no graph, or is damaged.
     """
     try:
-        with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
+        data = BytesIO(read_bytes(path, GRAPH_MAX))
+        with ZipFile(data) as archive:
+            if sum(each.file_size for each in archive.infolist()) > GRAPH_MAX:
+                raise ValueError(f"it unpacks to more than {GRAPH_MAX} bytes")
+        with np.load(data, allow_pickle=False) as file:
             told = json.loads(file["about"].tobytes())
             if told.get("version") != VERSION:
                 raise ConfigError(f"{path}: of version {told.get('version')}, and this txt1 reads {VERSION}; map anew")
-            parts = {name: file[name] for name in file.files}
+            parts = {name: _part(file, name, *kind) for name, kind in PARTS.items()}
         mapper = Mapper(form=form)
+        if parts["counts"].min(initial=0) < 0:
+            raise ValueError("a scan has fewer points than none")
         ends = np.cumsum(parts["counts"])
         if len(parts["poses"]) != len(ends) or ends[-1] != len(parts["points"]) or len(parts["times"]) != len(ends):
             raise ValueError("its parts have different lengths")
         if not all(np.isfinite(parts[name]).all() for name in ("poses", "points", "normals", "step", "information")):
             raise ValueError("a value is no number")
-        if max(parts["first"].max(initial=0), parts["second"].max(initial=0)) >= len(ends):
+        nodes = np.concatenate((parts["first"], parts["second"]))
+        if nodes.max(initial=0) >= len(ends) or nodes.min(initial=0) < 0:
             raise ValueError("an edge leads to no node")
         points, normals = np.split(parts["points"], ends[:-1]), np.split(parts["normals"], ends[:-1])
         keys = [
@@ -69,7 +97,10 @@ def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
         ]
         edges = zip(*(parts[name] for name in EDGE.names or ()), strict=True)
         mapper.resume(keys, parts["poses"], edges)
-    except (OSError, ValueError, KeyError, IndexError, BadZipFile, EOFError) as error:
+    except ConfigError:
+        raise
+    except Exception as error:
+        # each layer of an archive has errors of its own for what is damaged
         raise ConfigError(
             f"{path}: no graph of a map, or a damaged one ({error}); make the map again with --new"
         ) from None

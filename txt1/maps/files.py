@@ -9,24 +9,29 @@ import re
 import reprlib as short
 import struct
 import zlib
+from collections.abc import Iterator
 from functools import lru_cache
 from hashlib import sha256
-from math import isfinite
+from itertools import islice
+from math import inf
+from os import fstat
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeGuard
+from warnings import catch_warnings
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from txt1.errors import ConfigError, MissingExtra
+from txt1.file_limits import PICTURE_MAX, PNG_PIECES_MAX, open_file, read_bytes, read_text
 from txt1.maps.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, Grid
 from txt1.resources import resource
+from txt1.safe_yaml import read_yaml
 
 MAPS: Final = "config/maps"
 # cells; 200 m x 200 m at 5 cm: their distances take some seconds
 CELLS_MAX: Final = 16_000_000
-BYTES_MAX: Final = 100_000_000
 # bytes of a picture that contain its size
 HEAD: Final = 1000
 PICTURES: Final = (".pgm", ".png")
@@ -72,7 +77,12 @@ def read(name: str) -> Map:
     MissingExtra: a .png without pillow.
     """
     file = file_of(name)
-    text = _bytes_of(file)
+    try:
+        text = read_text(file)
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot read the map: {error.strerror}; put the file there") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{file}: not a text file in UTF-8; see config/maps for maps") from None
     fields = _fields(file, text)
     picture = file.parent / fields["image"]
     data = _bytes_of(picture)
@@ -81,7 +91,7 @@ def read(name: str) -> Map:
 
 
 @lru_cache(maxsize=4)
-def _read(file: Path, text: bytes, picture: Path, data: bytes) -> tuple[Grid, str]:
+def _read(file: Path, text: str, picture: Path, data: bytes) -> tuple[Grid, str]:
     fields = _fields(file, text)
     pixels, full = _png(picture, data) if data.startswith(_PNG) else _pgm(picture, data)
     share = pixels / full
@@ -100,26 +110,27 @@ def _read(file: Path, text: bytes, picture: Path, data: bytes) -> tuple[Grid, st
 
 
 def _bytes_of(file: Path) -> bytes:
+    """Return the content of a picture's file."""
     try:
-        size = file.stat().st_size
-        if size > BYTES_MAX:
-            with file.open("rb") as opened:
-                header = _HEADER.match(opened.read(HEAD))
-            if header is not None:
-                _check_size(file, int(header[2]), int(header[3]))
+        with open_file(file) as opened:
+            size = fstat(opened.fileno()).st_size
+            header = _HEADER.match(opened.read(HEAD)) if size > PICTURE_MAX else None
+        if header is not None:
+            _check_size(file, int(header[2]), int(header[3]))
+        if size > PICTURE_MAX:
             raise ConfigError(
-                f"{file}: {size} bytes; a map's file has at most {BYTES_MAX}: cut it out, or make it coarser"
+                f"{file}: {size} bytes; a map's picture has at most {PICTURE_MAX}: cut it out, or make it coarser"
             )
-        return file.read_bytes()
+        return read_bytes(file, PICTURE_MAX)
     except OSError as error:
         raise ConfigError(f"{file}: cannot read the map: {error.strerror}; put the file there") from None
 
 
-def _fields(file: Path, text: bytes) -> dict[str, Any]:
+def _fields(file: Path, text: str) -> dict[str, Any]:
     """Return the checked fields of a .yaml."""
     try:
-        tree = yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        tree = read_yaml(text)
+    except yaml.YAMLError as error:
         raise ConfigError(f"{file}: not valid YAML: {str(error).splitlines()[0]}; see config/maps for maps") from None
     if not isinstance(tree, dict):
         raise ConfigError(f"{file}: no map: it has no lines 'image: FILE' and 'resolution: M'")
@@ -129,7 +140,7 @@ def _fields(file: Path, text: bytes) -> dict[str, Any]:
         return ConfigError(f"{file}: {given}; give {takes}")
 
     image, negate, mode = tree.get("image"), tree.get("negate", 0), tree.get("mode", "trinary")
-    if not isinstance(image, str) or not image:
+    if not isinstance(image, str) or not image or "\0" in image:
         raise wrong("image", "the file of the picture, a .pgm or .png")
     resolution = tree.get("resolution")
     if not _is_number(resolution) or not 0.001 <= resolution <= 1.0:
@@ -162,7 +173,8 @@ def _fields(file: Path, text: bytes) -> dict[str, Any]:
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    # an integer may have more digits than a float can have
+    return isinstance(value, int | float) and not isinstance(value, bool) and -inf < value < inf
 
 
 def _check_size(file: Path, width: int, height: int) -> None:
@@ -195,9 +207,12 @@ def _pgm(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
         raise ConfigError(f"{file}: white is {full}; a PGM has 1 to 65535: write it again")
     rest = data[header.end() :]
     if kind == b"P2":
+        numbers = re.sub(rb"#[^\n]*", b"", rest) if b"#" in rest else rest
         try:
-            pixels = np.array(re.sub(rb"#[^\n]*", b"", rest).split(), dtype=np.int64)
-        except (ValueError, OverflowError):
+            with catch_warnings(action="error"):
+                # numpy reads the wanted pixels only, without an object for each
+                pixels = np.fromstring(numbers, np.int64, rows * columns, sep=" ")
+        except (ValueError, DeprecationWarning):
             raise ConfigError(f"{file}: a pixel is no number: write the picture again") from None
     else:
         wide = np.dtype(">u2" if full > 255 else "u1")
@@ -229,11 +244,7 @@ def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint16] | Non
     """Return the pixels of a PNG as written by `write`; None for any other, or a damaged file."""
     if data[24:29] != _GREY:
         return None
-    packed, at = b"", 33
-    while at + 12 <= len(data):
-        size, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
-        packed += data[at + 8 : at + 8 + size] if kind == b"IDAT" else b""
-        at += 12 + size
+    packed = b"".join(piece for kind, piece in _pieces(data) if kind == b"IDAT")
     try:
         lines = zlib.decompressobj().decompress(packed, rows * (columns + 1))
     except zlib.error:
@@ -244,11 +255,22 @@ def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint16] | Non
     return None if table[:, 0].any() else table[:, 1:].astype(np.uint16)
 
 
+def _pieces(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the kind and the content of each piece of a PNG after its head."""
+    at = 33
+    while at + 12 <= len(data):
+        size = int.from_bytes(data[at : at + 4], "big")
+        yield data[at + 4 : at + 8], data[at + 8 : at + 8 + size]
+        at += 12 + size
+
+
 def _png(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
     """Return the grey pixels of a PNG, and the value of white."""
     # the size is in the head: a picture that is too large is not unpacked
     columns, rows = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     _check_size(file, columns, rows)
+    if next(islice(_pieces(data), PNG_PIECES_MAX, None), None) is not None:
+        raise ConfigError(f"{file}: a PNG of more than {PNG_PIECES_MAX} pieces; save it again")
     if (pixels := _plain_png(data, rows, columns)) is not None:
         return pixels, 255
     try:

@@ -4,10 +4,13 @@ import json
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from io import BytesIO
+from dataclasses import replace
+from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, cast
 
+import lz4.frame
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, Header, McapRecord, Message, Metadata, Schema
@@ -16,6 +19,7 @@ from mcap.writer import MCAP0_MAGIC
 from mcap_ros2.decoder import DecoderFactory
 
 from txt1.errors import RecordingError, Txt1Error
+from txt1.file_limits import CHUNK_MAX, UNPACKED_MAX, UNPACKED_SHARE, open_file
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 
 HEAD: Final = struct.Struct("<BQ")
@@ -63,6 +67,8 @@ class FilePass:
         """Chunks that were left out because their bytes are not what was written."""
         self.unread = 0
         """Bytes at the end that belong to no complete record."""
+        # bytes that the rest of the file may unpack to
+        self._left = 0
         self.header = Header("", "")
         self._epoch_ns = 0
         self.metadata: dict[str, dict[str, str]] = {}
@@ -89,9 +95,10 @@ class FilePass:
         Raises RecordingError: the file cannot be read, or is no MCAP file.
         """
         try:
-            with self.path.open("rb") as file:
+            with BufferedReader(open_file(self.path)) as file:
                 size = file.seek(0, 2)
                 file.seek(0)
+                self._left = UNPACKED_MAX + UNPACKED_SHARE * size
                 yield from self._records(file, size)
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot read it: {error.strerror}; check the name") from None
@@ -113,6 +120,8 @@ class FilePass:
             payload = file.read(length)
             try:
                 records = self._parse(opcode, payload)
+            except RecordingError:
+                raise
             except Exception:
                 # each compression has errors of its own
                 self.damaged += 1
@@ -122,11 +131,35 @@ class FilePass:
     def _parse(self, opcode: int, payload: bytes) -> list[McapRecord]:
         stream = ReadDataStream(BytesIO(payload))
         if opcode == Opcode.CHUNK:
-            return [self._noted(record) for record in breakup_chunk(Chunk.read(stream), validate_crc=True)]
+            chunk = self._unpacked(Chunk.read(stream))
+            return [self._noted(record) for record in breakup_chunk(chunk, validate_crc=True)]
         if opcode == Opcode.MESSAGE:
             return [Message.read(stream, len(payload))]
         kind = _KINDS.get(opcode)
         return [] if kind is None else [self._noted(kind.read(stream))]
+
+    def _unpacked(self, chunk: Chunk) -> Chunk:
+        """Return a chunk that is not packed; raises RecordingError: the file unpacks to more than a recording does."""
+        size = chunk.uncompressed_size
+        self._left -= size
+        if size > CHUNK_MAX or self._left < 0:
+            raise RecordingError(
+                f"{self.path}: a small file that unpacks to {size / 1e6:.0f} MB or more is no recording, so it is not "
+                "read any further; check where it came from"
+            )
+        match chunk.compression:
+            case "zstd":
+                with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
+                    data = reader.read(size)
+            case "lz4":
+                data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
+            case "":
+                return chunk
+            case other:
+                raise ValueError(other)
+        if len(data) != size:
+            raise ValueError("its size is another")
+        return replace(chunk, compression="", data=data)
 
     def _noted(self, record: McapRecord) -> McapRecord:
         match record:

@@ -30,6 +30,7 @@ from txt1.additions import priority_of
 from txt1.config import Config, recorded
 from txt1.control.commander import PRIORITIES
 from txt1.errors import ConfigError, RecordingError
+from txt1.file_limits import open_file
 from txt1.model.light_sensors import Readings
 from txt1.record.reading import Decoding, FilePass, robot_in, robots_in, trusting
 from txt1.record.summary import ending_of
@@ -100,7 +101,7 @@ def is_hand(source: str, also: Collection[str] = ()) -> bool:
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file; raises RecordingError."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise RecordingError(f"{path}: cannot read it: {error.strerror}; check the name") from None

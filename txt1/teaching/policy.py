@@ -23,14 +23,13 @@ from numpy.typing import NDArray
 
 from txt1.config.sources import checked
 from txt1.errors import ConfigError, MissingExtra
+from txt1.file_limits import POLICY_MAX, read_bytes
 from txt1.teaching.network import PolicyNetwork, Shape
 from txt1.teaching.onnx_file import Norm, PolicyError, card_of, read, written
 from txt1.teaching.seeing import Sight, shape_of
 
 Array = NDArray[np.float32]
 FORMAT: Final = 1
-SIZE_MAX: Final = 16_000_000
-"""Largest file, bytes."""
 PRODUCTS_MAX: Final = 50_000_000
 """Largest number of multiplications for a judgement: some 50 ms of a slow processor."""
 
@@ -196,8 +195,7 @@ def _text(card: Card) -> str:
 def load(path: Path) -> Policy:
     """Return the policy of a file; raises PolicyError, which names the file: it is no policy, damaged, or too large."""
     try:
-        with path.open("rb") as file:
-            data = file.read(SIZE_MAX + 1)
+        data = read_bytes(path, POLICY_MAX)
     except OSError as error:
         raise PolicyError(f"{path}: cannot read it: {error.strerror}; check the name") from None
     try:
@@ -208,8 +206,8 @@ def load(path: Path) -> Policy:
 
 def loaded(data: bytes) -> Policy:
     """Return the policy of a file's bytes; raises PolicyError."""
-    if len(data) > SIZE_MAX:
-        raise PolicyError(f"a policy has at most {SIZE_MAX // 1_000_000} MB")
+    if len(data) > POLICY_MAX:
+        raise PolicyError(f"a policy has at most {POLICY_MAX // 1_000_000} MB")
     text = card_of(data)
     try:
         told = json.loads(text)
@@ -246,5 +244,5 @@ def _bounded(card: Card) -> None:
             products += rows * columns * high * wide * channels * layer.filters
             channels = layer.filters
     products += sum(rows * columns for rows, columns in card.shape.layers()[-len(card.dense) - 1 :])
-    if products * card.members > PRODUCTS_MAX or card.shape.parameters * card.members * 4 > SIZE_MAX:
+    if products * card.members > PRODUCTS_MAX or card.shape.parameters * card.members * 4 > POLICY_MAX:
         raise PolicyError("it is too large to drive by: a look would take longer than a small computer has")

@@ -90,7 +90,7 @@ def test_a_map_that_cannot_be_read_is_refused_in_one_line(tmp_path: Path, text: 
     ("head", "told"),
     [
         (b"P5\n10000 10000\n255\n", "floor.pgm: 10000 x 10000 pixels; a map has at most 16 million: cut it out, or"),
-        (b"", "floor.pgm: 100000001 bytes; a map's file has at most 100000000: cut it out, or make it coarser"),
+        (b"", "floor.pgm: 100000001 bytes; a map's picture has at most 100000000: cut it out, or make it coarser"),
     ],
 )
 def test_a_map_of_100_megabytes_is_refused_by_its_head(tmp_path: Path, head: bytes, told: str) -> None:

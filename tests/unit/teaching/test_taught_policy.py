@@ -7,10 +7,11 @@ import numpy as np
 import onnx
 import pytest
 
+from txt1.file_limits import POLICY_MAX
 from txt1.teaching import onnx_file
 from txt1.teaching.network import PolicyNetwork
 from txt1.teaching.onnx_file import PolicyError
-from txt1.teaching.policy import SIZE_MAX, Card, Policy, digest, judgement, load, loaded
+from txt1.teaching.policy import Card, Policy, digest, judgement, load, loaded
 from txt1.teaching.seeing import Layer, Sight, shape_of
 
 SIGHTS = (
@@ -97,7 +98,7 @@ def card_changed(**values):
     [
         (b"", "no card"),
         (b"\xff" * 100, "no ONNX"),
-        (bytes(SIZE_MAX + 1), "at most"),
+        (bytes(POLICY_MAX + 1), "at most"),
         (policy().data[:-700], "breaks off|card"),
         (policy().data.replace(b"Relu", b"Selu"), "not as"),
         (card_changed(format=2), "card"),

@@ -17,19 +17,20 @@ from txt1.cli.app import App, get_ready
 from txt1.cli.options import ROBOT, loaded
 from txt1.commands import FAULT, OK, add, count, flag, path, takes
 from txt1.config import Config
-from txt1.config.safe_yaml import read_yaml
 from txt1.config.sources import flatten, vehicle_file
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
 from txt1.experiments.calibration import sensors, simulated_operator
 from txt1.experiments.calibration.bench import Bench, Operator
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
+from txt1.file_limits import read_text
 from txt1.hal.base import Hal
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.kernel.processors import processors
 from txt1.robot import Robot
+from txt1.safe_yaml import read_yaml
 from txt1.trials.run import run
 from txt1.trials.workers import Workers
 
@@ -128,7 +129,7 @@ def _sensors(arguments: argparse.Namespace) -> int:
     for name, settings in found.settings.items():
         print(f"estimation.settings.{name}: {settings}")
     if file is not None:
-        tree = read_yaml(file.read_text(encoding="utf-8")) if file.exists() else {}
+        tree = read_yaml(read_text(file)) if file.exists() else {}
         if not isinstance(tree, dict):
             raise ConfigError(f"{file}: no settings in it, so nothing can be put beside them")
         for name, settings in found.settings.items():
@@ -242,7 +243,7 @@ def _short(value: Any) -> str:
 def _tree(vehicle: str) -> dict[str, Any]:
     """Return the content of a vehicle's file."""
     file = vehicle_file(vehicle)
-    tree = None if file is None else read_yaml(file.read_text(encoding="utf-8"))
+    tree = None if file is None else read_yaml(read_text(file))
     return tree if isinstance(tree, dict) else {}
 
 
