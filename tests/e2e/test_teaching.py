@@ -223,6 +223,20 @@ async def test_a_hand_takes_over_and_letting_go_gives_the_wheel_back(policy: Pol
         assert (await rolled(robot, 1.0))[-1][0] == "policy"
 
 
+async def test_a_policy_that_stands_leaves_the_wheel_to_others(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with Robot.open("sim", settings=ROOM, additions={"teaching": policy}) as robot:
+        await robot.load_gains()
+        assert (await rolled(robot, 3.0))[-1][0] == "policy"
+        monkeypatch.setattr(Policy, "judge", lambda policy, values: Judgement(0.0, 0.0, 0.0))
+        while not robot.runtime.state.events[-1].text.startswith("the policy stands"):
+            await asyncio.sleep(0.02)
+        await asyncio.sleep(0.02)
+        assert robot.driver.name == "", "at once, and not as its last command grows old"
+        assert (await rolled(robot, 2.0))[-1][1] == 0.0
+        await robot.drive(0.3, 0.0, 1.0)
+        assert robot.odometry.v > 0.2, "a program of the least priority drives meanwhile"
+
+
 async def test_a_take_over_is_known_as_one_and_counts_more(policy: Policy, tmp_path: Path) -> None:
     log = tmp_path / "takeover.mcap"
     asked = {"teaching": policy, "record": RecordingAsked(log, None, {}, "max")}

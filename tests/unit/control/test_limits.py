@@ -105,7 +105,17 @@ def test_there_is_no_yaw_rate_at_standstill() -> None:
 def test_a_set_point_inside_the_dead_band_is_zero() -> None:
     gate = open_gate(Limits(v_dead_band=0.05))
     assert gate.admit_velocity(0.049, 0.0) == (0.0, 0.0)
+    for omega_max in (3.0, 0.05):
+        slow = open_gate(Limits(v_dead_band=0.05, omega_max=omega_max))
+        assert slow.admit_velocity(0.049, 0.05) == (0.0, 0.0), "a car without speed cannot turn"
     assert gate.admit_velocity(0.05, 0.0) == (0.05, 0.0)
+
+
+@pytest.mark.parametrize("timeout", [0.1, 0.25, 1.0])
+def test_a_command_is_stale_after_the_time_out_that_is_configured(timeout: float) -> None:
+    gate = open_gate(Limits(command_timeout=timeout))
+    assert gate.passes(0.0, gate.epoch, timeout)
+    assert not gate.passes(0.0, gate.epoch, timeout + 0.001)
 
 
 def test_pwm_beyond_the_pulse_range_is_clipped_to_it_and_counted() -> None:

@@ -55,6 +55,17 @@ def test_told_its_place_alone_it_finds_its_heading():
     assert told[-1][1] < 0.15 and told[-1][2] < 4.0
 
 
+def test_a_pose_of_which_it_is_not_sure_must_not_be_used():
+    poses = drive(0.1)
+    locator = Locator(coarse(), 1, "numpy", COUNT)
+    locator.place(poses[0], (3.0, 0.1))
+    # three rays tell little
+    few = scan(room(), poses[0], np.random.default_rng(1))[:3]
+    found = locator.update(0.0, few, poses[0])
+    assert found.covariance[0, 0] + found.covariance[1, 1] > 0.5**2
+    assert found.lost
+
+
 def test_it_finds_itself_from_anywhere():
     poses = drive(0.6)[10:]
     told = followed(Locator(coarse(), 1, "numpy", COUNT), poses, drifted(poses, 2))

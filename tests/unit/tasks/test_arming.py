@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from txt1.control.standstill import Stop
 from txt1.hal.base import BoardLink, Capabilities, Inputs
 from txt1.tasks.arming import reason_after_runaway, reason_not_to_arm
 from txt1.tasks.fields import LinkState, Power
@@ -15,9 +16,12 @@ from txt1.tasks.state import State
 READY = BoardLink(True, 0, "", "the board answers", {}, True, True)
 
 
-def reason(state: State, can: Capabilities, now: float = 5.0, link: BoardLink | None = None) -> str | None:
+def reason(
+    state: State, can: Capabilities, now: float = 5.0, link: BoardLink | None = None, stop: Stop | None = None
+) -> str | None:
     hal: Any = SimpleNamespace(capabilities=can, read=lambda now: Inputs(link=link))
-    return reason_not_to_arm(state, hal, hal, None, False, now)
+    watch: Any = None if stop is None else SimpleNamespace(standstill=SimpleNamespace(stop=stop))
+    return reason_not_to_arm(state, hal, hal, watch, False, now)
 
 
 def ready(power: Power | None = None) -> State:
@@ -33,6 +37,13 @@ def test_an_esc_that_was_switched_off_keeps_a_robot_behind_a_line_disarmed(esc: 
     told = reason(ready(Power(True, esc)), Capabilities(power=True, power_known=known))
     off = "the ESC is off: switch it on first (e, or Robot.switch_power)"
     assert told == (off if esc is False and not known else None)
+
+
+@pytest.mark.parametrize("stop", list(Stop))
+def test_while_a_stop_is_not_obeyed_nobody_arms(stop: Stop) -> None:
+    told = reason(ready(), Capabilities(power=True), stop=stop)
+    fails = stop in (Stop.PWM_ZEROS, Stop.ESC_OFF)
+    assert told == ("it has not stopped yet; wait until it stands" if fails else None)
 
 
 @pytest.mark.parametrize("atx", [True, False, None])

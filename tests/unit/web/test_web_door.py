@@ -135,7 +135,10 @@ def test_loopback_addresses() -> None:
 @pytest.mark.parametrize(
     ("content", "mode", "problem"),
     [
-        ("a-word-that-nobody-guesses", 0o644, "others may read it; chmod 600"),
+        *(
+            ("a-word-that-nobody-guesses", 0o600 | more, "others may read it; chmod 600")
+            for more in (0o040, 0o020, 0o010, 0o004, 0o002, 0o001)
+        ),
         ("short", 0o600, "a word of at least 16 characters"),
         ("", 0o600, "a word of at least 16 characters"),
         ("two words that nobody guesses", 0o600, "a word of at least 16 characters"),
