@@ -60,8 +60,8 @@ class McapFile:
         self._compression = compression
         self._schemas: dict[str, mcap.Schema] = {}
         self._channels: dict[int, mcap.Channel] = {}
-        # their index, as it goes to the end of the file: objects would take several times that
-        self._chunks = bytearray()
+        # their index, as it goes to the end of the file, packed: a day of two chunks a second has 0.1 GB of it
+        self._chunks, self._packing = bytearray(), zlib.compressobj(1)
         self._chunk_count = 0
         # of all messages, ns
         self._span: tuple[int, int] | None = None
@@ -120,16 +120,15 @@ class McapFile:
         self._write(declarations + chunk + index)
         self._schemas |= schemas
         self._channels |= channels
-        self._chunks += _bytes(
-            mcap.ChunkIndex(
-                chunk_length=len(chunk),
-                chunk_start_offset=start,
-                compressed_size=len(compressed),
-                message_index_length=len(index),
-                message_index_offsets=offsets,
-                **about,
-            )
+        entry = mcap.ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=start,
+            compressed_size=len(compressed),
+            message_index_length=len(index),
+            message_index_offsets=offsets,
+            **about,
         )
+        self._chunks += self._packing.compress(_bytes(entry))
         self._chunk_count += 1
         first, last = self._span or (block.first, block.last)
         self._span = min(first, block.first), max(last, block.last)
@@ -200,12 +199,14 @@ class McapFile:
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
+        # the packing goes on where the file cannot be closed
+        chunks = zlib.decompress(self._chunks + self._packing.copy().flush())
         summary, offsets = b"", []
         for opcode, group in (
             (Opcode.SCHEMA, _bytes(*self._schemas.values())),
             (Opcode.CHANNEL, _bytes(*self._channels.values())),
             (Opcode.STATISTICS, _bytes(statistics)),
-            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
+            (Opcode.CHUNK_INDEX, chunks),
             (Opcode.METADATA_INDEX, _bytes(*self._metadata)),
         ):
             if group:
