@@ -29,6 +29,8 @@ from txt1.config import load
 from txt1.errors import StopNotVerified
 from txt1.kernel.loop import run
 from txt1.link.pty import listen_pty
+from txt1.record.disk import parts
+from txt1.record.reading import FilePass
 from txt1.robot import Robot
 
 ROOT: Final = Path(__file__).parents[1]
@@ -220,6 +222,11 @@ def _children(process: int) -> list[int]:
     return [int(line.split()[0]) for line in listed.stdout.splitlines() if "txt1.sidecar" in line]
 
 
+ROTATION: Final = "recorder without room as the next file begins"
+ROOMLESS: Final = {"recorder without room": 0.0, ROTATION: 0.3}
+"""Faults of the recorder, and s after which its next file begins; 0: never."""
+
+
 async def beside(fault: str, rng: random.Random, folder: Path, seen: dict[str, float]) -> None:
     """Strike the screens, a bridge or the recorder of a robot that drives: it goes on to its end."""
     duration = 6.0
@@ -231,33 +238,51 @@ async def beside(fault: str, rng: random.Random, folder: Path, seen: dict[str, f
             options = await stack.enter_async_context(screens())
         else:
             words += ["--headless", "--json"]
-        if fault == "recorder without room":
-            words += ["--log", str(file)]
+        if fault in ROOMLESS:
+            words += ["--log", str(file), "--set", f"record.rotate_time={ROOMLESS[fault]:g}"]
         elif fault.startswith("bridge"):
             paths = os.environ.get("PYTHONPATH", str(ROOT)), PLUGINS
             options["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
             words += ["--bridge", "pusher"]
         process = await stack.enter_async_context(program(*words, **options))
-        if fault == "recorder without room":
+        if fault in ROOMLESS:
             await until(lambda: file.exists() and file.stat().st_size > 0, PATIENCE, "nothing is recorded")
         else:
             await until(lambda: bool(_children(process.pid)), PATIENCE, "there is no such process")
         await asyncio.sleep(rng.uniform(0.5, 0.6 * duration))
-        if fault == "recorder without room":  # the file cannot grow any more, as on a full disk
-            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (file.stat().st_size, resource.RLIM_INFINITY))
+        if fault in ROOMLESS:  # no file can grow any more, as on a full disk
+            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
+            if fault == ROTATION:
+                await asyncio.sleep(1.0)
+                resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
         else:
             for child in _children(process.pid):
                 os.kill(child, signal.SIGSTOP if "stopped" in fault else signal.SIGKILL)
         code = await asyncio.wait_for(process.wait(), duration + 30.0)
         if code not in ((0, 1) if fault == "recorder without room" else (0,)):
             raise Broken(f"exit code {code}")
+        if fault == ROTATION:
+            whole(file, duration)
+
+
+def whole(file: Path, duration: float) -> None:
+    """Check that all files of a recording are complete, and that the last goes on to the end of the run."""
+    last = 0.0
+    for each in parts(file):
+        reading = FilePass(each)
+        last = max(map(reading.run_time, reading), default=last)
+        if not reading.complete or reading.damaged:
+            raise Broken(f"{each.name} is not whole")
+    if last < duration - 1.0:
+        raise Broken(f"recorded up to {last:.1f} s of {duration:g} s, and there was room again")
 
 
 FAULTS: Final[tuple[tuple[str, str], ...]] = (
     ("host", "SIGKILL"), ("host", "SIGSTOP"), ("host", "SIGTERM"), ("host", "SIGINT"), ("host", "SIGHUP"),
     ("host", "unplugged"), ("board", "SIGKILL"), ("board", "SIGSTOP"), ("board", "killed and started anew"),
     ("host", "screens killed"), ("beside", "screens stopped"), ("beside", "recorder without room"),
-    ("beside", "bridge killed"), ("beside", "bridge stopped"), *(("fleet", fault) for fault in fleets.FAULTS),
+    ("beside", ROTATION), ("beside", "bridge killed"), ("beside", "bridge stopped"),
+    *(("fleet", fault) for fault in fleets.FAULTS),
 )  # fmt: skip
 PLACES: Final = {"host": host, "board": board, "beside": beside, "fleet": fleets.strike}
 
