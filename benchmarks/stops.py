@@ -342,6 +342,12 @@ async def lose_encoder(on: Desk) -> None:
     on.insist(0.6)
 
 
+async def lose_encoders(on: Desk) -> None:
+    """Take the power from both encoders."""
+    on.hal.vehicle.faults = Faults(right_encoder=True, left_encoder=True)
+    on.insist(0.6)
+
+
 async def reverse_encoder(on: Desk) -> None:
     """Let the left encoder count the other way."""
     hal: Any = on.hal
@@ -471,10 +477,11 @@ async def rest(on: Desk) -> None:
 EACH: Final = tuple(KINDS)
 BOARDS: Final = ("ours", "original")
 MANUAL: Final[dict[str, Any]] = {"before": manual, "by_output": True}
-STALE, SILENT, ENCODER, AGAINST = (
+STALE, SILENT, ENCODER, BLIND, AGAINST = (
     "the command is older",
     "the host is silent",
     "an encoder is silent",
+    "all encoders read 0",
     "the wheels turn",
 )
 MISSED, CUT, UNOBEYED, UNMOVED = (
@@ -495,6 +502,7 @@ CASES: Final = (
     *on_each(EACH, "nan", "commands are NaN", bad_command, "a command is NaN"),
     *on_each(("sim",), "silent", "the host falls silent", fall_silent, SILENT),
     *on_each(EACH, "encoder", "an encoder falls silent", lose_encoder, ENCODER),
+    *on_each(EACH, "blind", "both encoders lose power", lose_encoders, BLIND),
     *on_each(EACH, "reversed", "an encoder counts backwards", reverse_encoder, AGAINST),
     *on_each(
         ("sim", "ours"), "contradicted", "combined odometry says 0", contradict, AGAINST, told="combined odometry"

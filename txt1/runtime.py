@@ -11,7 +11,7 @@ from txt1 import additions
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control.car import loops_for
-from txt1.control.limits import BLOCKED, WAY_BACK, Fault, Gate, Guard
+from txt1.control.limits import BLOCKED, LOST, WAY_BACK, Fault, Gate, Guard
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
 from txt1.control.standstill import coasting_time
@@ -75,7 +75,7 @@ def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
         partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, loops=loops),
     )
     yield "serial", 4, None, serving
-    yield "encoder", 3, 0.02, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)
+    yield "encoder", 3, 0.02, partial(encoder.encoder, state=state, hal=hal, gate=gate, geometry=geometry)
     if robot.watch is not None:
         yield "standstill", 3, standstill.STANDSTILL_PERIOD, partial(standstill.standstill, watch=robot.watch)
     yield "mode", 2, 1.0, partial(mode.mode, state=state, gate=gate)
@@ -132,7 +132,7 @@ class Runtime:
         """The hardware layer as the tasks use it; on the real clock its reports are recorded here."""
         self.name = config.name or hal.name if name is None else name
         self.state = State(self.bus, hal.capabilities)
-        self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
+        self.gate = Gate(config.limits() if limits is None else limits, self._gate_closed, config.geometry.count_length)
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors that the hardware layer does not have itself, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
@@ -158,6 +158,8 @@ class Runtime:
         self._open = False
         # whether the robot did not obey since it was armed
         self._ran_away = False
+        # whether it may be armed without having been seen to stand, when it has rolled out
+        self._seen_later = False
         # when a robot that did not obey has certainly rolled out, s of the run
         self._rolls_until = 0.0
         self.failed = False
@@ -316,7 +318,7 @@ class Runtime:
         held = self.config.hal == "serial" and line.control == "host" and not line.allow_host
         reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, now)
         if reason is None and self._ran_away:
-            reason = reason_after_runaway(self._rolls_until, self.hal.capabilities.blind, self.stands(now), now)
+            reason = reason_after_runaway(self._rolls_until, self._seen_later, self.stands(now), now)
         if reason is not None:
             raise NotArmed(reason, remedy="")
         self._ran_away = False
@@ -407,12 +409,19 @@ class Runtime:
             # only some hardware knows, for example a simulation
             blocked_by = getattr(self.hal, "blocked_by", None)
             blocked = None if blocked_by is None else blocked_by()
-            at_rest = blocked is not None and reason is BLOCKED
+            at_rest = blocked is not None and reason in (BLOCKED, LOST)
             self._ran_away = True
+            # without its motor it rolls out; only the next drive shows whether its encoders count
+            lost = reason is LOST
+            self._seen_later = self.hal.capabilities.blind or lost
             self._rolls_until = self.now + (0.0 if at_rest else coasting_time(self.gate.limits.runaway_speed))
             if blocked is not None:
                 told = f"blocked: {blocked}; {WAY_BACK}" if at_rest else f"{reason}: it is at {blocked}"
                 self.gate.reason = reason = told
+            elif reason is LOST and self.state.battery.state in (fields.BatteryState.WARNING, fields.BatteryState.BAD):
+                self.gate.reason = reason = f"{reason}; the battery is empty"
+            if lost and self.watch is not None:
+                self.watch.lose_sight(self.now)
         way_back = "; arm it again to go on (key m)" if self.gate.closed_by in (Fault.MISSED, Fault.SLEPT) else ""
         self.state.tell(self.now, f"disarmed: {reason}{way_back}")
 

@@ -389,7 +389,7 @@ async def test_a_slow_car_is_no_fault() -> None:
 # -- commanded and not moving ----------------------------------------------------------------------------------
 
 
-async def test_who_arms_again_at_once_has_another_second(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_arms_again_at_once_has_the_same_time_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SerialHal, "clear_loops", lambda hal, now: None)  # as hardware whose loops do not wind up
     async with robot_and_board() as (robot, board):
         board.happen(BoardEvent("esc", 0.0))
@@ -400,14 +400,24 @@ async def test_who_arms_again_at_once_has_another_second(monkeypatch: pytest.Mon
         began = robot.now
         with pytest.raises(NotArmed, match="commanded and not moving"):
             await robot.drive(0.3, 0.0, 3.0)
-        assert robot.now - began > 1.0
+        assert robot.now - began > 0.55
 
 
 async def test_an_empty_battery_is_named_among_the_causes() -> None:
-    async with robot_and_board(*ORIGINAL, "sim.battery.used_1=49.0") as (robot, board):
+    async with robot_and_board() as (robot, board):
+        board.happen(BoardEvent("battery", 9.2))
+        board.happen(BoardEvent("esc", 0.0))
+        await asyncio.sleep(10.0)
         with pytest.raises(NotArmed, match="commanded and not moving: battery empty, ESC off"):
-            await robot.drive(0.4, 0.3, 300.0)
-        assert board.vehicle.supply.cut_off
+            await robot.drive(0.4, 0.3, 3.0)
+
+
+async def test_a_battery_that_cuts_the_encoders_off_is_named_too() -> None:
+    with pytest.raises(StopNotVerified, match="look at it"):
+        async with robot_and_board(*ORIGINAL, "sim.battery.used_1=49.0") as (robot, board):
+            with pytest.raises(NotArmed, match="dead encoders; look at the robot; the battery is empty"):
+                await robot.drive(0.4, 0.3, 300.0)
+            assert board.vehicle.supply.cut_off
 
 
 async def test_with_the_esc_left_off_the_robot_disarms_and_its_return_does_not_lurch() -> None:
@@ -472,7 +482,7 @@ async def test_without_that_silence_it_lurches_so_the_test_before_means_somethin
     monkeypatch.setattr(SerialHal, "clear_loops", lambda hal, now: None)
     async with not_moving() as (_, board):
         await asyncio.sleep(4.0)
-        assert await fastest_when_the_esc_comes_on(board) > 0.8, "wound up, and disarmed"
+        assert await fastest_when_the_esc_comes_on(board) > 0.4, "wound up, and disarmed"
         await asyncio.sleep(3.0)
 
 
@@ -494,7 +504,7 @@ async def test_without_zeros_in_that_silence_it_lurches_so_the_test_before_means
             monkeypatch.setattr(SerialHal, "halt", lambda hal, outputs, now: None)
             await asyncio.sleep(0.25)
             fastest = await fastest_when_the_esc_comes_on(board)
-    assert fastest > 0.8
+    assert fastest > 0.4
 
 
 async def test_while_the_loops_are_cleared_it_is_stopped_but_not_armed() -> None:

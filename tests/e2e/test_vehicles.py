@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -91,9 +92,12 @@ async def test_a_rover_turns_in_place_both_ways_and_keeps_its_sign_in_reverse() 
 async def test_a_rover_stops_at_a_wall_and_comes_away_from_it() -> None:
     settings = ("vehicle=rover", "sim.room.length=1.2", "sim.room.width=1.2", "safety.runaway_time=5")
     async with driven(settings) as robot:
-        await robot.drive(0.5, 0.0, 2.0)
+        with pytest.raises(NotArmed, match="blocked: a wall"):
+            await robot.drive(0.5, 0.0, 2.0)
         x, _, _ = robot.pose or (9.0, 0.0, 0.0)
         assert x == pytest.approx(0.6 - 0.115, abs=0.03)
+        await asyncio.sleep(0.5)
+        robot.arm()
         await robot.drive(-0.3, 0.0, 2.0)
         assert robot.pose is not None and robot.pose[0] < 0.45
 

@@ -46,14 +46,18 @@ SPACER: Final = b"\x00"
 SPACING: Final = 0.02
 
 
-EVENTS: Final = ("centre", "restart", "esc", "battery")
+ENCODERS: Final = {"encoders": ("right", "left"), "right_encoder": ("right",), "left_encoder": ("left",)}
+"""The events of the encoders, and the sides that lose their power."""
+
+EVENTS: Final = ("centre", "restart", "esc", "battery", *ENCODERS)
 
 
 class BoardEvent(NamedTuple):
     """An event at a board, one of EVENTS.
 
     centre: the button is pressed. restart: the board is without power for `value` s. esc: an earlier host's command
-    turns the switch on (1) or off (0). battery: each pack reads `value` V; None: its charge.
+    turns the switch on (1) or off (0). battery: each pack reads `value` V; None: its charge. encoders, right_encoder,
+    left_encoder: their counters stand still (0), or count again (1).
     """
 
     name: str
@@ -258,6 +262,9 @@ class Board:
                 self.runtime.post(PowerControl(Switch.ESC, bool(value)), self.now)
             case "battery":
                 self.vehicle.faults = replace(self.vehicle.faults, voltage=value)
+            case "encoders" | "right_encoder" | "left_encoder":
+                dead = {f"{side}_encoder": not value for side in ENCODERS[name]}
+                self.vehicle.faults = replace(self.vehicle.faults, **dead)
             case "restart":
                 if self.original is None:
                     raise CommandRefused("only a board with the habits of an original restarts here: --as original")

@@ -37,6 +37,12 @@ SHOWN: Final = {
     "↑↓": "gains",
 }
 _STATES: Final = {"off": 0.0, "on": 1.0}
+SWITCHED: Final = {
+    "esc": "the ESC is",
+    "encoders": "the encoders are",
+    "right_encoder": "the right encoder is",
+    "left_encoder": "the left encoder is",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,8 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             },
             "--event": takes(
                 "T:NAME[=VALUE]",
-                "let something happen at T s: centre, esc=off, battery=V, restart=S (an original board "
-                "without power for S s); may be repeated",
+                "let something happen at T s: centre, esc=off, encoders=off, right_encoder=off, left_encoder=off, "
+                "battery=V, restart=S (an original board without power for S s); may be repeated",
                 board_event,
                 action="append",
                 default=[],
@@ -89,9 +95,9 @@ def board_event(text: str) -> tuple[float, BoardEvent]:
     name, equals, value = event.partition("=")
     if name not in EVENTS or bool(equals) is (name == "centre"):
         raise argparse.ArgumentTypeError(f"'{text}' is no event, such as 12.5:centre, 20:esc=off or 30:restart=0.2")
-    number = _STATES.get(value) if name == "esc" else commands.positive(value) if equals else 0.0
+    number = _STATES.get(value) if name in SWITCHED else commands.positive(value) if equals else 0.0
     if number is None:
-        raise argparse.ArgumentTypeError(f"'{text}': the ESC is on or off")
+        raise argparse.ArgumentTypeError(f"'{text}': {SWITCHED[name]} on or off")
     return commands.positive(time), BoardEvent(name, number)
 
 

@@ -21,6 +21,7 @@ from math import inf, isfinite
 from typing import Final, NamedTuple
 
 from txt1.control.parameters import Limits
+from txt1.control.sight import Sight
 from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.units import new
@@ -36,6 +37,7 @@ DISAGREEMENT: Final = 0.5
 # a whole number beyond it is no float, so it is not finite either
 LARGEST: Final = sys.float_info.max
 WAY_BACK: Final = "arm it (m) and drive back"
+LOST: Final = "not seen any more: a wall, an obstacle, or dead encoders; look at the robot"
 BLOCKED: Final = f"blocked: a wall or an obstacle, or dead encoders; {WAY_BACK}"
 
 
@@ -193,10 +195,15 @@ Guard = Callable[[float, float, float], tuple[float, float]]
 
 
 class Gate:
-    """Decides what reaches the actuators; `on_close` is called with the reason whenever the gate disarms."""
+    """Decides what reaches the actuators; `on_close` is called with the reason whenever the gate disarms.
 
-    def __init__(self, limits: Limits, on_close: Callable[[str], None]) -> None:
+    `count` is m per count of an encoder; 0 if it is fine, or unknown.
+    """
+
+    def __init__(self, limits: Limits, on_close: Callable[[str], None], count: float = 0.0) -> None:
         self.limits = limits
+        self.sight = Sight(count)
+        """Whether the car is seen while it is commanded to drive."""
         self._bounds = SetpointBounds(limits)
         self._timeout = limits.command_timeout + 1e-9
         self._motor_max = float(limits.motor_max)
@@ -226,6 +233,7 @@ class Gate:
         self.armed, self.stopped, self.reason, self.closed_by = True, False, "", None
         self.renew(now)
         self._runaway.clear()
+        self.sight.clear()
 
     def renew(self, now: float) -> None:
         """Make all commands given up to `now` invalid: the robot has been armed, or its mode changed."""
@@ -302,7 +310,7 @@ class Gate:
         if self._fresh and not fresh and self.armed:
             self.count(Fault.STALE)
         self._fresh = fresh
-        return fresh and self.armed
+        return fresh and self.armed and not self.sight.doubted
 
     def neutral(self, servos: tuple[int, int]) -> Outputs:
         """Motor off, steering straight, set-point 0; the free servos follow while armed, else stay where they are."""
@@ -348,6 +356,16 @@ class Gate:
             reason = self._runaway.check(self._motor, right, left, v, v_combined, dt)
             if reason is not None:
                 self.disarm(reason if reason is BLOCKED else f"runaway: {reason}", Fault.RUNAWAY)
+
+    def look(self, wheel: float, asked: float, dt: float, brakes: bool) -> bool:
+        """Return whether the outputs have to be neutral now, by a reading of the faster wheel (see `Sight`).
+
+        Disarm if the car is not seen any more.
+        """
+        lost = self.sight.lost(wheel, asked, dt, brakes)
+        if lost:
+            self.disarm(LOST, Fault.RUNAWAY)
+        return lost or self.sight.doubted
 
     def slept(self, duration: float, period: float) -> None:
         """Disarm if the computer was suspended for `duration` s, as long as too many cycles of `period` s take."""

@@ -45,12 +45,12 @@ def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held
     return None
 
 
-def reason_after_runaway(rolls_until: float, blind: bool, stands: bool, now: float) -> str | None:
+def reason_after_runaway(rolls_until: float, unseen: bool, stands: bool, now: float) -> str | None:
     """Return why a robot that did not obey may not be armed at `now`; None when arming is allowed.
 
     At `rolls_until` (s of the run) it has certainly come to rest. Before that time its encoders do not count, because
-    dead encoders read 0.
+    dead encoders read 0. An `unseen` robot, whose encoders may be dead or which has none, may then be armed.
     """
     if now < rolls_until:
         return f"it did not obey, and may still roll: try again in {rolls_until - now:.1f} s"
-    return None if blind or stands else "it did not obey, and still moves: wait until it stands"
+    return None if unseen or stands else "it did not obey, and still moves: wait until it stands"

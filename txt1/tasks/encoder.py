@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from math import cos, sin
 from typing import Final
 
+from txt1.control.limits import Gate
 from txt1.errors import HalError
 from txt1.hal.base import BoardLink, Hal, Inputs
 from txt1.kernel.ticks import Ticks
@@ -136,8 +137,13 @@ def origin(pose: Pose, odometry: Odometry) -> Pose:
 STILL: Final = Encoders(0, 0)
 
 
-async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:
-    """Keep the odometry up to date, from encoder ticks or from a HAL that computes odometry."""
+async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry) -> None:
+    """Keep the odometry up to date, from encoder ticks or from a HAL that computes odometry.
+
+    A car that is commanded to drive and not seen any more gets neutral outputs at once, past loops that do not see it.
+    """
+    turning = 0.5 * geometry.track_width
+    looked = 0.0
     wheels = WheelOdometry(geometry)
     if hal.capabilities.blind:
         state.tell(0.0, "no encoders: odometry is dead reckoning, and the rules on runaways are off")
@@ -152,14 +158,29 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
             if hal.capabilities.blind:
                 asked, since = state.control, now - state.odometry_time
                 _put(state, advance(state.odometry, asked.v, asked.omega, since), now, still=False)
-            else:
-                take_odometry(state, inputs, now)
-            continue
-        counts = wheels.step(inputs.ticks, now)
-        if counts is not None:
-            still = counts == (0, 0)
-            state.encoders = STILL if still else new(Encoders, counts)
-            _put(state, wheels.odometry, now, still)
+                continue
+            take_odometry(state, inputs, now)
+        else:
+            counts = wheels.step(inputs.ticks, now)
+            if counts is not None:
+                still = counts == (0, 0)
+                state.encoders = STILL if still else new(Encoders, counts)
+                _put(state, wheels.odometry, now, still)
+        if gate.armed and state.odometry_time > looked:
+            given, seen = state.control, state.odometry
+            wanted = faster_wheel(given.v, turning * given.omega)
+            wheel = faster_wheel(seen.v, turning * seen.omega)
+            if gate.look(wheel, wanted, state.odometry_time - looked, given.outputs.motor * wanted < 0.0):
+                neutral = gate.neutral(state.servos)
+                if hal.capabilities.halt:
+                    hal.halt(neutral, now)
+                hal.write(neutral, now)
+        looked = state.odometry_time
+
+
+def faster_wheel(v: float, turning: float) -> float:
+    """Return the speed of the faster wheel, m/s, with the sign of v; `turning` is a wheel's part of the turn."""
+    return v - abs(turning) if v < 0.0 else v + abs(turning)
 
 
 def _put(state: State, odometry: Odometry, time: float, still: bool) -> None:

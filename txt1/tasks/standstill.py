@@ -12,7 +12,8 @@ from math import copysign
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
-from txt1.control.standstill import STANDS, STILL, UNOBEYED, Standstill, Stop
+from txt1.control.sight import time_unseen
+from txt1.control.standstill import DELAY, STANDS, STILL, UNOBEYED, Standstill, Stop
 from txt1.errors import HalError
 from txt1.hal.base import Capabilities, Hal, Outputs
 from txt1.kernel.ticks import Ticks
@@ -32,8 +33,9 @@ AGAIN: Final = 0.1
 SLOWEST: Final = 0.1
 # ... while less than this is measured: original boards read 0 below 0.045 m/s
 UNMOVED: Final = 0.03
-# s of that
+# s of that at most, and m that it may go meanwhile if its encoders are dead
 UNMOVED_TIME: Final = 1.0
+UNMOVED_WAY: Final = 0.3
 # s after which a board's loops have certainly lost their wound-up integral
 FULL: Final = 3.4
 # s that the end of a run waits at most
@@ -81,6 +83,8 @@ class Watch:
         self._unmoved_since = 0.0
         # the epoch of these commands; it changes when the robot is armed again
         self._epoch = gate.epoch
+        # when it was lost sight of, if no motion was seen since, s of the run
+        self._lost_time = 0.0
 
     def step(self, now: float, outputs: Outputs) -> Stop:
         """Judge the speed after these outputs, and take the next measure of the stop."""
@@ -90,13 +94,15 @@ class Watch:
         v = state.odometry.v if known else None
         # the faster wheel's: if an encoder counts backwards, the odometry of a fast car looks like a turn
         wheel = None if v is None else abs(v) + 0.5 * self._track_width * abs(state.odometry.omega)
+        if wheel:
+            self._lost_time = 0.0
         stop = watch.step(
             now,
             wheel,
             commanded=bool(outputs.motor or outputs.v or outputs.omega),
             armed=self.gate.armed,
             connected=state.board is None or state.board.connected,
-            fell=fell(state),
+            fell=self._fell,
         )
         if stop is not before:
             self._enter(stop, before, now, blind=v is None)
@@ -119,7 +125,7 @@ class Watch:
             self.state.tell(now, f"{told}{' (not seen: no odometry)' if blind else ''}")
         elif stop is Stop.STANDING and before in (*UNOBEYED, Stop.UNASKED):
             self.state.tell(now, "the robot stands")
-        elif stop is Stop.UNSEEN and fell(self.state):
+        elif stop is Stop.UNSEEN and self._fell:
             causes = "a wall, wheels that spun, or encoders without power"
             self.state.tell(now, f"the speed fell faster than it can: {causes}; look at the robot")
             # the loops drive on against a speed that they do not see
@@ -128,6 +134,13 @@ class Watch:
             self.gate.disarm("the robot did not stop when told to", Fault.STOP_UNOBEYED)
         if stop is Stop.ESC_OFF and self.hal.capabilities.power:
             self._switch(Switch.ESC, False, now)
+
+    def lose_sight(self, now: float) -> None:
+        """Take the strongest means at once: what drives it does not show in its speed."""
+        self._lost_time = now
+        if self.hal.capabilities.power:
+            self._switch(Switch.ESC, False, now)
+        self._clear_loops(now)
 
     def _check_obedience(self, now: float, v: float | None, outputs: Outputs) -> None:
         """Disarm if a speed was commanded for a second, everything was ready, and the robot did not move."""
@@ -140,7 +153,8 @@ class Watch:
         if not (ready and asked and unmoved) or turned or self.gate.epoch != self._epoch:
             self._unmoved_since, self._epoch = now, self.gate.epoch
         self._asked = asked if ready else 0.0
-        if self._asked and now - self._unmoved_since >= UNMOVED_TIME - 1e-9:
+        since = now - self._unmoved_since
+        if self._asked and since >= min(UNMOVED_TIME, DELAY + time_unseen(UNMOVED_WAY, self._asked)) - 1e-9:
             low = state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
             causes = f"battery empty, {CAUSES}" if low else CAUSES
             self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)
@@ -149,10 +163,18 @@ class Watch:
             self._full_until = now + FULL
 
     @property
+    def _fell(self) -> bool:
+        """Whether a speed of 0 does not show that it stands: it fell faster than brakes allow, or sight was lost.
+
+        Motion that is seen, and power for the encoders, end this.
+        """
+        return max(self.state.fell_time, self._lost_time) > self.state.atx_time
+
+    @property
     def settled(self) -> bool:
         """Whether the robot stands after everything that this run has driven."""
         stop = self.standstill.stop
-        return not self.standstill.drove or stop is Stop.STANDING or (stop is Stop.UNSEEN and not fell(self.state))
+        return not self.standstill.drove or stop is Stop.STANDING or (stop is Stop.UNSEEN and not self._fell)
 
     @property
     def trouble(self) -> str:
@@ -168,13 +190,6 @@ class Watch:
             f"the robot did not stop when told to; it took {means}{blind}; is the board in manual mode, or did the "
             "wheels spin?"
         )
-
-
-def fell(state: State) -> bool:
-    """Return whether the speed fell faster than brakes allow, and neither motion nor power came to the encoders
-    since.
-    """
-    return state.fell_time > state.atx_time
 
 
 def sees(state: State, now: float) -> bool:

@@ -1,0 +1,91 @@
+"""A car that is commanded to drive is not lost sight of: what its wheels' readings allow is bounded by a distance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from txt1.control.sight import FALL, GAIN, KEEPS, SLOWEST, WAY, Sight, time_unseen
+
+PERIOD = 0.05
+
+
+def after(speeds: Iterable[float], asked: float, dt: float = PERIOD, count: float = 0.0) -> list[str]:
+    """How the car is seen after each reading, m/s."""
+    sight, seen = Sight(count), []
+    for wheel in speeds:
+        lost = sight.lost(wheel, asked, dt)
+        seen.append("lost" if lost else "doubted" if sight.doubted else "seen")
+    return seen
+
+
+@pytest.mark.parametrize("v", [FALL + 0.01, 1.0, -1.0])
+def test_a_fall_that_no_brakes_make_is_doubted_at_once_and_lost_at_the_next_reading(v: float) -> None:
+    assert after([v, v, 0.0, 0.0], v) == ["seen", "seen", "doubted", "lost"]
+
+
+def test_a_locked_wheel_turns_again_without_the_motor_and_the_car_drives_on() -> None:
+    assert after([1.0, 1.0, 0.0, 0.8, 1.0], 1.0) == ["seen", "seen", "doubted", "seen", "seen"]
+
+
+def test_a_reading_in_the_middle_of_which_the_encoders_died_hides_nothing() -> None:
+    assert after([1.0, 1.0, 0.3, 0.0, 0.0], 1.0)[2:] == ["seen", "doubted", "lost"]
+
+
+@given(v=st.floats(0.1, FALL), sign=st.sampled_from((-1.0, 1.0)))
+def test_a_slow_car_is_lost_when_it_may_have_gone_ten_centimetres_unseen(v: float, sign: float) -> None:
+    v *= sign
+    seen = after([v, v, *[0.0] * 20], v)
+    assert "doubted" not in seen
+    unseen = PERIOD * (seen.index("lost") - 1)
+    ways = [abs(v) * (t + t * (t + PERIOD) / (2.0 * GAIN)) for t in (unseen - PERIOD, unseen)]
+    assert ways[0] < WAY + 1e-9 and ways[1] > WAY - 1e-9, "not earlier, and not a reading later"
+
+
+def test_a_car_that_had_slowed_down_already_may_have_come_to_rest() -> None:
+    falling = [0.5, 0.4, 0.3, 0.2, 0.1, *[0.0] * 20]
+    assert set(after(falling, 0.5)) == {"seen"}
+    assert "lost" in after([0.5, 0.4, KEEPS * 0.5 + 0.01, *[0.0] * 20], 0.5)
+
+
+def test_a_car_at_rest_and_one_that_turns_round_are_not_judged() -> None:
+    assert set(after([0.0] * 40, 1.0)) == {"seen"}
+    assert set(after([1.0, 1.0, 0.0, 0.0, 0.0], -1.0)) == {"seen"}
+
+
+def test_a_car_that_is_not_commanded_is_not_judged_and_begins_anew() -> None:
+    sight = Sight()
+    for wheel, asked in ((1.0, 1.0), (1.0, 1.0), (0.0, SLOWEST / 2), *[(0.0, 1.0)] * 9):
+        assert not sight.lost(wheel, asked, PERIOD) and not sight.doubted
+
+
+def test_what_happened_while_a_line_stalled_is_not_counted() -> None:
+    sight = Sight()
+    sight.lost(0.4, 0.4, PERIOD)
+    assert not sight.lost(0.0, 0.4, 1.0)
+
+
+def test_few_counts_in_a_turn_make_no_loss() -> None:
+    """20 counts in a turn of 0.3 m: at 0.3 m/s a count comes every 50 ms, and most readings of 20 ms are 0."""
+    coarse = [0.75, *[0.0] * 2] * 50
+    assert set(after(coarse, 0.3, 0.02, 0.015)) == {"seen"}
+    assert "lost" in after([*coarse, *[0.0] * 20], 0.3, 0.02, 0.015)
+
+
+def test_the_time_of_a_car_that_stood_is_by_its_way() -> None:
+    assert time_unseen(0.3, 1.0) ** 2 / (2.0 * GAIN) == pytest.approx(0.3)
+    assert time_unseen(0.3, -0.25) == pytest.approx(2.0 * time_unseen(0.3, 1.0))
+
+
+def test_a_spinning_wheel_s_speed_is_not_the_car_s() -> None:
+    assert set(after([0.0, 2.2, 0.0, 0.3], 0.9)) == {"seen"}, "on ice, and the wheel grips"
+    assert after([0.5, 0.9, 0.9, 0.0, 0.0], 0.9)[3:] == ["doubted", "lost"]
+
+
+def test_a_motor_that_brakes_may_have_brought_the_wheels_to_rest() -> None:
+    sight = Sight()
+    for wheel in (1.0, 1.0, 0.0, 0.0):
+        assert not sight.lost(wheel, 1.0, 0.02, brakes=wheel == 0.0)

@@ -1,0 +1,103 @@
+"""Sight of a car that is commanded to drive: encoders that lose their power read 0, and loops then drive without limit.
+
+How it works
+------------
+
+A car that rolls, and is commanded to go on, does not vanish: its motor does not brake. A wheel that spins or locks
+changes its speed within milliseconds, far quicker than the car can, but it does not stay at exactly 0: without the
+motor's force the ground turns it again. So a reading of exactly 0 of all wheels, under such a command, is judged by
+what may have happened unseen:
+
+* **Doubt.** The car rolled faster than FALL, so this reading fell faster than brakes can slow a car. (Wheels may spin
+  faster than it rolls: its speed is that of the wheels, but rises by no more than the tyres' PULL.) The outputs are
+  neutral until the next reading. A wheel that was locked turns again in it, and the car drives on.
+* **Lost.** The reading after a doubt is 0, too. Or the car may have gone WAY without being seen: loops that see 0 add
+  the commanded speed to their output about every GAIN, so a car that rolled at v0 is, after t s, at
+
+      v = v0 + v_asked t / GAIN            so that its way is        v0 t + v_asked t^2 / (2 GAIN)
+
+  where v rises by no more than PULL.
+
+Lost is what encoders without power, a wall, an obstacle and a blocked car have in common. They cannot be told apart,
+and all of them want the same: a stop, and a look at the robot.
+"""
+
+from math import copysign, sqrt
+from typing import Final
+
+# m/s of a fall from one reading to the next that no brakes explain: 10 m/s^2 for the 0.05 s between two messages
+FALL: Final = 0.5
+# m that a car may go on without being seen
+WAY: Final = 0.1
+# s in which loops that see 0 add the commanded speed to that of their outputs
+GAIN: Final = 0.1
+# m/s^2 that tyres pull
+PULL: Final = 10.0
+# m/s that has to be commanded: slower wheels may read 0
+SLOWEST: Final = 0.1
+# share of the commanded speed below which a car was slowing down already, and may have come to rest
+KEEPS: Final = 0.5
+# s that a reading may cover; what happened in a longer pause of the line is not known
+LONGEST: Final = 0.05
+# encoder counts that have to be missing
+COUNTS: Final = 5.0
+
+
+def time_unseen(way: float, asked: float) -> float:
+    """Return s in which a car that stood, commanded at `asked` m/s, may go `way` m while its loops see 0."""
+    return sqrt(2.0 * GAIN * way / abs(asked))
+
+
+class Sight:
+    """Notices from readings of the wheels that a car is not seen any more; `count` is m per encoder count."""
+
+    def __init__(self, count: float = 0.0) -> None:
+        self._way_max = max(WAY, COUNTS * count)
+        self._fall = max(FALL, COUNTS * count / LONGEST)
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew: the car stands."""
+        self.doubted = False
+        """Whether the outputs have to be neutral until the next reading."""
+        # the car's speed at the last two readings above 0, m/s: no more than tyres can have given it
+        self._speed = self._before = 0.0
+        self._pause()
+
+    def _pause(self) -> None:
+        # since the wheels were seen to turn: m/s that it may have gained, and m that it may have gone
+        self._gained = self._way = 0.0
+
+    def lost(self, wheel: float, asked: float, dt: float, brakes: bool = False) -> bool:
+        """Return whether the car is not seen any more.
+
+        `wheel` is the faster wheel's speed by the reading (m/s, signed as v), which came `dt` s after the last, and
+        `asked` its speed by the set-point of that time. `brakes`: the motor's output was against it, so the wheels may
+        have come to rest.
+        """
+        if wheel != 0.0:
+            held = abs(self._speed) if self._speed * wheel > 0.0 else 0.0
+            rolls = min(abs(wheel), held + PULL * min(dt, LONGEST))
+            self._before, self._speed, self.doubted = self._speed, copysign(rolls, wheel), False
+            self._pause()
+            return False
+        if self.doubted:
+            return True
+        if abs(asked) < SLOWEST - 1e-9:
+            self.clear()
+            return False
+        rolled = self._rolled(asked)
+        if brakes or rolled < KEEPS * abs(asked):
+            return False
+        if self._way == 0.0 and rolled > self._fall:
+            self.doubted = True
+        dt = min(dt, LONGEST)
+        self._gained += dt * min(abs(asked) / GAIN, PULL)
+        self._way += dt * (rolled + self._gained)
+        return self._way > self._way_max
+
+    def _rolled(self, asked: float) -> float:
+        """Return the speed, m/s, at which it rolled and has no reason to brake."""
+        ahead = asked > 0.0
+        last = max(abs(speed) for speed in (self._speed, self._before, 0.0) if speed == 0.0 or (speed > 0.0) is ahead)
+        return min(last, abs(asked))
