@@ -124,7 +124,7 @@ async def _by_hand(robot: Robot) -> None:
         await robot.drive(0.8, 0.0, 3.0)
     robot.tell("the rover has run into the wall")
     robot.switch_power(Switch.ESC, False)
-    await asyncio.sleep(0.2)
+    await asyncio.sleep(0.4)  # it is seen to stand
     robot.switch_power(Switch.ATX, False)
     await asyncio.sleep(0.2)
     robot.switch_power(Switch.ATX, True)
