@@ -72,6 +72,7 @@ def blocking_calls_fail() -> Iterator[BlockBuster]:
         may_block(blockbuster, "txt1/hal/registry.py", "create", "names")
         may_block(blockbuster, "txt1/maps/files.py", "read")
         may_block(blockbuster, "txt1/sensors/registry.py", "create")
+        may_block(blockbuster, "txt1/kernel/timeslice.py", "ordinary", "_threads")  # the kernel answers from memory
         may_block(blockbuster, "txt1/kernel/loop.py", "shutdown_default_executor")  # waits for the recorder's thread
         may_block(blockbuster, "txt1/record/recorder.py", "_hand_over")  # at full speed nothing is late by it
         if not recorder_module.__file__.endswith(".py"):  # compiled, `_hand_over` has no frame
