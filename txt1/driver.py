@@ -1,5 +1,6 @@
 """The driver, the host's half of driving: it sends the driving source's set-point to the board, 20 times a second."""
 
+from collections.abc import Callable
 from math import isfinite, nan
 from typing import Final
 
@@ -75,10 +76,23 @@ class CommandSource:
         hold nothing. Commands beyond safety.v_max and abs(v) / R_min are clipped and counted. `time` is when its author
         gave the command, s of the run; None is now.
 
-        Returns whether the command is the robot's set-point now; a refused command is counted.
-        Raises CommandRefused: a value is not finite, or the time lies in the future. The command before stays in force
-        until it is stale.
+        Returns whether the command is obeyed; a refused command is counted. Directly after another source that moved
+        the robot, an obeyed command counts as zero for 0.1 s. Raises CommandRefused: a value is not finite, or the time
+        lies in the future. The command before stays in force until it is stale.
         """
+        return self._give(self._wheel.commander.command, v, omega, time)
+
+    def hold(self, v: float, omega: float, time: float | None = None) -> bool:
+        """Ask for a velocity, as `command` does, for a hand that holds: a key or a dead-man is down.
+
+        Zeros hold the wheel, too, until `release`. A hold is over when another source takes the wheel, when the robot
+        is armed, and after 0.5 s without a command; then the hand has to let go (`release`) and press again.
+        """
+        return self._give(self._wheel.commander.hold, v, omega, time)
+
+    def _give(
+        self, take: Callable[[str, float, float, float, float], bool], v: float, omega: float, time: float | None
+    ) -> bool:
         wheel = self._wheel
         now = wheel.runtime.now
         given = now if time is None else time
@@ -89,11 +103,11 @@ class CommandSource:
             wheel.runtime.post(Velocity(nan, nan), now)
             raise
         try:
-            taken = wheel.commander.command(self.name, v, omega, given, now)
+            taken = take(self.name, v, omega, given, now)
         except ValueError as error:
             raise CommandRefused(str(error)) from None
         if taken:
-            wheel.send(v, omega, min(given, now))
+            wheel.send(*wheel.commander.setpoint(now))
         return taken
 
     def request(self) -> bool:

@@ -58,8 +58,9 @@ async def test_keys_take_over_from_a_program_at_once_and_letting_go_does_not_set
     keys.command(-0.3, 0.0)
     assert keys.drives and not robot.program.drives
     await asyncio.sleep(ENTERS)
-    assert setpoint(robot) == -0.3
+    assert setpoint(robot) == 0.0, "through zero"
     await hold(robot, keys, -0.3, 1.0)
+    assert samples[-1].command_v == -0.3
     await asyncio.sleep(ENTERS)
     released = robot.now
     await asyncio.sleep(5.0)
@@ -85,7 +86,7 @@ async def test_the_set_points_of_the_hand_over_are_those_of_one_source_or_zero(
     await asyncio.sleep(0.5)
     seen = [s.command_v for s in samples]
     steps = {(a, b) for a, b in pairwise(seen) if a != b}
-    assert steps == {(0.0, 0.5), (0.5, 0.2), (0.2, 0.0)}
+    assert steps == {(0.0, 0.5), (0.5, 0.0), (0.0, 0.2), (0.2, 0.0)}, "it passes through zero"
 
 
 async def test_a_gamepad_that_falls_silent_gives_the_wheel_back_and_the_program_waits(robot: Robot) -> None:

@@ -101,7 +101,7 @@ async def test_one_stop_reaches_all_from_the_helm_and_the_keys_only_one() -> Non
         helm = Selection(fleet)
         helm.next()
         for _ in range(20):
-            helm.command(0.3, 0.0)
+            helm.hold(0.3, 0.0)
             await asyncio.sleep(0.05)
         assert [robot.odometry.v > 0.1 for robot in fleet.robots.values()] == [False, True, False]
         members = helm.snapshot[FLEET]

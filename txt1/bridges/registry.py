@@ -237,13 +237,14 @@ class RobotEnd:
 
     # -- inside ------------------------------------------------------------------------------------------------
 
-    def drive(self, v: object, omega: object, age: object = 0.0) -> None:
-        """Command a velocity. `age` is the command's age in s when the bridge passed it on."""
+    def drive(self, v: object, omega: object, age: object = 0.0, held: bool = False) -> None:
+        """Command a velocity. `age` is the command's age in s when the bridge passed it on; `held`: a hand holds."""
         since = _number("age", age)
         if not isfinite(since):
             raise ValueError(f"age: {since} is not finite")
         old = self._age + max(0.0, since)
-        self.source.command(_number("v", v), _number("omega", omega), max(0.0, self.robot.now - old))
+        give = self.source.hold if held else self.source.command
+        give(_number("v", v), _number("omega", omega), max(0.0, self.robot.now - old))
 
     def _subscribe(
         self, topics: Sequence[str] | None = None, rate: object = 10.0, seldom: Sequence[str] | None = ()

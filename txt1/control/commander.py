@@ -9,6 +9,11 @@ The commander stands between the sources (keys, gamepad, web, ROS, programs) and
 * A source that lost the wheel to another, or was refused because of another, is *overruled*. It may drive again once
   the other has let go and it has sent one zero or a new request. So letting go of a gamepad never starts the program
   that drove before.
+* A change of hands passes through zero: after a source that moved the robot, the commands of the next source count as
+  zero for `HANDOVER` s.
+* A hand has to prove its hold (`txt1.control.holding`). Its commands come by `Commander.hold`, and its zeros hold the
+  wheel, too. Its hold is over when it is overruled, when the robot is armed, and after `PAUSE` s without a command.
+  Then it may drive again only after `Commander.release`: the hand lets go, and presses again.
 
 Nothing here knows a clock: `now` is the present and `time` a message's origin, both s of the run.
 """
@@ -18,6 +23,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Final, NamedTuple
+
+from txt1.control.holding import HANDOVER, PAUSE
 
 PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "program": 10}
 """The spine's own sources. Any other source has a program's priority, unless an addition gives it another.
@@ -59,6 +66,9 @@ class _Source:
     held: float = -inf
     # by which source
     overruled: str = ""
+    # whether a hand holds since its last release, and whether this hold is over
+    holds: bool = False
+    over: bool = False
 
 
 class Commander:
@@ -70,6 +80,9 @@ class Commander:
         self._driver: _Source | None = None
         self._since = 0.0
         self._refused: Counter[str] = Counter()
+        # the source that last moved the robot, and the time until which all others command zero
+        self._moved: _Source | None = None
+        self._rests = -inf
         self._setpoint = SetPoint()
         # kept until it changes
         self._told: Driver | None = None
@@ -88,12 +101,21 @@ class Commander:
         rank = PRIORITIES.get(name, PRIORITIES["program"]) if priority is None else priority
         self._sources[name] = _Source(name, rank, limit)
 
+    def hold(self, name: str, v: float, omega: float, time: float, now: float) -> bool:
+        """Take a command of a hand that holds, as `command` does; zeros hold the wheel, too."""
+        source = self._sources[name]
+        source.over |= source.holds and time - source.spoke > PAUSE
+        source.holds = True
+        return self.command(name, v, omega, time, now)
+
     def command(self, name: str, v: float, omega: float, time: float, now: float) -> bool:
         """Take a command (m/s, rad/s). True if it is now the set-point; a zero only counts while nobody else drives.
 
-        Raises ValueError: a number is not finite, or `time` lies in the future.
+        Directly after another source that moved the robot, the set-point is zero. Raises ValueError: a number is not
+        finite, or `time` lies in the future.
         """
-        source, moves = self._sources[name], v != 0.0 or omega != 0.0
+        source = self._sources[name]
+        moves = v != 0.0 or omega != 0.0 or source.holds
         if not (isfinite(v) and isfinite(omega) and isfinite(time) and time <= now + SKEW):
             raise ValueError(f"v={v!r}, omega={omega!r}, given at {time!r} s: give finite numbers, no later than now")
         driver = self._driver_at(now)
@@ -109,6 +131,8 @@ class Commander:
                 return False
         elif not self._take(source, driver, time):
             return False
+        if time < self._rests and source is not self._moved:
+            v = omega = 0.0
         self._setpoint = SetPoint(v, omega, time)
         return True
 
@@ -125,13 +149,17 @@ class Commander:
 
     def release(self, name: str, now: float) -> bool:
         """Command zero once and let go of the wheel; return whether the zero is the set-point, as `command` does."""
-        zero = self.command(name, 0.0, 0.0, now, now)
-        if self._driver is self._sources[name]:
+        source = self._sources[name]
+        if source.holds:
+            source.holds, source.over, source.overruled = False, False, ""
+        if self._driver is source:
             self._free(now)
-        return zero
+        return self.command(name, 0.0, 0.0, now, now)
 
     def clear(self, now: float) -> None:
-        """Forget every command up to `now`: the robot has just been armed."""
+        """Forget every command and every hold up to `now`: the robot has just been armed."""
+        for source in self._sources.values():
+            source.over = source.holds
         if self._driver is not None:
             self._free(now)
         self._setpoint = SetPoint()
@@ -160,14 +188,15 @@ class Commander:
         return self._driver
 
     def _take(self, source: _Source, driver: _Source | None, time: float) -> bool:
-        if source.overruled or (driver is not source and _rules(driver, source)):
+        if source.over or source.overruled or (driver is not source and _rules(driver, source)):
             if driver is not None and driver is not source:
-                source.overruled = driver.name
+                source.overruled, source.over = driver.name, source.holds
             self._refuse(source.name)
             return False
         if driver is not source:
             if driver is not None:
-                driver.overruled = source.name
+                driver.overruled, driver.over = source.name, driver.holds
+                self._rest(driver, time)
             self._driver, self._since, self._told = source, time, None
         if time > source.held:
             source.held = time
@@ -177,7 +206,14 @@ class Commander:
         self._refused[name] += 1
         self._told = None
 
+    def _rest(self, driver: _Source, time: float) -> None:
+        """Let the robot rest before another source moves it, if this driver did."""
+        if self._setpoint.v or self._setpoint.omega:
+            self._moved, self._rests = driver, time + HANDOVER
+
     def _free(self, time: float) -> None:
+        if self._driver is not None:
+            self._rest(self._driver, time)
         self._driver, self._since, self._told = None, time, None
         self._setpoint = SetPoint(time=self._setpoint.time)
 

@@ -91,7 +91,10 @@ def main(
                 robot.request("stop", who=who, stop=identity)
             for _ in range(len(drives)):
                 v, omega, given = drives.popleft()
-                robot.request("drive", v=v, omega=omega, age=peer.now - given)
+                if v or omega:
+                    robot.request("drive", v=v, omega=omega, age=peer.now - given, held=True)
+                else:
+                    robot.request("release")
             if doubles:
                 refused(robot, doubles.popleft())
             if telemetry is None:

@@ -92,7 +92,7 @@ class Console:
     def tell(self, text: str) -> None:
         """Do nothing: a console has no log."""
 
-    def command(self, v: float, omega: float, time: float = -inf) -> None:
+    def hold(self, v: float, omega: float, time: float = -inf) -> None:
         """Drive the selected robot, m/s and rad/s; the key was pressed at `time`, s since this console was started."""
         if (robot := self.robot) is not None:
             self._peer.drive(robot.name, v, omega, 0.0 if time == -inf else max(0.0, self.now - time))

@@ -68,12 +68,12 @@ class Selection:
         """Add a line to the event log of the selected robot."""
         self._robots[self._at].tell(text)
 
-    def command(self, v: float, omega: float, time: float = -inf) -> None:
+    def hold(self, v: float, omega: float, time: float = -inf) -> None:
         """Drive the selected robot, m/s and rad/s; raises CommandRefused."""
         robot, keys = self._robots[self._at], self._keys[self._at]
         if not robot.armed:
             raise CommandRefused(f"{robot.config.name} is not armed ({robot.reason}); m arms")
-        keys.command(v, omega, None if time == -inf else time)
+        keys.hold(v, omega, None if time == -inf else time)
 
     def release(self) -> None:
         """Let go of the selected robot."""

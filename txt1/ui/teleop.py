@@ -1,8 +1,13 @@
 """Driving with w, a, s, d from a terminal, which reports a key's press but never its release.
 
-So a key counts as held for HOLD seconds after its last press (a keyboard repeats a held key long before), and then its
+So a key counts as held for HELD seconds after its last press (a keyboard repeats a held key long before), and then its
 effect decays within DECAY seconds. Only the last of several held keys repeats. So pressing a or d also renews a hold of
 w or s; otherwise a curve could not be driven.
+
+Repeats are made by the computer, also when a key's release was lost, so they prove no hand (`txt1.control.holding`). A
+press is fresh if it is of another key than the press before, or comes after HELD seconds without one; any other press
+counts as a repeat. Repeats count for LASTS - HELD seconds after the last fresh press. So a key that nobody holds moves
+the robot for LASTS seconds and the decay, and then only a fresh press moves it.
 
 ``a`` turns the steering wheel left, as in a car. Forwards the robot turns left (omega > 0). In reverse the front wheels
 point left, too, and the yaw rate is negative.
@@ -13,9 +18,11 @@ from math import inf
 from typing import Final
 
 from txt1.control.hand import DEFAULT_HAND, Hand
+from txt1.control.holding import LASTS, Hold
+from txt1.errors import CommandRefused
 
 # s that a key counts as held after its last press
-HOLD: Final = 0.7
+HELD: Final = 0.7
 # s from the end of the hold to zero
 DECAY: Final = 0.3
 SPEED_MIN: Final = 0.1
@@ -36,22 +43,35 @@ class Teleop:
 
     def __post_init__(self) -> None:
         self.speed = min(self.speed, self.hand.v_max)
+        # the last press of a driving key: its time, and the key
+        self._pressed, self._last = -inf, ""
+        self._hold = Hold(LASTS - HELD)
+        # whether a repeat came after the end of the hold
+        self._refused = False
         self.release()
 
     def release(self) -> None:
         """Release every key at once; the next `command` is None."""
         # direction and time of the last press
         self._drive = self._steer = (0, -inf)
-        self._active = False
+        self._active = self._refused = False
+        self._hold.end(-inf)
 
     def key(self, key: str, now: float) -> None:
         """Take a key press, which replaces the opposite key at once; other keys are ignored."""
+        if key in _DRIVE or key in _STEER:
+            if key != self._last or now - self._pressed > HELD:
+                self._hold.press(0, now)
+            self._last, self._pressed = key, now
+            if self._hold.drives(now) is None:
+                self._refused = True
+                return
         if key in _DRIVE:
             self._drive = _DRIVE[key], now
         elif key in _STEER:
             self._steer = _STEER[key], now
             direction, pressed = self._drive
-            if now - pressed <= HOLD:
+            if now - pressed <= HELD:
                 self._drive = direction, now
         elif key in ("+", "-"):
             speed = round(self.speed + (SPEED_STEP if key == "+" else -SPEED_STEP), 1)
@@ -61,13 +81,19 @@ class Teleop:
     def command(self, now: float) -> tuple[float, float] | None:
         """Return (v, omega) in m/s and rad/s; None if the keyboard commands nothing.
 
-        After the last decay it is (0, 0) once, then None: an idle keyboard does not override a program.
+        After the last decay it is (0, 0) once, then None: an idle keyboard does not override a program. Raises
+        CommandRefused, in place of this zero: repeats go on after the end of the hold.
         """
         if not self._active:
             return None
         drive, steer = (
-            direction * min(1.0, max(0.0, (HOLD + DECAY - (now - pressed)) / DECAY))
+            direction * min(1.0, max(0.0, (HELD + DECAY - (now - pressed)) / DECAY))
             for direction, pressed in (self._drive, self._steer)
         )
         self._active = bool(drive or steer)
+        if self._refused and not self._active:
+            raise CommandRefused(
+                f"'{self._last}' repeats for {LASTS:g} s, as if its release was lost: let go and press again, "
+                "or press another key"
+            )
         return self.hand.velocity(self.speed, drive, self.hand.turn * steer, wheel=True)

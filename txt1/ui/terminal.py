@@ -59,8 +59,8 @@ class Operated(Protocol):
 class Driven(Protocol):
     """The receiver of the driving keys' commands."""
 
-    def command(self, v: float, omega: float, time: float, /) -> object:
-        """Command m/s and rad/s; `time` is the origin, s of the run."""
+    def hold(self, v: float, omega: float, time: float, /) -> object:
+        """Command m/s and rad/s as long as keys are held; `time` is the origin, s of the run."""
 
     def release(self) -> None:
         """Release the wheel."""
@@ -73,7 +73,7 @@ class DrivingKeys(Protocol):
         """Take a key."""
 
     def command(self, now: float, /) -> tuple[float, float] | None:
-        """Return the command in m/s and rad/s; None without a command."""
+        """Return the command in m/s and rad/s; None without a command. Raises CommandRefused: its hold has ended."""
 
     def release(self) -> None:
         """Release all keys."""
@@ -161,11 +161,8 @@ class Terminal:
             if fresh or key in _ALWAYS:
                 self.obey(key)
         if fresh and not self._quit.is_set():
-            now = self._robot.now
-            command = self._teleop.command(now)
-            if command is not None:
-                self._origin = max(self._origin, now - request.age)
-                self._try(lambda: self._drive(*command))
+            self._origin = max(self._origin, self._robot.now - request.age)
+            self._try(self._drive)
 
     def obey(self, key: str) -> None:
         """Carry out a key."""
@@ -189,11 +186,15 @@ class Terminal:
         else:
             self._teleop.key(key, robot.now)
 
-    def _drive(self, v: float, omega: float) -> None:
+    def _drive(self) -> None:
+        command = self._teleop.command(self._robot.now)
+        if command is None:
+            return
         if self._keys is None:
             raise CommandRefused("the driving keys do nothing here: the host drives")
+        v, omega = command
         if v or omega:
-            self._keys.command(v, omega, self._origin)
+            self._keys.hold(v, omega, self._origin)
         else:
             self._keys.release()
 

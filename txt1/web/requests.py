@@ -266,16 +266,14 @@ def _drive(pages: Pages, page: Page, velocity: tuple[float, float], age: float) 
     """Drive at v in m/s and omega in rad/s; with zeros the page holds the wheel and the robot stands."""
     v, omega = velocity
     page.car.wheel.drove(now())
-    if v == 0.0 and omega == 0.0:
-        page.overruled = False
-    elif page.overruled:
+    if page.overruled:
         v = omega = 0.0
     limit = pages.limit_of(page)
     if limit is not None and abs(v) > limit:
         v, omega = v * limit / abs(v), omega * limit / abs(v)
     if v == 0.0 and omega == 0.0:
         pages.ask(page, "request")
-    pages.ask(page, "drive", v=v, omega=omega, age=age)
+    pages.ask(page, "drive", v=v, omega=omega, age=age, held=True)
 
 
 def _release(pages: Pages, page: Page, number: object, age: float) -> None:

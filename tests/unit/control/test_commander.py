@@ -13,6 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from tests.examples import examples
 from txt1.additions import ours
 from txt1.control.commander import PRIORITIES, SKEW, Commander, Driver, SetPoint
+from txt1.control.holding import HANDOVER, PAUSE
 
 TIMEOUT = 0.25
 TICK = 0.02
@@ -64,8 +65,13 @@ def test_the_wheel_passes_from_one_source_to_another_by_their_priorities(has: st
         assert moving(one, now) == FAST
         assert one.driver(now).refused == {"b": 1}
         return
-    assert moving(one, now) == ((0.0, 0.0) if asks else SLOW)
+    assert moving(one, now) == (0.0, 0.0), "a change of hands passes through zero"
     assert one.driver(now).since == now
+    assert one.command("b", *SLOW, now + HANDOVER - 0.01, now + HANDOVER - 0.01)
+    assert moving(one, now + HANDOVER - 0.01) == (0.0, 0.0)
+    now += HANDOVER
+    assert one.command("b", *SLOW, now, now)
+    assert moving(one, now) == SLOW
 
     # the first one goes on and on, and is refused and counted
     assert not one.command("a", *FAST, now, now)
@@ -83,12 +89,13 @@ def test_the_wheel_goes_back_after_a_zero_or_a_request_and_never_by_itself(
     one.command("a", *FAST, 1.0, 1.0)
     one.command("b", *SLOW, 1.02, 1.02)
     one.command("a", 0.0, 0.0, 1.04, 1.04)  # while the other drives this is too early
-    now = 1.1
+    one.command("b", *SLOW, 1.16, 1.16)
+    now = 1.2
     if goes == "release":
         one.release("b", now)
     else:
-        assert moving(one, 1.02 + TIMEOUT) == SLOW
-        now = 1.02 + TIMEOUT + TICK
+        assert moving(one, 1.16 + TIMEOUT) == SLOW
+        now = 1.16 + TIMEOUT + TICK
     assert moving(one, now) == (0.0, 0.0)
     assert drives(one, "", now)
 
@@ -222,6 +229,74 @@ def test_after_arming_nothing_from_before_counts() -> None:
     assert drives(one, "", 1.0)
 
 
+# -- hands -----------------------------------------------------------------------------------------------------
+
+
+def held(one: Commander, name: str, begins: float, ends: float, velocity: tuple[float, float] = FAST) -> bool:
+    """A hand holds from then to then, and commands every 0.05 s; whether its last command was obeyed."""
+    now, obeyed = begins, False
+    while now < ends:
+        obeyed = one.hold(name, *velocity, now, now)
+        now += 0.05
+    return obeyed
+
+
+@pytest.mark.parametrize("zero", [False, True], ids=["pushed", "at rest"])
+@pytest.mark.parametrize("why", ["overruled", "armed", "a pause"])
+def test_a_hold_that_is_over_needs_a_release_and_a_fresh_press(why: str, zero: bool) -> None:
+    one = commander(keys=50, gamepad=40)
+    assert held(one, "gamepad", 1.0, 2.0)
+    match why:
+        case "overruled":
+            assert held(one, "keys", 2.0, 2.5, SLOW)
+            one.release("keys", 2.5)
+        case "armed":
+            one.clear(2.5)
+    begins = 2.6 if why != "a pause" else 2.0 + PAUSE
+    assert not held(one, "gamepad", begins, 4.0, (0.0, 0.0) if zero else FAST)
+    assert not one.request("gamepad", 4.0)
+    assert not held(one, "gamepad", 4.0, 5.0), "the same hold does not drive on"
+    assert drives(one, "", 5.0)
+    one.release("gamepad", 5.0)
+    assert held(one, "gamepad", 5.2, 5.5)
+    assert moving(one, 5.5) == FAST
+
+
+def test_a_hand_that_lets_go_while_another_drives_drives_by_its_next_press() -> None:
+    one = commander(keys=50, gamepad=40)
+    held(one, "gamepad", 1.0, 2.0)
+    held(one, "keys", 2.0, 3.0, SLOW)
+    one.release("gamepad", 3.0)
+    one.release("keys", 3.0)
+    assert held(one, "gamepad", 3.2, 3.5)
+
+
+def test_a_hand_at_rest_holds_the_wheel() -> None:
+    one = commander(gamepad=40, program=10)
+    assert held(one, "gamepad", 1.0, 3.0, (0.0, 0.0))
+    assert not one.command("program", *FAST, 3.0, 3.0)
+    assert moving(one, 3.0) == (0.0, 0.0)
+
+
+def test_a_short_pause_does_not_end_a_hold() -> None:
+    one = commander(gamepad=40)
+    held(one, "gamepad", 1.0, 2.0)
+    assert held(one, "gamepad", 1.9 + PAUSE, 3.0)
+
+
+def test_a_source_that_follows_another_at_once_begins_with_zero() -> None:
+    one = commander(a=10, b=10)
+    one.command("a", *FAST, 1.0, 1.0)
+    one.release("a", 1.01)
+    assert one.command("b", *SLOW, 1.02, 1.02)
+    assert moving(one, 1.02) == (0.0, 0.0)
+    assert one.command("b", *SLOW, 1.01 + HANDOVER, 1.01 + HANDOVER)
+    assert moving(one, 1.01 + HANDOVER) == SLOW
+    one.release("b", 1.2)
+    one.command("b", *SLOW, 1.21, 1.21)
+    assert moving(one, 1.21) == SLOW, "a source that follows itself changes no hands"
+
+
 # -- any traffic at all ----------------------------------------------------------------------------------------
 
 NAMES = ("keys", "gamepad", "web", "program", "script")
@@ -248,7 +323,7 @@ class Traffic(RuleBasedStateMachine):
         taken = self.one.command(name, *velocity, self.now - age, self.now)
         self.said = (name, velocity)
         if taken:
-            assert moving(self.one, self.now) == velocity
+            assert moving(self.one, self.now) in (velocity, (0.0, 0.0))
         if any(velocity):
             assert taken is drives(self.one, name, self.now) or not taken
 

@@ -132,7 +132,7 @@ def bridged(monkeypatch: pytest.MonkeyPatch, say: Callable[[Hooks], None]) -> tu
 
 def test_a_velocity_is_passed_on_with_its_age_since_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, _ = bridged(monkeypatch, lambda hooks: hooks.drive("console1", 0.3, 0.1, 97.5))
-    assert robot.of("drive") == [{"v": 0.3, "omega": 0.1, "age": 2.5}]
+    assert robot.of("drive") == [{"v": 0.3, "omega": 0.1, "age": 2.5, "held": True}]
 
 
 def test_a_flood_of_velocities_and_stops_leaves_the_stops_and_the_newest_velocities(

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from tests.examples import examples
 from txt1.config.schema import TeleopConfig
 from txt1.control.hand import DEFAULT_HAND
-from txt1.ui.teleop import DECAY, HOLD, Teleop
+from txt1.control.holding import LASTS
+from txt1.errors import CommandRefused
+from txt1.ui.teleop import DECAY, HELD, Teleop
 
 
 def test_an_untouched_keyboard_says_nothing() -> None:
@@ -23,25 +25,54 @@ def test_a_key_holds_then_decays_then_falls_silent() -> None:
     teleop = Teleop(speed=0.5)
     teleop.key("w", 10.0)
     assert teleop.command(10.0) == (0.5, 0.0)
-    assert teleop.command(10.0 + HOLD) == pytest.approx((0.5, 0.0))
-    v, _ = teleop.command(10.0 + HOLD + DECAY / 2) or (0.0, 0.0)
+    assert teleop.command(10.0 + HELD) == pytest.approx((0.5, 0.0))
+    v, _ = teleop.command(10.0 + HELD + DECAY / 2) or (0.0, 0.0)
     assert v == pytest.approx(0.25)
     assert teleop.command(11.01) == (0.0, 0.0)
     assert teleop.command(11.06) is None
     assert teleop.command(12.0) is None
 
 
-def test_repeats_keep_it_going() -> None:
+def test_repeats_keep_it_going_for_three_seconds_and_its_decay() -> None:
+    teleop, stood = Teleop(), 0.0
+    for i in range(200):
+        now = 0.05 * i
+        teleop.key("w", now)
+        try:
+            command = teleop.command(now)
+        except CommandRefused as refusal:
+            assert "let go and press again" in str(refusal)
+            stood = now
+            continue
+        if now < LASTS - 0.06:
+            assert command == (0.5, 0.0)
+        if stood:
+            assert command is None, "repeats do not revive it"
+    assert stood == pytest.approx(LASTS + DECAY, abs=0.11)
+    teleop.key("w", 10.0 + HELD)
+    assert teleop.command(10.0 + HELD) == (0.5, 0.0), "a press after a pause is fresh"
+
+
+def test_another_key_is_a_fresh_press() -> None:
     teleop = Teleop()
-    for i in range(100):
-        teleop.key("w", 0.3 * i)
-        assert teleop.command(0.3 * i + 0.29) == (0.5, 0.0)
+    for i in range(200):
+        now = 0.05 * i
+        teleop.key("d" if i % 40 == 39 else "w", now)
+        assert teleop.command(now) is not None
+
+
+def test_repeats_do_not_revive_a_hold_that_was_let_go_of() -> None:
+    teleop = Teleop()
+    teleop.key("w", 0.0)
+    teleop.release()
+    teleop.key("w", 0.05)
+    assert teleop.command(0.05) is None
 
 
 def test_steering_keeps_driving_alive_because_only_the_last_key_repeats() -> None:
     teleop = Teleop(speed=0.5)
     teleop.key("w", 0.0)
-    for i in range(1, 20):
+    for i in range(1, 11):
         teleop.key("a", 0.2 * i)
         assert teleop.command(0.2 * i) == pytest.approx((0.5, 0.8 * 0.5 / 0.56))
 
@@ -129,6 +160,10 @@ def test_every_sequence_ends_with_one_zero_and_then_silence(keys: list[tuple[str
     for key, pause in keys:
         now += pause
         teleop.key(key, now)
-    first = teleop.command(now + HOLD + DECAY + 0.01)
+    try:
+        first = teleop.command(now + HELD + DECAY + 0.01)
+    except CommandRefused:
+        # one key for so long that its presses count as repeats
+        first = (0.0, 0.0)
     assert first == ((0.0, 0.0) if any(key in "wasd" for key, _ in keys) else None)
-    assert teleop.command(now + HOLD + DECAY + 0.02) is None
+    assert teleop.command(now + HELD + DECAY + 0.02) is None

@@ -186,27 +186,27 @@ def test_ten_snapshots_a_second_are_sent(terminal: Terminal, robot: Mock) -> Non
 
 def test_a_command_is_renewed_by_heartbeats_and_by_nothing_else(terminal: Terminal, robot: Mock) -> None:
     beat(terminal, "w")
-    assert robot.command.call_count == 1
+    assert robot.hold.call_count == 1
     beat(terminal)
-    assert robot.command.call_count == 2
+    assert robot.hold.call_count == 2
     beat(terminal, age=0.6)
-    assert robot.command.call_count == 2, "from before a standstill"
+    assert robot.hold.call_count == 2, "from before a standstill"
 
 
 def test_the_emergency_stop_lets_go_of_the_keys(terminal: Terminal, robot: Mock) -> None:
     beat(terminal, "w", "space")
     robot.stop.assert_called_once_with()
     beat(terminal)
-    robot.command.assert_not_called()
+    robot.hold.assert_not_called()
 
 
 def test_a_key_pressed_while_stopped_does_not_drive_after_arming(terminal: Terminal, robot: Mock) -> None:
     beat(terminal, "space", "w")
-    robot.command.reset_mock()
+    robot.hold.reset_mock()
     beat(terminal, "m")
     robot.arm.assert_called_once_with()
     beat(terminal)
-    robot.command.assert_not_called()
+    robot.hold.assert_not_called()
 
 
 def test_keys_from_before_a_standstill_stop_but_do_not_drive(terminal: Terminal, robot: Mock) -> None:
@@ -214,7 +214,7 @@ def test_keys_from_before_a_standstill_stop_but_do_not_drive(terminal: Terminal,
     beat(terminal)
     robot.stop.assert_called_once_with()
     robot.arm.assert_not_called()
-    robot.command.assert_not_called()
+    robot.hold.assert_not_called()
 
 
 def test_a_stop_of_all_from_before_a_standstill_is_a_stop_of_all(robot: Mock) -> None:
@@ -229,7 +229,7 @@ def test_every_button_is_pressed(terminal: Terminal, robot: Mock) -> None:
 
 
 def test_a_refusal_is_shown_once(terminal: Terminal, robot: Mock) -> None:
-    robot.command.side_effect = CommandRefused("manual mode")
+    robot.hold.side_effect = CommandRefused("manual mode")
     beat(terminal, "w")
     beat(terminal)
     robot.tell.assert_called_once_with("manual mode")
@@ -243,4 +243,4 @@ def test_ctrl_z_is_answered_and_suspends_nothing(terminal: Terminal, robot: Mock
 
 async def test_the_quit_key_ends_the_wait_and_drives_no_more(terminal: Terminal, robot: Mock) -> None:
     beat(terminal, "w", "q", "w")
-    robot.command.assert_not_called()
+    robot.hold.assert_not_called()

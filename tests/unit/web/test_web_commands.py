@@ -25,7 +25,7 @@ NOW: Final = 100.0
 STANDS: Final[list[tuple[str, dict[str, object]]]] = [("release", {}), ("halt", {})]
 WAY: Final = [[1.0, 2.0], [3.0, 4.0]]
 COMMANDS: Final[dict[str, tuple[dict[str, Any], list[tuple[str, dict[str, Any]]]]]] = {
-    "drive": ({"v": 0.4, "omega": 0.1}, [("drive", {"v": 0.4, "omega": 0.1, "age": 0.0})]),
+    "drive": ({"v": 0.4, "omega": 0.1}, [("drive", {"v": 0.4, "omega": 0.1, "age": 0.0, "held": True})]),
     "go": ({"points": WAY, "speed": 0.3}, [("go", {"points": WAY, "speed": 0.3})]),
     "here": ({"points": WAY}, [("here", {"points": WAY})]),
     "hold": ({}, [("hold", {"age": 0.0})]),

@@ -172,7 +172,7 @@ async def test_a_visitor_who_is_too_fast_drives_the_same_curve_slowly(robot: Rob
     page = pages.join("visitor", "127.0.0.1", Socket())  # type: ignore[arg-type]
     page.clock.answered(requests.now(), requests.now(), requests.now())
     take(pages, page, json.dumps({"do": "drive", "v": -2.0, "omega": 1.0, "n": 1, "t": requests.now()}))
-    assert robot.asked[-1][1] | {"age": 0.0} == {"v": -0.5, "omega": 0.25, "age": 0.0}
+    assert robot.asked[-1][1] | {"age": 0.0} == {"v": -0.5, "omega": 0.25, "age": 0.0, "held": True}
 
 
 NAMES = (
