@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from txt1.control.hand import Hand
+from txt1.control.holding import LASTS
 from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
 from txt1.kernel.clock import RealClock, seconds
 from txt1.sidecar import Connection
@@ -51,16 +52,21 @@ class Devices:
         self.names: dict[int, str] = {}
         """Names of the pads, by number."""
         self.unknown: dict[int, Any] = {}
-        """Joysticks without a mapping in SDL, by number."""
+        """Joysticks without a mapping in SDL, by number. They cannot drive; each of their buttons stops."""
+        self.unknown_pressed = False
+        """Whether a button of a joystick without a mapping was pressed before the last look."""
 
     def look(self) -> dict[int, tuple[PadState, float]]:
         """Return the reading of each pad, and the time of its last report, by number."""
         pygame, present = self._pygame, now()
+        self.unknown_pressed = False
         for event in pygame.event.get():
             if event.type == pygame.JOYDEVICEADDED:
                 self._add(event.device_index)
             elif event.type in (pygame.JOYDEVICEREMOVED, pygame.CONTROLLERDEVICEREMOVED):
                 self._remove(event.instance_id)
+            elif event.type == pygame.JOYBUTTONDOWN and event.instance_id in self.unknown:
+                self.unknown_pressed = True
             elif (instance := getattr(event, "instance_id", None)) in self._heard:
                 self._heard[instance] = present
         for instance, pad in tuple(self._open.items()):
@@ -104,6 +110,7 @@ def main(robot: Connection, hand: Mapping[str, Any] | None = None, **parameters:
     given = PadParameters(**parameters)
     devices, pads = Devices(given.mapping), Pads(given, Hand(**(hand or {})))
     known: dict[int, str] = {}
+    strangers: set[int] = set()
     driving = False
     try:
         while True:
@@ -114,17 +121,22 @@ def main(robot: Connection, hand: Mapping[str, Any] | None = None, **parameters:
             for number, name in known.items() - devices.names.items():
                 robot.request("tell", text=f"pad {number} has gone: {name}")
             known = dict(devices.names)
+            for number in devices.unknown.keys() - strangers:
+                name = devices.unknown[number].get_name()
+                robot.request("tell", text=f"'{name}' is not known to SDL: it cannot drive; each of its buttons stops")
+            strangers = set(devices.unknown)
             wish = pads.take(readings, now())
-            if wish.stop:
+            if wish.stop or devices.unknown_pressed:
                 robot.request("stop")
             if wish.velocity is not None:
                 v, omega = wish.velocity
-                # a pad held at rest keeps the wheel, too
-                if v == 0.0:
-                    robot.request("request")
-                robot.request("drive", v=v, omega=omega)
+                robot.request("drive", v=v, omega=omega, held=True)
             elif driving:
                 robot.request("release")
+                if pads.expired:
+                    robot.request(
+                        "tell", text=f"no sign of a hand for {given.silence or LASTS:g} s: let go and press again"
+                    )
             driving = wish.velocity is not None
             if wish.arm:
                 robot.request("arm")

@@ -1,15 +1,21 @@
 """Meaning of a gamepad's buttons and axes: a dead-man, two axes for the hand rule (`txt1.control.hand`), a few buttons.
 
+A dead-man button that is down is no proof of a hand: a pad whose radio is out of reach keeps its last state. So the
+rule of `txt1.control.holding` holds for all pads together, and a report that tells something new is a sign of a hand.
+
 Buttons and axes have SDL's names of a game controller (a, b, leftx, righttrigger ...), which are the same on every pad.
 The module uses no clock and no device: `now` is s on any clock.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
+
+from annotated_types import Gt, Le
 
 from txt1.control.hand import Hand, shaped
+from txt1.control.holding import LASTS, Hold
 from txt1.units import Positive
 
 BUTTONS: Final = (
@@ -18,7 +24,11 @@ BUTTONS: Final = (
 )  # fmt: skip
 AXES: Final = ("leftx", "lefty", "rightx", "righty", "lefttrigger", "righttrigger")
 # s for which the arm button has to be held
-HOLD: Final = 0.5
+ARMS: Final = 0.5
+# s after the appearance of a pad in which its presses are not fresh: its first report may come late
+APPEARS: Final = 0.5
+
+Silence = Annotated[float, Gt(0.0), Le(LASTS)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +38,7 @@ class PadParameters:
     speed: Positive | None = None
     """Speed at full deflection, m/s; null: the car's fastest, safety.v_max."""
     dead_man: str = "a"
-    """The robot moves only while it is held; its release stops the robot."""
+    """The robot moves only while it is held; the release of any pad's dead-man stops the robot."""
     stop: str = "b"
     """Emergency stop, of any pad."""
     arm: str = "start"
@@ -45,8 +55,8 @@ class PadParameters:
     """Pulled, it sets the speed forwards in place of the axis, on pads with triggers."""
     reverse: str = "lefttrigger"
     """Pulled, it sets the speed backwards."""
-    silence: Positive | None = None
-    """s without a report after which a pad counts as gone; for pads that report all the time, null for all others."""
+    silence: Silence | None = None
+    """s without a change in a pad's report after which its hold ends, at most 3; null: 3."""
     mapping: str | None = None
     """File with SDL's mappings of further pads; `txt1 gamepad --map FILE` writes it."""
 
@@ -70,6 +80,14 @@ class Wish(NamedTuple):
     manual: bool = False
 
 
+class Edges(NamedTuple):
+    """The buttons of a pad that went down and up, and whether its arm button has been held long enough."""
+
+    pressed: frozenset[str] = frozenset()
+    released: frozenset[str] = frozenset()
+    arm: bool = False
+
+
 def velocity(reading: PadState, parameters: PadParameters, hand: Hand) -> tuple[float, float]:
     """Return the velocity for a pad's axes on this car, m/s and rad/s."""
     axes = reading.axes
@@ -81,74 +99,77 @@ def velocity(reading: PadState, parameters: PadParameters, hand: Hand) -> tuple[
 
 @dataclass(eq=False)
 class Pad:
-    """One pad and its dead-man.
-
-    If the dead-man is already down when the pad appears, or after a silence, it counts only after it was released once.
-    """
+    """The buttons of one pad. Buttons that are down when it appears were not pressed."""
 
     parameters: PadParameters
-    hand: Hand
-    # whether the dead-man has been released
-    ready: bool = False
-    _down: frozenset[str] = field(default_factory=frozenset)
+    # time of its appearance
+    since: float
+    down: frozenset[str]
     # time since which the arm button is held
     _arming: float = inf
 
-    def take(self, reading: PadState, now: float, heard: float) -> Wish:
-        """Return the command of a pad; its last report came at `heard`."""
-        p, pressed = self.parameters, reading.buttons - self._down
-        self._down = reading.buttons
-        held = p.dead_man in reading.buttons
-        silent = p.silence is not None and now - heard > p.silence
-        if silent or not held:
-            self.ready = not silent
+    def take(self, reading: PadState, now: float) -> Edges:
+        """Return what has changed since the last reading."""
+        p, before = self.parameters, self.down
+        self.down = reading.buttons
+        pressed = reading.buttons - before
+        if now - self.since < APPEARS:
+            # a stop counts from the first
+            pressed -= {p.dead_man, p.arm}
         if p.arm not in reading.buttons:
             self._arming = inf
         elif p.arm in pressed:
             self._arming = now
-        arm = now - self._arming >= HOLD and not silent
+        arm = now - self._arming >= ARMS
         if arm:
             # once
             self._arming = inf
-        return Wish(
-            velocity(reading, p, self.hand) if held and self.ready and not silent else None,
-            p.stop in pressed,
-            arm,
-            p.screen in pressed,
-            p.manual in pressed,
-        )
+        return Edges(pressed, before - reading.buttons, arm)
 
 
 class Pads:
-    """Several pads. The pad whose dead-man was held first drives, until its dead-man is released."""
+    """Several pads. The pad whose dead-man was pressed last drives; the release of any dead-man ends every hold."""
 
     def __init__(self, parameters: PadParameters, hand: Hand) -> None:
         self._parameters, self._hand = parameters, hand
         self._pads: dict[int, Pad] = {}
-        self.driver: int | None = None
-        """The number of the driving pad."""
+        self._hold = Hold(parameters.silence or LASTS)
+
+    @property
+    def driver(self) -> int | None:
+        """The number of the pad that holds."""
+        return self._hold.by
+
+    @property
+    def expired(self) -> bool:
+        """Whether the last hold ended without a sign of a hand."""
+        return self._hold.expired
 
     def take(self, readings: Mapping[int, tuple[PadState, float]], now: float) -> Wish:
         """Return the common command of all pads.
 
         `readings` has each pad's reading and time of last report, by number.
         """
+        p, hold = self._parameters, self._hold
         for gone in self._pads.keys() - readings.keys():
             del self._pads[gone]
-        wishes = {}
+            if gone == hold.by:
+                hold.end(now)
+        edges = {}
         for number, (reading, heard) in readings.items():
-            pad = self._pads.setdefault(number, Pad(self._parameters, self._hand))
-            wishes[number] = pad.take(reading, now, heard)
-        if self.driver not in wishes or wishes[self.driver].velocity is None:
-            self.driver = None
-        for number, wish in wishes.items():
-            if self.driver is None and wish.velocity is not None:
-                self.driver = number
-        for number, pad in self._pads.items():
-            if number != self.driver and wishes[number].velocity is not None:
-                # another pad takes over when its dead-man is pressed anew, not when the first is released
-                pad.ready = False
+            pad = self._pads.setdefault(number, Pad(p, now, reading.buttons))
+            edges[number] = pad.take(reading, now)
+            hold.sign(number, heard)
+        if any(p.dead_man in each.released for each in edges.values()):
+            hold.end(now)
+        for number, each in edges.items():
+            if p.dead_man in each.pressed:
+                hold.press(number, now)
+        driver, pressed = hold.drives(now), frozenset[str]().union(*(each.pressed for each in edges.values()))
         return Wish(
-            None if self.driver is None else wishes[self.driver].velocity,
-            *(any(wish[k] for wish in wishes.values()) for k in range(1, 5)),
+            None if driver is None else velocity(readings[driver][0], p, self._hand),
+            p.stop in pressed,
+            any(each.arm for each in edges.values()),
+            p.screen in pressed,
+            p.manual in pressed,
         )

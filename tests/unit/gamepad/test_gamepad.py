@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("pygame", reason="pygame-ce is not installed: the extra 'gamepad'")
 
+from rigs.virtual_pad import VirtualPad
 from tests.unit.gamepad.test_pad import by_chance, does_what_the_manual_says
-from tests.unit.gamepad.virtual_pad import VirtualPad
 from txt1.control.hand import DEFAULT_HAND
-from txt1.gamepad.bridge import Devices
+from txt1.gamepad.bridge import Devices, now
 from txt1.gamepad.command import described, mapping_line, moved
 from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
 
@@ -27,6 +27,14 @@ def devices() -> Iterator[Devices]:
     devices = Devices()
     yield devices
     devices.close()
+
+
+def at_rest(devices: Devices) -> Pads:
+    """The pads, which appeared a second ago."""
+    pads = Pads(PadParameters(), DEFAULT_HAND)
+    for time in (0.0, 1.0):
+        pads.take(dict.fromkeys(devices.look(), (PadState(), time)), time)
+    return pads
 
 
 def soon(devices: Devices, number: int) -> dict[int, tuple[PadState, float]]:
@@ -81,20 +89,44 @@ def test_a_pad_does_what_the_manual_says_in_a_thousand_random_sequences(devices:
 
 
 def test_a_pad_that_is_unplugged_is_gone_at_once_and_one_more_is_found(devices: Devices) -> None:
-    pads = Pads(PadParameters(), DEFAULT_HAND)
     first = VirtualPad()
-    pads.take(devices.look(), 0.0)
+    soon(devices, 1)
+    pads = at_rest(devices)
     first.push("lefty", -1.0)
     first.press("a")
     devices.look()
-    assert pads.take(devices.look(), 0.1).velocity == pytest.approx((1.5, 0.0))
+    assert pads.take(devices.look(), 1.1).velocity == pytest.approx((1.5, 0.0))
     first.unplug()
-    assert pads.take(devices.look(), 0.12).velocity is None
+    assert pads.take(devices.look(), 1.12).velocity is None
     assert devices.names == {}
     second = VirtualPad()
     devices.look()
     assert len(devices.look()) == 1
     second.unplug()
+
+
+def test_a_stick_that_rests_at_its_stop_tells_nothing_and_lets_go_after_three_seconds(devices: Devices) -> None:
+    """Ten seconds, by the clock of the readings: SDL reports changes, and nothing changes."""
+    pad = VirtualPad()
+    soon(devices, 1)
+    pads, present = at_rest(devices), now()
+    pad.push("lefty", -1.0)
+    pad.press("a")
+    soon(devices, 1)
+
+    def drives(later: float) -> bool:
+        readings = devices.look()
+        aged = {number: (reading, 1.1 + max(0.0, heard - present)) for number, (reading, heard) in readings.items()}
+        return pads.take(aged, 1.1 + later).velocity is not None
+
+    assert [later for later in range(11) if drives(float(later))] == [0, 1, 2, 3]
+    pad.press("a", False)
+    soon(devices, 1)
+    assert not drives(10.1)
+    pad.press("a")
+    soon(devices, 1)
+    assert drives(10.2), "by a fresh press"
+    pad.unplug()
 
 
 def test_two_pads_are_told_apart(devices: Devices) -> None:

@@ -6,12 +6,16 @@ from dataclasses import replace
 from math import inf, nan
 from random import Random
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.examples import examples
+from txt1.config import load
 from txt1.control.hand import DEAD, DEFAULT_HAND
-from txt1.gamepad.pad import AXES, BUTTONS, HOLD, Pad, PadParameters, Pads, PadState, Wish, velocity
+from txt1.control.holding import LASTS
+from txt1.errors import ConfigError
+from txt1.gamepad.pad import APPEARS, ARMS, AXES, BUTTONS, PadParameters, Pads, PadState, Wish, velocity
 
 R = DEFAULT_HAND.radius
 ORIGINAL = PadParameters()
@@ -47,16 +51,15 @@ def test_a_pad_does_what_the_manual_says(sequence: list[tuple[float, PadState]])
 
 
 def does_what_the_manual_says(sequence: list[tuple[float, PadState]]) -> None:
-    pad, now = Pad(ORIGINAL, DEFAULT_HAND), 0.0
+    """A pad that is there since a while, and reports with each reading."""
+    pads, now = pads_at_rest(1), 1.0
     before: frozenset[str] = frozenset()
-    up = False  # the dead-man has been up since the pad came
     since = inf  # when the arm button went down
     for pause, reading in sequence:
         now += pause
-        wish = pad.take(reading, now, now)
+        wish = pads.take({1: (reading, now)}, now)
         down = reading.buttons
-        up = up or "a" not in down
-        if "a" in down and up:
+        if "a" in down:
             pull = bent(reading.axes["righttrigger"]) - bent(reading.axes["lefttrigger"])
             v = 1.5 * (pull if pull else -bent(reading.axes["lefty"]))
             expected = v, abs(v) / R * -bent(reading.axes["leftx"])
@@ -72,30 +75,45 @@ def does_what_the_manual_says(sequence: list[tuple[float, PadState]]) -> None:
             since = inf
         elif "start" not in before:
             since = now
-        assert wish.arm == (now - since >= HOLD)
+        assert wish.arm == (now - since >= ARMS)
         if wish.arm:
             since = inf
         before = down
 
 
-@settings(max_examples=examples(30))
-@given(st.lists(st.tuples(st.floats(0.0, 0.3), st.dictionaries(st.integers(0, 2), readings)), max_size=25))
-def test_of_several_pads_one_drives_until_it_lets_go(sequence: list[tuple[float, dict[int, PadState]]]) -> None:
-    pads, now, driver = Pads(ORIGINAL, DEFAULT_HAND), 0.0, None
-    stops: dict[int, bool] = {}
-    for pause, there in sequence:
+@settings(max_examples=examples(100))
+@given(
+    st.lists(st.tuples(st.floats(0.0, 1.5), st.dictionaries(st.integers(0, 2), readings), st.booleans()), max_size=30)
+)
+def test_of_several_pads_the_one_pressed_last_drives_until_any_is_released(
+    sequence: list[tuple[float, dict[int, PadState], bool]],
+) -> None:
+    """The rule of a hold, written down a second time: pads come, go, freeze, are pressed and released in any order."""
+    pads, now = Pads(ORIGINAL, DEFAULT_HAND), 0.0
+    down: dict[int, bool] = {}
+    since: dict[int, float] = {}
+    driver, signed = None, -inf
+    for pause, there, reports in sequence:
         now += pause
-        wish = pads.take({number: (reading, now) for number, reading in there.items()}, now)
-        if driver is not None and driver in there and "a" in there[driver].buttons:
-            assert pads.driver == driver, "who drives goes on"
-        elif pads.driver is not None:
-            assert "a" in there[pads.driver].buttons
-        assert (wish.velocity is None) == (pads.driver is None)
-        if pads.driver is not None:
-            assert wish.velocity == velocity(there[pads.driver], ORIGINAL, DEFAULT_HAND)
-        pressed = {number: "b" in reading.buttons for number, reading in there.items()}
-        assert wish.stop == any(down and not stops.get(number, False) for number, down in pressed.items())
-        stops, driver = pressed, pads.driver
+        wish = pads.take({number: (reading, now if reports else 0.0) for number, reading in there.items()}, now)
+        is_down = {number: "a" in reading.buttons for number, reading in there.items()}
+        since = {number: since.get(number, now) if number in down else now for number in there}
+        if driver is not None and (
+            driver not in there or any(down.get(n, False) and not d for n, d in is_down.items())
+        ):
+            driver = None
+        elif driver is not None and reports:
+            signed = now
+        fresh = [n for n, d in is_down.items() if d and down.get(n) is False and now - since[n] >= APPEARS]
+        if fresh:
+            driver, signed = fresh[-1], now
+        if driver is not None and now - signed > LASTS:
+            driver = None
+        assert pads.driver == driver
+        if wish.velocity is not None:
+            assert driver is not None
+            assert wish.velocity == velocity(there[driver], ORIGINAL, DEFAULT_HAND)
+        down = is_down
 
 
 HELD = PadState(frozenset({"a"}), {"lefty": -1.0})
@@ -113,52 +131,88 @@ def test_full_deflection_is_the_original_s_speed_and_left_is_left() -> None:
     assert velocity(PadState(axes={"lefty": nan, "leftx": inf}), ORIGINAL, DEFAULT_HAND) == (0.0, 0.0)
 
 
-def test_a_dead_man_that_was_down_from_the_first_does_not_count() -> None:
-    pad = Pad(ORIGINAL, DEFAULT_HAND)
-    assert pad.take(HELD, 0.0, 0.0) == Wish()
-    assert pad.take(HELD, 1.0, 1.0) == Wish()
-    pad.take(PadState(), 1.1, 1.1)
-    assert pad.take(HELD, 1.2, 1.2).velocity == (1.5, 0.0)
+def pads_at_rest(*numbers: int, parameters: PadParameters = ORIGINAL) -> Pads:
+    """Pads that appeared a second ago, and at which nothing is pressed."""
+    pads = Pads(parameters, DEFAULT_HAND)
+    for now in (0.0, 1.0):
+        pads.take(dict.fromkeys(numbers, (PadState(), now)), now)
+    return pads
 
 
-def test_a_pad_that_reports_all_the_time_is_gone_when_it_is_silent() -> None:
-    pad = Pad(replace(ORIGINAL, silence=0.2), DEFAULT_HAND)
-    pad.take(PadState(), 0.0, 0.0)
-    assert pad.take(HELD, 0.1, 0.1).velocity is not None
-    assert pad.take(HELD, 0.25, 0.1).velocity is not None
-    assert pad.take(HELD, 0.35, 0.1).velocity is None
-    assert pad.take(HELD, 0.40, 0.4).velocity is None, "not before the dead-man was up"
-    pad.take(PadState(), 0.45, 0.45)
-    assert pad.take(HELD, 0.50, 0.5).velocity is not None
+@pytest.mark.parametrize("first", [HELD, PadState()], ids=["down", "its first report is late"])
+def test_a_dead_man_that_was_down_from_the_first_does_not_count(first: PadState) -> None:
+    pads = Pads(ORIGINAL, DEFAULT_HAND)
+    pads.take({1: (first, 0.0)}, 0.0)
+    for now in (0.1, 1.0, 2.0):
+        assert pads.take({1: (HELD, now)}, now).velocity is None
+    pads.take({1: (PadState(), 2.1)}, 2.1)
+    assert pads.take({1: (HELD, 2.2)}, 2.2).velocity == (1.5, 0.0)
 
 
-def test_a_pad_is_silent_only_after_its_time() -> None:
-    pad = Pad(replace(ORIGINAL, silence=0.25), DEFAULT_HAND)
-    pad.take(PadState(), 0.0, 0.0)
-    assert pad.take(HELD, 0.25, 0.0).velocity is not None
+@pytest.mark.parametrize("silence", [0.2, LASTS])
+def test_a_pad_that_reports_nothing_new_lets_go_and_needs_a_fresh_press(silence: float) -> None:
+    pads = pads_at_rest(1, parameters=replace(ORIGINAL, silence=silence))
+    assert pads.take({1: (HELD, 1.1)}, 1.1).velocity == (1.5, 0.0)
+    assert pads.take({1: (HELD, 1.1)}, 1.1 + silence).velocity == (1.5, 0.0)
+    assert pads.take({1: (HELD, 1.1)}, 1.101 + silence).velocity is None
+    assert pads.expired
+    assert pads.take({1: (HELD, 2.0 + silence)}, 2.0 + silence).velocity is None, "a report of the same hold"
+    pads.take({1: (PadState(), 2.1 + silence)}, 2.1 + silence)
+    assert pads.take({1: (HELD, 2.2 + silence)}, 2.2 + silence).velocity == (1.5, 0.0)
+
+
+def test_a_stick_that_moves_keeps_its_hold() -> None:
+    pads = pads_at_rest(1)
+    for step in range(200):
+        now = 1.0 + 0.1 * step
+        moved = PadState(frozenset({"a"}), {"lefty": -1.0, "leftx": 0.3 * (step % 2)})
+        assert pads.take({1: (moved, now)}, now).velocity is not None
+
+
+@pytest.mark.parametrize("silence", [0.0, -1.0, 3.1, 600.0, "nan"])
+def test_no_pad_may_be_silent_for_longer_than_a_hold_lasts(silence: object) -> None:
+    with pytest.raises(ConfigError, match=r"gamepad\.silence"):
+        load(None, [f"gamepad.silence={silence}"], {}, {}).config.section(PadParameters)
 
 
 def test_the_arm_button_arms_once_when_it_was_held_for_half_a_second() -> None:
-    pad, start = Pad(ORIGINAL, DEFAULT_HAND), PadState(frozenset({"start"}))
-    assert [pad.take(start, now, now).arm for now in (1.0, 1.25, 1.484375, 1.5, 1.75, 3.0)] == [
-        *[False] * 3,
-        True,
-        *[False] * 2,
-    ]
-    pad.take(PadState(), 3.0, 3.0)
-    assert [pad.take(start, now, now).arm for now in (4.0, 4.25, 4.5)] == [False, False, True]
+    pads, start = pads_at_rest(1), PadState(frozenset({"start"}))
+    times = (1.0, 1.25, 1.484375, 1.5, 1.75, 3.0)
+    assert [pads.take({1: (start, now)}, now).arm for now in times] == [*[False] * 3, True, *[False] * 2]
+    pads.take({1: (PadState(), 3.0)}, 3.0)
+    assert [pads.take({1: (start, now)}, now).arm for now in (4.0, 4.25, 4.5)] == [False, False, True]
 
 
-def test_a_pad_that_waits_takes_over_only_when_it_is_pressed_anew() -> None:
+def test_a_fresh_press_takes_over_through_zero_and_the_release_of_either_ends_both() -> None:
+    pads = pads_at_rest(1, 2)
+    assert pads.take({1: (HELD, 1.1), 2: (PadState(), 1.1)}, 1.1).velocity == (1.5, 0.0)
+    assert pads.take({1: (HELD, 1.2), 2: (HELD, 1.2)}, 1.2).velocity is None
+    assert pads.take({1: (HELD, 1.25), 2: (HELD, 1.25)}, 1.25).velocity is None
+    assert pads.take({1: (HELD, 1.31), 2: (HELD, 1.31)}, 1.31).velocity == (1.5, 0.0)
+    assert pads.driver == 2
+    for now in (1.4, 1.5, 2.0):
+        assert pads.take({1: (PadState(), now), 2: (HELD, now)}, now).velocity is None
+    pads.take({1: (PadState(), 2.1), 2: (PadState(), 2.1)}, 2.1)
+    assert pads.take({1: (PadState(), 2.2), 2: (HELD, 2.2)}, 2.2).velocity == (1.5, 0.0)
+    assert pads.take({}, 2.3) == Wish()
+
+
+def test_after_a_reconnect_the_old_pad_drives_no_more() -> None:
+    pads = pads_at_rest(1)
+    pads.take({1: (HELD, 1.1)}, 1.1)
+    frozen = (HELD, 1.1)
+    for now in (1.2, 2.0):
+        pads.take({1: frozen, 2: (PadState(), now)}, now)
+    pads.take({1: frozen, 2: (HELD, 2.1)}, 2.1)
+    assert pads.driver == 2
+    for now in (2.2, 2.3, 4.0):
+        assert pads.take({1: frozen, 2: (PadState(), now)}, now).velocity is None, "its release ends every hold"
+
+
+def test_a_stop_counts_from_the_first() -> None:
     pads = Pads(ORIGINAL, DEFAULT_HAND)
-    pads.take({1: (PadState(), 0.0), 2: (PadState(), 0.0)}, 0.0)
-    pads.take({1: (HELD, 0.1), 2: (PadState(), 0.1)}, 0.1)
-    pads.take({1: (HELD, 0.2), 2: (HELD, 0.2)}, 0.2)
-    assert pads.take({1: (PadState(), 0.3), 2: (HELD, 0.3)}, 0.3).velocity is None
-    assert pads.take({2: (HELD, 0.4)}, 0.4).velocity is None
-    pads.take({2: (PadState(), 0.5)}, 0.5)
-    assert pads.take({2: (HELD, 0.6)}, 0.6).velocity == (1.5, 0.0)
-    assert pads.take({}, 0.7) == Wish()
+    pads.take({1: (PadState(), 0.0)}, 0.0)
+    assert pads.take({1: (PadState(frozenset({"b"})), 0.02)}, 0.02).stop
 
 
 def test_every_name_of_the_defaults_is_one_of_sdl_s() -> None:

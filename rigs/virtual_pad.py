@@ -54,7 +54,17 @@ class VirtualPad:
 
 
 def driven(robot: Connection, unplugged: bool = False, **options: Any) -> None:
-    """The bridge with such a pad, which is held at full speed after a second, and may be unplugged after another."""
+    """The bridge with such a pad, which is held at full speed after a second, and may be unplugged after another.
+
+    Otherwise it says nothing more, as a pad whose radio is out of reach.
+    """
+    held(robot, 1.0, "unplugged" if unplugged else "out of reach", **options)
+
+
+def held(robot: Connection, held: float, how: str, **options: Any) -> None:
+    """The bridge with such a pad: held at full speed after a second, for `held` s; then it "lets go", is "unplugged",
+    or "out of reach", and says nothing more.
+    """
 
     class Scripted(gamepad.Devices):
         def __init__(self, mapping: str | None) -> None:
@@ -62,14 +72,18 @@ def driven(robot: Connection, unplugged: bool = False, **options: Any) -> None:
             self.pad, self.began, self.gone = VirtualPad(), gamepad.now(), False
 
         def look(self) -> Any:
-            if gamepad.now() - self.began > 0.5:
+            since = gamepad.now() - self.began
+            if since > 1.0 + held and how != "out of reach":
+                if not self.gone and how == "unplugged":
+                    self.pad.unplug()
+                elif not self.gone:
+                    self.pad.press("a", False)
+                self.gone = True
+            elif since > 1.0:
+                # the same again and again is no change, and SDL tells it once
                 self.pad.push("lefty", -1.0)
                 self.pad.press("a")
-            if unplugged and gamepad.now() - self.began > 1.5 and not self.gone:
-                self.gone = True
-                self.pad.unplug()
-            return super().look() if not self.gone else Devices.look(self)
+            return super().look()
 
-    Devices = gamepad.Devices
     gamepad.Devices = Scripted  # type: ignore[misc]
     gamepad.main(robot, **options)
