@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from rigs.browser_hands import ALT, CONTROL, META, PAD, SHIFT, A, B, W, at, down, finger, hands, repeats, up
 from rigs.live_browser import Live, live
 from tests.browser.conftest import opened
 from tests.patience import LIMIT, S
@@ -24,8 +25,6 @@ ENDS = 0.3
 """s within which a hold ends otherwise than by its release."""
 LATE = 0.5 * S
 """s that a busy computer may add."""
-ALT, CONTROL, META, SHIFT = 1, 2, 4, 8
-W = ("w", "KeyW", 87)
 
 
 @pytest.fixture(scope="module")
@@ -38,19 +37,7 @@ def car() -> Iterator[Live]:
 @pytest.fixture
 def page(browser: Any, car: Live) -> Iterator[Any]:
     for page in opened(browser, car):
-        page.input = page.context.new_cdp_session(page)
-        yield page
-
-
-def down(page: Any, key: str, code: str, number: int, modifiers: int = 0, repeat: bool = False) -> None:
-    """A key goes down, or repeats."""
-    about = {"key": key, "code": code, "windowsVirtualKeyCode": number, "modifiers": modifiers, "autoRepeat": repeat}
-    page.input.send("Input.dispatchKeyEvent", {"type": "rawKeyDown", **about})
-
-
-def up(page: Any, key: str, code: str, number: int, modifiers: int = 0) -> None:
-    about = {"key": key, "code": code, "windowsVirtualKeyCode": number, "modifiers": modifiers}
-    page.input.send("Input.dispatchKeyEvent", {"type": "keyUp", **about})
+        yield hands(page)
 
 
 def moves(robot: Any) -> bool:
@@ -78,14 +65,6 @@ def drove(car: Live, since: float) -> float:
     """The last moment since then at which the set-point was not zero, in s from then; 0 if there is none."""
     samples = [each.time for each in car.samples[:] if each.time > since and (each.v or each.omega)]
     return max(samples, default=since) - since
-
-
-def repeats(page: Any, key: tuple[str, str, int], seconds: float) -> None:
-    """The computer repeats a key."""
-    ends = monotonic() + seconds
-    while monotonic() < ends:
-        down(page, *key, repeat=True)
-        page.wait_for_timeout(33)
 
 
 def context_menu(page: Any) -> None:
@@ -188,16 +167,6 @@ def test_another_driving_key_renews_the_hold(page: Any, car: Live) -> None:
     raise AssertionError("a hand that presses keys loses its hold")
 
 
-def at(page: Any, selector: str) -> tuple[float, float]:
-    box = page.locator(selector).bounding_box()
-    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-
-
-def finger(page: Any, kind: str, *places: tuple[float, float]) -> None:
-    points = [{"x": x, "y": y} for x, y in places]
-    page.input.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-
-
 def by_mouse(page: Any, car: Live) -> float:
     x, y = at(page, "#stick")
 
@@ -219,20 +188,6 @@ def by_finger(page: Any, car: Live) -> float:
     return begins(page, car, press, lambda: finger(page, "touchEnd"))
 
 
-PAD = """
-window.pads = [];
-window.plug = (index, mapping = 'standard') => { pads[index] = {
-  connected: true, mapping, axes: [0, 0, 0, 0], index, id: `pad ${index}`,
-  get timestamp() { return performance.now() },  // of some browsers at every look
-  buttons: Array.from({length: 17}, () => ({pressed: false, value: 0}))} };
-navigator.getGamepads = () => window.pads;
-window.press = (button, value, index = 0) => pads[index].buttons[button] = {pressed: value > 0, value};
-plug(0);
-"""
-A, B = 0, 1
-"""Buttons of a standard pad: dead-man and stop."""
-
-
 def by_pad(page: Any, car: Live, index: int = 0) -> float:
     page.evaluate(f"pads[{index}].axes = [0, -1, 0, 0]")
     page.wait_for_timeout(100)
@@ -250,8 +205,7 @@ BY: dict[str, Callable[[Any, Live], float]] = {"mouse": by_mouse, "finger": by_f
 @pytest.mark.parametrize("by", BY)
 def test_a_stick_that_rests_at_its_stop_for_ten_seconds(browser: Any, car: Live, by: str) -> None:
     for page in opened(browser, car, has_touch=True):
-        page.input = page.context.new_cdp_session(page)
-        page.evaluate(PAD)
+        hands(page).evaluate(PAD)
         for _ in range(5):
             pressed = BY[by](page, car)
             page.wait_for_timeout(10_000)
