@@ -23,6 +23,7 @@ from txt1.cli.app import real_time
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
+from txt1.sidecar import Sidecar
 
 T = TypeVar("T")
 
@@ -52,12 +53,22 @@ class Live:
     def __init__(self, robot: Robot, loop: asyncio.AbstractEventLoop, port: int) -> None:
         self.robot, self.loop, self.port = robot, loop, port
         self.samples: list[Sample] = []
-        self.pid = 0
-        """Of the page's server."""
+        self.beside: Sidecar
+        """The page's server."""
 
     @property
     def url(self) -> str:
         return f"http://127.0.0.1:{self.port}/"
+
+    @property
+    def pid(self) -> int:
+        """Of the page's server; 0 while there is none."""
+        return self.beside.pid or 0
+
+    @property
+    def restarts(self) -> int:
+        """How often the page's server was started again."""
+        return self.beside.counts["restarts"]
 
     def call(self, do: Callable[[Robot], T]) -> T:
         """What `do` returns, called in the robot's loop."""
@@ -88,17 +99,19 @@ def live(
     folder: Path = Path("out/recordings"),
     speed: float = 0.5,
     realtime: bool = False,
+    silence: float = LIMIT,
     **options: Any,
 ) -> Iterator[Live]:
     """A robot, armed, its gains loaded, and its page; `options` are the server's.
 
-    With `realtime` it asks to go before all other programs, as `txt1 run --realtime` does.
+    With `realtime` it asks to go before all other programs, as `txt1 run --realtime` does. A server that is silent for
+    `silence` s is ended and started again.
     """
     port = free_port()
     begun: Future[tuple[asyncio.AbstractEventLoop, asyncio.Task[None]]] = Future()
     started: Future[Live] = Future()
     given = {"port": port, "folder": str(folder), "speed": speed, **options}
-    main = partial(_main, begun, started, hal, settings, given, folder, realtime)
+    main = partial(_main, begun, started, hal, settings, given, folder, realtime, silence)
     # a daemon, so that a robot that does not end fails one test and does not keep the program
     thread = threading.Thread(target=lambda: run(main()), name="robot", daemon=True)
     with surviving():
@@ -122,6 +135,7 @@ async def _main(
     given: dict[str, Any],
     folder: Path,
     realtime: bool,
+    silence: float,
 ) -> None:
     task = asyncio.current_task()
     assert task is not None
@@ -136,7 +150,7 @@ async def _main(
             here = Live(robot, asyncio.get_running_loop(), given["port"])
             robot.add_task("watch", 0.02, here.watch, -10)
             services = Services(robot, robot.config, None, folder)
-            async with bridge(robot, "web", given, services.requests, silence=LIMIT) as beside:
+            async with bridge(robot, "web", given, services.requests, silence=silence) as beside:
                 while True:
                     try:
                         _, writer = await asyncio.open_connection("127.0.0.1", given["port"])
@@ -144,7 +158,7 @@ async def _main(
                         break
                     except OSError:
                         await asyncio.sleep(0.05)
-                here.pid = beside.pid or 0
+                here.beside = beside
                 started.set_result(here)
                 with suppress(asyncio.CancelledError):
                     await asyncio.Future()
