@@ -19,8 +19,8 @@ import pytest
 from rigs.live_browser import Live, live
 from tests.patience import LIMIT, S, until
 from txt1.web.auth import Auth, visitors_token
-from txt1.web.routes import MESSAGE_MAX, STRANGER
-from txt1.web.server import CONNECTIONS_MAX
+from txt1.web.connections import CONNECTIONS_MAX, STRANGER
+from txt1.web.routes import MESSAGE_MAX
 
 TOKEN = "t0ken-of-the-robot-long-enough"
 
@@ -403,27 +403,6 @@ def test_a_stop_comes_through_whoever_sends_it_and_however_much_else(car: Live) 
     go(main())
 
 
-@pytest.mark.long
-def test_five_hundred_connections_leave_room_for_one_that_asks(car: Live) -> None:
-    strangers = [socket.create_connection(("127.0.0.1", car.port)) for _ in range(500)]
-    try:
-        ends = monotonic() + STRANGER + LIMIT
-        while True:
-            try:
-                with socket.create_connection(("127.0.0.1", car.port), 2.0) as raw:
-                    raw.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{car.port}\r\nConnection: close\r\n\r\n".encode())
-                    if raw.recv(100).startswith(b"HTTP/1.1 200"):
-                        break
-            except OSError:
-                pass
-            assert monotonic() < ends, "strangers are not sent away"
-    finally:
-        for each in strangers:
-            each.close()
-    assert car.call(lambda robot: robot.armed)
-    assert len(strangers) > CONNECTIONS_MAX
-
-
 def test_nothing_that_is_secret_stands_in_the_list_of_processes(car: Live) -> None:
     command = Path(f"/proc/{car.pid}/cmdline")
     if not command.exists():
@@ -472,10 +451,17 @@ def asking(car: Live) -> socket.socket:
 
 
 def upgraded(car: Live) -> socket.socket:
-    """A page's socket, which answers nothing."""
-    raw = asking(car)
-    assert raw.recv(12) == b"HTTP/1.1 101"
-    return raw
+    """A page's socket, which answers nothing; after many connections of its address it has to try again."""
+    ends = monotonic() + LIMIT
+    while True:
+        raw = asking(car)
+        try:
+            if raw.recv(12) == b"HTTP/1.1 101":
+                return raw
+        except ConnectionError:
+            pass
+        raw.close()
+        assert monotonic() < ends, "it is let in by and by"
 
 
 def test_who_asks_and_hangs_up_before_the_answer_leaves_no_word_in_the_terminal(car: Live) -> None:
@@ -507,3 +493,25 @@ def test_a_page_that_reads_nothing_is_sent_away_and_costs_the_others_nothing(car
                             await watching.pinged.wait()
 
     go(main())
+
+
+# the last, as its address has no budget for connections after it
+@pytest.mark.long
+def test_five_hundred_connections_leave_room_for_one_that_asks(car: Live) -> None:
+    strangers = [socket.create_connection(("127.0.0.1", car.port)) for _ in range(500)]
+    try:
+        ends = monotonic() + STRANGER + LIMIT
+        while True:
+            try:
+                with socket.create_connection(("127.0.0.1", car.port), 2.0) as raw:
+                    raw.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{car.port}\r\nConnection: close\r\n\r\n".encode())
+                    if raw.recv(100).startswith(b"HTTP/1.1 200"):
+                        break
+            except OSError:
+                pass
+            assert monotonic() < ends, "strangers are not sent away"
+    finally:
+        for each in strangers:
+            each.close()
+    assert car.call(lambda robot: robot.armed)
+    assert len(strangers) > CONNECTIONS_MAX

@@ -48,6 +48,8 @@ SHOWN_MAX: Final = 80
 TOLD_MAX: Final = 400
 # s without a heartbeat after which a bridge counts as hung, is ended and started again
 SILENCE: Final = 5.0
+# a stop comes through a bridge: beside busy programs it must not wait as long as a screen may
+BRIDGE_NICENESS: Final = 5
 # s between two pieces of telemetry for topics that a bridge wants seldom
 SELDOM: Final = 1.0
 # events kept for a bridge between two pieces of telemetry; the oldest are dropped first
@@ -117,6 +119,7 @@ async def _at_work(
         end.request,
         options=options or {},
         restart=restart,
+        niceness=BRIDGE_NICENESS,
         silence=silence,
         tell=lambda text: first.say(f" {text}"),
         lost=let_go,

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 from txt1.commands import is_loopback
 from txt1.errors import ConfigError
-from txt1.web.wheel import Budget
+from txt1.web.budgets import Budget
 
 Role = Literal["operator", "visitor"]
 
@@ -96,7 +96,12 @@ class Auth:
         """
         if re.search(r"[^\w.:\[\]-]", host):
             return False
-        return bool(self._tokens) or is_loopback(urlsplit(f"//{host}").hostname or "")
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            # half a bracket
+            return False
+        return bool(self._tokens) or is_loopback(name)
 
     def knows_origin(self, origin: str | None, host: str) -> bool:
         """Return whether a request comes from this server's page."""

@@ -10,6 +10,7 @@ import json
 from collections import Counter, deque
 from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -18,13 +19,12 @@ from aiohttp import WSCloseCode, web
 from txt1.errors import CommandRefused
 from txt1.kernel.clock import RealClock, seconds
 from txt1.web.auth import Role
+from txt1.web.budgets import Account
 from txt1.web.player import PagePlayer, strict
-from txt1.web.wheel import Budget, PageClock, PageWheel, Sequence
+from txt1.web.wheel import PageClock, PageWheel, Sequence
 
-# messages of a page, a second and at once; further messages wait or are dropped
-MESSAGES: Final = (80.0, 160.0)
-# messages a second beyond the budgets, of all pages together; further messages wait in their sockets
-OVERRUNS: Final = 4000.0
+# s between two stops that are passed on
+STOPS: Final = 0.01
 # s within which a page must have taken its telemetry
 SLOW: Final = 10.0
 # pieces of telemetry a second
@@ -77,9 +77,9 @@ class Page:
     socket: web.WebSocketResponse
     # the robot that the page shows
     car: PageRobot
+    account: Account
     clock: PageClock = field(default_factory=PageClock)
     sequence: Sequence = field(default_factory=Sequence)
-    budget: Budget = field(default_factory=lambda: Budget(*MESSAGES))
     # numbers of late, dropped and malformed messages
     counts: Counter[str] = field(default_factory=Counter)
     # round trip of the last message, s
@@ -146,16 +146,18 @@ class Pages:
         self.loading = asyncio.Lock()
         self._robot, self._others, self._fleet, self._invites = robot, dict(others), fleet, invites
         self._last = 0
-        # time at which the next message beyond a budget may be read
-        self._overrun = 0.0
+        # time from which a stop is passed on at once
+        self._stop_due = -inf
+        # pages whose stops wait until then, and the stops' numbers
+        self._stops: dict[Page, object] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
     # -- the pages ---------------------------------------------------------------------------------------------
 
-    def join(self, role: Role, address: str, socket: web.WebSocketResponse) -> Page:
-        """Return the new page behind a socket."""
+    def join(self, role: Role, address: str, socket: web.WebSocketResponse, account: Account) -> Page:
+        """Return the new page behind a socket, which spends from an account."""
         self._last += 1
-        page = Page(self._last, role, address, socket, next(iter(self.cars.values())))
+        page = Page(self._last, role, address, socket, next(iter(self.cars.values())), account)
         self.connected[page.number] = page
         self.subscribe()
         page.show(page.car.full)
@@ -191,15 +193,6 @@ class Pages:
         except TimeoutError:
             self.dismiss(page, "too slow")
 
-    async def overrun(self) -> None:
-        """Wait until a further message beyond its page's budget may be read; the rate is too low to slow other
-        pages down.
-        """
-        self._overrun = max(self._overrun, now()) + 1.0 / OVERRUNS
-        ahead = self._overrun - now()
-        # a shorter sleep would take longer than asked
-        await asyncio.sleep(ahead if ahead > 0.005 else 0.0)
-
     def dismiss(self, page: Page, why: str) -> None:
         """Disconnect a page, and tell it why."""
 
@@ -213,6 +206,10 @@ class Pages:
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+    def players(self, role: Role) -> int:
+        """Return how many recordings are shown: to visitors for a visitor, to all for an operator."""
+        return sum(each.player is not None and role in ("operator", each.role) for each in self.connected.values())
 
     def status(self, *pages: Page) -> None:
         """Send pages, by default all, their own status."""
@@ -261,6 +258,29 @@ class Pages:
                 page.tell(told=str(error))
         except OSError:
             self.ended.set()
+
+    def stop(self, page: Page, number: object) -> None:
+        """Stop all robots, and confirm it to the page by its number.
+
+        It is passed on at once, and in a flood of stops after `STOPS` at most: then the flood does not fill the line.
+        """
+        wait = self._stop_due - now()
+        if not self._stops and wait > 0.0:
+            asyncio.get_running_loop().call_later(wait, self._stop)
+        self._stops[page] = number
+        if wait <= 0.0:
+            self._stop()
+
+    def _stop(self) -> None:
+        if not self._stops:
+            # a later stop has been passed on already
+            return
+        self._stop_due = now() + STOPS
+        self.ask(None, "stop")
+        asked, self._stops = self._stops, {}
+        if not self.ended.is_set():
+            for page, number in asked.items():
+                page.tell(stop=number)
 
     def halt(self, page: Page) -> None:
         """Release a page's robot, and end its route: the robot stands."""

@@ -7,7 +7,7 @@ How it works
 page of another role. `take` carries out a page's message; it is the only place that asks whether a page may. It goes
 through the row in this order, and the first "no" ends it:
 
-1. the page's budget pays the cost, except for a stop;
+1. the page's account pays the cost (`budgets`); a stop is obeyed whatever is left;
 2. the page has a role that may;
 3. `read` finds the fields sound (ValueError, TypeError or KeyError: the message is counted as malformed);
 4. a command is young: its age follows from its time stamp (`PageClock`);
@@ -28,12 +28,11 @@ from math import inf, isfinite
 from typing import Any, Final, NamedTuple
 
 from txt1.web.auth import Role
+from txt1.web.budgets import FRAME
 from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME, PagePlayer, recordings
 from txt1.web.wheel import AGE_MAX
 
-# number of dropped messages after which a page is disconnected
-FLOOD: Final = 5000
 # length of a page's stop
 STOP_MAX: Final = 1000
 # number of topics that a page may plot
@@ -42,6 +41,9 @@ CHOSEN_MAX: Final = 20
 POINTS_MAX: Final = 100
 # the smallest limit of visitors' speed, m/s
 LIMIT_MIN: Final = 0.1
+
+# recordings that are shown at once, to visitors and to all: each takes memory
+PLAYERS_MAX: Final[Mapping[Role, int]] = {"visitor": 2, "operator": 4}
 
 EVERYBODY: Final[frozenset[Role]] = frozenset({"operator", "visitor"})
 OPERATOR: Final[frozenset[Role]] = frozenset({"operator"})
@@ -66,7 +68,7 @@ class Request(NamedTuple):
     who: frozenset[Role]
     wheel: Wheel
     cost: float
-    """What it takes of the page's budget (`MESSAGES`)."""
+    """What the page pays, in the units of `budgets`."""
     read: Callable[[Message], Any]
     """Returns the fields; raises ValueError, TypeError or KeyError for fields without sense."""
     do: Callable[[Pages, Page, Any, float], None]
@@ -75,26 +77,22 @@ class Request(NamedTuple):
     """For a command that may come too late: how to give it again; "" for one that the page repeats anyway."""
 
 
-def take(pages: Pages, page: Page, text: str) -> bool:
-    """Carry out a page's message; return whether it was within the page's budget.
+def take(pages: Pages, page: Page, text: str) -> None:
+    """Carry out a page's message. Beyond the page's budget only stops are carried out.
 
-    A malformed message is counted. Beyond the budget only a page's stops are carried out.
+    A malformed message is counted.
     """
     present = now()
-    enough = page.budget.spend(present)
-    if not enough:
+    if not page.account.spend(present, FRAME):
         page.counts["dropped"] += 1
-        if page.counts["dropped"] == FLOOD:
-            pages.dismiss(page, "too many messages")
         if not _is_stop(text):
-            return False
+            return
     try:
         message = json.loads(text)
         request = REQUESTS[message["do"]]
-        if request.cost > 1.0 and not page.budget.spend(present, request.cost - 1.0):
+        if request.cost > FRAME and not page.account.spend(present, request.cost - FRAME):
             page.counts["dropped"] += 1
-            page.tell(told="too much at once: wait a second")
-            return False
+            return
         _carry_out(pages, page, request, message, present)
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         page.counts["malformed"] += 1
@@ -102,7 +100,6 @@ def take(pages: Pages, page: Page, text: str) -> bool:
         # a mistake in the program costs only this message
         page.counts["malformed"] += 1
         page.tell(told=f"that failed: {type(error).__name__}: {error}")
-    return enough
 
 
 def _carry_out(pages: Pages, page: Page, request: Request, message: Message, present: float) -> None:
@@ -257,9 +254,7 @@ def _pong(pages: Pages, page: Page, times: tuple[float, float], age: float) -> N
 
 def _stop(pages: Pages, page: Page, number: object, age: float) -> None:
     """Stop all robots of a fleet, whichever the page shows; confirm it, or the page repeats it when it connects."""
-    pages.ask(None, "stop")
-    if not pages.ended.is_set():
-        page.tell(stop=number)
+    pages.stop(page, number)
 
 
 def _drive(pages: Pages, page: Page, velocity: tuple[float, float], age: float) -> None:
@@ -372,7 +367,9 @@ def _replay(pages: Pages, page: Page, name: str | None, age: float) -> None:
     if name is not None and not RECORDING_NAME.fullmatch(name):
         raise ValueError("name")
     _give(pages, page, None, age)
-    if name is not None:
+    if name is not None and pages.players(page.role) >= PLAYERS_MAX[page.role]:
+        page.tell(told="too many pages show recordings; wait until one is shown no more")
+    elif name is not None:
         pages.later(_play(pages, page, name, page.replays))
     else:
         page.show(page.car.full)
@@ -391,7 +388,7 @@ async def _play(pages: Pages, page: Page, name: str, asked: int) -> None:
             if not wanted():
                 return
             player = await asyncio.to_thread(PagePlayer.open, pages.folder / name)
-        if wanted():
+        if wanted() and pages.players(page.role) < PLAYERS_MAX[page.role]:
             page.player = player
             pages.status(page)
             await player.play(page.show, now)
@@ -410,7 +407,7 @@ def _wind(pages: Pages, page: Page, where: tuple[object, object], age: float) ->
 REQUESTS: Final[Mapping[str, Request]] = {
     # everybody stops, whatever else there is
     "stop": Request(EVERYBODY, Wheel.UNUSED, 0, _number_of_stop, _stop),
-    "disarm": Request(EVERYBODY, Wheel.UNUSED, 1, _nothing, _disarm),
+    "disarm": Request(EVERYBODY, Wheel.UNUSED, 5, _nothing, _disarm),
     # whoever has the wheel, or gets it
     "drive": Request(EVERYBODY, Wheel.TAKEN, 1, _velocity, _drive, again=""),
     "go": Request(EVERYBODY, Wheel.TAKEN, 5, _way, _go, again="press again"),

@@ -6,26 +6,31 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterable, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from io import BytesIO
 from typing import Final, NamedTuple
+from urllib.parse import parse_qs
 
-from aiohttp import WSMessage, WSMsgType, web
+from aiohttp import WSMsgType, web
 
 from txt1.kernel.clock import NS_PER_S, wall_ns
 from txt1.web.auth import Auth, Role
+from txt1.web.budgets import FRAME, REQUEST, SIGN_IN
+from txt1.web.connections import STRANGER, Metered
 from txt1.web.files import page_files
 from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME
 from txt1.web.requests import EVERYBODY, OPERATOR, take
 
 PAGES_MAX: Final = 100
-# s within which a connection has to send its first request
-STRANGER: Final = 5.0
+# pages of these that are kept for operators
+OPERATORS: Final = 20
 # bytes of a page's longest message
 MESSAGE_MAX: Final = 8192
-# s that a disconnected page has to close its socket; a flood is read until then
+# s that a disconnected page has to close its socket
 PARTING: Final = 0.02
+# messages of a page beyond its budget that are searched for a stop in one turn
+SEARCHED: Final = 32
 # s between two pings of a socket; without an answer within half of it, the socket is closed
 SOCKET_BEAT: Final = 4.0
 
@@ -69,8 +74,6 @@ class Routes:
 
     def __init__(self, door: Auth, pages: Pages) -> None:
         self._door, self._pages = door, pages
-        # connections without a request yet, and their start
-        self.strangers: dict[web.RequestHandler, float] = {}
 
     def application(self) -> web.Application:
         """Return all routes."""
@@ -90,20 +93,16 @@ class Routes:
 
         return handle
 
-    def hang_up(self) -> None:
-        """Close the connections that have been silent for too long."""
-        for protocol, since in tuple(self.strangers.items()):
-            if now() - since > STRANGER:
-                del self.strangers[protocol]
-                protocol.force_close()
-
     @web.middleware
     async def _guard(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        """Check the host and the origin of a request; add the headers of every answer."""
-        self.strangers.pop(request.protocol, None)
+        """Have a request paid, check its host and origin, and add the headers of every answer."""
+        if len(request.headers.getall("Host", ())) != 1:
+            # aiohttp would ask a name server for the name of this computer
+            return web.Response(status=400, text="which host? give its name once\n")
         try:
+            self._pay(request)
             if not self._door.knows_host(request.host):
                 raise web.HTTPMisdirectedRequest(text="this robot is not known by that name\n")
             foreign = not self._door.knows_origin(request.headers.get("Origin"), request.host)
@@ -119,6 +118,18 @@ class Routes:
         if not response.prepared:
             _limit(request, response)
         return response
+
+    def _pay(self, request: web.Request, cost: float = REQUEST) -> Metered:
+        """Have a request's connection pay, and return it; raises ConnectionError: it cannot, and is closed."""
+        metered = None if request.transport is None else request.transport.get_protocol()
+        if not isinstance(metered, Metered):
+            raise ConnectionResetError
+        metered.asked = True
+        if self._role(request) == "operator":
+            metered.account.operator = metered.account.address.operator = True
+        if not metered.account.spend(now(), cost):
+            raise ConnectionResetError
+        return metered
 
     def _role(self, request: web.Request) -> Role | None:
         return self._door.role(request.cookies.get(self._door.cookie), wall())
@@ -142,9 +153,14 @@ class Routes:
 
     async def sign_in(self, request: web.Request) -> web.Response:
         """Return a cookie for the right token."""
-        async with asyncio.timeout(STRANGER):
-            given = (await request.post()).get("token", "")
-        signed = self._door.sign_in(str(given).strip(), wall())
+        self._pay(request, SIGN_IN)
+        try:
+            async with asyncio.timeout(STRANGER):
+                body = await request.read()
+            given = parse_qs(body.decode("latin-1"), max_num_fields=8).get("token", [""])[0]
+        except (ValueError, web.RequestPayloadError):
+            raise web.HTTPBadRequest(text="that is no form\n") from None
+        signed = self._door.sign_in(given.strip(), wall())
         if signed is None:
             if not self._door.failed(request.remote or "", now()):
                 raise web.HTTPTooManyRequests(text="not the token, and too many were wrong; wait a few seconds\n")
@@ -186,11 +202,17 @@ class Routes:
         """Connect a page until it leaves."""
         role = self._role(request)
         assert role is not None
-        if len(self._pages.connected) >= PAGES_MAX:
-            raise web.HTTPServiceUnavailable(text=f"there are {PAGES_MAX} pages already\n")
-        socket = web.WebSocketResponse(heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False, timeout=PARTING)
+        room = PAGES_MAX if role == "operator" else PAGES_MAX - OPERATORS
+        if len(self._pages.connected) >= room:
+            raise web.HTTPServiceUnavailable(text=f"there are {room} pages already\n")
+        metered = self._pay(request, 0.0)
+        # pings are answered by `listen`, when they are paid
+        socket = web.WebSocketResponse(
+            heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False, timeout=PARTING, autoping=False
+        )
         await socket.prepare(request)
-        page = self._pages.join(role, request.remote or "", socket)
+        metered.page = True
+        page = self._pages.join(role, request.remote or "", socket, metered.account)
         sender = asyncio.create_task(self._pages.send(page))
         try:
             await listen(self._pages, page, socket)
@@ -212,11 +234,20 @@ ROUTES: Final = (
 )
 
 
-async def listen(pages: Pages, page: Page, messages: AsyncIterable[WSMessage]) -> None:
-    """Carry out the messages of a page until it leaves, or sends anything but text."""
-    async for message in messages:
-        if message.type is not WSMsgType.TEXT:
+async def listen(pages: Pages, page: Page, socket: web.WebSocketResponse) -> None:
+    """Carry out the messages of a page until it leaves, or sends anything but text, pings and pongs.
+
+    One message in each turn of the event loop, so that another page's stop waits for one message of each page at most.
+    """
+    behind = 0
+    async for message in socket:
+        if message.type is WSMsgType.TEXT:
+            take(pages, page, message.data)
+        elif message.type not in (WSMsgType.PING, WSMsgType.PONG):
             break
-        if not take(pages, page, message.data):
-            # otherwise a flood would be read in one go, and a stop of another page would wait
-            await pages.overrun()
+        elif page.account.spend(now(), FRAME) and message.type is WSMsgType.PING:
+            await socket.pong(message.data)
+        # the search for a stop behind a flood costs little
+        behind = (behind + 1) % SEARCHED if page.account.exceeded else 0
+        if behind == 0:
+            await asyncio.sleep(0)

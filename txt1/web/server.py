@@ -1,7 +1,6 @@
 """The server of the web page: sends telemetry to pages, and requests of pages to the robot.
 
-Every page has a socket. The size and number of its messages are limited (`requests`), and so is the number of
-connections (`routes`).
+Every page has a socket. Messages, requests and connections cost a budget (`budgets`, `connections`).
 """
 
 from __future__ import annotations
@@ -17,10 +16,11 @@ from aiohttp import web
 
 from txt1.sidecar import BEAT, Connection
 from txt1.web.auth import Auth, token_in
+from txt1.web.connections import Connections
 from txt1.web.pages import Pages, Robots, now
-from txt1.web.routes import STRANGER, Routes
+from txt1.web.routes import Routes
+from txt1.web.troubles import counting
 
-CONNECTIONS_MAX: Final = 256
 # s between two messages about a page's own state
 STATUS: Final = 1.0
 
@@ -66,43 +66,40 @@ async def serve(
         context = tls(Path(certificate), None if key is None else Path(key))
     door = Auth(None if token is None else token_in(Path(token)), "http" if context is None else "https", port)
     pages = Pages(robot, folder, speed, robots, fleet, invites=door.visitors_token is not None)
-    routes = Routes(door, pages)
-    runner = web.AppRunner(routes.application(), access_log=None, keepalive_timeout=15.0, shutdown_timeout=0.5)
+    # a packed form could unpack to a large one
+    runner = web.AppRunner(
+        Routes(door, pages).application(),
+        access_log=None,
+        keepalive_timeout=15.0,
+        shutdown_timeout=0.5,
+        lingering_time=1.0,
+        auto_decompress=False,
+    )
     await runner.setup()
-    serve = runner.server
-    assert serve is not None
-
-    def connect() -> asyncio.BaseProtocol:
-        """Return a protocol for a new connection; with too many connections it hangs up at once."""
-        if len(serve.connections) >= CONNECTIONS_MAX:
-            return _Full()
-        protocol = serve()
-        routes.strangers[protocol] = now()
-        return protocol
-
-    loop = asyncio.get_running_loop()
-    patience = None if context is None else STRANGER
+    assert runner.server is not None
+    connections = Connections(runner.server, context, now)
     try:
-        listener = await loop.create_server(
-            connect, host, port, ssl=context, reuse_address=True, ssl_handshake_timeout=patience
-        )
+        await connections.listen(host, port)
     except OSError as error:
         # another program has taken the port since it was found to be free
+        connections.close()
         await runner.cleanup()
         why = os.strerror(error.errno) if error.errno else error
         sys.exit(f"txt1: --web {host}:{port}: cannot listen there: {why}; choose another address")
-    beating = asyncio.create_task(_beat(pages, routes))
+    loop = asyncio.get_running_loop()
+    beating = asyncio.create_task(_beat(pages, connections))
     loop.add_reader(robot.fileno(), pages.hear)
     try:
-        await pages.ended.wait()
+        with counting(lambda text: pages.ask(None, "tell", text=text)):
+            await pages.ended.wait()
     finally:
         loop.remove_reader(robot.fileno())
         beating.cancel()
-        listener.close()
+        connections.close()
         await runner.cleanup()
 
 
-async def _beat(pages: Pages, routes: Routes) -> None:
+async def _beat(pages: Pages, connections: Connections) -> None:
     """Send the robot its heartbeat, and pages their own state."""
     pages.begin()
     due = now()
@@ -111,12 +108,5 @@ async def _beat(pages: Pages, routes: Routes) -> None:
         if now() >= due:
             due = now() + STATUS
             pages.status()
-            routes.hang_up()
+            connections.hang_up()
         await asyncio.sleep(BEAT)
-
-
-class _Full(asyncio.Protocol):
-    """Hangs up."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        transport.close()

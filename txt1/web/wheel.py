@@ -60,28 +60,6 @@ class Sequence:
         return True
 
 
-class Budget:
-    """Allows an average number of messages a second, and `burst` at once; the rest is refused."""
-
-    def __init__(self, rate: float, burst: float) -> None:
-        self._rate, self._burst = rate, burst
-        self._left, self._at = burst, -inf
-
-    def has(self, now: float, cost: float = 1.0) -> bool:
-        """Return whether there is budget for another message."""
-        if self._at > -inf:
-            self._left = min(self._burst, self._left + self._rate * (now - self._at))
-        self._at = now
-        return self._left >= cost
-
-    def spend(self, now: float, cost: float = 1.0) -> bool:
-        """Spend budget on a message; return whether there was enough."""
-        enough = self.has(now, cost)
-        if enough:
-            self._left -= cost
-        return enough
-
-
 class PageWheel:
     """The page that has the wheel: its number, 0 for none, and whether it is an operator's."""
 

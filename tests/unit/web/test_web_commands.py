@@ -17,9 +17,10 @@ aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the e
 from tests.unit.web.test_web_requests import Robot, Socket  # noqa: E402
 from txt1.web import requests  # noqa: E402
 from txt1.web.auth import Role  # noqa: E402
+from txt1.web.budgets import Budgets  # noqa: E402
 from txt1.web.pages import FAST, PAGE_RATE, Page, Pages  # noqa: E402
 from txt1.web.requests import CHOSEN_MAX, POINTS_MAX, take  # noqa: E402
-from txt1.web.wheel import AGE_MAX  # noqa: E402
+from txt1.web.wheel import AGE_MAX, PageClock  # noqa: E402
 
 NOW: Final = 100.0
 STANDS: Final[list[tuple[str, dict[str, object]]]] = [("release", {}), ("halt", {})]
@@ -48,10 +49,11 @@ class Desk:
     def __init__(self, folder: Path, *fleet: str) -> None:
         self.robot = Robot()
         self.pages = Pages(self.robot, folder, 0.5, {}, list(fleet), invites=False)
+        self.budgets = Budgets()
         self._numbers = count(1)
 
     def join(self, role: Role = "operator") -> Page:
-        page = self.pages.join(role, "127.0.0.1", Socket())  # type: ignore[arg-type]
+        page = self.pages.join(role, "127.0.0.1", Socket(), self.budgets.account("127.0.0.1"))  # type: ignore[arg-type]
         page.clock.answered(NOW, NOW, NOW)
         return page
 
@@ -182,7 +184,8 @@ async def test_a_command_is_late_after_a_quarter_of_a_second(desk: Desk) -> None
 async def test_the_clock_of_a_page_is_measured_by_answers_within_a_minute(
     sent: float, trip: float | None, desk: Desk
 ) -> None:
-    page = desk.pages.join("operator", "127.0.0.1", Socket())  # type: ignore[arg-type]
+    page = desk.join()
+    page.clock = PageClock()
     desk.ask(page, "pong", ping=sent, t=7.0)
     assert page.round_trip == (None if trip is None else pytest.approx(trip))
     assert page.clock.age(7.0, NOW) == (inf if trip is None else pytest.approx(trip))

@@ -15,7 +15,7 @@ import pytest
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the extra 'web'")
 
-from aiohttp.test_utils import TestClient, TestServer  # noqa: E402
+from aiohttp import web  # noqa: E402
 
 import txt1.web  # noqa: E402
 from tests.patience import LIMIT  # noqa: E402
@@ -23,9 +23,11 @@ from tests.unit.web.test_web_requests import Robot, Socket  # noqa: E402
 from txt1.kernel.clock import NS_PER_S  # noqa: E402
 from txt1.web import files, routes  # noqa: E402
 from txt1.web.auth import Auth, visitors_token  # noqa: E402
+from txt1.web.budgets import Budgets  # noqa: E402
+from txt1.web.connections import Connections  # noqa: E402
 from txt1.web.files import page_files  # noqa: E402
 from txt1.web.pages import Pages  # noqa: E402
-from txt1.web.routes import HEADERS, STRANGER, Routes, listen  # noqa: E402
+from txt1.web.routes import HEADERS, Routes, listen  # noqa: E402
 
 TOKEN: Final = "t0ken-of-the-robot-long-enough"
 WORDS: Final = {"operator": TOKEN, "visitor": visitors_token(TOKEN)}
@@ -35,16 +37,38 @@ STATIC: Final = Path(txt1.web.__file__).parent / "static"
 class Site:
     """The page of a robot that writes down what it is asked for, and a browser."""
 
+    client: aiohttp.ClientSession
+
     def __init__(self, folder: Path, token: str | None) -> None:
         self.robot, self.door = Robot(), Auth(token, "http", 80)
         self.pages = Pages(self.robot, folder, 0.5, {}, [], invites=token is not None)
-        self.routes = Routes(self.door, self.pages)
-        self.server = TestServer(self.routes.application())
-        self.client = TestClient(self.server, cookie_jar=aiohttp.DummyCookieJar())
+        self.app = Routes(self.door, self.pages).application()
+        self.runner = web.AppRunner(self.app)
+        self._writers: list[asyncio.StreamWriter] = []
+
+    async def open(self) -> None:
+        await self.runner.setup()
+        assert self.runner.server is not None
+        self.connections = Connections(self.runner.server, None, routes.now)
+        await self.connections.listen("127.0.0.1", 0)
+        self.client = aiohttp.ClientSession(f"http://{self.host}", cookie_jar=aiohttp.DummyCookieJar())
+
+    async def close(self) -> None:
+        await self.client.close()
+        for writer in self._writers:
+            writer.close()
+        self.connections.close()
+        await self.runner.cleanup()
+
+    async def connect(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """A connection by hand, which is closed at the end."""
+        reader, writer = await asyncio.open_connection("127.0.0.1", self.connections.port)
+        self._writers.append(writer)
+        return reader, writer
 
     @property
     def host(self) -> str:
-        return f"{self.server.host}:{self.server.port}"
+        return f"127.0.0.1:{self.connections.port}"
 
     def headers(self, role: str = "", origin: str | None = None, **others: str) -> dict[str, str]:
         """Of a request by the robot's own page, or by a page from elsewhere."""
@@ -74,8 +98,11 @@ class Site:
 @asynccontextmanager
 async def served(folder: Path, token: str | None = TOKEN) -> AsyncIterator[Site]:
     site = Site(folder, token)
-    async with site.client:
+    await site.open()
+    try:
         yield site
+    finally:
+        await site.close()
 
 
 @pytest.fixture
@@ -137,9 +164,8 @@ MAY_ASK: Final = {
 
 
 async def test_each_route_is_for_its_roles_and_there_is_no_other(site: Site) -> None:
-    there = {(route.method, getattr(route.resource, "canonical", "")) for route in site.server.app.router.routes()}
-    # each GET brings a HEAD along
-    assert {each for each in there if each[0] != "HEAD"} == set(MAY_ASK)
+    there = {(route.method, getattr(route.resource, "canonical", "")) for route in site.app.router.routes()}
+    assert there == set(MAY_ASK)
     for (method, path), roles in MAY_ASK.items():
         for role in ("", "visitor", "operator"):
             status, _, _ = await site.ask(path.replace("{name}", "run.mcap"), role, method, data={"token": TOKEN})
@@ -280,7 +306,7 @@ async def test_wrong_tokens_are_limited_for_their_address_and_the_right_one_is_n
 
 async def test_who_sends_half_a_token_is_not_waited_for(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(routes, "STRANGER", 0.0)
-    reader, writer = await asyncio.open_connection(site.server.host, site.server.port)
+    reader, writer = await asyncio.open_connection("127.0.0.1", site.connections.port)
     form = "Content-Type: application/x-www-form-urlencoded\r\nContent-Length: 100"
     writer.write(
         f"POST /sign-in HTTP/1.1\r\nHost: {site.host}\r\nOrigin: http://{site.host}\r\n{form}\r\n\r\ntoken=".encode()
@@ -304,36 +330,6 @@ async def test_the_operator_s_code_invites_visitors_only(site: Site, monkeypatch
 # -- connections -------------------------------------------------------------------------------------------------------
 
 
-async def test_a_connection_that_asks_for_nothing_is_hung_up_after_a_while(
-    site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    closed: list[str] = []
-    monkeypatch.setattr(routes, "now", lambda: 100.0)
-
-    class Stranger:
-        def __init__(self, name: str) -> None:
-            self.name = name
-
-        def force_close(self) -> None:
-            closed.append(self.name)
-
-    for name, silent in (("new", 0.0), ("patient", STRANGER), ("silent", STRANGER + 0.1)):
-        site.routes.strangers[Stranger(name)] = 100.0 - silent  # type: ignore[index]
-    for _ in range(2):
-        site.routes.hang_up()
-        assert closed == ["silent"] and len(site.routes.strangers) == 2
-
-
-async def test_a_connection_with_a_request_is_no_stranger_s_even_if_the_request_is_refused(site: Site) -> None:
-    for headers in (site.headers(), {"Host": "a;b"}):
-        await site.ask("/")
-        assert site.server.handler is not None
-        [connection] = site.server.handler.connections
-        site.routes.strangers[connection] = 0.0
-        await site.ask("/", headers=headers)
-        assert not site.routes.strangers
-
-
 @pytest.mark.parametrize("role", WORDS)
 async def test_a_page_at_its_socket_has_its_role_asks_for_things_and_leaves(role: str, site: Site) -> None:
     async with site.socket(role) as socket:
@@ -351,11 +347,15 @@ async def test_a_page_at_its_socket_has_its_role_asks_for_things_and_leaves(role
 
 
 async def test_one_page_more_than_there_may_be_is_refused(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(routes, "PAGES_MAX", 2)
-    async with site.socket(), site.socket():
+    monkeypatch.setattr(routes, "PAGES_MAX", 3)
+    monkeypatch.setattr(routes, "OPERATORS", 1)
+    async with site.socket(), site.socket("visitor"):
         with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
-            await site.socket()
-        assert len(site.pages.connected) == 2
+            await site.socket("visitor")
+        async with site.socket("operator"):
+            with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
+                await site.socket()
+            assert len(site.pages.connected) == 3
     await site.until(lambda: not site.pages.connected)
     async with site.socket("visitor"):
         assert len(site.pages.connected) == 1
@@ -369,6 +369,7 @@ async def test_a_page_that_sends_anything_but_text_has_left(tmp_path: Path) -> N
         raise AssertionError("is read no further")
 
     async with served(tmp_path) as site:
-        page = site.pages.join("operator", "127.0.0.1", Socket())  # type: ignore[arg-type]
-        await listen(site.pages, page, messages())
+        account = Budgets().account("127.0.0.1")
+        page = site.pages.join("operator", "127.0.0.1", Socket(), account)  # type: ignore[arg-type]
+        await listen(site.pages, page, messages())  # type: ignore[arg-type]
         assert site.robot.times("stop") == 1

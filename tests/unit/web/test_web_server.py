@@ -18,11 +18,11 @@ aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the e
 from rigs.ports import free_port  # noqa: E402
 from tests.patience import LIMIT  # noqa: E402
 from tests.unit.web.test_web_requests import Robot  # noqa: E402
-from txt1.web import pages, routes, server  # noqa: E402
+from txt1.web import connections, pages, routes, server  # noqa: E402
 from txt1.web.auth import Auth, visitors_token  # noqa: E402
 from txt1.web.certificate import own_certificate  # noqa: E402
+from txt1.web.connections import STRANGER  # noqa: E402
 from txt1.web.pages import FAST, PAGE_RATE, Pages  # noqa: E402
-from txt1.web.routes import STRANGER  # noqa: E402
 from txt1.web.server import STATUS  # noqa: E402
 
 HOST: Final = "127.0.0.1"
@@ -231,24 +231,19 @@ async def test_a_port_that_another_program_has_taken_ends_it_with_the_reason(por
 # -- connections -------------------------------------------------------------------------------------------------------
 
 
-async def test_a_connection_more_than_there_may_be_is_closed_at_once_and_later_there_is_room(
+async def test_a_connection_more_than_there_may_be_takes_the_place_of_the_oldest_that_is_no_page(
     clock: Clock, port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "CONNECTIONS_MAX", 2)
-    async with serving(clock, port) as served:
-        writers = []
-        for _ in range(2):
-            reader, writer = await served.connect()
-            writer.write(f"GET /robot.svg HTTP/1.1\r\nHost: {HOST}\r\n\r\n".encode())
-            assert (await reader.readline()).startswith(b"HTTP/1.1 200")
-            writers.append(writer)
-        reader, writer = await served.connect()
-        assert await served.hangs_up(reader)
-        for each in (*writers, writer):
+    monkeypatch.setattr(connections, "CONNECTIONS_MAX", 3)
+    async with serving(clock, port) as served, browser(served) as (_, page):
+        (oldest, one), (older, other) = await served.connect(), await served.connect()
+        await served.beats()
+        assert (await served.answer("/nothing")).startswith(b"HTTP/1.1 404")
+        assert await served.hangs_up(oldest)
+        other.write(f"GET /robot.svg HTTP/1.1\r\nHost: {HOST}\r\n\r\n".encode())
+        assert (await older.readline()).startswith(b"HTTP/1.1 200") and not page.closed
+        for each in (one, other):
             each.close()
-        while not (answer := await served.answer("/nothing")):
-            pass
-        assert answer.startswith(b"HTTP/1.1 404")
 
 
 async def test_only_a_connection_that_has_asked_for_something_may_stay(clock: Clock, port: int) -> None:

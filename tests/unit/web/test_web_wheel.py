@@ -7,7 +7,8 @@ from math import inf, isinf, nan
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from txt1.web.wheel import AGE_MAX, IDLE, SAMPLES, Budget, PageClock, PageWheel, Sequence
+from txt1.web.budgets import Budget
+from txt1.web.wheel import AGE_MAX, IDLE, SAMPLES, PageClock, PageWheel, Sequence
 
 seconds = st.floats(0.0, 1e6)
 delays = st.floats(0.0, 5.0)
