@@ -82,9 +82,11 @@ def compare(rounds: int, duration: float, busy: int) -> None:
             "txt1": partial(robot, duration),
         }
         try:
-            contestants["rclpy timer"] = partial(ros_timer, ros2(), duration)
-        except ConfigError as error:
-            print(f"\npunctuality: rclpy's timer did not run: {error}")
+            ros = ros2()
+            ros_timer(ros, 0.2)
+            contestants["rclpy timer"] = partial(ros_timer, ros, duration)
+        except (ConfigError, OSError, subprocess.CalledProcessError) as error:
+            print(f"\npunctuality: rclpy's timer did not run: {_reason(error)}")
         fifo = grantable().fifo
         if fifo is not None:
             contestants["C loop, SCHED_FIFO"] = partial(c_loop, peer, duration, "0", str(fifo))
@@ -188,6 +190,12 @@ def robot(duration: float, *, realtime: bool = False) -> Round:
     late = _round([1e6 * each for each in result["late_s"]], result["misses"])
     shares = {"cpu": result["robot_cpu_share"], "drawing_cpu": result["drawing_cpu_share"]}
     return late._replace(**shares, missed_at=tuple(result["missed_at_s"]))
+
+
+def _reason(error: Exception) -> str:
+    """Return why a peer does not run, in a line."""
+    said = error.stderr if isinstance(error, subprocess.CalledProcessError) else str(error)
+    return said.strip().splitlines()[-1] if said.strip() else str(error)
 
 
 def _round(late: list[float], misses: int) -> Round:
