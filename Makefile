@@ -16,12 +16,14 @@ FUZZ := .venv-fuzz
 DOCS := .venv-docs
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
+# the last release: its tag, or the commit that made the version
+BEFORE ?= $(shell git describe --tags --abbrev=0 2>/dev/null || git log -1 --format=%h --grep='^Version [0-9]')
 BARE ?=
 VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench docs docs-serve docs-version docs-links clean
+.PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN) || test $$? = 130  # Ctrl-C ends a drive, and is no error
@@ -85,6 +87,10 @@ torture: $(VENV)/.dev $(FUZZ)/.dev  ## faults, mutants and random bytes in great
 bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside peers or limits: docs/results/benchmarks.md
 	$(BENCH)/bin/python $(PIP_INSTALL) --force-reinstall --no-deps dist/*.whl
 	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks --page docs/results/benchmarks.md
+
+bench-before: $(VENV)/.dev  ## this tree beside the last release: speed, start, memory, lateness, missed cycles; 1 if a limit is missed; five minutes
+	rm -rf build/before && mkdir -p build/before && git archive $(BEFORE) | tar -x -C build/before
+	$(BIN)/python -m benchmarks.before build/before
 
 docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link checked
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict
