@@ -22,7 +22,7 @@ from txt1.trials.provenance import code_hash
 from txt1.trials.run import Rows, run
 from txt1.trials.workers import OPTIONS, workers_of
 
-OWN: Final = [Path(__file__).with_name(f"{name}.py") for name in ("struck_robot", "strikes")]
+OWN: Final = [Path(__file__).with_name(f"{name}.py") for name in ("struck_robot", "strikes", "hands")]
 DURATION: Final = 20.0  # s of a run
 # whose turn it is: the simulation is the cheapest, the Pico's firmware by far the dearest
 PATTERN: Final = (

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from torture.hands import key_repeats, pad_freezes
 from torture.struck_robot import Broken, Desk
 from txt1.board.board import BoardEvent
 from txt1.control.pid import Gains
@@ -218,6 +219,27 @@ def rest(desk: Desk, value: float) -> None:
     """Zeros for a while."""
     v, desk.v = desk.v, 0.0
     desk.later(spread(value, 0.2, 2.0), lambda: setattr(desk, "v", v))
+
+
+# -- hands ---------------------------------------------------------------------------------------------------------
+
+
+@strike
+def key_up_lost(desk: Desk, value: float) -> None:
+    """The release of a terminal's key is lost, and the computer repeats the key for seconds."""
+    desk.spawn(key_repeats(desk, pick("ws", 9 * value), spread(value, 1.0, 8.0), spread(5 * value % 1.0, 0.1, 1.5)))
+
+
+@strike
+def pad_out_of_reach(desk: Desk, value: float) -> None:
+    """A gamepad keeps its last state, its dead-man down."""
+    desk.spawn(pad_freezes(desk, np.random.default_rng(int(1e9 * value)), False))
+
+
+@strike
+def pad_that_returns(desk: Desk, value: float) -> None:
+    """The same, and the pad comes back as another one."""
+    desk.spawn(pad_freezes(desk, np.random.default_rng(int(1e9 * value)), True))
 
 
 # -- the operator ------------------------------------------------------------------------------------------------------

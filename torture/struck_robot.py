@@ -17,6 +17,7 @@ from numpy.random import Generator
 from txt1.board.board import Board, BoardEvent, VirtualPort
 from txt1.bridges.registry import RobotEnd
 from txt1.config import Config, checked, load
+from txt1.control.commander import PRIORITIES
 from txt1.control.standstill import Stop
 from txt1.errors import CommandRefused, NotArmed, NotCapable, StopNotVerified
 from txt1.fleet.link import FleetLink
@@ -110,6 +111,8 @@ class Desk:
         self.v, self.omega = 0.5, 0.0
         """Where the program drives, m/s and rad/s."""
         self.cycles = self.moving = 0
+        self.signs: dict[str, float] = {}
+        """When each hand gave its last sign, s of the run, by the name of its source."""
         self._port = port
         self._ways = ways
         self._rng = np.random.default_rng([seed, 99])
@@ -134,6 +137,8 @@ class Desk:
         self._packets, self._lines = Unpacker(), Lines()
         self._ends: dict[str, RobotEnd] = {}
         self._sources["ros"] = self.end("ros").source
+        # hands of their own, so that what they do is told from what others do in the name of keys and gamepad
+        self._sources |= {name: robot.source(name, PRIORITIES["keys"]) for name in ("hand", "radio pad")}
         self._watch_writes()
 
     @property
@@ -172,6 +177,16 @@ class Desk:
         with suppress(CommandRefused):
             if self._sources[source].command(v, omega, time):
                 self._note(self.now if time is None else time)
+
+    def hold(self, source: str, v: float, omega: float, time: float | None = None) -> None:
+        """Command as a hand that holds."""
+        with suppress(CommandRefused):
+            if self._sources[source].hold(v, omega, time):
+                self._note(self.now if time is None else time)
+
+    def let_go(self, source: str) -> None:
+        """Let a hand go."""
+        self._sources[source].release()
 
     def post(self, message: HostMessage, time: float) -> None:
         """Hand the robot a message past the API."""
