@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import pygame
@@ -61,28 +62,36 @@ def driven(robot: Connection, unplugged: bool = False, **options: Any) -> None:
     held(robot, 1.0, "unplugged" if unplugged else "out of reach", **options)
 
 
-def held(robot: Connection, held: float, how: str, **options: Any) -> None:
+def held(robot: Connection, held: float, how: str, note: str = "", **options: Any) -> None:
     """The bridge with such a pad: held at full speed after a second, for `held` s; then it "lets go", is "unplugged",
-    or "out of reach", and says nothing more.
+    or "out of reach", and says nothing more. `note` is a file for the time of the last sign of a hand.
     """
+
+    def sign() -> None:
+        if note:
+            Path(note).write_text(str(monotonic()))
 
     class Scripted(gamepad.Devices):
         def __init__(self, mapping: str | None) -> None:
             super().__init__(mapping)
             self.pad, self.began, self.gone = VirtualPad(), gamepad.now(), False
+            self.down = False
 
         def look(self) -> Any:
             since = gamepad.now() - self.began
             if since > 1.0 + held and how != "out of reach":
-                if not self.gone and how == "unplugged":
-                    self.pad.unplug()
-                elif not self.gone:
-                    self.pad.press("a", False)
+                if not self.gone:
+                    sign()
+                    if how == "unplugged":
+                        self.pad.unplug()
+                    else:
+                        self.pad.press("a", False)
                 self.gone = True
-            elif since > 1.0:
-                # the same again and again is no change, and SDL tells it once
+            elif since > 1.0 and not self.down:
+                self.down = True
                 self.pad.push("lefty", -1.0)
                 self.pad.press("a")
+                sign()
             return super().look()
 
     gamepad.Devices = Scripted  # type: ignore[misc]
