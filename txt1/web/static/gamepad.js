@@ -6,10 +6,11 @@
 
 import { DEAD } from "./hand.js"
 
+const APPEARS = 500  // ms in which a press is not fresh: the first report of a pad may come late
 const DEAD_MAN = 0, STOP = 1, ARM = 9, TRIGGER = 7  // buttons of a standard gamepad: A, B, start, right trigger
 
 export class Gamepads {
-  #pads = new Map()  // of each by its place: the buttons that are down, and all that it tells
+  #pads = new Map()  // of each by its place: the buttons that are down, all that it tells, and when it appeared
 
   // `hold`; what is called: `stop`, `arm` with whether its button is down, and `strange` with the name of a pad that
   // cannot drive
@@ -46,12 +47,12 @@ export class Gamepads {
     const down = new Set(pad.buttons.flatMap((button, number) => (button.pressed ? [number] : [])))
     const told = [...pad.axes, ...pad.buttons.map((button) => button.value)].join()
     if (!this.#pads.has(index) && !standard) this.called.strange(pad.id)
-    const before = this.#pads.get(index) ?? { down, told }
-    this.#pads.set(index, { down, told })
+    const before = this.#pads.get(index) ?? { down, told, since: now }
+    this.#pads.set(index, { down, told, since: before.since })
     const pressed = (number) => down.has(number) && !before.down.has(number)
     const released = (number) => before.down.has(number) && !down.has(number)
     if (standard ? pressed(STOP) : [...down].some(pressed)) this.called.stop()
-    if (!standard) return
+    if (!standard || now - before.since < APPEARS) return
     if (pressed(ARM) || released(ARM)) this.called.arm(down.has(ARM))
     if (released(DEAD_MAN)) this.hold.end()
     if (pressed(DEAD_MAN) && document.hasFocus() && !document.hidden) this.hold.press(by, now)
