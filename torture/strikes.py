@@ -24,6 +24,7 @@ from txt1.kernel.loop import clock_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, PowerControl, PwmCommand, PwmTest, Switch, Velocity
 from txt1.sidecar import Request
 from txt1.sim.parameters import LineFaults
+from txt1.web.requests import REQUESTS
 
 # the hardware underneath: the simulation, one of the two boards, and cars of other makes
 KINDS: Final = ("sim", "ours", "original", "pi", "vesc", "waveshare", "pico")
@@ -192,6 +193,51 @@ def hostile_peers(desk: Desk, value: float) -> None:
             raise Broken(f"a stop {stop} was not obeyed")
     desk.stop(spread(value, 0.3, 1.5))
     end.let_go()
+
+
+PAGE_FIELDS: Final = (
+    "n", "t", "v", "omega", "ping", "points", "speed", "linear", "angular", "on", "name", "topics", "to", "stop",
+)  # fmt: skip
+
+
+@strike
+def visitors(desk: Desk, value: float) -> None:
+    """Two visitors of the web page do everything, with sense and without, beyond their budgets, and one stops.
+
+    None of it arms the robot, loads gains, or sets its pose, and the stop is obeyed.
+    """
+    rng, web = np.random.default_rng(int(1e9 * value)), desk.web
+    pages = [web.join("visitor"), web.join("visitor")]
+    armed, table = desk.robot.armed, desk.robot.runtime.state.gains
+    names = sorted(set(REQUESTS) - {"stop", "disarm", "files"})
+
+    def ask() -> None:
+        for page in pages:
+            for _ in range(int(rng.integers(12))):
+                fields = {name: JUNK[rng.integers(len(JUNK))] for name in PAGE_FIELDS if rng.random() < 0.15}
+                web.ask(page, **{"do": names[rng.integers(len(names))], "v": 9.0, "omega": 0.3, **fields})
+            web.ask(page, do="drive", v=9.0, omega=0.3)
+
+    def end() -> None:
+        for _ in range(300):
+            web.ask(pages[0], do="wind")
+        web.ask(pages[0], do="stop")
+        if desk.robot.armed:
+            raise Broken("a visitor's stop was not obeyed")
+        web.ask(pages[0], do="arm")
+        web.ask(pages[1], do="arm")
+        if desk.robot.armed:
+            raise Broken("a visitor has armed the robot")
+        for page in pages:
+            web.leave(page)
+        desk.stop(spread(value, 0.3, 1.5))
+
+    ask()
+    if desk.robot.armed > armed or desk.robot.runtime.state.gains is not table:
+        raise Broken("a visitor has armed the robot, or loaded gains")
+    lasts = spread(7 * value % 1.0, 0.1, 1.5)
+    desk.insist(lasts, ask)
+    desk.later(lasts + 0.1, end)
 
 
 @strike

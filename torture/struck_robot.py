@@ -5,7 +5,7 @@ in a board of this protocol (ours, the originals', the Pico's firmware); two are
 """
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from math import inf, log
@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.random import Generator
 
+from torture.visitors import Web
 from txt1.board.board import Board, BoardEvent, VirtualPort
 from txt1.bridges.registry import RobotEnd
 from txt1.config import Config, checked, load
@@ -116,7 +117,7 @@ class Desk:
         self._port = port
         self._ways = ways
         self._rng = np.random.default_rng([seed, 99])
-        self._sources = {name: robot.source(name) for name in ("keys", "gamepad", "web")}
+        self._sources = {name: robot.source(name) for name in ("keys", "gamepad")}
         self._sources["program"] = robot.program
         self._tasks: set[asyncio.Task[None]] = set()
         self._failure: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -139,6 +140,9 @@ class Desk:
         self._sources["ros"] = self.end("ros").source
         # hands of their own, so that what they do is told from what others do in the name of keys and gamepad
         self._sources |= {name: robot.source(name, PRIORITIES["keys"]) for name in ("hand", "radio pad")}
+        self.web = Web(self)
+        """The web page's server."""
+        self._sources["web"] = self.web.end.source
         self._watch_writes()
 
     @property
@@ -240,7 +244,11 @@ class Desk:
         self.device.buttons = Button.CENTRE
         self.later(0.2, lambda: setattr(self.device, "buttons", Button.NONE))
 
-    def end(self, name: str) -> RobotEnd:
+    def noted(self) -> None:
+        """Note that somebody has commanded now."""
+        self._note(self.now)
+
+    def end(self, name: str, requests: Mapping[str, Callable[..., object]] | None = None) -> RobotEnd:
         """The robot's end of a bridge, which is not there itself."""
         if name not in self._ends:
             makers: dict[str, Callable[[Robot], RobotEnd]] = {
@@ -248,6 +256,7 @@ class Desk:
                 "ros1": Ros1Desk,
                 "fleet": lambda robot: RobotEnd(robot, "fleet", FleetLink(robot).requests),
                 "gamepad": lambda robot: RobotEnd(robot, "pad", {}),
+                "web": lambda robot: RobotEnd(robot, "web", requests or {}),
             }
             self._ends[name] = makers[name](self.robot)
         return self._ends[name]
