@@ -63,7 +63,8 @@ class Connections:
         # the oldest first
         self.open: dict[Metered, None] = {}
         self._listening: list[socket.socket] = []
-        self._beginning: set[asyncio.Task[None]] = set()
+        # handshakes, the oldest first
+        self._beginning: dict[asyncio.Task[None], None] = {}
         # time at which the next piece of a connection may be read that has exceeded its budget
         self._paced = 0.0
 
@@ -126,8 +127,8 @@ class Connections:
             if self.budgets.admits(str(address[0]), self.now()) and self._has_room():
                 connection.setblocking(False)
                 task = asyncio.get_running_loop().create_task(self._begin(connection, str(address[0])))
-                self._beginning.add(task)
-                task.add_done_callback(self._beginning.discard)
+                self._beginning[task] = None
+                task.add_done_callback(lambda done: self._beginning.pop(done, None))
                 return
             connection.close()
         self._rest(listening, pause)
@@ -142,13 +143,16 @@ class Connections:
             asyncio.get_running_loop().add_reader(listening, self._accept, listening)
 
     def _has_room(self) -> bool:
-        """Return whether there is room for a connection; the oldest that is no page makes room for it."""
+        """Return whether there is room for a connection; the oldest handshake or connection, but no page, goes."""
         if len(self.open) + len(self._beginning) < CONNECTIONS_MAX:
             return True
-        oldest = next((each for each in self.open if not each.page), None)
-        if oldest is not None:
-            oldest.abort()
-        return oldest is not None
+        for task in self._beginning:
+            return task.cancel()
+        for each in self.open:
+            if not each.page:
+                each.abort()
+                return True
+        return False
 
     async def _begin(self, connection: socket.socket, address: str) -> None:
         patience = None if self._context is None else STRANGER

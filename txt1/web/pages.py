@@ -20,11 +20,14 @@ from txt1.errors import CommandRefused
 from txt1.kernel.clock import RealClock, seconds
 from txt1.web.auth import Role
 from txt1.web.budgets import Account
-from txt1.web.player import PagePlayer, strict
+from txt1.web.player import PagePlayer, recordings, strict
 from txt1.web.wheel import PageClock, PageWheel, Sequence
 
 # s between two stops that are passed on
 STOPS: Final = 0.01
+# s between two messages to all pages about their state, and between two looks at the folder of recordings
+NEWS: Final = 0.05
+LISTINGS: Final = 0.25
 # s within which a page must have taken its telemetry
 SLOW: Final = 10.0
 # pieces of telemetry a second
@@ -148,6 +151,11 @@ class Pages:
         self._last = 0
         # time from which a stop is passed on at once
         self._stop_due = -inf
+        # time from which all pages are told their state at once, and whether that waits
+        self._news_due, self._news_waits = -inf, False
+        # pages that want to know the recordings
+        self._asking: set[Page] = set()
+        self._looking: asyncio.Future[None] | None = None
         # pages whose stops wait until then, and the stops' numbers
         self._stops: dict[Page, object] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -173,7 +181,7 @@ class Pages:
             page.car.wheel.give(page.number)
             self.halt(page)
         self.subscribe()
-        self.status()
+        self.status_of_all()
 
     async def send(self, page: Page) -> None:
         """Send a page its telemetry, as fast as it takes it; a page that takes nothing is disconnected."""
@@ -211,9 +219,36 @@ class Pages:
         """Return how many recordings are shown: to visitors for a visitor, to all for an operator."""
         return sum(each.player is not None and role in ("operator", each.role) for each in self.connected.values())
 
+    def list_recordings(self, page: Page) -> None:
+        """Tell a page which recordings there are; of many requests each look at the folder answers all."""
+
+        async def look() -> None:
+            while self._asking:
+                asking, self._asking = self._asking, set()
+                text = await asyncio.to_thread(lambda: json.dumps({"files": recordings(self.folder)}))
+                for each in asking:
+                    each.outbox.append(text)
+                    each.news.set()
+                await asyncio.sleep(LISTINGS)
+            self._looking = None
+
+        self._asking.add(page)
+        if self._looking is None:
+            self._looking = asyncio.ensure_future(look())
+
+    def status_of_all(self) -> None:
+        """Send all pages their own status: at once, and if it changes often after `NEWS` at most."""
+        wait = self._news_due - now()
+        if wait <= 0.0:
+            self._news_due, self._news_waits = now() + NEWS, False
+            self.status(*self.connected.values())
+        elif not self._news_waits:
+            self._news_waits = True
+            asyncio.get_running_loop().call_later(wait, self.status_of_all)
+
     def status(self, *pages: Page) -> None:
-        """Send pages, by default all, their own status."""
-        for page in pages or tuple(self.connected.values()):
+        """Send pages their own status."""
+        for page in pages:
             page.tell(
                 page={
                     "number": page.number,

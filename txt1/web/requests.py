@@ -30,7 +30,7 @@ from typing import Any, Final, NamedTuple
 from txt1.web.auth import Role
 from txt1.web.budgets import FRAME
 from txt1.web.pages import Page, Pages, now
-from txt1.web.player import RECORDING_NAME, PagePlayer, recordings
+from txt1.web.player import RECORDING_NAME, PagePlayer
 from txt1.web.wheel import AGE_MAX
 
 # length of a page's stop
@@ -149,7 +149,7 @@ def _grasp(pages: Pages, page: Page, present: float, holds: bool) -> str:
         pages.connected[before].overruled = True
         if holds:
             page.tell(told="you have the wheel now: let go, then drive")
-    pages.status()
+    pages.status_of_all()
     return ""
 
 
@@ -289,7 +289,7 @@ def _give(pages: Pages, page: Page, nothing: None, age: float) -> None:
     if page.car.wheel.holder == page.number:
         pages.halt(page)
         page.car.wheel.give(page.number)
-        pages.status()
+        pages.status_of_all()
 
 
 def _arm(pages: Pages, page: Page, nothing: None, age: float) -> None:
@@ -331,7 +331,7 @@ def _limit(pages: Pages, page: Page, limit: float, age: float) -> None:
         if limit < pages.limit and each.role == "visitor" and each.car.wheel.holder == each.number:
             pages.halt(each)
     pages.limit = limit
-    pages.status()
+    pages.status_of_all()
 
 
 def _record(pages: Pages, page: Page, on: bool, age: float) -> None:
@@ -355,7 +355,7 @@ def _choose(pages: Pages, page: Page, topics: list[str], age: float) -> None:
 
 
 def _files(pages: Pages, page: Page, nothing: None, age: float) -> None:
-    page.tell(files=recordings(pages.folder))
+    pages.list_recordings(page)
 
 
 def _replay(pages: Pages, page: Page, name: str | None, age: float) -> None:

@@ -107,6 +107,6 @@ async def _beat(pages: Pages, connections: Connections) -> None:
         pages.ask(None, "")
         if now() >= due:
             due = now() + STATUS
-            pages.status()
+            pages.status_of_all()
             connections.hang_up()
         await asyncio.sleep(BEAT)

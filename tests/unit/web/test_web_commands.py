@@ -14,8 +14,9 @@ import pytest
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the extra 'web'")
 
+from tests.patience import LIMIT  # noqa: E402
 from tests.unit.web.test_web_requests import Robot, Socket  # noqa: E402
-from txt1.web import requests  # noqa: E402
+from txt1.web import pages, requests  # noqa: E402
 from txt1.web.auth import Role  # noqa: E402
 from txt1.web.budgets import Budgets  # noqa: E402
 from txt1.web.pages import FAST, PAGE_RATE, Page, Pages  # noqa: E402
@@ -69,6 +70,7 @@ class Desk:
 @pytest.fixture
 def desk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Desk:
     monkeypatch.setattr(requests, "now", lambda: NOW)
+    monkeypatch.setattr(pages, "NEWS", 0.0)
     return Desk(tmp_path)
 
 
@@ -80,6 +82,13 @@ def told(page: Page, key: str = "told") -> list[Any]:
 def wheel(page: Page) -> list[int]:
     """The numbers of the driving pages in the status that a page has got since the last request."""
     return [status["wheel"] for status in told(page, "page")]
+
+
+async def listed(page: Page) -> None:
+    """Wait until a page is told which recordings there are."""
+    async with asyncio.timeout(LIMIT):
+        while not told(page, "files"):
+            await asyncio.sleep(0.001)
 
 
 # -- the wheel ---------------------------------------------------------------------------------------------------------
@@ -322,7 +331,39 @@ async def test_a_page_is_told_which_recordings_there_are(desk: Desk, tmp_path: P
         (tmp_path / name).write_text("x")
     page = desk.join()
     desk.ask(page, "files")
+    await listed(page)
     assert [[each["name"] for each in files] for files in told(page, "files")] == [["run.mcap"]]
+
+
+async def test_many_who_ask_for_the_recordings_at_once_are_answered_by_one_look(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks: list[Path] = []
+    monkeypatch.setattr(pages, "recordings", lambda folder: looks.append(folder) or [])
+    some = [desk.join() for _ in range(5)]
+    for _ in range(3):
+        for page in some:
+            take(desk.pages, page, '{"do": "files"}')
+    for page in some:
+        await listed(page)
+    assert len(looks) == 1
+
+
+async def test_all_pages_are_told_of_many_changes_at_once_and_of_the_last(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One page that takes the wheel and gives it up again and again does not make the server write to all others."""
+    monkeypatch.setattr(pages, "NEWS", 0.05)
+    page, other = desk.join(), desk.join()
+    other.outbox.clear()
+    for _ in range(6):
+        for do in ("take", "give"):
+            take(desk.pages, page, json.dumps({"do": do}))
+    take(desk.pages, page, json.dumps({"do": "take"}))
+    async with asyncio.timeout(LIMIT):
+        while wheel(other)[-1:] != [page.number]:
+            await asyncio.sleep(0.01)
+    assert len(wheel(other)) <= 2
 
 
 class Player:

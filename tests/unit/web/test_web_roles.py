@@ -13,8 +13,8 @@ import pytest
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the extra 'web'")
 
-from tests.unit.web.test_web_commands import NOW, STANDS, WAY, Desk, told, wheel  # noqa: E402
-from txt1.web import requests  # noqa: E402
+from tests.unit.web.test_web_commands import NOW, STANDS, WAY, Desk, listed, told, wheel  # noqa: E402
+from txt1.web import pages, requests  # noqa: E402
 from txt1.web.auth import Role  # noqa: E402
 from txt1.web.pages import Page  # noqa: E402
 from txt1.web.requests import REQUESTS  # noqa: E402
@@ -89,6 +89,7 @@ async def test_a_request_does_what_its_role_may_in_each_state_of_the_wheel(
     do: str, role: Role, state: str, promised: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(requests, "now", lambda: NOW)
+    monkeypatch.setattr(pages, "NEWS", 0.0)
     desk = Desk(tmp_path)
     page, operator, visitor = desk.join(role), desk.join(), desk.join("visitor")
     holder = {"own": page, "free": None}.get(state, operator if "operator" in state else visitor)
@@ -99,6 +100,8 @@ async def test_a_request_does_what_its_role_may_in_each_state_of_the_wheel(
 
     asked = desk.ask(page, do, **FIELDS.get(do, {}))
 
+    if do == "files":
+        await listed(page)
     names = [name for name, _ in asked]
     if do in ("stop", "disarm", "drive", "go", "here", "arm", "hold", "gains", "record"):
         done = do in names
