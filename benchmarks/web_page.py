@@ -58,7 +58,9 @@ def frames(browser: Any, url: str, size: tuple[int, int], seconds: int) -> list[
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40)
     found = []
     page.wait_for_timeout(2000)
-    for _ in range(seconds):
+    for second in range(seconds):
+        # a hand that does not move is let go of
+        page.mouse.move(box["x"] + box["width"] / 2 + second % 2, box["y"] + 40)
         page.wait_for_timeout(1000)
         found.append(page.evaluate(COUNT))
     page.mouse.up()

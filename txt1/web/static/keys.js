@@ -30,7 +30,7 @@ export class Keys {
   }
 
   #pressed(event) {
-    const name = event.key.toLowerCase(), { code } = event
+    const name = (event.key ?? "").toLowerCase(), { code } = event  // forms that a browser fills in send no key
     if ((name === " " || code === "Space") && !typing(event.target)) {
       event.preventDefault()
       if (!event.repeat) this.called.stop()
