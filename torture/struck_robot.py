@@ -191,6 +191,7 @@ class Desk:
     def let_go(self, source: str) -> None:
         """Let a hand go."""
         self._sources[source].release()
+        self._note(self.now)
 
     def post(self, message: HostMessage, time: float) -> None:
         """Hand the robot a message past the API."""

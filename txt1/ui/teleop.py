@@ -45,6 +45,8 @@ class Teleop:
         self.speed = min(self.speed, self.hand.v_max)
         # the last press of a driving key: its time, and the key
         self._pressed, self._last = -inf, ""
+        # the last call of `command`
+        self._listened = -inf
         self._hold = Hold(LASTS - HELD)
         # whether a repeat came after the end of the hold
         self._refused = False
@@ -60,7 +62,9 @@ class Teleop:
     def key(self, key: str, now: float) -> None:
         """Take a key press, which replaces the opposite key at once; other keys are ignored."""
         if key in _DRIVE or key in _STEER:
-            if key != self._last or now - self._pressed > HELD:
+            # no press for a while is a release, unless nobody listened meanwhile: the computer may have stood still
+            paused = now - self._pressed > HELD and now - self._listened <= HELD
+            if key != self._last or paused:
                 self._hold.press(0, now)
             self._last, self._pressed = key, now
             if self._hold.drives(now) is None:
@@ -84,6 +88,7 @@ class Teleop:
         After the last decay it is (0, 0) once, then None: an idle keyboard does not override a program. Raises
         CommandRefused, in place of this zero: repeats go on after the end of the hold.
         """
+        self._listened = now
         if not self._active:
             return None
         drive, steer = (

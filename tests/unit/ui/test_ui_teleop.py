@@ -49,8 +49,11 @@ def test_repeats_keep_it_going_for_three_seconds_and_its_decay() -> None:
         if stood:
             assert command is None, "repeats do not revive it"
     assert stood == pytest.approx(LASTS + DECAY, abs=0.11)
-    teleop.key("w", 10.0 + HELD)
-    assert teleop.command(10.0 + HELD) == (0.5, 0.0), "a press after a pause is fresh"
+    teleop.key("w", 12.0)
+    assert teleop.command(12.0) is None, "nobody listened meanwhile: the computer stood still"
+    teleop.command(12.1 + HELD)
+    teleop.key("w", 12.2 + HELD)
+    assert teleop.command(12.2 + HELD) == (0.5, 0.0), "a press after a pause is fresh"
 
 
 def test_another_key_is_a_fresh_press() -> None:
