@@ -31,10 +31,11 @@ CONNECTS_RESERVE: Final = (10.0, 40.0)
 # connections that one costs that exceeded its budget
 PENALTY: Final = 10.0
 
-# units: a turn of reading, a byte, a frame, a request for an address, and an attempt to sign in
+# units: a turn of reading, a byte, a frame, a ping and its answer, a request for an address, an attempt to sign in
 TURN: Final = 0.25
 BYTE: Final = 1.0 / 256.0
 FRAME: Final = 1.0
+PING: Final = 4.0
 REQUEST: Final = 10.0
 SIGN_IN: Final = 10.0
 

@@ -15,7 +15,7 @@ from aiohttp import WSMsgType, web
 
 from txt1.kernel.clock import NS_PER_S, wall_ns
 from txt1.web.auth import Auth, Role
-from txt1.web.budgets import FRAME, REQUEST, SIGN_IN
+from txt1.web.budgets import FRAME, PING, REQUEST, SIGN_IN
 from txt1.web.connections import STRANGER, Metered
 from txt1.web.files import page_files
 from txt1.web.pages import Page, Pages, now
@@ -243,10 +243,13 @@ async def listen(pages: Pages, page: Page, socket: web.WebSocketResponse) -> Non
     async for message in socket:
         if message.type is WSMsgType.TEXT:
             take(pages, page, message.data)
-        elif message.type not in (WSMsgType.PING, WSMsgType.PONG):
+        elif message.type is WSMsgType.PING:
+            if page.account.spend(now(), PING):
+                await socket.pong(message.data)
+        elif message.type is WSMsgType.PONG:
+            page.account.spend(now(), FRAME)
+        else:
             break
-        elif page.account.spend(now(), FRAME) and message.type is WSMsgType.PING:
-            await socket.pong(message.data)
         # the search for a stop behind a flood costs little
         behind = (behind + 1) % SEARCHED if page.account.exceeded else 0
         if behind == 0:

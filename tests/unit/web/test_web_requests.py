@@ -21,7 +21,7 @@ from tests.patience import LIMIT  # noqa: E402
 from txt1.web import pages as pages_module  # noqa: E402
 from txt1.web import requests, routes  # noqa: E402
 from txt1.web.auth import Role  # noqa: E402
-from txt1.web.budgets import Account, Address, Budget, Budgets  # noqa: E402
+from txt1.web.budgets import FRAME, PING, Account, Address, Budget, Budgets  # noqa: E402
 from txt1.web.pages import STOPS, Page, Pages  # noqa: E402
 from txt1.web.requests import REQUESTS, STOP_MAX, take  # noqa: E402
 from txt1.web.routes import listen  # noqa: E402
@@ -175,7 +175,7 @@ async def test_pings_and_pongs_cost_a_page_its_budget_and_are_not_answered_beyon
     pages, socket = pages_of(robot), Socket(*[aiohttp.WSMsgType.PING, aiohttp.WSMsgType.PONG] * BURST, STOP)
     page = join(pages, socket)
     await listen(pages, page, socket)  # type: ignore[arg-type]
-    assert socket.pongs == BURST // 2 and page.account.exceeded
+    assert socket.pongs == BURST // (PING + FRAME) and page.account.exceeded
     assert robot.times("stop") == 1, "it is obeyed behind them"
 
 
