@@ -4,7 +4,8 @@ Each input drives a simulated robot at 1.5 m/s in real time. Then the hand lets 
 computer does not tell. Counted is from the last sign of the hand to the last set-point that is not zero, and the way
 until the robot stands. The page runs in a real browser (Debian's chromium through playwright), which gets its own
 input events, and reaches the robot over its connection. The terminal is a pseudo-terminal of `txt1 run`, and the
-gamepad is SDL's virtual one, in the process of `--gamepad`. A browser's pad replaces `navigator.getGamepads`.
+gamepad is SDL's virtual one, in the process of `--gamepad`. A browser's pad replaces `navigator.getGamepads`. The
+results are kept in out/holds.jsonl, so a command that was ended goes on where it was.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from rigs import page_parts
 from rigs.browser_hands import COMMAND, META, PAD, A, W, at, down, finger, hands, repeats, up
 from rigs.live_browser import CHROMIUM, FLAGS, Live, live
 from txt1.bridges.registry import BRIDGES, bridge
+from txt1.control.holding import LASTS
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
@@ -39,6 +41,7 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf", "teleop.speed=1
 SPEED: Final = 1.5  # m/s
 HELD: Final = 1.2  # s that the hand is there before it goes
 WATCHED: Final = 6.0  # s after the hand is gone in which the robot is watched
+KEPT: Final = Path("out/holds.jsonl")
 TRIES: Final = 10  # of a round: a busy computer has a page let go by itself
 
 
@@ -174,7 +177,11 @@ def by_page(browser: Any, car: Live, press: Does, end: Does, from_press: bool) -
     end(page)
     sleep(WATCHED if from_press else 2.5)
     page.close()
-    return drive(page.ticks, gone)
+    found = drive(page.ticks, gone)
+    if found is not None and from_press and found.seconds < LASTS - 0.3:
+        # a busy computer held the page up, and the page let go
+        return None
+    return found
 
 
 # -- the gamepad and the terminal --------------------------------------------------------------------------------
@@ -281,11 +288,19 @@ def main() -> None:
     parser.add_argument("--page", action="store_true", help="write the table to docs/safety.md")
     arguments = parser.parse_args()
     found: dict[tuple[str, str], list[Drive]] = {}
+    KEPT.parent.mkdir(parents=True, exist_ok=True)
+    for line in KEPT.read_text().splitlines() if KEPT.exists() else ():
+        what, how, *numbers = json.loads(line)
+        found.setdefault((what, how), []).append(Drive(*numbers))
 
     def note(what: str, how: str, one: Callable[[], Drive | None]) -> None:
+        if len(found.get((what, how), ())) >= arguments.rounds:
+            return
         for _ in range(TRIES):
             if (result := one()) is not None:
                 found.setdefault((what, how), []).append(result)
+                with KEPT.open("a") as kept:
+                    kept.write(json.dumps([what, how, *result]) + "\n")
                 print(f"{what}, {how}: {result.seconds:.2f} s, {result.way:.2f} m", flush=True)
                 return
         raise RuntimeError(f"{what}, {how}: it does not drive")
@@ -308,9 +323,9 @@ def main() -> None:
     table("after the last sign of a hand, at 1.5 m/s: median (worst)", HEAD, rows)
     load = os.getloadavg()[0]
     text = (
-        f"At {SPEED:g} m/s, from the last sign of the hand; median (worst), n = {arguments.rounds}. In the terminal "
-        "from when the robot has the sign, at most 0.1 s later. The simulated car coasts after the set-point is 0. "
-        f"Load of the machine of {os.cpu_count()} processors, after it: {load:.1f}."
+        f"At {SPEED:g} m/s, from the last sign of the hand; median (worst), n >= {min(map(len, found.values()))}. "
+        "In the terminal from when the robot has the sign, at most 0.1 s later. The simulated car coasts after the "
+        f"set-point is 0. Load of the machine of {os.cpu_count()} processors, after it: {load:.1f}."
     )
     print(f"\n{text}")
     if arguments.page:
