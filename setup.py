@@ -52,7 +52,7 @@ MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "odometry"],
     "sim": ["battery", "lamp", "obstacles", "room", "vehicle", "dynamics", "world"],
-    "control": ["commander", "limits", "pid", "sight"],
+    "control": ["commander", "limits", "obedience", "pid", "sight"],
     "estimation": [
         "ahead",
         "averaging",

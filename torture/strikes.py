@@ -428,6 +428,19 @@ def encoder_dead(desk: Desk, value: float) -> None:
 
 
 @strike
+def encoders_go(desk: Desk, value: float) -> None:
+    """Encoders lose their power, both or one, and are back after a while, or flicker as a loose connector does."""
+    sides = pick((("right", "left"), ("right",), ("left",)), value)
+    dead = {f"{side}_encoder": True for side in sides}
+    back = dict.fromkeys(dead, False)
+    flickers = int(spread(7 * value % 1.0, 1, 6))
+    for k in range(flickers):
+        lasts = spread(11 * value * (k + 1) % 1.0, 0.03, 3.0 / flickers)
+        desk.later(0.7 * k, lambda: desk.mend(**dead))
+        desk.later(0.7 * k + min(lasts, 0.6), lambda: desk.mend(**back))
+
+
+@strike
 def encoder_reversed(desk: Desk, value: float) -> None:
     """An encoder counts backwards."""
     right, left = pick(((-1, 1), (1, -1), (-1, -1)), value)
@@ -488,6 +501,12 @@ def line_dead(desk: Desk, value: float) -> None:
     """Nothing arrives any more, both ways or one: a host or a board that died looks like this from the other end."""
     ways = pick(((True, True), (True, False), (False, True)), value)
     desk.spoil_line(LineFaults(drop=1.0), spread(7 * value % 1.0, 0.3, 4.0), ways)
+
+
+@strike
+def line_gap(desk: Desk, value: float) -> None:
+    """Nothing arrives at the board for a while, and it is heard all the time."""
+    desk.spoil_line(LineFaults(drop=1.0), spread(value, 0.2, 5.0), (True, False))
 
 
 @strike
@@ -567,7 +586,7 @@ def bus_dead(desk: Desk, value: float) -> None:
     desk.later(spread(value * value, 0.03, 3.0), lambda: setattr(desk.device.bus, "dead", False))
 
 
-ANY_LINE: Final = frozenset({*ON_A_LINE, "line dead", "unplugged"})
+ANY_LINE: Final = frozenset({*ON_A_LINE, "line dead", "line gap", "unplugged"})
 BOARDS: Final = frozenset({"board centre button", "board esc off"})
 ONLY_OF: Final = {
     "sim": frozenset({"lifted", "manual mode"}),

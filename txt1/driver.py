@@ -1,10 +1,11 @@
 """The driver, the host's half of driving: it sends the driving source's set-point to the board, 20 times a second."""
 
 from collections.abc import Callable
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Final
 
 from txt1.control.commander import Commander, Driver
+from txt1.control.holding import PAUSE
 from txt1.errors import CommandRefused, NotArmed, Overruled
 from txt1.plugins import Registry
 from txt1.protocol.messages import Velocity
@@ -29,6 +30,8 @@ class Wheel:
         self._message = Velocity(0.0, 0.0)
         # whether a message was sent since the driver's last tick
         self._sent = False
+        # the source whose hold has moved the robot, and since when it is stopped without its asking, s of the run
+        self._drove, self._stopped_since = "", inf
         scheduler, driver = runtime.scheduler, self.commander.driver
         runtime.bus.offer(DRIVER, lambda: driver(scheduler.now))
 
@@ -47,9 +50,27 @@ class Wheel:
 
     def tick(self, now: float) -> None:
         """Send the set-point, unless one was sent since the last tick; sending does not make it fresh."""
+        self._end_stopped_hold(now)
         if not self._sent:
             self.send(*self.commander.setpoint(now))
         self._sent = False
+
+    def _end_stopped_hold(self, now: float) -> None:
+        """End a hold that moved the robot, and was stopped for more than PAUSE without its asking.
+
+        An obstacle that a guard sees is no such stop: the guard only limits the command.
+        """
+        state, driver = self.runtime.state, self.driver.name
+        command, control = state.command, state.control
+        asks = driver and command is not None and (command.v or command.omega)
+        if not asks or control.v or control.omega:
+            self._drove, self._stopped_since = driver if asks else "", inf
+        elif self._drove == driver and not self.runtime.gate.limited:
+            self._stopped_since = min(self._stopped_since, now)
+            if now - self._stopped_since > PAUSE:
+                self.commander.interrupt(now)
+                self._sent = False
+                self.runtime.tell(f"{driver!r} was stopped for more than {PAUSE:g} s: it has to let go and ask again")
 
 
 class CommandSource:

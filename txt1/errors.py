@@ -4,7 +4,7 @@ A fault that the robot is expected to survive (a missed cycle, a stale command, 
 is counted in the state and shown.
 """
 
-from typing import Any
+from typing import Any, Final
 
 
 class Txt1Error(Exception):
@@ -93,11 +93,22 @@ class NotArmed(CommandRefused):
         self.reason = reason
 
 
+A_STOP: Final = "a stop"
+"""The driver that overruled a source which was stopped without its asking."""
+
+
 class Overruled(CommandRefused):
-    """Another source of commands has the wheel, or had it, and this source has not asked again since."""
+    """Another source of commands has the wheel, or had it, and this source has not asked again since.
+
+    `driver` is the other source; `A_STOP` if the robot was stopped for more than half a second without this source's
+    asking.
+    """
 
     def __init__(self, source: str, driver: str) -> None:
-        super().__init__(f"'{source}' does not drive: '{driver}' has taken the wheel; ask again when it has let go")
+        why = f"'{driver}' has taken the wheel; ask again when it has let go"
+        if driver == A_STOP:
+            why = "the robot was stopped without its asking; ask again"
+        super().__init__(f"'{source}' does not drive: {why}")
         self.driver = driver
 
 

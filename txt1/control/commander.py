@@ -14,6 +14,10 @@ The commander stands between the sources (keys, gamepad, web, ROS, programs) and
 * A hand has to prove its hold (`txt1.control.holding`). Its commands come by `Commander.hold`, and its zeros hold the
   wheel, too. Its hold is over when it is overruled, when the robot is armed, and after `PAUSE` s without a command.
   Then it may drive again only after `Commander.release`: the hand lets go, and presses again.
+* A source that drove, and was stopped for more than PAUSE without having asked for it, is overruled by A_STOP. A board
+  did not obey for a moment, the robot was disarmed, a guard's sensor was silent, or a line held the commands back. The
+  source may drive again once it has sent one zero or a new request, so the hold that was stopped does not drive on by
+  itself. Arming the robot asks again for programs; hands have to let go.
 
 Nothing here knows a clock: `now` is the present and `time` a message's origin, both s of the run.
 """
@@ -25,6 +29,7 @@ from math import inf, isfinite
 from typing import Final, NamedTuple
 
 from txt1.control.holding import HANDOVER, PAUSE
+from txt1.errors import A_STOP
 
 PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "program": 10}
 """The spine's own sources. Any other source has a program's priority, unless an addition gives it another.
@@ -121,6 +126,9 @@ class Commander:
         driver = self._driver_at(now)
         # late, or overtaken by a newer command
         if time < source.spoke or now - time > source.timeout + 1e-9:
+            # it drove, and its commands were held back on the way while the robot stood
+            if moves and -inf < source.spoke <= source.held < now - source.timeout - PAUSE:
+                source.overruled, source.over = source.overruled or A_STOP, source.holds
             self._refuse(name)
             return False
         source.spoke = time = min(time, now)
@@ -156,10 +164,19 @@ class Commander:
             self._free(now)
         return self.command(name, 0.0, 0.0, now, now)
 
+    def interrupt(self, now: float) -> None:
+        """Take the wheel from the driving source, which has to send a zero or a request before it drives again."""
+        driver = self._driver_at(now)
+        if driver is not None:
+            driver.overruled, driver.over = A_STOP, driver.holds
+            self._free(now)
+
     def clear(self, now: float) -> None:
         """Forget every command and every hold up to `now`: the robot has just been armed."""
         for source in self._sources.values():
             source.over = source.holds
+            if source.overruled == A_STOP:
+                source.overruled = ""
         if self._driver is not None:
             self._free(now)
         self._setpoint = SetPoint()

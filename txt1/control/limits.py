@@ -21,7 +21,7 @@ from math import inf, isfinite
 from typing import Final, NamedTuple
 
 from txt1.control.parameters import Limits
-from txt1.control.sight import Sight
+from txt1.control.sight import WheelSight
 from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.units import new
@@ -202,7 +202,7 @@ class Gate:
 
     def __init__(self, limits: Limits, on_close: Callable[[str], None], count: float = 0.0) -> None:
         self.limits = limits
-        self.sight = Sight(count)
+        self.sight = WheelSight(count)
         """Whether the car is seen while it is commanded to drive."""
         self._bounds = SetpointBounds(limits)
         self._timeout = limits.command_timeout + 1e-9
@@ -223,6 +223,10 @@ class Gate:
         self._neutral = Outputs()
         self._runaway = RunawayWatch(limits)
         self.guards: list[Guard] = []
+        self.limited = False
+        """Whether a guard holds the robot before something that it sees, which is no loss of anything."""
+        self.held = False
+        """Whether the outputs are neutral until a board that did not obey for a moment has settled."""
 
     def count(self, fault: Fault) -> None:
         """Count a fault."""
@@ -234,6 +238,7 @@ class Gate:
         self.renew(now)
         self._runaway.clear()
         self.sight.clear()
+        self.held = False
 
     def renew(self, now: float) -> None:
         """Make all commands given up to `now` invalid: the robot has been armed, or its mode changed."""
@@ -310,7 +315,7 @@ class Gate:
         if self._fresh and not fresh and self.armed:
             self.count(Fault.STALE)
         self._fresh = fresh
-        return fresh and self.armed and not self.sight.doubted
+        return fresh and self.armed and not (self.sight.doubted or self.held)
 
     def neutral(self, servos: tuple[int, int]) -> Outputs:
         """Motor off, steering straight, set-point 0; the free servos follow while armed, else stay where they are."""
@@ -358,7 +363,7 @@ class Gate:
                 self.disarm(reason if reason is BLOCKED else f"runaway: {reason}", Fault.RUNAWAY)
 
     def look(self, wheel: float, asked: float, dt: float, brakes: bool) -> bool:
-        """Return whether the outputs have to be neutral now, by a reading of the faster wheel (see `Sight`).
+        """Return whether the outputs have to be neutral now, by a reading of the faster wheel (see `WheelSight`).
 
         Disarm if the car is not seen any more.
         """

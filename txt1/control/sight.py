@@ -48,7 +48,7 @@ def time_unseen(way: float, asked: float) -> float:
     return sqrt(2.0 * GAIN * way / abs(asked))
 
 
-class Sight:
+class WheelSight:
     """Notices from readings of the wheels that a car is not seen any more; `count` is m per encoder count."""
 
     def __init__(self, count: float = 0.0) -> None:

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from txt1.config.schema import SensorConfig
-from txt1.errors import ConfigError, HalError, NotArmed, Overruled
+from txt1.errors import A_STOP, ConfigError, HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
 from txt1.learning.agent import Agent, Doubter, Looker
 from txt1.learning.settings import LearningConfig
@@ -208,7 +208,8 @@ class LearningTask:
         self.overruled, self._epoch = driver, robot.runtime.gate.epoch
         self._let_go()
         self.trial.void()
-        robot.tell(f"'{driver}' drives; the learner goes on when the robot is armed anew (press m)")
+        why = "the robot was stopped" if driver == A_STOP else f"'{driver}' drives"
+        robot.tell(f"{why}; the learner goes on when it is armed anew (press m)")
 
     def _tell(self, action: int) -> None:
         """Publish the agent's decision."""

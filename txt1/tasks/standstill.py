@@ -12,6 +12,7 @@ from math import copysign
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
+from txt1.control.obedience import Obedience
 from txt1.control.sight import time_unseen
 from txt1.control.standstill import DELAY, STANDS, STILL, UNOBEYED, Standstill, Stop
 from txt1.errors import HalError
@@ -36,6 +37,8 @@ UNMOVED: Final = 0.03
 # s of that at most, and m that it may go meanwhile if its encoders are dead
 UNMOVED_TIME: Final = 1.0
 UNMOVED_WAY: Final = 0.3
+# s of zeros that a board gets that did not obey for a moment: it judges its link once a second
+HELD: Final = 1.2
 # s after which a board's loops have certainly lost their wound-up integral
 FULL: Final = 3.4
 # s that the end of a run waits at most
@@ -85,6 +88,9 @@ class Watch:
         self._epoch = gate.epoch
         # when it was lost sight of, if no motion was seen since, s of the run
         self._lost_time = 0.0
+        self._obedience = Obedience()
+        # until when a board that did not obey for a moment gets zeros at least, s of the run
+        self._held_until = 0.0
 
     def step(self, now: float, outputs: Outputs) -> Stop:
         """Judge the speed after these outputs, and take the next measure of the stop."""
@@ -110,6 +116,7 @@ class Watch:
             self._halt_due = now + AGAIN
             self.hal.halt(self.gate.neutral(state.servos), now)
         self._check_obedience(now, v, outputs)
+        self._check_slowing(now, v, outputs.v)
         full = now < self._full_until and not self.gate.armed and self.hal.capabilities.power
         if full and wheel is not None and wheel > STILL:
             # the ESC was switched on too soon: full loops would drive the car whatever the commands are
@@ -161,6 +168,21 @@ class Watch:
             # the board's loops are full: an ESC that comes back would move the robot
             self._clear_loops(now)
             self._full_until = now + FULL
+
+    def _check_slowing(self, now: float, v: float | None, asked: float) -> None:
+        """Hold zeros if the car slows down under a constant command, until it stands and its board has settled."""
+        gate, board = self.gate, self.state.board
+        if gate.held:
+            if now >= self._held_until and self.standstill.stands(now):
+                gate.held = False
+                self.state.tell(now, "the board has settled")
+        elif v is None or not gate.armed:
+            self._obedience.clear()
+        elif self._obedience.fails(now, v, asked):
+            self._obedience.clear()
+            if board is None or board.ready:
+                gate.held, self._held_until = True, now + HELD
+                self.state.tell(now, "the car slows down under a constant command: zeros until its board has settled")
 
     @property
     def _fell(self) -> bool:

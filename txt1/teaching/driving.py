@@ -27,7 +27,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from txt1.errors import ConfigError
+from txt1.errors import A_STOP, ConfigError
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.sensors.base import Reading
@@ -175,7 +175,8 @@ class Pilot:
             if not self._robot.armed or self._robot.driver.name not in ("", POLICY):
                 state = "waits"
             elif v > 0.0:
-                if source.overruled:
+                # a stop that nobody asked for ends when the robot is armed anew
+                if source.overruled and source.overruled != A_STOP:
                     source.request()
                 source.command(v, omega)
             elif source.drives:

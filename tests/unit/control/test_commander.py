@@ -14,6 +14,7 @@ from tests.examples import examples
 from txt1.additions import ours
 from txt1.control.commander import PRIORITIES, SKEW, Commander, Driver, SetPoint
 from txt1.control.holding import HANDOVER, PAUSE
+from txt1.errors import A_STOP
 
 TIMEOUT = 0.25
 TICK = 0.02
@@ -459,3 +460,64 @@ def test_who_holds_the_wheel_by_asking_does_not_hold_the_command_before() -> Non
 def test_before_anybody_has_commanded_nobody_drives_and_no_set_point_is_fresh() -> None:
     assert SetPoint() == (0.0, 0.0, -inf)
     assert Driver() == ("", 0.0, {})
+
+
+# -- a stop that the holder did not ask for ----------------------------------------------------------------------
+
+
+def test_an_interrupted_hold_does_not_drive_on_before_a_zero_or_a_request() -> None:
+    for let_go in ("zero", "request", "release"):
+        one = commander(a=10)
+        assert one.command("a", *FAST, 1.0, 1.0)
+        one.interrupt(1.1)
+        assert moving(one, 1.1) == (0.0, 0.0)
+        assert not one.command("a", *FAST, 1.2, 1.2)
+        assert one.overruled("a") == A_STOP
+        match let_go:
+            case "zero":
+                one.command("a", 0.0, 0.0, 1.3, 1.3)
+            case "request":
+                one.request("a", 1.3)
+            case _:
+                one.release("a", 1.3)
+        assert one.command("a", *FAST, 1.4, 1.4) and moving(one, 1.4) == FAST
+
+
+def test_an_interruption_keeps_no_other_source_from_the_wheel() -> None:
+    one = commander(a=10, b=10)
+    one.command("a", *FAST, 1.0, 1.0)
+    one.interrupt(1.1)
+    assert one.command("b", *SLOW, 1.2, 1.2)
+    one.interrupt(1.3)
+    one.interrupt(1.4)
+    assert (one.overruled("a"), one.overruled("b")) == (A_STOP, A_STOP)
+
+
+def test_arming_asks_again_for_programs_and_never_for_hands() -> None:
+    one = commander(program=10, hand=50)
+    one.command("program", *FAST, 1.0, 1.0)
+    one.interrupt(1.1)
+    one.hold("hand", *FAST, 1.2, 1.2)
+    one.interrupt(1.3)
+    one.clear(2.0)
+    assert not one.hold("hand", *FAST, 2.1, 2.1)
+    assert one.command("program", *FAST, 2.2, 2.2)
+    one.release("hand", 2.3)
+    assert one.hold("hand", *FAST, 2.4, 2.4)
+
+
+@pytest.mark.parametrize(("late", "ended"), [(PAUSE - 0.1, False), (PAUSE + 0.1, True)])
+def test_commands_that_a_line_held_back_end_the_hold_when_the_stop_was_long(late: float, ended: bool) -> None:
+    one = commander(a=30)
+    one.command("a", *FAST, 1.0, 1.0)
+    now = 1.0 + TIMEOUT + late
+    assert not one.command("a", *FAST, 1.05, now), "it is stale"
+    assert one.command("a", *FAST, now, now) is not ended
+    one.command("a", 0.0, 0.0, now + 0.1, now + 0.1)
+    assert one.command("a", *FAST, now + 0.2, now + 0.2)
+
+
+def test_who_fell_silent_has_let_go() -> None:
+    one = commander(a=10)
+    one.command("a", *FAST, 1.0, 1.0)
+    assert one.command("a", *FAST, 3.0, 3.0)

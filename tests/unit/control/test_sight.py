@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.sight import FALL, GAIN, KEEPS, SLOWEST, WAY, Sight, time_unseen
+from txt1.control.sight import FALL, GAIN, KEEPS, SLOWEST, WAY, WheelSight, time_unseen
 
 PERIOD = 0.05
 
 
 def after(speeds: Iterable[float], asked: float, dt: float = PERIOD, count: float = 0.0) -> list[str]:
     """How the car is seen after each reading, m/s."""
-    sight, seen = Sight(count), []
+    sight, seen = WheelSight(count), []
     for wheel in speeds:
         lost = sight.lost(wheel, asked, dt)
         seen.append("lost" if lost else "doubted" if sight.doubted else "seen")
@@ -57,13 +57,13 @@ def test_a_car_at_rest_and_one_that_turns_round_are_not_judged() -> None:
 
 
 def test_a_car_that_is_not_commanded_is_not_judged_and_begins_anew() -> None:
-    sight = Sight()
+    sight = WheelSight()
     for wheel, asked in ((1.0, 1.0), (1.0, 1.0), (0.0, SLOWEST / 2), *[(0.0, 1.0)] * 9):
         assert not sight.lost(wheel, asked, PERIOD) and not sight.doubted
 
 
 def test_what_happened_while_a_line_stalled_is_not_counted() -> None:
-    sight = Sight()
+    sight = WheelSight()
     sight.lost(0.4, 0.4, PERIOD)
     assert not sight.lost(0.0, 0.4, 1.0)
 
@@ -86,6 +86,6 @@ def test_a_spinning_wheel_s_speed_is_not_the_car_s() -> None:
 
 
 def test_a_motor_that_brakes_may_have_brought_the_wheels_to_rest() -> None:
-    sight = Sight()
+    sight = WheelSight()
     for wheel in (1.0, 1.0, 0.0, 0.0):
         assert not sight.lost(wheel, 1.0, 0.02, brakes=wheel == 0.0)

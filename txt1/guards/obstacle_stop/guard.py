@@ -55,9 +55,11 @@ class LaserGuard:
         odometry = self._state.odometry
         self._past.append((now, (odometry.x, odometry.y, odometry.theta)))
         if v == 0.0:
+            self._gate.limited = False
             return v, omega
         limit = self._parameters.reverse if v < 0.0 else self._ahead(v, omega / v, now)
         slowed = abs(v) > limit
+        self._gate.limited = slowed and (v < 0.0 or self._fresh(now) is not None)
         if slowed and not self._slowed:
             self._gate.count(Fault.OBSTACLE)
             self._state.tell(now, f"slowed to {limit:.2f} m/s: {self._why(v, now)}")

@@ -1,0 +1,244 @@
+"""After a stop that the holder did not ask for the same hold does not drive on; who asks again drives."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+import pytest
+
+from tests.e2e.conftest import ENDLESS
+from txt1.board.board import Board
+from txt1.driver import CommandSource
+from txt1.errors import NotArmed, Overruled, StopNotVerified
+from txt1.kernel.ticks import Ticks
+from txt1.robot import Robot
+
+WIRE = ("serial.port=virtual", *ENDLESS)
+BOARDS = {"ours": WIRE, "original": (*WIRE, "board.habits=original", "sim.vehicle.grip=2")}
+TOLD = "was stopped for more than 0.5 s: it has to let go and ask again"
+
+
+def told(robot: Robot) -> str:
+    return "; ".join(event.text for event in robot.runtime.state.events)
+
+
+class Hold:
+    """Commands a speed 20 times a second, whatever comes of it."""
+
+    def __init__(self, robot: Robot, source: CommandSource, v: float) -> None:
+        self.v = v
+        self._source = source
+        self._hand = source.name in ("keys", "gamepad", "web")
+        robot.add_task(f"hold {source.name}", 0.05, self._repeat)
+
+    async def _repeat(self, ticks: Ticks) -> None:
+        async for _ in ticks:
+            if not self._hand:
+                self._source.command(self.v, 0.0)
+            elif self.v:
+                self._source.hold(self.v, 0.0)
+            else:
+                self._source.release()
+
+
+@asynccontextmanager
+async def on_board(board: str) -> AsyncIterator[tuple[Robot, Board]]:
+    """A robot with this board, ready to drive; whether its last stop was seen does not matter."""
+    with suppress(StopNotVerified):
+        async with Robot.open("serial", settings=BOARDS[board], seed=1, arm=True) as robot:
+            await robot.load_gains()
+            yield robot, robot.hal.port.board  # type: ignore[attr-defined]
+
+
+async def fastest(board: Board, duration: float) -> float:
+    """The largest true speed for so many s, m/s."""
+    found = 0.0
+    for _ in range(round(duration / 0.01)):
+        await asyncio.sleep(0.01)
+        board.vehicle.advance_to(board.now)
+        found = max(found, abs(board.vehicle.motion[3]))
+    return found
+
+
+async def disturb(robot: Robot, duration: float) -> None:
+    """Let nothing arrive at the board for a while, and come back."""
+    line: Any = robot.hal.line  # type: ignore[attr-defined]
+    send, line.send = line.send, lambda data: None
+    await asyncio.sleep(duration)
+    line.send = send
+
+
+# -- a line from the host to the board that is disturbed ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("duration", [0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0])
+@pytest.mark.parametrize("v", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("board", BOARDS)
+async def test_after_a_gap_it_is_never_faster_than_commanded(board: str, v: float, duration: float) -> None:
+    async with on_board(board) as (robot, at):
+        Hold(robot, robot.source("keys"), v)
+        await asyncio.sleep(3.0)
+        gap = asyncio.ensure_future(disturb(robot, duration))
+        assert await fastest(at, duration + 3.0) < 1.2 * v
+        await gap
+        stood = robot.program.overruled or not robot.armed or "has to let go" in told(robot)
+        assert stood or abs(at.vehicle.motion[3]) > 0.9 * v, "it either drives on all the time, or not any more"
+
+
+@pytest.mark.parametrize("v", [0.3, 1.0])
+async def test_a_board_that_did_not_obey_gets_zeros_and_the_hold_has_to_let_go(v: float) -> None:
+    async with on_board("original") as (robot, at):
+        hold = Hold(robot, robot.source("keys"), v)
+        await asyncio.sleep(3.0)
+        await disturb(robot, 2.0)
+        await asyncio.sleep(3.0)
+        assert robot.armed and abs(at.vehicle.motion[3]) < 0.05
+        assert "the car slows down under a constant command" in told(robot) and TOLD in told(robot)
+        hold.v = 0.0
+        await asyncio.sleep(0.2)
+        hold.v = v
+        await asyncio.sleep(3.0)
+        assert at.vehicle.motion[3] == pytest.approx(1.07 * v, abs=0.03)
+
+
+async def test_a_program_is_told_and_asks_again() -> None:
+    async with on_board("original") as (robot, at):
+        await robot.drive(0.6, 0.0, 2.0)
+        gap = asyncio.ensure_future(disturb(robot, 2.0))
+        with pytest.raises(Overruled, match="the robot was stopped without its asking; ask again"):
+            await robot.drive(0.6, 0.0, 10.0)
+        await gap
+        await asyncio.sleep(1.0)
+        await robot.drive(0.6, 0.0, 2.0)
+        assert at.vehicle.motion[3] == pytest.approx(0.64, abs=0.03)
+
+
+async def test_who_asks_again_at_once_gets_zeros_until_the_board_has_settled() -> None:
+    async with on_board("original") as (robot, at):
+        hold = Hold(robot, robot.program, 1.0)
+        await asyncio.sleep(3.0)
+        gap = asyncio.ensure_future(disturb(robot, 1.6))
+        while not robot.program.overruled:
+            await asyncio.sleep(0.02)
+        robot.program.request()
+        assert await fastest(at, 4.0) < 1.2
+        await gap
+        assert hold.v == 1.0 and at.vehicle.motion[3] > 0.9, "and then it drives"
+
+
+# -- a robot that is disarmed and armed again ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "goes_on"), [("keys", False), ("gamepad", False), ("web", False), ("script", True)])
+async def test_arming_lets_programs_go_on_but_no_hold_of_a_hand(name: str, goes_on: bool) -> None:
+    async with Robot.open("sim", settings=ENDLESS, seed=1) as robot:
+        await robot.load_gains()
+        hold = Hold(robot, robot.source(name), 0.5)
+        await asyncio.sleep(1.0)
+        robot.disarm()
+        await asyncio.sleep(1.0)
+        robot.arm()
+        await asyncio.sleep(1.0)
+        assert (robot.odometry.v > 0.4) is goes_on
+        hold.v = 0.0
+        await asyncio.sleep(0.2)
+        hold.v = 0.5
+        await asyncio.sleep(1.0)
+        assert robot.odometry.v > 0.4
+
+
+async def test_a_short_stop_ends_no_program() -> None:
+    async with Robot.open("sim", settings=ENDLESS, seed=1) as robot:
+        await robot.load_gains()
+        Hold(robot, robot.source("script"), 0.5)
+        await asyncio.sleep(1.0)
+        robot.disarm()
+        await asyncio.sleep(0.3)
+        robot.arm()
+        await asyncio.sleep(1.0)
+        assert robot.odometry.v > 0.4
+
+
+async def test_who_commanded_before_the_robot_was_armed_drives_when_it_is() -> None:
+    async with Robot.open("sim", settings=ENDLESS, seed=1, arm=False) as robot:
+        await robot.load_gains()
+        Hold(robot, robot.source("script"), 0.5)
+        await asyncio.sleep(2.0)
+        robot.arm()
+        await asyncio.sleep(1.0)
+        assert robot.odometry.v > 0.4, "nothing was stopped"
+
+
+# -- guards -------------------------------------------------------------------------------------------------------
+
+LASER = ("sensors.laser.driver=sim_laser", "sim.room.length=20", "sim.room.width=20", "sim.start=[-8,0,0]")
+
+
+async def test_a_guard_that_opens_after_its_sensor_s_gap_lets_no_hold_drive_on() -> None:
+    async with Robot.open("sim", settings=LASER, seed=1) as robot:
+        await robot.load_gains()
+        hold = Hold(robot, robot.source("keys"), 0.5)
+        await asyncio.sleep(2.0)
+        assert robot.odometry.v > 0.4
+        laser: Any = robot.sensors["laser"].sensor
+        read, laser.read = laser.read, lambda now: None
+        await asyncio.sleep(2.0)
+        laser.read = read
+        await asyncio.sleep(2.0)
+        assert robot.armed and robot.odometry.v == 0.0 and TOLD in told(robot)
+        hold.v = 0.0
+        await asyncio.sleep(0.2)
+        hold.v = 0.5
+        await asyncio.sleep(1.5)
+        assert robot.odometry.v > 0.4
+
+
+async def test_an_obstacle_that_is_seen_only_limits_the_command_and_goes_away() -> None:
+    async with Robot.open("sim", settings=LASER, seed=1) as robot:
+        await robot.load_gains()
+        Hold(robot, robot.source("keys"), 0.5)
+        await asyncio.sleep(1.0)
+        gate = robot.runtime.gate
+        see, *_ = gate.guards
+
+        def blocked(v: float, omega: float, now: float) -> tuple[float, float]:
+            see(v, omega, now)
+            gate.limited = True
+            return 0.0, 0.0
+
+        gate.guards[:] = [blocked]
+        await asyncio.sleep(2.0)
+        assert robot.odometry.v == 0.0
+        gate.guards[:] = [see]
+        await asyncio.sleep(1.5)
+        assert robot.odometry.v > 0.4 and TOLD not in told(robot)
+
+
+# -- what each holder does ----------------------------------------------------------------------------------------
+
+
+async def test_a_disarmed_program_is_told_by_the_gate() -> None:
+    async with Robot.open("sim", settings=ENDLESS, seed=1) as robot:
+        await robot.load_gains()
+        asyncio.get_running_loop().call_later(1.0, robot.disarm)
+        with pytest.raises(NotArmed):
+            await robot.drive(0.5, 0.0, 5.0)
+        await asyncio.sleep(1.0)
+        robot.arm()
+        await robot.drive(0.5, 0.0, 1.0)
+        assert robot.odometry.v > 0.4
+
+
+@pytest.mark.parametrize("board", BOARDS)
+async def test_who_is_armed_anew_has_to_reach_its_command_anew(board: str) -> None:
+    async with on_board(board) as (robot, at):
+        for _ in range(3):
+            robot.arm()
+            await robot.drive(0.8, 0.0, 2.0)
+            assert at.vehicle.motion[3] > 0.7
+            robot.disarm()
+            await asyncio.sleep(2.5)
+        assert "slows down under a constant command" not in told(robot)

@@ -1,0 +1,58 @@
+"""A board that stops obeying is noticed by a car that slows down under a command that does not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from txt1.control.obedience import FAILS, LASTS, Obedience
+from txt1.control.standstill import envelope
+
+PERIOD = 0.05
+
+
+def first_failure(v: Callable[[float], float], asked: Callable[[float], float], duration: float = 6.0) -> float | None:
+    """When it fails, s; None: never."""
+    watch = Obedience()
+    times = (PERIOD * k for k in range(round(duration / PERIOD)))
+    return next((t for t in times if watch.fails(t, v(t), asked(t))), None)
+
+
+@pytest.mark.parametrize("c", [0.1, 0.3, 1.0, -0.6])
+def test_a_car_that_coasts_under_a_constant_command_fails_it(c: float) -> None:
+    sign = 1.0 if c > 0.0 else -1.0
+    when = first_failure(lambda t: sign * envelope(abs(c), t - 1.0), lambda t: c)
+    below = next(0.01 * k for k in range(600) if envelope(abs(c), 0.01 * k - 1.0) < FAILS * abs(c))
+    assert when == pytest.approx(below + LASTS, abs=2 * PERIOD)
+
+
+@pytest.mark.parametrize(
+    ("v", "asked"),
+    [
+        (lambda t: min(0.2 * t, 1.0), lambda t: 1.0),  # it starts slowly
+        (lambda t: 0.3, lambda t: 0.3 if t < 2.0 else 1.0),  # it does not follow a rise yet
+        (lambda t: 1.0 if t < 2.0 else 0.1 if t < 2.4 else 0.4, lambda t: 1.0 if t < 2.0 else 0.4),  # it brakes
+        (lambda t: 0.6 if t < 2.0 else max(0.6 - 2.0 * (t - 2.0), -0.6), lambda t: 0.6 if t < 2.0 else -0.6),
+        (lambda t: 0.6 if int(t / PERIOD) % 3 else 0.2, lambda t: 0.6),  # a reading now and then
+        (lambda t: 0.7, lambda t: 1.0),  # uphill
+        (lambda t: 0.0, lambda t: 0.05),
+    ],
+    ids=["starts", "rises", "brakes", "turns", "noise", "uphill", "slow"],
+)
+def test_nothing_else_fails(v: Callable[[float], float], asked: Callable[[float], float]) -> None:
+    assert first_failure(v, asked) is None
+
+
+def test_a_command_that_trembles_is_a_constant_one() -> None:
+    def asked(t: float) -> float:
+        return 1.0 - 0.05 * (int(t / PERIOD) % 2)
+
+    assert first_failure(lambda t: envelope(1.0, t - 1.0), asked) is not None
+
+
+def test_whoever_begins_anew_has_to_reach_the_command_anew() -> None:
+    watch = Obedience()
+    assert not watch.fails(0.0, 1.0, 1.0)
+    assert not watch.fails(0.1, 1.0, 0.0)
+    assert not any(watch.fails(0.2 + PERIOD * k, 0.0, 1.0) for k in range(40))

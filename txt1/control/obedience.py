@@ -1,0 +1,58 @@
+"""Notices a board that stops obeying for a moment: the car slows down under a command that does not.
+
+A board whose line from the host is disturbed stops the car by its own rule, and says nothing of it: its odometry goes
+on, and counts no fault. When it hears the host again, its loops may take the whole gap as one step, and the car
+lurches. So the host has to notice it earlier, by the speed.
+
+The car *reached* its command at REACHED of it. It *fails* it below FAILS of it, for LASTS, unless the command was
+lowered within SETTLES: loops that brake overshoot. A command that rises, or turns round, has to be reached anew.
+"""
+
+from math import inf
+from typing import Final
+
+# shares of the commanded speed
+REACHED: Final = 0.8
+FAILS: Final = 0.5
+# s
+LASTS: Final = 0.12
+SETTLES: Final = 0.5
+# m/s that has to be commanded
+SLOWEST: Final = 0.1
+# share by which a command may vary and count as the same
+SAME: Final = 0.1
+
+
+class Obedience:
+    """Judges whether the car follows its command; `step` it some twenty times a second."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew: nothing is commanded."""
+        # the command that was reached last, or has to be, m/s
+        self._asked = 0.0
+        self._reached = False
+        # since when the car fails it, and when it was lowered last, s of the run
+        self._fails_since, self._lowered = inf, -inf
+
+    def fails(self, now: float, v: float, asked: float) -> bool:
+        """Return whether a car at v m/s does not obey any more, `now` s of the run; `asked` is the set-point, m/s."""
+        if abs(asked) < SLOWEST - 1e-9:
+            self.clear()
+            return False
+        along = v if asked > 0.0 else -v
+        turned, change = asked * self._asked <= 0.0, abs(asked) - abs(self._asked)
+        if turned or abs(change) > SAME * abs(self._asked):
+            if turned or change > 0.0:
+                self._reached = False
+            else:
+                self._lowered = now
+            self._asked = asked
+        self._reached = self._reached or along >= REACHED * abs(asked)
+        if not self._reached or along >= FAILS * abs(asked) or now < self._lowered + SETTLES:
+            self._fails_since = inf
+            return False
+        self._fails_since = min(self._fails_since, now)
+        return now - self._fails_since >= LASTS - 1e-9
