@@ -5,7 +5,8 @@ on, and counts no fault. When it hears the host again, its loops may take the wh
 lurches. So the host has to notice it earlier, by the speed.
 
 The car *reached* its command at REACHED of it. It *fails* it below FAILS of it, for LASTS, unless the command was
-lowered within SETTLES: loops that brake overshoot. A command that rises, or turns round, has to be reached anew.
+lowered within SETTLES: loops that brake overshoot. A command that rises, or turns round, has to be reached anew. So has
+a command after a fall from one share to the other within QUICK: no car coasts so fast, and a wall is another matter.
 """
 
 from math import inf
@@ -17,6 +18,7 @@ FAILS: Final = 0.5
 # s
 LASTS: Final = 0.12
 SETTLES: Final = 0.5
+QUICK: Final = 0.1
 # m/s that has to be commanded
 SLOWEST: Final = 0.1
 # share by which a command may vary and count as the same
@@ -36,6 +38,8 @@ class Obedience:
         self._reached = False
         # since when the car fails it, and when it was lowered last, s of the run
         self._fails_since, self._lowered = inf, -inf
+        # when it kept its command last, s of the run
+        self._kept = -inf
 
     def fails(self, now: float, v: float, asked: float) -> bool:
         """Return whether a car at v m/s does not obey any more, `now` s of the run; `asked` is the set-point, m/s."""
@@ -50,7 +54,10 @@ class Obedience:
             else:
                 self._lowered = now
             self._asked = asked
-        self._reached = self._reached or along >= REACHED * abs(asked)
+        if along >= REACHED * abs(asked):
+            self._reached, self._kept = True, now
+        elif along < FAILS * abs(asked) and self._fails_since == inf and now - self._kept < QUICK - 1e-9:
+            self._reached = False
         if not self._reached or along >= FAILS * abs(asked) or now < self._lowered + SETTLES:
             self._fails_since = inf
             return False

@@ -36,7 +36,7 @@ PULL: Final = 10.0
 # m/s that has to be commanded: slower wheels may read 0
 SLOWEST: Final = 0.1
 # share of the commanded speed below which a car was slowing down already, and may have come to rest
-KEEPS: Final = 0.5
+KEEPS: Final = 0.7
 # s that a reading may cover; what happened in a longer pause of the line is not known
 LONGEST: Final = 0.05
 # encoder counts that have to be missing
@@ -63,6 +63,11 @@ class WheelSight:
         # the car's speed at the last two readings above 0, m/s: no more than tyres can have given it
         self._speed = self._before = 0.0
         self._pause()
+
+    @property
+    def unseen(self) -> bool:
+        """Whether it may be going on unseen, and is not lost yet."""
+        return self._way > 0.0
 
     def _pause(self) -> None:
         # since the wheels were seen to turn: m/s that it may have gained, and m that it may have gone

@@ -178,7 +178,7 @@ class Watch:
                 self.state.tell(now, "the board has settled")
         elif v is None or not gate.armed:
             self._obedience.clear()
-        elif self._obedience.fails(now, v, asked):
+        elif not gate.sight.unseen and self._obedience.fails(now, v, asked):
             self._obedience.clear()
             if board is None or board.ready:
                 gate.held, self._held_until = True, now + HELD
