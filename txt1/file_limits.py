@@ -33,7 +33,7 @@ UNPACKED_SHARE: Final = 1000
 """... and for each byte of the file, so many more: pictures of a dark room come near to it."""
 
 _KINDS: Final = (
-    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISDIR, "a directory"),
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
     (stat.S_ISCHR, "a device"),

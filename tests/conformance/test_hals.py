@@ -545,6 +545,19 @@ class Credulous(Unpacker):
         return buffer[begin : begin + size] if len(buffer) >= begin + size + 3 else b""
 
 
+class Frightened(VescHal):
+    """Believes every check sum, and is frightened by each answer about old firmware."""
+
+    def _greet(self) -> None:
+        super()._greet()
+        self._unpacker = Credulous()
+
+    def _take_firmware(self, major: int, minor: int) -> None:
+        if major < 5:
+            self._line.fail(HalError(f"the VESC has firmware {major}.{minor:02d}"))
+        super()._take_firmware(major, minor)
+
+
 class Untroubled(VescHal):
     """Counts no loss of its line."""
 
@@ -556,7 +569,7 @@ class Untroubled(VescHal):
 ON_BAD_LINES = [
     ("tears", "txt1.hal.vesc.driver.Unpacker", Forgetful, "BoardLink.ready comes true"),
     ("merges", "txt1.hal.vesc.driver.Unpacker", OneAtATime, "BoardLink.ready comes true"),
-    ("corrupts", "txt1.hal.vesc.driver.Unpacker", Credulous, "has firmware 0.02"),
+    ("corrupts", "txt1.hal.vesc.driver.VescHal", Frightened, "has firmware 0.02"),
     ("is_late", "txt1.hal.line.LOST", 0.05, "it leapt by"),
     ("loses_and_doubles", "txt1.hal.line.LOST", 0.03, "BoardLink.ready comes true"),
     ("is_cut", "txt1.hal.vesc.driver.VescHal", Untroubled, "counts a line that is cut"),

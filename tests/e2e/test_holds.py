@@ -8,13 +8,13 @@ import pytest
 
 from tests.e2e.conftest import Sample
 from txt1.control.holding import HANDOVER, LASTS
-from txt1.record.watching import Panel
+from txt1.record.watching import PanelHand
 from txt1.robot import Robot
 
 TICK = 0.02
 
 
-async def pushed(robot: Robot, panel: Panel, seconds: float, *velocities: float) -> float:
+async def pushed(robot: Robot, panel: PanelHand, seconds: float, *velocities: float) -> float:
     """The panel sends these velocities in turn, ten times a second; for how long the robot was to move, s."""
     began, moved = robot.now, 0.0
     while robot.now < began + seconds:
@@ -26,7 +26,7 @@ async def pushed(robot: Robot, panel: Panel, seconds: float, *velocities: float)
 
 
 async def test_a_button_of_the_live_view_that_is_held_for_ever_drives_for_three_seconds(robot: Robot) -> None:
-    panel = Panel(robot, robot.source("view"))
+    panel = PanelHand(robot, robot.source("view"))
     assert await pushed(robot, panel, 10.0, 0.5) == pytest.approx(LASTS, abs=0.3)
     panel.drive(0.0, 0.0, 0.0)
     assert await pushed(robot, panel, 1.0, 0.5) > 0.9, "after a zero it is a fresh press"
@@ -35,7 +35,7 @@ async def test_a_button_of_the_live_view_that_is_held_for_ever_drives_for_three_
 
 
 async def test_a_stick_of_the_live_view_that_moves_keeps_its_hold(robot: Robot) -> None:
-    panel = Panel(robot, robot.source("view"))
+    panel = PanelHand(robot, robot.source("view"))
     assert await pushed(robot, panel, 6.0, 0.5, 0.45) > 5.8
 
 

@@ -321,7 +321,7 @@ def test_a_file_that_is_no_mapping_is_refused(write: Write, text: str, kind: str
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     missing = tmp_path / "missing.yaml"
     assert refusal(missing) == f"{missing}: cannot read the configuration: No such file or directory; check --config"
-    assert "it is a folder, not a file" in refusal(tmp_path)
+    assert "it is a directory, not a file" in refusal(tmp_path)
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
     assert refusal(tmp_path / "binary.yaml").endswith("binary.yaml: not a text file in UTF-8")
 

@@ -101,7 +101,7 @@ def test_no_class_name_stands_for_two_things() -> None:
 
 def test_the_page_on_the_architecture_has_the_layers_of_the_contract_and_names_each_part() -> None:
     page = (size.ROOT / "docs" / "architecture.md").read_text("utf-8")
-    stack = re.findall(r"^    ([a-z]+(?: · [a-z]+)*)$", page.partition("## Who imports whom")[2], re.MULTILINE)
+    stack = re.findall(r"^    ([a-z_]+(?: · [a-z_]+)*)$", page.partition("## Who imports whom")[2], re.MULTILINE)
     layers = arrows.layers()
     told = {f"txt1.{name}": height for height, line in enumerate(reversed(stack)) for name in line.split(" · ")}
     assert told == {name: height for name, height in layers.items() if name != "txt1.__main__"}

@@ -22,7 +22,6 @@ from txt1 import additions
 from txt1.config.renamed import name_now, translated
 from txt1.config.schema import RECORDED, Config
 from txt1.errors import ConfigError
-from txt1.file_limits import read_text
 from txt1.resources import resource
 
 T = TypeVar("T")
@@ -180,6 +179,9 @@ def _of_vehicle(settings: Sequence[Setting]) -> list[Setting]:
 
 
 def _from_file(path: Path) -> list[Setting]:
+    # a robot without a file does not load it
+    from txt1.file_limits import read_text
+
     try:
         text = read_text(path, pipes=True)
     except OSError as error:

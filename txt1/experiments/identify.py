@@ -74,7 +74,7 @@ class Plant(NamedTuple):
     steering_lag: float
 
 
-class Hold(NamedTuple):
+class HeldOutputs(NamedTuple):
     """Outputs that were held, or settled with K_P alone, and the encoders' readings meanwhile."""
 
     # counts, when steady
@@ -93,7 +93,7 @@ class Hold(NamedTuple):
     turn_feedback: float = 0.0
 
 
-async def try_out(robot: Robot) -> list[Hold]:
+async def try_out(robot: Robot) -> list[HeldOutputs]:
     """Return the motion for different outputs; the vehicle needs a dozen metres of free floor.
 
     Raises HalError: the HAL has neither PWM with encoder counts, nor a board's loops with gains.
@@ -109,7 +109,7 @@ async def try_out(robot: Robot) -> list[Hold]:
     )
 
 
-async def _by_hand(robot: Robot) -> list[Hold]:
+async def _by_hand(robot: Robot) -> list[HeldOutputs]:
     """Return the motion for outputs set by hand."""
     readings: list[tuple[float, float]] = []
 
@@ -118,14 +118,14 @@ async def _by_hand(robot: Robot) -> list[Hold]:
             readings.append((robot.odometry.v, robot.odometry.omega))
 
     robot.add_task("measurement", 0.02, measure, priority=-1)
-    holds: list[Hold] = []
+    holds: list[HeldOutputs] = []
 
     async def hold(motor: int, steering: int, seconds: float) -> None:
         first = len(readings)
         # front -u, rear +u turns left
         await robot.hold_pwm(motor, -steering, steering, duration=seconds)
         v, omega = zip(*readings[first:], strict=True)
-        holds.append(Hold(motor, steering, v, omega))
+        holds.append(HeldOutputs(motor, steering, v, omega))
 
     await robot.set_manual(True)
     try:
@@ -140,7 +140,7 @@ async def _by_hand(robot: Robot) -> list[Hold]:
     return holds
 
 
-async def _by_feedback(robot: Robot) -> list[Hold]:
+async def _by_feedback(robot: Robot) -> list[HeldOutputs]:
     """Return the motion with K_P alone in a board's loops; their own gains are restored."""
     # s, m/s, rad/s
     readings: list[tuple[float, float, float]] = []
@@ -155,7 +155,7 @@ async def _by_feedback(robot: Robot) -> list[Hold]:
     linear, angular = control.linear.gains(), control.schedule().sets
     turning = tuple(each._replace(gains=TURN_FEEDBACK) for each in angular)
     robot.add_task("measurement", SAMPLING_PERIOD, measure, priority=-1)
-    holds: list[Hold] = []
+    holds: list[HeldOutputs] = []
 
     async def keep(v: float, omega: float, seconds: float) -> None:
         ends = robot.now + seconds
@@ -174,7 +174,7 @@ async def _by_feedback(robot: Robot) -> list[Hold]:
         times, speeds, rates = zip(*readings[first:], strict=True)
         motor, steering = 1000.0 * speed.kp, 1000.0 * turn.kp
         holds.append(
-            Hold(
+            HeldOutputs(
                 motor * (v - _steady(speeds)),
                 steering * (omega - _steady(rates)),
                 speeds,
@@ -200,7 +200,7 @@ async def _by_feedback(robot: Robot) -> list[Hold]:
     return holds
 
 
-def identify(holds: Sequence[Hold], period: float = SAMPLING_PERIOD) -> Plant:
+def identify(holds: Sequence[HeldOutputs], period: float = SAMPLING_PERIOD) -> Plant:
     """Return the vehicle that explains a drive.
 
     Steady speeds v = K (abs(u) - d) give the gain K and the dead band d as a line. A lag T makes the area between a

@@ -25,11 +25,11 @@ async def watch(runtime: Runtime, asked: RecordingAsked) -> AsyncIterator[None]:
 async def beside(robot: Robot, asked: RecordingAsked) -> AsyncIterator[None]:
     """Let the live view drive, if it may."""
     if asked.view is not None:
-        asked.view.drive(Panel(robot, robot.source("view")).drive, robot.config.hand())
+        asked.view.drive(PanelHand(robot, robot.source("view")).drive, robot.config.hand())
     yield
 
 
-class Panel:
+class PanelHand:
     """The hand at the live view's panel, which sends a velocity again and again while a button or a stick is held.
 
     A zero, or a pause, is a release. The first velocity after it is a fresh press, and another velocity than before is

@@ -51,7 +51,7 @@ OPERATOR: Final[frozenset[Role]] = frozenset({"operator"})
 Message = dict[str, Any]
 
 
-class Wheel(Enum):
+class WheelUse(Enum):
     """What a request has to do with the wheel."""
 
     UNUSED = "unused"
@@ -62,11 +62,11 @@ class Wheel(Enum):
     """The page gets the wheel first, if it may; a page that shows a recording does not."""
 
 
-class Request(NamedTuple):
+class PageRequest(NamedTuple):
     """A request of a page: who may make it, what it costs, and what it does."""
 
     who: frozenset[Role]
-    wheel: Wheel
+    wheel: WheelUse
     cost: float
     """What the page pays, in the units of `budgets`."""
     read: Callable[[Message], Any]
@@ -102,7 +102,7 @@ def take(pages: Pages, page: Page, text: str) -> None:
         page.tell(told=f"that failed: {type(error).__name__}: {error}")
 
 
-def _carry_out(pages: Pages, page: Page, request: Request, message: Message, present: float) -> None:
+def _carry_out(pages: Pages, page: Page, request: PageRequest, message: Message, present: float) -> None:
     if page.role not in request.who:
         page.counts["refused"] += 1
         page.tell(told="visitors may look, drive and stop; this is the operator's")
@@ -116,9 +116,9 @@ def _carry_out(pages: Pages, page: Page, request: Request, message: Message, pre
             if request.again:
                 page.tell(told=f"that came too late: {request.again}")
             return
-    if request.wheel is Wheel.HELD and page.car.wheel.holder != page.number:
+    if request.wheel is WheelUse.HELD and page.car.wheel.holder != page.number:
         return
-    if request.wheel is Wheel.TAKEN:
+    if request.wheel is WheelUse.TAKEN:
         # a hand that holds something gives the command again and again
         holds = request.again == ""
         why = _grasp(pages, page, present, holds)
@@ -404,28 +404,28 @@ def _wind(pages: Pages, page: Page, where: tuple[object, object], age: float) ->
         pages.status(page)
 
 
-REQUESTS: Final[Mapping[str, Request]] = {
+REQUESTS: Final[Mapping[str, PageRequest]] = {
     # everybody stops, whatever else there is
-    "stop": Request(EVERYBODY, Wheel.UNUSED, 0, _number_of_stop, _stop),
-    "disarm": Request(EVERYBODY, Wheel.UNUSED, 5, _nothing, _disarm),
+    "stop": PageRequest(EVERYBODY, WheelUse.UNUSED, 0, _number_of_stop, _stop),
+    "disarm": PageRequest(EVERYBODY, WheelUse.UNUSED, 5, _nothing, _disarm),
     # whoever has the wheel, or gets it
-    "drive": Request(EVERYBODY, Wheel.TAKEN, 1, _velocity, _drive, again=""),
-    "go": Request(EVERYBODY, Wheel.TAKEN, 5, _way, _go, again="press again"),
-    "take": Request(EVERYBODY, Wheel.TAKEN, 5, _nothing, _take),
-    "hold": Request(EVERYBODY, Wheel.HELD, 1, _nothing, _hold, again=""),
-    "release": Request(EVERYBODY, Wheel.UNUSED, 1, _sequence, _release),
-    "give": Request(EVERYBODY, Wheel.HELD, 5, _nothing, _give),
-    "arm": Request(OPERATOR, Wheel.TAKEN, 5, _nothing, _arm, again="hold again"),
-    "here": Request(OPERATOR, Wheel.TAKEN, 5, _place, _here, again="press again"),
+    "drive": PageRequest(EVERYBODY, WheelUse.TAKEN, 1, _velocity, _drive, again=""),
+    "go": PageRequest(EVERYBODY, WheelUse.TAKEN, 5, _way, _go, again="press again"),
+    "take": PageRequest(EVERYBODY, WheelUse.TAKEN, 5, _nothing, _take),
+    "hold": PageRequest(EVERYBODY, WheelUse.HELD, 1, _nothing, _hold, again=""),
+    "release": PageRequest(EVERYBODY, WheelUse.UNUSED, 1, _sequence, _release),
+    "give": PageRequest(EVERYBODY, WheelUse.HELD, 5, _nothing, _give),
+    "arm": PageRequest(OPERATOR, WheelUse.TAKEN, 5, _nothing, _arm, again="hold again"),
+    "here": PageRequest(OPERATOR, WheelUse.TAKEN, 5, _place, _here, again="press again"),
     # what changes the robot
-    "gains": Request(OPERATOR, Wheel.UNUSED, 5, _table, _gains),
-    "limit": Request(OPERATOR, Wheel.UNUSED, 5, _speed, _limit),
-    "record": Request(OPERATOR, Wheel.UNUSED, 20, _on, _record),
+    "gains": PageRequest(OPERATOR, WheelUse.UNUSED, 5, _table, _gains),
+    "limit": PageRequest(OPERATOR, WheelUse.UNUSED, 5, _speed, _limit),
+    "record": PageRequest(OPERATOR, WheelUse.UNUSED, 20, _on, _record),
     # what a page shows
-    "pong": Request(EVERYBODY, Wheel.UNUSED, 1, _times, _pong),
-    "robot": Request(EVERYBODY, Wheel.UNUSED, 5, _name, _robot),
-    "choose": Request(EVERYBODY, Wheel.UNUSED, 5, _topics, _choose),
-    "files": Request(EVERYBODY, Wheel.UNUSED, 20, _nothing, _files),
-    "replay": Request(EVERYBODY, Wheel.UNUSED, 20, _recording, _replay),
-    "wind": Request(EVERYBODY, Wheel.UNUSED, 1, _position, _wind),
+    "pong": PageRequest(EVERYBODY, WheelUse.UNUSED, 1, _times, _pong),
+    "robot": PageRequest(EVERYBODY, WheelUse.UNUSED, 5, _name, _robot),
+    "choose": PageRequest(EVERYBODY, WheelUse.UNUSED, 5, _topics, _choose),
+    "files": PageRequest(EVERYBODY, WheelUse.UNUSED, 20, _nothing, _files),
+    "replay": PageRequest(EVERYBODY, WheelUse.UNUSED, 20, _recording, _replay),
+    "wind": PageRequest(EVERYBODY, WheelUse.UNUSED, 1, _position, _wind),
 }

@@ -7,7 +7,7 @@ import pytest
 
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
-from txt1.experiments.identify import Hold, Plant, identify, speed_response, yaw_response
+from txt1.experiments.identify import HeldOutputs, Plant, identify, speed_response, yaw_response
 from txt1.experiments.tune import angular_gains, linear_gains
 from txt1.model.vehicle import Geometry
 
@@ -15,11 +15,11 @@ PLANT = Plant(0.00033, 300.0, 0.3, 9.4e-5, 0.03)
 GEOMETRY = Geometry()
 
 
-def hold(motor: int, steering: int, v: float, before_v: float, before_omega: float) -> Hold:
+def hold(motor: int, steering: int, v: float, before_v: float, before_omega: float) -> HeldOutputs:
     """What an ideal vehicle does, mean speeds of every tick."""
     omega = PLANT.steering_gain * v * steering
     times = [0.02 * k for k in range(200)]
-    return Hold(
+    return HeldOutputs(
         motor,
         steering,
         tuple(v + (before_v - v) * exp(-t / PLANT.time_constant) for t in times),
