@@ -196,6 +196,33 @@ async def test_a_guard_that_opens_after_its_sensor_s_gap_lets_no_hold_drive_on()
         assert robot.odometry.v > 0.4
 
 
+@pytest.mark.parametrize("asks", ["zero", "request", "arm"])
+async def test_a_stream_of_a_program_or_of_ros_goes_on_once_it_asks_again(asks: str) -> None:
+    async with Robot.open("sim", settings=LASER, seed=1) as robot:
+        await robot.load_gains()
+        source = robot.source("ros")
+        stream = Hold(robot, source, 0.5)
+        await asyncio.sleep(2.0)
+        laser: Any = robot.sensors["laser"].sensor
+        read, laser.read = laser.read, lambda now: None
+        await asyncio.sleep(2.0)
+        laser.read = read
+        await asyncio.sleep(2.0)
+        assert robot.odometry.v == 0.0 and "'ros' was stopped for more than 0.5 s" in told(robot)
+        if asks == "zero":
+            stream.v = 0.0
+            await asyncio.sleep(0.1)
+            stream.v = 0.5
+        elif asks == "request":
+            assert source.request()
+        else:
+            robot.disarm()
+            await asyncio.sleep(0.1)
+            robot.arm()
+        await asyncio.sleep(1.5)
+        assert robot.odometry.v > 0.4
+
+
 async def test_an_obstacle_that_is_seen_only_limits_the_command_and_goes_away() -> None:
     async with Robot.open("sim", settings=LASER, seed=1) as robot:
         await robot.load_gains()
