@@ -17,7 +17,7 @@ from txt1.cli import execute
 from txt1.config import Config, load
 from txt1.experiments import figures, run_folder
 from txt1.experiments.command.experiment import ENDLESS, drive
-from txt1.experiments.identify import Hold, identify, try_out
+from txt1.experiments.identify import HeldOutputs, identify, try_out
 from txt1.experiments.metrics import QUANTUM, difference, measure
 from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run
@@ -272,7 +272,7 @@ def test_tuning_is_refused_where_neither_outputs_nor_gains_can_be_set(capsys: An
 
 
 def test_the_vehicle_behind_a_board_is_found_by_driving_with_k_p_alone() -> None:
-    async def drive_it() -> list[Hold]:
+    async def drive_it() -> list[HeldOutputs]:
         async with Robot.open(config=config) as robot:
             return await try_out(robot)
 
