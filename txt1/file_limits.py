@@ -9,7 +9,6 @@ import errno
 import io
 import os
 import stat
-import zlib
 from pathlib import Path
 from typing import Final
 
@@ -82,12 +81,3 @@ def read_bytes(path: Path, most: int, pipes: bool = False) -> bytes:
 def read_text(path: Path, most: int = YAML_MAX, pipes: bool = False) -> str:
     """Return the text of a file in UTF-8, its lines ended by newlines; raises FileRefused, UnicodeDecodeError."""
     return io.TextIOWrapper(io.BytesIO(read_bytes(path, most, pipes)), encoding="utf-8").read()
-
-
-def inflated(data: bytes, most: int) -> bytes:
-    """Return what zlib has packed; raises zlib.error, also if it is more than `most` bytes."""
-    unpacking = zlib.decompressobj()
-    plain = unpacking.decompress(data, most)
-    if unpacking.unconsumed_tail or not unpacking.eof:
-        raise zlib.error(f"unpacks to more than {most} bytes, or is cut off")
-    return plain
