@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,7 @@ from txt1.kernel import timeslice
 from txt1.kernel.loop import run
 
 
-def slice_ms(process: int) -> float:
+def slice_ms(process: int | str) -> float:
     """The length of a thread's turns."""
     for line in Path(f"/proc/{process}/sched").read_text().splitlines():
         if line.startswith("se.slice"):
@@ -35,3 +37,13 @@ def test_a_real_time_loop_takes_short_turns_and_a_process_it_starts_ordinary_one
     assert niceness == 10
     assert os.getpriority(os.PRIO_PROCESS, 0) == before
     assert ours < its or its <= 0.1
+
+
+@pytest.mark.skipif(not Path("/proc/self/sched").exists(), reason="this kernel does not tell")
+def test_threads_that_a_real_time_loop_starts_take_ordinary_turns() -> None:
+    async def main() -> tuple[float, float]:
+        theirs = await asyncio.to_thread(lambda: slice_ms(f"self/task/{threading.get_native_id()}"))
+        return slice_ms(f"self/task/{threading.get_native_id()}"), theirs
+
+    ours, theirs = run(main())
+    assert ours < theirs or theirs <= 0.1
