@@ -7,8 +7,9 @@ import errno
 import json
 import os
 import re
+import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from txt1.commands import need
 from txt1.errors import MissingExtra
 from txt1.installing import installs
 from txt1.record import mcap_file, recorder
+from txt1.record.encoder import Encoder
 from txt1.record.reading import FilePass
 from txt1.record.recover import recover
 
@@ -154,6 +156,26 @@ def test_a_recorded_run_is_the_run_it_would_be_without(tmp_path: Path, capsys: C
     assert {k: alone[k] for k in ("odometry", "battery", "faults")} == {
         k: beside[k] for k in ("odometry", "battery", "faults")
     }
+
+
+def test_in_real_time_the_loop_makes_the_records_and_a_thread_only_writes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: dict[str, set[int]] = {"take": set(), "add": set()}
+    for owner, name in ((Encoder, "take"), (mcap_file.McapFile, "add")):
+        monkeypatch.setattr(owner, name, _noting(getattr(owner, name), threads[name]))
+    start = ("run", "--headless", "--json", "--seed", "1")
+    record(tmp_path / "run.mcap", "--duration", "1.2", start=(*start, "--speed", "20"))
+    assert threads["take"] == {threading.get_ident()}
+    assert threads["add"].isdisjoint(threads["take"])
+
+
+def _noting(method: Callable[..., Any], threads: set[int]) -> Callable[..., Any]:
+    def call(*given: Any) -> Any:
+        threads.add(threading.get_ident())
+        return method(*given)
+
+    return call
 
 
 def test_the_epoch_is_the_configured_one(tmp_path: Path) -> None:

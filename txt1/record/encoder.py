@@ -3,10 +3,10 @@
 How it works
 ============
 
-Everything a robot tells comes as a triple of time, topic and value. `Encoder.block` makes one MCAP message record of
-each and joins them to a `Block`, which a file takes as a chunk and the live view sends on. A record is a head of fixed
-length (opcode, length, channel number, sequence number, and the time twice) and the message as CDR
-(`txt1.record.layout`). Most messages begin with a time stamp, and that is the record's time as well.
+Everything a robot tells comes as a triple of time, topic and value. `Encoder.take` makes one MCAP message record of
+each, and `Encoder.block` joins all that it made to a `Block`, which a file takes as a chunk and the live view sends on.
+A record is a head of fixed length (opcode, length, channel number, sequence number, and the time twice) and the message
+as CDR (`txt1.record.layout`). Most messages begin with a time stamp, and that is the record's time as well.
 
 Two kinds of topics lead to two ways of making a record, chosen once a topic:
 
@@ -99,27 +99,22 @@ class Encoder:
         self._full_name = full_name
         self.channels = [] if channels is None else channels
         self._own: dict[Topic[Any], _OwnChannel] = {}
+        # of the next block
+        self._records: list[bytes | bytearray] = []
+        self._stamps: list[int] = []
+        self._length = 0
 
-    def skip(self, lost: Mapping[Topic[Any], int]) -> None:
-        """Leave gaps in topics' sequence numbers, by the counts of lost messages."""
-        for topic, count in lost.items():
-            self._channel(topic).sequence += count
-
-    def block(self, messages: Iterable[Message]) -> Block:
-        """Return the records of messages; RecordingError: a value is none of its topic's."""
-        own = self._own
-        for channel in own.values():
-            channel.index = []
-        records: list[bytes | bytearray] = []
-        stamps: list[int] = []
-        length = stamp = 0
+    def take(self, messages: Iterable[Message]) -> None:
+        """Make records of messages, for the next block; RecordingError: a value is none of its topic's."""
+        own, records, length = self._own, self._records, self._length
+        stamp = 0
         known, times, seconds = None, b"", b""
         for time, topic, value in messages:
             channel = own.get(topic) or self._channel(topic)
             try:
                 if time != known:
                     known, stamp = time, round(time * NS_PER_S) + self._epoch_ns
-                    stamps.append(stamp)
+                    self._stamps.append(stamp)
                     times, seconds = _TIMES.pack(stamp, stamp), _STAMP.pack(*divmod(stamp, NS_PER_S))
                 record = channel.record(value, channel.sequence, times, seconds)
             except (TypeError, ValueError, IndexError, AttributeError, struct.error) as error:
@@ -128,8 +123,18 @@ class Encoder:
             channel.index += stamp, length
             records.append(record)
             length += len(record)
-        by_channel = {channel.number: channel.index for channel in own.values() if channel.index}
-        return Block(b"".join(records), by_channel, min(stamps, default=0), max(stamps, default=0), self.channels)
+        self._length = length
+
+    def block(self, messages: Iterable[Message] = ()) -> Block:
+        """Return the records made since the last block, those of these messages last; raises RecordingError."""
+        self.take(messages)
+        index: dict[int, list[int]] = {}
+        for channel in self._own.values():
+            if channel.index:
+                index[channel.number], channel.index = channel.index, []
+        stamps, data = self._stamps, b"".join(self._records)
+        self._records, self._stamps, self._length = [], [], 0
+        return Block(data, index, min(stamps, default=0), max(stamps, default=0), self.channels)
 
     def _channel(self, topic: Topic[Any]) -> _OwnChannel:
         if topic not in self._own:

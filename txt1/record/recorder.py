@@ -1,14 +1,16 @@
 """The recorder writes every message of a robot's bus, in batches, to a file or to a live view.
 
-In the loop it only keeps references. Every batch goes to a thread, which encodes and writes it. In real time a writer
-that falls behind loses batches; they are counted. At full speed the loop itself encodes and writes, as no deadline
-has to be met and a second thread would only contend for the GIL.
+In real time the loop makes each cycle's messages to records when the cycle is over, and a thread compresses and writes
+them, batch by batch. The thread computes next to nothing that holds the interpreter's lock, so no cycle waits for it. A
+writer that falls behind loses batches; they are counted. At full speed the loop does all of it itself, in batches, as
+no deadline has to be met.
 """
 
 import asyncio
-from collections import Counter, deque
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any, Final, Protocol
 
 from txt1.errors import RecordingError
@@ -66,9 +68,11 @@ class Recorder:
             batch = BATCH_MAX if speed is None else min(BATCH * speed, BATCH_MAX)
         # half a cycle less, as times are rounded
         self._batch_time = batch - CONTROL_PERIOD / 2
+        # of the robot's time, s: the end of this batch, and when messages are made to records again
         self._until = self._batch_time
+        self._next = self._until if self._full_speed else 0.0
+        # of this cycle; at full speed, of this batch
         self._messages: list[Message] = []
-        self._lost: Counter[Topic[Any]] = Counter()
         self._told = False
         self._failure: RecordingError | None = None
         self._encoder = Encoder(epoch, runtime.bus.full_name, channels)
@@ -84,6 +88,7 @@ class Recorder:
     async def finish(self) -> None:
         """Write the rest; the sinks stay open. RecordingError: they have failed."""
         self._leave()
+        self._encode()
         self._hand_over(backlog=len(self._jobs))
         await self.written()
         if self._failure is not None:
@@ -99,9 +104,12 @@ class Recorder:
 
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
         # only between two cycles, so that a failure is raised in the telemetry task and in no other
-        if time >= self._until and topic.rule is Rule.CYCLE:
-            self._until = time + self._batch_time
-            self._hand_over(backlog=len(self._jobs) if self._virtual else BACKLOG)
+        if time >= self._next and topic.rule is Rule.CYCLE:
+            self._encode()
+            if time >= self._until:
+                self._until = time + self._batch_time
+                self._hand_over(backlog=len(self._jobs) if self._virtual else BACKLOG)
+            self._next = self._until if self._full_speed else time + CONTROL_PERIOD / 2
             if self._failure is not None:
                 raise self._failure
             if self.dropped and not self._told:
@@ -109,34 +117,39 @@ class Recorder:
                 self._runtime.state.tell(time, "the recording loses messages: the disk is full or too slow")
         self._messages.append((time, topic, value))
 
+    def _encode(self) -> None:
+        messages, self._messages = self._messages, []
+        if self._failure is None:
+            with self._failing():
+                self._encoder.take(messages)
+
     def _hand_over(self, backlog: int) -> None:
         """Have the batch written, or lose it where more batches than `backlog` are waiting already."""
         while self._jobs and self._jobs[0].done():
             self._jobs.popleft()
+        block = self._encoder.block()
         if len(self._jobs) > backlog:
-            lost = Counter(topic for _, topic, _ in self._messages)
-            self._overflowed += lost.total()
-            self._lost += lost
+            self._overflowed += block.count
         elif self._full_speed:
-            self._write(self._messages, self._lost)
-            self._lost = Counter()
+            self._write(block)
         else:
-            self._jobs.append(self._writer.submit(self._write, self._messages, self._lost))
-            self._lost = Counter()
-        self._messages = []
+            self._jobs.append(self._writer.submit(self._write, block))
 
-    # -- in the writer's thread, or at full speed in the loop ---------------------------------------------------
-
-    def _write(self, messages: Sequence[Message], lost_before: Counter[Topic[Any]]) -> None:
-        if self._failure is not None:
-            return
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        """Keep the first failure, which the telemetry task raises."""
         try:
-            self._encoder.skip(lost_before)
-            block = self._encoder.block(messages)
-            for sink in self._sinks:
-                self._not_written += sink.write(block)
+            yield
         except RecordingError as error:
             self._failure = error
         except Exception as error:
             self._failure = RecordingError(f"the recorder failed: {error!r}")
             self._failure.__cause__ = error
+
+    # -- in the writer's thread, or at full speed in the loop ---------------------------------------------------
+
+    def _write(self, block: Block) -> None:
+        if self._failure is None:
+            with self._failing():
+                for sink in self._sinks:
+                    self._not_written += sink.write(block)

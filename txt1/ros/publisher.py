@@ -196,6 +196,8 @@ class Publisher:
         try:
             return self._encoder.block(events).messages()
         except RecordingError as error:
+            # what was made before it
+            self._encoder.block()
             # a single value is no message; the others are
             if len(events) > 1:
                 return (each for event in events for each in self._encoded([event]))
