@@ -60,7 +60,7 @@ class Wheel:
 
         An obstacle that a guard sees is no such stop: the guard only limits the command.
         """
-        state, driver = self.runtime.state, self.driver.name
+        state, driver = self.runtime.state, self.commander.driver(now).name
         command, control = state.command, state.control
         asks = driver and command is not None and (command.v or command.omega)
         if not asks or control.v or control.omega:

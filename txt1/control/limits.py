@@ -362,12 +362,12 @@ class Gate:
             if reason is not None:
                 self.disarm(reason if reason is BLOCKED else f"runaway: {reason}", Fault.RUNAWAY)
 
-    def look(self, wheel: float, asked: float, dt: float, brakes: bool) -> bool:
-        """Return whether the outputs have to be neutral now, by a reading of the faster wheel (see `WheelSight`).
+    def unseen(self, asked: float, dt: float, brakes: bool) -> bool:
+        """Return whether the outputs have to be neutral now, as a reading shows no wheel turning (see `WheelSight`).
 
         Disarm if the car is not seen any more.
         """
-        lost = self.sight.lost(wheel, asked, dt, brakes)
+        lost = self.sight.lost(0.0, asked, dt, brakes)
         if lost:
             self.disarm(LOST, Fault.RUNAWAY)
         return lost or self.sight.doubted

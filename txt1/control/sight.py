@@ -62,15 +62,25 @@ class WheelSight:
         """Whether the outputs have to be neutral until the next reading."""
         # the car's speed at the last two readings above 0, m/s: no more than tyres can have given it
         self._speed = self._before = 0.0
-        self._pause()
+        # since the wheels were seen to turn: m/s that it may have gained, and m that it may have gone
+        self._gained = self._way = 0.0
 
     @property
     def unseen(self) -> bool:
         """Whether it may be going on unseen, and is not lost yet."""
         return self._way > 0.0
 
-    def _pause(self) -> None:
-        # since the wheels were seen to turn: m/s that it may have gained, and m that it may have gone
+    def turns(self, v: float, turning: float, dt: float) -> None:
+        """Take a reading of wheels that turn, which came `dt` s after the last: the speed v and the outer wheel's part
+        of the turn, m/s.
+        """
+        wheel = v + turning if (v < 0.0) is (turning < 0.0) else v - turning
+        before = self._before = self._speed
+        speed = PULL * (dt if dt < LONGEST else LONGEST)
+        if before * wheel > 0.0:
+            speed += before if before > 0.0 else -before
+        self._speed = wheel if -speed <= wheel <= speed else copysign(speed, wheel)
+        self.doubted = False
         self._gained = self._way = 0.0
 
     def lost(self, wheel: float, asked: float, dt: float, brakes: bool = False) -> bool:
@@ -81,10 +91,7 @@ class WheelSight:
         have come to rest.
         """
         if wheel != 0.0:
-            held = abs(self._speed) if self._speed * wheel > 0.0 else 0.0
-            rolls = min(abs(wheel), held + PULL * min(dt, LONGEST))
-            self._before, self._speed, self.doubted = self._speed, copysign(rolls, wheel), False
-            self._pause()
+            self.turns(wheel, 0.0, dt)
             return False
         if self.doubted:
             return True

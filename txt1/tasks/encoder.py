@@ -166,21 +166,22 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
                 still = counts == (0, 0)
                 state.encoders = STILL if still else new(Encoders, counts)
                 _put(state, wheels.odometry, now, still)
-        if gate.armed and state.odometry_time > looked:
-            given, seen = state.control, state.odometry
-            wanted = faster_wheel(given.v, turning * given.omega)
-            wheel = faster_wheel(seen.v, turning * seen.omega)
-            if gate.look(wheel, wanted, state.odometry_time - looked, given.outputs.motor * wanted < 0.0):
-                neutral = gate.neutral(state.servos)
-                if hal.capabilities.halt:
-                    hal.halt(neutral, now)
-                hal.write(neutral, now)
-        looked = state.odometry_time
-
-
-def faster_wheel(v: float, turning: float) -> float:
-    """Return the speed of the faster wheel, m/s, with the sign of v; `turning` is a wheel's part of the turn."""
-    return v - abs(turning) if v < 0.0 else v + abs(turning)
+        time = state.odometry_time
+        if gate.armed and time > looked:
+            seen, given = state.odometry, state.control
+            if seen.v or seen.omega:
+                gate.sight.turns(seen.v, turning * seen.omega, time - looked)
+            elif given.v or given.omega or gate.sight.doubted:
+                part = abs(turning * given.omega)
+                wanted = given.v - part if given.v < 0.0 else given.v + part
+                if gate.unseen(wanted, time - looked, given.outputs.motor * wanted < 0.0):
+                    neutral = gate.neutral(state.servos)
+                    if hal.capabilities.halt:
+                        hal.halt(neutral, now)
+                    hal.write(neutral, now)
+            else:
+                gate.sight.clear()
+        looked = time
 
 
 def _put(state: State, odometry: Odometry, time: float, still: bool) -> None:
