@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.e2e.conftest import ENDLESS
@@ -14,7 +15,12 @@ from txt1.board.board import Board
 from txt1.driver import CommandSource
 from txt1.errors import NotArmed, Overruled, StopNotVerified
 from txt1.kernel.ticks import Ticks
+from txt1.learning.agents import agent_of
+from txt1.learning.task import LearningTask, need_light, start
+from txt1.learning.trial import Phase
 from txt1.robot import Robot
+from txt1.sensors.light import SimulatedLight
+from txt1.sim.lamp import LightSensors, PointLight, noise_for_jitter
 
 WIRE = ("serial.port=virtual", *ENDLESS)
 BOARDS = {"ours": WIRE, "original": (*WIRE, "board.habits=original", "sim.vehicle.grip=2")}
@@ -269,3 +275,56 @@ async def test_who_is_armed_anew_has_to_reach_its_command_anew(board: str) -> No
             robot.disarm()
             await asyncio.sleep(2.5)
         assert "slows down under a constant command" not in told(robot)
+
+
+# -- a learner ----------------------------------------------------------------------------------------------------
+
+
+async def learner_on(robot: Robot) -> LearningTask:
+    """A learner at work, as `txt1 run --learn sweeps` starts it."""
+    await need_light(robot)
+    return start(robot, agent_of(robot.config, "sweeps", None))
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(120.0):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+async def stands_until_armed_anew(robot: Robot, task: LearningTask) -> None:
+    """The learner that was stopped stands, says why, and drives again when the robot is armed anew."""
+    await asyncio.sleep(3.0)
+    for _ in range(50):
+        assert robot.armed and robot.odometry.v == 0.0
+        await asyncio.sleep(0.1)
+    assert TOLD in told(robot)
+    assert "the robot was stopped; the learner goes on when it is armed anew (press m)" in told(robot)
+    assert task.trial.voided <= 1, "the episode in which it was stopped does not count"
+    robot.arm()
+    await until(lambda: robot.odometry.v > 0.1)
+
+
+async def test_a_learner_whose_guard_s_sensor_was_silent_waits_until_it_is_armed_anew() -> None:
+    room = (LASER[0], "sim.room.length=20", "sim.room.width=20")
+    async with Robot.open("sim", settings=room, seed=1) as robot:
+        await robot.load_gains()
+        task = await learner_on(robot)
+        await until(lambda: task.trial.phase is Phase.DRIVE and robot.odometry.v > 0.1)
+        laser: Any = robot.sensors["laser"].sensor
+        read, laser.read = laser.read, lambda now: None
+        await asyncio.sleep(2.0)
+        laser.read = read
+        await stands_until_armed_anew(robot, task)
+
+
+@pytest.mark.parametrize("phase", [Phase.MOVE, Phase.DRIVE])
+async def test_a_learner_whose_board_did_not_obey_waits_until_it_is_armed_anew(phase: Phase) -> None:
+    async with on_board("original") as (robot, at):
+        light = LightSensors(PointLight(), noise_for_jitter(), np.random.default_rng(2))
+        there = SimulatedLight(lambda pose: light.read(*pose), lambda: at.vehicle.motion[:3])
+        await robot.add_sensor("light", there)
+        task = await learner_on(robot)
+        await until(lambda: task.trial.phase is phase and robot.odometry.v > 0.2)
+        await disturb(robot, 2.0)
+        await stands_until_armed_anew(robot, task)

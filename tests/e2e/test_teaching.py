@@ -9,6 +9,7 @@ from dataclasses import replace
 from math import atan2, cos, nan, sin
 from pathlib import Path
 from shutil import copyfile
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.record.options import RecordingAsked
 from txt1.robot import Robot
-from txt1.teaching.driving import LOOK, POLICY, Look
+from txt1.teaching.driving import LOOK, POLICY, STOPPED, Look
 from txt1.teaching.lessons import Ask, drive_in, together
 from txt1.teaching.policy import Judgement, Policy, load
 from txt1.teaching.teach import summary, teach
@@ -302,6 +303,49 @@ async def test_a_sensor_that_falls_silent_stops_it(policy: Policy) -> None:
     events, v = await stands(policy, breaks=breaks)
     assert v == 0.0
     assert any("late" in text for text in events)
+
+
+@pytest.mark.parametrize("duration", [0.5, 2.0])
+@pytest.mark.parametrize("freezes", [False, True])
+async def test_after_a_gap_of_its_sensor_it_waits_until_it_is_armed_anew(
+    policy: Policy, freezes: bool, duration: float
+) -> None:
+    async with Robot.open("sim", settings=ROOM, additions={"teaching": policy}) as robot:
+        await robot.load_gains()
+        await asyncio.sleep(2.0)
+        polled = robot.sensors["laser"]
+        read, last = polled.sensor.read, polled.last
+        assert last is not None
+
+        def broken(now: float) -> Any:
+            return last._replace(time=now) if freezes and read(now) is not None else None
+
+        polled.sensor.read = broken  # type: ignore[method-assign]
+        await asyncio.sleep(duration)
+        polled.sensor.read = read  # type: ignore[method-assign]
+        if duration < 1.0:
+            assert (await rolled(robot, 1.0))[-1] == ("policy", pytest.approx(0.7, abs=0.3)), "it hardly stopped"
+            return
+        assert all((name, v) == ("", 0.0) for name, v in (await rolled(robot, 3.0))[5:])
+        await armed_anew(robot)
+
+
+async def test_after_a_guard_s_stop_it_waits_until_it_is_armed_anew(policy: Policy) -> None:
+    async with Robot.open("sim", settings=ROOM, additions={"teaching": policy}) as robot:
+        await robot.load_gains()
+        await asyncio.sleep(2.0)
+        robot.runtime.gate.guards.append(lambda v, omega, now: (0.0, 0.0))
+        await asyncio.sleep(2.0)
+        robot.runtime.gate.guards.pop()
+        assert all((name, v) == ("", 0.0) for name, v in await rolled(robot, 3.0))
+        await armed_anew(robot)
+
+
+async def armed_anew(robot: Robot) -> None:
+    """The policy has said once for what it waits, and drives when the robot is armed anew."""
+    assert [event.text for event in robot.runtime.state.events].count(f"the policy stands: {STOPPED}") == 1
+    robot.arm()
+    assert (await rolled(robot, 2.0))[-1] == ("policy", pytest.approx(0.7, abs=0.3))
 
 
 async def test_doubt_slows_it_and_stops_it(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:

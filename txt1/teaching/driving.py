@@ -9,7 +9,9 @@ It stands, and gives the reason in a line, when
 - a reading is from another device, or from another place, than in the lessons: for good;
 - its outputs are not finite: for good;
 - its doubt is too large. It drives slower from `doubt_slow` on, and stands beyond `doubt_stop`. It goes on by itself
-  when the doubt is small again, for which a human may have to drive on.
+  when the doubt is small again, for which a human may have to drive on;
+- it was stopped for more than 0.5 s without its asking (`txt1.control.commander`), or by its sensor. It goes on when
+  the robot is armed anew.
 
 A judgement is used at the tick after it was made, so a run in virtual time repeats to the last bit.
 """
@@ -27,6 +29,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from txt1.control.holding import PAUSE
 from txt1.errors import A_STOP, ConfigError
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
@@ -49,6 +52,7 @@ MOVES: Final = 0.1
 """m/s; a slower car counts as standing."""
 SMOOTH: Final = 5
 """Number of judgements whose mean doubt is used."""
+STOPPED: Final = "the robot was stopped; the policy goes on when it is armed anew (press m)"
 
 
 class Look(NamedTuple):
@@ -127,6 +131,10 @@ class Pilot:
         self._same: tuple[Any, float] = (None, 0.0)
         """The bytes of the last reading, and the time since which they are the same."""
         self._frozen = False
+        self._blind = inf
+        """Since when its sensor keeps it standing; inf while it does not."""
+        self._epoch: int | None = None
+        """Of the arming in which its sensor stopped it."""
         self._failed = ""
         """Why it never drives again; empty if it may."""
         self._told = ""
@@ -171,16 +179,23 @@ class Pilot:
         async for now in ticks:
             self._take(now)
             v, omega, state = self._wanted(now)
-            source = self._source
+            source, epoch = self._source, self._robot.runtime.gate.epoch
             if not self._robot.armed or self._robot.driver.name not in ("", POLICY):
-                state = "waits"
+                state, self._blind = "waits", inf
             elif v > 0.0:
-                # a stop that nobody asked for ends when the robot is armed anew
-                if source.overruled and source.overruled != A_STOP:
-                    source.request()
-                source.command(v, omega)
+                if now - self._blind > PAUSE:
+                    self._epoch = epoch
+                self._blind = inf
+                if source.overruled == A_STOP or self._epoch == epoch:
+                    state = STOPPED
+                else:
+                    if source.overruled:
+                        source.request()
+                    source.command(v, omega)
             elif source.drives:
                 source.release()
+                if self._blindness(now):
+                    self._blind = now
             self._tell(state, now)
 
     def _take(self, now: float) -> None:
@@ -222,22 +237,24 @@ class Pilot:
         v = pace * look.speed * min(card.v_max, self._robot.config.safety.v_max)
         return v, look.steering * v / card.radius_min
 
+    def _blindness(self, now: float) -> str:
+        """Return why its sensor keeps it standing; empty if it does not."""
+        if now - self._judged > self._late:
+            return f"'{self._first.name}' is late: no reading for {self._late:g} s"
+        stays = now - self._same[1] > max(FROZEN, 2.5 * self._first.period)
+        self._frozen = stays and (self._frozen or abs(self._robot.odometry.v) > MOVES)
+        if self._frozen:
+            return f"'{self._first.name}' is frozen: the same reading again and again while the car moves"
+        return ""
+
     def _wanted(self, now: float) -> tuple[float, float, str]:
         """Return v, omega and the state."""
-        robot = self._robot
         if self._failed:
             return 0.0, 0.0, self._failed
-        if now - self._judged > self._late:
-            waited = self._newest is None or self._judged == -inf
-            return (
-                0.0,
-                0.0,
-                "no reading yet" if waited else f"'{self._first.name}' is late: no reading for {self._late:g} s",
-            )
-        stays = now - self._same[1] > max(FROZEN, 2.5 * self._first.period)
-        self._frozen = stays and (self._frozen or abs(robot.odometry.v) > MOVES)
-        if self._frozen:
-            return 0.0, 0.0, f"'{self._first.name}' is frozen: the same reading again and again while the car moves"
+        if self._judged == -inf:
+            return 0.0, 0.0, "no reading yet"
+        if blindness := self._blindness(now):
+            return 0.0, 0.0, blindness
         pace = self._pace()
         if pace <= 0.0:
             return 0.0, 0.0, "its doubt is too large: no lesson is like this; drive it on"
