@@ -5,7 +5,7 @@ from operator import attrgetter
 from typing import Final
 
 from txt1.control.car import InformedLoops
-from txt1.control.limits import Fault, Gate
+from txt1.control.limits import Fault, Gate, Outputs
 from txt1.control.open_loop import OpenLoop
 from txt1.control.pid import Gains, VelocityLoops, at_rest
 from txt1.hal.base import Capabilities, Hal
@@ -114,75 +114,130 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
     The loops step with every reading of the odometry: in every tick if the HAL has encoders, else when odometry
     arrives.
     """
-    closes_loops = hal.capabilities.pwm
-    has_ticks = hal.capabilities.ticks
-    blind = hal.capabilities.blind
-    was_manual = False
-    asked_since, told = inf, False
-    board = state.board
-    read_at = 0.0
-    dt = CONTROL_PERIOD
+    cycle = Cycle(state, hal, gate, geometry, loops)
     async for now in ticks:
         if ticks.missed:
             gate.missed(ticks.missed)
-        if state.board is not board:
-            if board is not None and state.board is not None and board.losses != state.board.losses:
-                gate.disarm(state.board.reason, Fault.LINK)
-            board = state.board
-        source, v_now, omega_now = measured(state, now)
+        if state.board is not cycle.board:
+            cycle.watch_line()
+        cycle.measure(now)
+        cycle.watch_wheels(now)
+        outputs = cycle.decide(now)
+        cycle.explain(now)
+        hal.write(outputs, now)
+        cycle.show(outputs)
+
+
+class Cycle:
+    """The steps of one cycle of the controller, in the order in which it takes them, and what they pass on."""
+
+    def __init__(self, state: State, hal: Hal, gate: Gate, geometry: Geometry, loops: Loops) -> None:
+        self._state, self._gate, self._geometry, self._loops = state, gate, geometry, loops
+        self.can = hal.capabilities
+        self._closes_loops, self._has_ticks, self._blind = self.can.pwm, self.can.ticks, self.can.blind
+        self.board = state.board
+        # measured: the source, speed (m/s) and yaw rate (rad/s), and s since the reading before
+        self.source, self.v_now, self.omega_now, self.dt, self._read_at = ENCODER, 0.0, 0.0, CONTROL_PERIOD, 0.0
+        # asked for: the command, whether it may act, and by the controller's decision the set-point and its gains
+        self._given: ManualPwm | Command | None = None
+        self._passes = self._was_manual = False
+        self.v, self.omega, self.gains = 0.0, 0.0, _OFF
+        # since when commands have been in vain, s of the run, and whether the reason was told
+        self._asked_since, self._told = inf, False
+
+    def watch_line(self) -> None:
+        """Disarm if the line to the board was lost since the cycle before."""
+        before, self.board = self.board, self._state.board
+        if before is not None and self.board is not None and before.losses != self.board.losses:
+            self._gate.disarm(self.board.reason, Fault.LINK)
+
+    def measure(self, now: float) -> None:
+        """Take the velocities that the loops and the rules go by."""
+        self.source, self.v_now, self.omega_now = measured(self._state, now)
+        if self._blind:
+            self.source = RECKONED
+        elif not self._has_ticks:
+            odometry_time = self._state.odometry_time
+            self.dt, self._read_at = min(odometry_time - self._read_at, STEP_MAX), odometry_time
+
+    def watch_wheels(self, now: float) -> None:
+        """Disarm on a runaway, and when the odometry is lost."""
+        state, gate = self._state, self._gate
         right, left = state.encoders
-        if blind:
-            source = RECKONED
-        elif not has_ticks:
-            dt, read_at = min(state.odometry_time - read_at, STEP_MAX), state.odometry_time
-            wheel = abs(state.odometry.v) + 0.5 * geometry.track_width * abs(state.odometry.omega)
-            if dt > 0.0 and wheel < inf and (closes_loops or wheel >= READ):
-                right, left = wheel_ticks(state.odometry.v, state.odometry.omega, dt, geometry)
+        if not (self._has_ticks or self._blind):
+            odometry = state.odometry
+            wheel = abs(odometry.v) + 0.5 * self._geometry.track_width * abs(odometry.omega)
+            if self.dt > 0.0 and wheel < inf and (self._closes_loops or wheel >= READ):
+                right, left = wheel_ticks(odometry.v, odometry.omega, self.dt, self._geometry)
         if right is not None and left is not None:
-            gate.watch(right, left, state.odometry.v, v_now if source is COMBINED else None, dt)
+            gate.watch(right, left, state.odometry.v, self.v_now if self.source is COMBINED else None, self.dt)
         if now - state.odometry_time > ODOMETRY_TIMEOUT:
             gate.disarm("odometry lost", Fault.ODOMETRY)
 
+    def decide(self, now: float) -> Outputs:
+        """Return the outputs for the command in force: neutral unless it may act."""
+        state, gate = self._state, self._gate
         manual = state.panel.manual is True
-        given: ManualPwm | Command | None = state.manual_pwm if manual else state.command
-        v = omega = 0.0
-        gains = _OFF
-        passes = given is not None and gate.passes(given.time, given.epoch, now)
-        if not -inf < v_now + omega_now < inf:
+        given = self._given = state.manual_pwm if manual else state.command
+        self._passes = given is not None and gate.passes(given.time, given.epoch, now)
+        if not -inf < self.v_now + self.omega_now < inf:
             gate.count(Fault.MEASURED)
-            passes = False
-        still = v_now == 0.0 and isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, v_now)
-        if not (passes and state.link.alive and state.power.esc is not False) or manual is not was_manual or still:
-            loops.clear()
-            outputs = gate.neutral(state.servos)
-        elif isinstance(given, ManualPwm):
-            outputs = gate.outputs(given.motor, given.front, given.rear, state.servos, v, omega)
-        else:
-            assert given is not None
-            v, omega = gate.guarded(given.v, given.omega, now) if gate.guards else (given.v, given.omega)
-            motor = steering = 0.0
-            if closes_loops:
-                gains = state.gains.angular.at(v_now)
-                motor, steering = loops.step(v, omega, v_now, omega_now, state.gains.linear, gains, dt)
-            outputs = gate.outputs(motor, -steering, steering, state.servos, v, omega)
-        was_manual = manual
-        in_vain = passes and (state.power.esc is False or not state.gains.loaded)
-        if in_vain and isinstance(given, Command) and (given.v or given.omega):
-            asked_since = min(asked_since, now)
-            if (
-                not told
-                and now - asked_since >= UNMOVED
-                and (reason := reason_not_to_move(state, hal.capabilities)) is not None
-            ):
-                told = True
-                state.tell(now, reason)
-        else:
+            self._passes = False
+        self.v, self.omega, self.gains = 0.0, 0.0, _OFF
+        was_manual, self._was_manual = self._was_manual, manual
+        if given is None or manual is not was_manual or self._rests(given):
+            self._loops.clear()
+            return gate.neutral(state.servos)
+        if isinstance(given, ManualPwm):
+            return gate.outputs(given.motor, given.front, given.rear, state.servos, 0.0, 0.0)
+        return self._close_loops(given, now)
+
+    def _rests(self, given: ManualPwm | Command) -> bool:
+        """Return whether a command may not act, or there is nothing to control."""
+        state = self._state
+        if not (self._passes and state.link.alive) or state.power.esc is False:
+            return True
+        return self.v_now == 0.0 and isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, self.v_now)
+
+    def _close_loops(self, given: Command, now: float) -> Outputs:
+        """Return the outputs by both loops for the set-point that the guards allow."""
+        state, gate = self._state, self._gate
+        v, omega = self.v, self.omega = (
+            gate.guarded(given.v, given.omega, now) if gate.guards else (given.v, given.omega)
+        )
+        motor = steering = 0.0
+        if self._closes_loops:
+            gains = self.gains = state.gains.angular.at(self.v_now)
+            motor, steering = self._loops.step(v, omega, self.v_now, self.omega_now, state.gains.linear, gains, self.dt)
+        return gate.outputs(motor, -steering, steering, state.servos, v, omega)
+
+    def explain(self, now: float) -> None:
+        """Tell once why commands are in vain, when they have been for UNMOVED."""
+        state, given = self._state, self._given
+        in_vain = self._passes and (state.power.esc is False or not state.gains.loaded)
+        if not in_vain or not isinstance(given, Command) or not (given.v or given.omega):
             # the next attempt tells it again
-            asked_since, told = inf, False
-        hal.write(outputs, now)
+            self._asked_since, self._told = inf, False
+            return
+        self._asked_since = min(self._asked_since, now)
+        if self._told or now - self._asked_since < UNMOVED:
+            return
+        reason = reason_not_to_move(state, self.can)
+        if reason is not None:
+            self._told = True
+            state.tell(now, reason)
+
+    def show(self, outputs: Outputs) -> None:
+        """Store what was decided, if it has changed."""
+        state = self._state
         control = state.control
-        if outputs is not control.outputs or source is not control.source or v != control.v or omega != control.omega:
-            state.control = new(Control, (outputs, v, omega, source, gains))
+        if (
+            outputs is not control.outputs
+            or self.source is not control.source
+            or self.v != control.v
+            or self.omega != control.omega
+        ):
+            state.control = new(Control, (outputs, self.v, self.omega, self.source, self.gains))
 
 
 def measured(state: State, now: float) -> tuple[Source, float, float]:
