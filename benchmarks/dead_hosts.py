@@ -23,10 +23,10 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from rigs import page_parts
+from txt1.cars.pi.double import Monostable, pulse_of
+from txt1.cars.vesc.double import Vesc
+from txt1.cars.waveshare.double import Waveshare
 from txt1.config import load
-from txt1.hal.pi.double import Monostable, pulse_of
-from txt1.hal.vesc.double import Vesc
-from txt1.hal.waveshare.double import Waveshare
 from txt1.kernel.loop import run
 from txt1.link.pty import listen_pty
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from txt1.cars.pico.installer import IDENTITY, RELEASE
 from txt1.control import limits as gate
 from txt1.control.parameters import Limits
-from txt1.hal.pico.installer import IDENTITY, RELEASE
 from txt1.model import battery as line
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.protocol import layout

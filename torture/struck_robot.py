@@ -17,6 +17,13 @@ from numpy.random import Generator
 from torture.visitors import Web
 from txt1.board.board import Board, BoardEvent, VirtualPort
 from txt1.bridges.registry import RobotEnd
+from txt1.cars.pico.double import port as pico_port
+from txt1.cars.vesc.double import VESC_TIMEOUT
+from txt1.cars.vesc.double import port as vesc_port
+from txt1.cars.vesc.driver import SCALES, PacketId, Unpacker, VescHal, VescOptions
+from txt1.cars.waveshare.double import HEARTBEAT_MS
+from txt1.cars.waveshare.double import port as waveshare_port
+from txt1.cars.waveshare.driver import PWM, SPEED, Lines, WaveshareHal, WaveshareOptions
 from txt1.config import Config, checked, load
 from txt1.control.commander import PRIORITIES
 from txt1.control.standstill import Stop
@@ -24,15 +31,8 @@ from txt1.errors import CommandRefused, NotArmed, NotCapable, StopNotVerified
 from txt1.fleet.link import FleetLink
 from txt1.hal.base import Button, Hal, Inputs, Outputs
 from txt1.hal.double import Controller, DoublePort
-from txt1.hal.pico.double import port as pico_port
 from txt1.hal.registry import create
 from txt1.hal.serial import SerialHal
-from txt1.hal.vesc.double import VESC_TIMEOUT
-from txt1.hal.vesc.double import port as vesc_port
-from txt1.hal.vesc.driver import SCALES, PacketId, Unpacker, VescHal, VescOptions
-from txt1.hal.waveshare.double import HEARTBEAT_MS
-from txt1.hal.waveshare.double import port as waveshare_port
-from txt1.hal.waveshare.driver import PWM, SPEED, Lines, WaveshareHal, WaveshareOptions
 from txt1.link.base import End
 from txt1.link.impairments import Through
 from txt1.model.vehicle import STEERING_MAX

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 GROUP: Final = "txt1.additions"
-FOLDERS: Final = ("*", "guards/*", "hal/*")
+FOLDERS: Final = ("*", "guards/*", "cars/*")
 """Places of the package's own additions, below the package."""
 
 

@@ -16,6 +16,8 @@ from unittest import SkipTest
 import pytest
 
 from tests.patience import S
+from txt1.cars.vesc.double import Vesc
+from txt1.cars.vesc.driver import Unpacker, VescHal
 from txt1.cli import execute
 from txt1.commands import FAULT
 from txt1.config import Config, load
@@ -27,8 +29,6 @@ from txt1.hal.channels import rewired
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
-from txt1.hal.vesc.double import Vesc
-from txt1.hal.vesc.driver import Unpacker, VescHal
 from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
 from txt1.model.vehicle import sides
@@ -567,12 +567,12 @@ class Untroubled(VescHal):
 
 
 ON_BAD_LINES = [
-    ("tears", "txt1.hal.vesc.driver.Unpacker", Forgetful, "BoardLink.ready comes true"),
-    ("merges", "txt1.hal.vesc.driver.Unpacker", OneAtATime, "BoardLink.ready comes true"),
-    ("corrupts", "txt1.hal.vesc.driver.VescHal", Frightened, "has firmware 0.02"),
+    ("tears", "txt1.cars.vesc.driver.Unpacker", Forgetful, "BoardLink.ready comes true"),
+    ("merges", "txt1.cars.vesc.driver.Unpacker", OneAtATime, "BoardLink.ready comes true"),
+    ("corrupts", "txt1.cars.vesc.driver.VescHal", Frightened, "has firmware 0.02"),
     ("is_late", "txt1.hal.line.LOST", 0.05, "it leapt by"),
     ("loses_and_doubles", "txt1.hal.line.LOST", 0.03, "BoardLink.ready comes true"),
-    ("is_cut", "txt1.hal.vesc.driver.VescHal", Untroubled, "counts a line that is cut"),
+    ("is_cut", "txt1.cars.vesc.driver.VescHal", Untroubled, "counts a line that is cut"),
 ]
 
 
@@ -610,7 +610,7 @@ def test_every_promise_that_a_simulated_hal_can_break_has_a_mutant() -> None:
 def test_another_formula_for_the_sides_is_noticed(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
     name = "test_sides_that_run_at_two_speeds_come_of_the_outputs_as_written"
     getattr(TestPiOnARover(), name)()
-    monkeypatch.setattr("txt1.hal.pi.driver.sides", lambda motor, rear: sides(motor, factor * rear))
+    monkeypatch.setattr("txt1.cars.pi.driver.sides", lambda motor, rear: sides(motor, factor * rear))
     with pytest.raises(AssertionError, match=r"as txt1\.model\.vehicle\.sides says"):
         getattr(TestPiOnARover(), name)()
 

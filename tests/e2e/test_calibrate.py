@@ -17,6 +17,8 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
 from tests.patience import TXT1
+from txt1.cars.vesc.double import Vesc
+from txt1.cars.vesc.driver import VescHal, VescOptions
 from txt1.cli import execute
 from txt1.cli.app import App
 from txt1.commands import FAULT, OK, USAGE
@@ -32,8 +34,6 @@ from txt1.hal.channels import rewired
 from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
-from txt1.hal.vesc.double import Vesc
-from txt1.hal.vesc.driver import VescHal, VescOptions
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 

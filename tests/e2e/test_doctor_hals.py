@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from txt1.cars.pi.command import access, chips, remarks
 from txt1.cli import execute
 from txt1.cli.doctor_hal import examined, supply
 from txt1.commands import FAULT
 from txt1.config import load
-from txt1.hal.pi.command import access, chips, remarks
 from txt1.hal.registry import create
 from txt1.kernel.loop import run
 

@@ -11,13 +11,13 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
+from txt1.cars.pico.double import Pico, interpreter
 from txt1.config import Config, load
 from txt1.control.limits import Fault
 from txt1.errors import MissingExtra, NotArmed, StopNotVerified
 from txt1.experiments.identify import identify, try_out
 from txt1.hal.base import Button
 from txt1.hal.double import DoublePort
-from txt1.hal.pico.double import Pico, interpreter
 from txt1.hal.serial import SerialHal
 from txt1.hal.serial import create as create_serial
 from txt1.link.base import Link, connect
@@ -38,7 +38,7 @@ SMALL_GAINS = "control.angular=[{v_max: 1.5, kp: 4, ki: 130, kd: 0.005}]"
 @pytest.fixture(autouse=True)
 def the_device_waits_for_its_firmware(blocking_calls_fail: BlockBuster) -> None:
     """It is a program of its own as a rule; here its clock is the host's, so it waits a tenth of a millisecond."""
-    may_block(blocking_calls_fail, "txt1/hal/pico/double.py", "_exchange", "_read")
+    may_block(blocking_calls_fail, "txt1/cars/pico/double.py", "_exchange", "_read")
 
 
 @asynccontextmanager

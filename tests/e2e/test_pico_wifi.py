@@ -10,9 +10,9 @@ import pytest
 
 from rigs.ports import free_port
 from tests.patience import TXT1
+from txt1.cars.pico.double import interpreter
+from txt1.cars.pico.installer import folder
 from txt1.errors import MissingExtra
-from txt1.hal.pico.double import interpreter
-from txt1.hal.pico.installer import folder
 
 FIRMWARE = """
 import time

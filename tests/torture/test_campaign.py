@@ -6,13 +6,13 @@ import pytest
 
 from torture.campaign import once, plan, shortest
 from torture.strikes import KINDS, STRIKES, Strike, names
+from txt1.cars.pi.double import Monostable
+from txt1.cars.pico.double import interpreter
+from txt1.cars.vesc.driver import VescHal
+from txt1.cars.waveshare.driver import WaveshareHal
 from txt1.control.limits import Gate
 from txt1.errors import MissingExtra
 from txt1.hal.base import Outputs
-from txt1.hal.pi.double import Monostable
-from txt1.hal.pico.double import interpreter
-from txt1.hal.vesc.driver import VescHal
-from txt1.hal.waveshare.driver import WaveshareHal
 from txt1.robot import Robot
 
 

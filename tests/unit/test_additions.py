@@ -29,7 +29,7 @@ def in_addition(module: str) -> bool:
     return any(module == each or module.startswith((f"{each}.", f"{each}:")) for each in FOLDERS)
 
 
-@pytest.mark.parametrize("code", ["from txt1.estimation.task import Estimator", "WHERE = 'txt1.hal.pi.driver:create'"])
+@pytest.mark.parametrize("code", ["from txt1.estimation.task import Estimator", "WHERE = 'txt1.cars.pi.driver:create'"])
 def test_a_spine_that_names_an_addition_is_told(
     code: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -58,7 +58,7 @@ def test_a_text_that_names_nothing_is_told_with_its_place(
 
 def test_a_text_that_names_a_module_or_a_function_resolves() -> None:
     assert arrows.resolves("txt1.hal.sim")
-    assert arrows.resolves("txt1.hal.pi.double:desk")
+    assert arrows.resolves("txt1.cars.pi.double:desk")
 
 
 def test_an_arrow_to_a_higher_layer_runs_back_up() -> None:
@@ -72,10 +72,10 @@ def test_a_command_in_the_folder_of_its_addition_is_front() -> None:
     layers = arrows.layers()
     known = [
         arrows.knower(f"txt1.{name}", layers)
-        for name in ("gamepad.command", "learning.command.trials", "hal.pi.command")
+        for name in ("gamepad.command", "learning.command.trials", "cars.pi.command")
     ]
     assert known == ["txt1.cli"] * 3
-    assert arrows.knower("txt1.hal.pi.driver", layers) == "txt1.hal.pi"
+    assert arrows.knower("txt1.cars.pi.driver", layers) == "txt1.cars.pi"
     assert arrows.knower("txt1.commands", layers) == "txt1.commands"
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from txt1.cars.pico.double import interpreter
+from txt1.cars.pico.installer import digest, digests, files, folder, frame, identities, install
 from txt1.errors import HalError, MissingExtra
-from txt1.hal.pico.double import interpreter
-from txt1.hal.pico.installer import digest, digests, files, folder, frame, identities, install
 
 try:
     MICROPYTHON = interpreter()

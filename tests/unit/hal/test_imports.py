@@ -35,7 +35,7 @@ def test_hals_are_made_with_the_base_install() -> None:
         "print(*sys.modules)"
     )
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
-    assert "txt1.hal.pi.driver" in found
+    assert "txt1.cars.pi.driver" in found
     assert not OTHERS & set(found)
 
 
@@ -57,5 +57,5 @@ def test_the_extra_is_small() -> None:
 
 
 def test_where_lgpio_has_no_wheel_its_package_is_named() -> None:
-    with pytest.raises(HalError, match="python3-lgpio"), mock.patch("txt1.hal.pi.driver.find_spec", {"smbus2": 1}.get):
+    with pytest.raises(HalError, match="python3-lgpio"), mock.patch("txt1.cars.pi.driver.find_spec", {"smbus2": 1}.get):
         create(load(None, ["vehicle=donkeycar", "hal_options.output=gpio"], {}, {"hal": "pi"}).config)

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
+from txt1.cars.vesc import driver as vesc
+from txt1.cars.waveshare import driver as waveshare
 from txt1.config import Config, load
 from txt1.errors import HalError
 from txt1.hal.languages import LANGUAGES, answering, known, named
 from txt1.hal.registry import PORTS
 from txt1.hal.serial import SerialHal
-from txt1.hal.vesc import driver as vesc
-from txt1.hal.waveshare import driver as waveshare
 from txt1.kernel.loop import run
 from txt1.link.base import End, Link, Port, connect
 from txt1.protocol.layout import encode

@@ -23,15 +23,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.patience import LIMIT, wait_until
+from txt1.cars.pi import driver
+from txt1.cars.pi import guard as pi_guard
+from txt1.cars.pi.double import FakeBus, FileBus, Pca9685Chip, PiDouble, pulse_of
+from txt1.cars.pi.driver import GuardAnswer, PiHal, PiOptions, Process, pulses_of, setup_of
+from txt1.cars.pi.guard import Ads1115, Guarded, GuardSetup, Pca9685, Quadrature, guarded, ina219_voltage, pulses_in
 from txt1.config import Config, checked, load
 from txt1.control.limits import Outputs
 from txt1.errors import ConfigError, HalError, Txt1Error
 from txt1.hal.base import BoardLink
-from txt1.hal.pi import driver
-from txt1.hal.pi import guard as pi_guard
-from txt1.hal.pi.double import FakeBus, FileBus, Pca9685Chip, PiDouble, pulse_of
-from txt1.hal.pi.driver import GuardAnswer, PiHal, PiOptions, Process, pulses_of, setup_of
-from txt1.hal.pi.guard import Ads1115, Guarded, GuardSetup, Pca9685, Quadrature, guarded, ina219_voltage, pulses_in
 from txt1.hal.registry import create
 from txt1.installing import installs
 from txt1.kernel.loop import run
@@ -400,7 +400,7 @@ def processes_of(path: Path) -> list[int]:
 
 def test_a_guard_that_is_killed_is_lost_and_another_one_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("LOST", "HANGS"):  # a stall of the machine is not to be taken for another loss
-        monkeypatch.setattr(f"txt1.hal.pi.driver.{name}", LIMIT)
+        monkeypatch.setattr(f"txt1.cars.pi.driver.{name}", LIMIT)
     registers = tmp_path / "registers"
     hal = create(config("donkeycar", f"hal_options.bus={registers}"))
 
@@ -1039,7 +1039,7 @@ def test_neutral_in_place_of_a_guard_leaves_nothing_open_and_says_whether_it_is_
         assert not pi_guard.neutral_without_guard(made), "nothing answers"
     assert (closed, opened()) == ([True, True], before)
     with monkeypatch.context() as patch:
-        patch.setitem(sys.modules, "txt1.hal.pi.double", None)
+        patch.setitem(sys.modules, "txt1.cars.pi.double", None)
         assert not pi_guard.neutral_without_guard(made), "no library"
     monkeypatch.setattr(pi_guard, "claim", lambda _: pytest.fail("pulses from pins end with their guard"))
     assert pi_guard.neutral_without_guard(setup(output="gpio", motor=(12,), steering=(13,)))

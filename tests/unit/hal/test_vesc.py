@@ -13,14 +13,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from txt1.cars.vesc import driver as vesc
+from txt1.cars.vesc.double import Vesc
+from txt1.cars.vesc.driver import PacketId, Unpacker, VescHal, VescOptions, packet
 from txt1.config import Config, load
 from txt1.control.limits import Outputs
 from txt1.errors import ConfigError, HalError, TaskFault
 from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
-from txt1.hal.vesc import driver as vesc
-from txt1.hal.vesc.double import Vesc
-from txt1.hal.vesc.driver import PacketId, Unpacker, VescHal, VescOptions, packet
 from txt1.kernel.loop import run
 from txt1.link.base import End, Link, connect
 from txt1.model.odometry import Odometry

@@ -10,15 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.config import Config, checked, load
-from txt1.control.limits import Outputs
-from txt1.errors import ConfigError
-from txt1.hal.base import Inputs
-from txt1.hal.double import DoublePort
-from txt1.hal.registry import create
-from txt1.hal.waveshare import driver as waveshare
-from txt1.hal.waveshare.double import Waveshare
-from txt1.hal.waveshare.driver import (
+from txt1.cars.waveshare import driver as waveshare
+from txt1.cars.waveshare.double import Waveshare
+from txt1.cars.waveshare.driver import (
     BoardReport,
     Lines,
     WaveshareHal,
@@ -28,6 +22,12 @@ from txt1.hal.waveshare.driver import (
     report_of,
     rolls_on,
 )
+from txt1.config import Config, checked, load
+from txt1.control.limits import Outputs
+from txt1.errors import ConfigError
+from txt1.hal.base import Inputs
+from txt1.hal.double import DoublePort
+from txt1.hal.registry import create
 from txt1.kernel.loop import run
 from txt1.link.base import End, Link, connect
 from txt1.model.kinematics import move_along_arc

@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from txt1.cars.waveshare.driver import FEEDBACK, Lines, line, report_of
 from txt1.hal.languages import Language
-from txt1.hal.waveshare.driver import FEEDBACK, Lines, line, report_of
 
 
 def _speaks(data: bytes) -> bool:

@@ -10,9 +10,7 @@ from math import inf, pi
 from typing import Any, Final
 
 from txt1.board.far_end import far_end
-from txt1.config import Config, checked
-from txt1.hal.double import Controller, DoublePort
-from txt1.hal.waveshare.driver import (
+from txt1.cars.waveshare.driver import (
     ECHO,
     FEEDBACK,
     HEARTBEAT,
@@ -25,6 +23,8 @@ from txt1.hal.waveshare.driver import (
     WaveshareOptions,
     number,
 )
+from txt1.config import Config, checked
+from txt1.hal.double import Controller, DoublePort
 from txt1.model.vehicle import PWM_MAX
 
 # ms of its heartbeat at power-up

@@ -10,9 +10,9 @@ from struct import Struct, pack, unpack_from
 from typing import Final
 
 from txt1.board.far_end import far_end
+from txt1.cars.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions, packet
 from txt1.config import Config, checked
 from txt1.hal.double import Controller, DoublePort
-from txt1.hal.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions, packet
 from txt1.link.base import Link
 from txt1.model.vehicle import PWM_MAX
 

@@ -7,9 +7,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
+from txt1.cars.pi.driver import GET_LGPIO
 from txt1.cli.remark import Remark, judged
 from txt1.config import Config
-from txt1.hal.pi.driver import GET_LGPIO
 from txt1.installing import installs
 
 CHIPS: Final = {

@@ -14,10 +14,22 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.random import Generator
 
+from txt1.cars.pi.driver import GuardAnswer, PiOptions, answer_of
+from txt1.cars.pi.guard import (
+    AUTO,
+    LED0,
+    MODE1,
+    MODE2,
+    PRESCALE,
+    SLEEP,
+    STEPS,
+    Guarded,
+    GuardSetup,
+    Pca9685,
+    Quadrature,
+)
 from txt1.config import Config, checked
 from txt1.control.limits import Outputs
-from txt1.hal.pi.driver import GuardAnswer, PiOptions, answer_of
-from txt1.hal.pi.guard import AUTO, LED0, MODE1, MODE2, PRESCALE, SLEEP, STEPS, Guarded, GuardSetup, Pca9685, Quadrature
 from txt1.hal.registry import create_sim
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 from txt1.sim.parameters import LineFaults

@@ -6,8 +6,8 @@ ADDITION = Addition(
     name="pi",
     wanted=lambda config: False,
     parts={
-        "txt1.hal": {"pi": "txt1.hal.pi.driver:create"},
-        "txt1.buses": {"pi": "txt1.hal.pi.double:desk"},
-        "txt1.doctors": {"pi": "txt1.hal.pi.command:remarks"},
+        "txt1.hal": {"pi": "txt1.cars.pi.driver:create"},
+        "txt1.buses": {"pi": "txt1.cars.pi.double:desk"},
+        "txt1.doctors": {"pi": "txt1.cars.pi.command:remarks"},
     },
 )

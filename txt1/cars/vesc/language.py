@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from txt1.cars.vesc.driver import PacketId, Unpacker, ask
 from txt1.hal.languages import Language
-from txt1.hal.vesc.driver import PacketId, Unpacker, ask
 
 
 def _speaks(data: bytes) -> bool:

@@ -6,12 +6,12 @@ ADDITION = Addition(
     name="pico",
     wanted=lambda config: False,
     parts={
-        "txt1.ports": {"pico": "txt1.hal.pico.double:port"},
-        "txt1.devices": {"pico": "txt1.hal.pico.double:Pico"},
+        "txt1.ports": {"pico": "txt1.cars.pico.double:port"},
+        "txt1.devices": {"pico": "txt1.cars.pico.double:Pico"},
     },
     commands={
         "firmware": (
-            "txt1.hal.pico.command",
+            "txt1.cars.pico.command",
             "put the board's firmware on a Raspberry Pi Pico, and ask for its health",
         )
     },

@@ -1,6 +1,6 @@
 """A Raspberry Pi (3 to 5) on an R/C car as a HAL: PCA9685 servo board or GPIO pins, wheel encoders, battery sensor.
 
-Another process, `txt1.hal.pi.guard`, owns the outputs. It sets them to neutral when this process is gone.
+Another process, `txt1.cars.pi.guard`, owns the outputs. It sets them to neutral when this process is gone.
 """
 
 import asyncio
@@ -19,11 +19,11 @@ from typing import Annotated, Final, Literal, NamedTuple, NoReturn, Protocol
 
 from annotated_types import Ge, Le
 
+from txt1.cars.pi import guard
+from txt1.cars.pi.guard import ANSWER, GuardSetup, pulses_in
 from txt1.config import Config, checked
 from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
-from txt1.hal.pi import guard
-from txt1.hal.pi.guard import ANSWER, GuardSetup, pulses_in
 from txt1.hal.plain import PlainHal
 from txt1.hal.registry import BUSES, DESK
 from txt1.installing import installs

@@ -17,11 +17,11 @@ from struct import Struct
 from typing import IO, Final, NamedTuple
 
 from txt1.board.far_end import far_end
+from txt1.cars.pico.installer import folder
 from txt1.config import Config
 from txt1.errors import HalError, MissingExtra
 from txt1.hal.base import Button, Hal, Outputs
 from txt1.hal.double import DoublePort
-from txt1.hal.pico.installer import folder
 from txt1.hal.registry import create
 from txt1.link.impairments import paced
 from txt1.link.station import Station

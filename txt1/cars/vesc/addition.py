@@ -1,0 +1,14 @@
+"""The VESC as an addition: the HAL, and its double as a port and as a device."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="vesc",
+    wanted=lambda config: False,
+    parts={
+        "txt1.hal": {"vesc": "txt1.cars.vesc.driver:create"},
+        "txt1.languages": {"vesc": "txt1.cars.vesc.language:LANGUAGE"},
+        "txt1.ports": {"vesc": "txt1.cars.vesc.double:port"},
+        "txt1.devices": {"vesc": "txt1.cars.vesc.double:Vesc"},
+    },
+)
