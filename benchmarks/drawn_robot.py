@@ -18,11 +18,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from txt1.cli.app import real_time
 from txt1.config import load
 from txt1.driver import CommandSource
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
+from txt1.kit.app import real_time
 from txt1.record.session import recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime

@@ -19,9 +19,9 @@ from rigs.patience import LIMIT, TXT1, surviving, wait_until
 from rigs.ports import free_port
 from txt1.bridges.registry import bridge
 from txt1.bridges.services import Services
-from txt1.cli.app import real_time
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
+from txt1.kit.app import real_time
 from txt1.robot import Robot
 from txt1.sidecar import Sidecar
 

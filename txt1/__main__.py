@@ -9,7 +9,7 @@ from typing import NoReturn
 
 
 def leave(number: int, _: FrameType | None) -> NoReturn:
-    """End the process at once. `txt1.cli.app` takes the signals instead while a robot has to be stopped first."""
+    """End the process at once. `txt1.kit.app` takes the signals instead while a robot has to be stopped first."""
     os._exit(128 + number)
 
 

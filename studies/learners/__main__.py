@@ -14,8 +14,8 @@ from studies.learners.contenders import ALL
 from studies.learners.floor import floor_of
 from studies.learners.suite import Each
 from txt1 import cli
-from txt1.cli.options import CONFIGURATION, SEED, VEHICLE, loaded
 from txt1.commands import OK, add_actions, busy, count, flag, names, path, say, takes, unused
+from txt1.kit.options import CONFIGURATION, SEED, VEHICLE, loaded
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.trial import starts, task_of
 from txt1.trials.run import run

@@ -20,7 +20,6 @@ from tests.patience import TXT1
 from txt1.cars.vesc.double import Vesc
 from txt1.cars.vesc.driver import VescHal, VescOptions
 from txt1.cli import execute
-from txt1.cli.app import App
 from txt1.commands import FAULT, OK, USAGE
 from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
@@ -35,6 +34,7 @@ from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.kernel.loop import run
+from txt1.kit.app import App
 from txt1.robot import Robot
 
 KINDS = ("txt1", "f1tenth", "donkeycar", "rover")

@@ -47,7 +47,7 @@ def no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def a_status_line_may_block(blocking_calls_fail: BlockBuster) -> None:
     """It is written only where it fits."""
-    may_block(blocking_calls_fail, "txt1/cli/app.py", "_put")
+    may_block(blocking_calls_fail, "txt1/kit/app.py", "_put")
 
 
 def report(capsys: Capture, *words: str, code: int = 0) -> dict[str, Any]:

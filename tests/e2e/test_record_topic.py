@@ -17,9 +17,9 @@ from websockets.sync.client import connect
 
 from tests.patience import LIMIT, PATIENT
 from txt1.cli import execute
-from txt1.cli.app import report
 from txt1.config import Config, load
 from txt1.kernel.loop import Speed, run
+from txt1.kit.app import report
 from txt1.record.session import open_view, recording
 from txt1.robot import Robot
 from txt1.telemetry.messages import define

@@ -20,7 +20,7 @@ Capture = pytest.CaptureFixture[str]
 
 @pytest.fixture(autouse=True)
 def a_status_line_is_written_only_where_it_fits(blocking_calls_fail: BlockBuster) -> None:
-    may_block(blocking_calls_fail, "txt1/cli/app.py", "_put")
+    may_block(blocking_calls_fail, "txt1/kit/app.py", "_put")
 
 
 VIRTUAL = ("serial.port=virtual",)

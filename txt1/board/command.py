@@ -11,13 +11,14 @@ from typing import Final
 from txt1 import commands
 from txt1.board.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
 from txt1.board.original import OUTAGE
-from txt1.cli import options
-from txt1.cli.app import App, conclude, in_journal
-from txt1.cli.far_end import FAR_END, listen
 from txt1.commands import flag, say, takes, view_of
 from txt1.config import Config, load
+from txt1.kit import options
+from txt1.kit.app import App, conclude, in_journal
+from txt1.kit.far_end import FAR_END, listen
 from txt1.link.base import Listener
 from txt1.record.options import LOG, VIEW, live_view
+from txt1.record.session import recording
 from txt1.ros.beside import BoardNode, board_node
 from txt1.ros.options import ROS2
 from txt1.tasks.fields import LOG as EVENT_LOG
@@ -136,10 +137,13 @@ def main(arguments: argparse.Namespace) -> int:
 async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: BoardNode | None) -> None:
     view = await asyncio.to_thread(live_view, arguments)
     told = {"board": True, "duration": arguments.duration}
+    board = Board(config, manual=arguments.manual)
     async with (
-        app.board(Board(config, manual=arguments.manual), log=arguments.log, about=told, view=view) as board,
+        recording(arguments.log, config, app.speed, told, say, view) as attach,
         AsyncExitStack() as beside,
     ):
+        attach(board.runtime)
+        app.subject = board
         listener: Listener
         if arguments.port is None:
             listener = await listen(arguments, board.paced)
@@ -165,3 +169,5 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: 
         finally:
             await board.power_down()
             listener.close()
+    # raises the TaskFault, if there was one
+    await board.runtime.scheduler.ended

@@ -4,9 +4,9 @@ import argparse
 import json
 import os
 
-from txt1.cli.options import CONFIGURATION, VEHICLE
 from txt1.commands import OK, add_actions, takes
 from txt1.config import completed, flatten, load, origin_of
+from txt1.kit.options import CONFIGURATION, VEHICLE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,10 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from txt1.cli import execute
-from txt1.cli.options import SEED
 from txt1.commands import DISARMED, OK, add, path, say, takes, unused
 from txt1.experiments import run_folder
 from txt1.installing import installs
+from txt1.kit.options import SEED
 from txt1.record.session import MODULES
 from txt1.ui import tty
 

@@ -7,13 +7,13 @@ import os
 from typing import Final, Protocol
 
 from txt1 import commands
-from txt1.cli import options
-from txt1.cli.app import App
-from txt1.cli.far_end import FAR_END, listen
 from txt1.commands import say, takes
 from txt1.config import Config, load
 from txt1.errors import Txt1Error
 from txt1.hal.registry import HALS
+from txt1.kit import options
+from txt1.kit.app import App
+from txt1.kit.far_end import FAR_END, listen
 from txt1.link.base import End
 from txt1.plugins import Registry
 

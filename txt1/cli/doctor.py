@@ -9,15 +9,15 @@ from statistics import median
 from typing import Final
 
 from txt1.cli import doctor_hal
-from txt1.cli.app import App
-from txt1.cli.options import CONFIGURATION, HALS, LINE, VEHICLE, loaded
-from txt1.cli.remark import Remark, judged
 from txt1.commands import FAULT, OK, add, positive, takes
 from txt1.config import Config
 from txt1.hal.languages import answering
 from txt1.hal.registry import PORTS, create, is_on_a_line, is_simulated, port_of
 from txt1.hal.serial import SEND_PERIOD
 from txt1.kernel.realtime import REMEDY, grantable
+from txt1.kit.app import App
+from txt1.kit.options import CONFIGURATION, HALS, LINE, VEHICLE, loaded
+from txt1.kit.remark import Remark, judged
 from txt1.link.base import Link, Port
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.receiver import Receiver

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from txt1.cli.remark import Remark, judged
 from txt1.hal.base import Hal, Outputs
+from txt1.kit.remark import Remark, judged
 
 READING_PERIOD: Final = 0.02  # s
 # readings a second of a hardware layer that computes odometry, at least

@@ -10,8 +10,6 @@ from shlex import quote
 from string import Template
 from typing import Final
 
-from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, loaded
-from txt1.cli.verdicts import print_verdicts
 from txt1.commands import OK, add_actions, flag, path, signals_to, takes
 from txt1.conformance import verdicts
 from txt1.errors import ConfigError, HalError
@@ -20,6 +18,8 @@ from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
 from txt1.installing import interpreter
 from txt1.kernel.loop import run
+from txt1.kit.options import CONFIGURATION, LINE, VEHICLE, loaded
+from txt1.kit.verdicts import print_verdicts
 from txt1.resources import PACKAGE
 from txt1.sim.parameters import LineFaults
 

@@ -8,27 +8,25 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
 
 from txt1.additions import blamed
-from txt1.cli import options
-from txt1.cli.app import App, conclude, real_time, refusal_of_gains
 from txt1.cli.notify import served
 from txt1.commands import DISARMED, FAULT, OK, say, view_of
 from txt1.config import Config
 from txt1.config.sources import with_values
-from txt1.control.limits import Fault, SetpointBounds
+from txt1.control.limits import SetpointBounds
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
 from txt1.hal.base import Button
 from txt1.kernel.ticks import Ticks
+from txt1.kit import options
+from txt1.kit.app import DISARMING, App, conclude, real_time, refusal_of_gains
 from txt1.robot import Robot
 from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
 from txt1.ui.viewer import DRIVING
 
 Steer = Callable[[Robot], Awaitable[None]]
-DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY, Fault.UNMOVED)
 
 
 def run(arguments: argparse.Namespace) -> int:

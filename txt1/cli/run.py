@@ -3,9 +3,9 @@
 import argparse
 
 from txt1 import additions
-from txt1.cli import options
 from txt1.commands import add, count, flag, positive, takes, velocity
 from txt1.errors import ConfigError
+from txt1.kit import options
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -6,10 +6,6 @@ from collections.abc import Mapping
 from importlib.metadata import EntryPoint
 from typing import Any, Final, NamedTuple
 
-from txt1.cli.app import App, get_ready
-from txt1.cli.far_end import FAR_END, listen
-from txt1.cli.options import CONFIGURATION
-from txt1.cli.verdicts import print_verdicts
 from txt1.commands import OK, add_actions, positive, say, takes, velocity
 from txt1.config import Config, load
 from txt1.config.schema import SensorConfig
@@ -18,6 +14,10 @@ from txt1.driver import REFRESH
 from txt1.errors import ConfigError
 from txt1.hal.registry import create as create_hal
 from txt1.kernel.ticks import Ticks
+from txt1.kit.app import App, get_ready
+from txt1.kit.far_end import FAR_END, listen
+from txt1.kit.options import CONFIGURATION
+from txt1.kit.verdicts import print_verdicts
 from txt1.sensors.base import Reading, Sensor, Setup
 from txt1.sensors.conformance import SensorConformance
 from txt1.sensors.double import Double

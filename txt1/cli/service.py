@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Final
 
 from txt1 import commands
-from txt1.cli import options, parsed
+from txt1.cli import parsed
 from txt1.commands import OK, flag, say, takes
 from txt1.errors import ConfigError
 from txt1.kernel.realtime import FIFO, OTHERS_NICENESS
+from txt1.kit import options
 
 # s without a cycle of the controller after which the robot counts as hung
 WATCHDOG: Final = 2.0

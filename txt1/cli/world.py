@@ -11,12 +11,12 @@ import numpy as np
 import yaml
 from rich.console import Console
 
-from txt1.cli.options import CONFIGURATION, VEHICLE
 from txt1.commands import OK, add_actions, takes
 from txt1.config import Config, load
 from txt1.errors import ConfigError
 from txt1.file_limits import read_text
 from txt1.hal.registry import create_sim
+from txt1.kit.options import CONFIGURATION, VEHICLE
 from txt1.maps.files import Map, names, read
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN
 from txt1.resources import resource

@@ -14,9 +14,6 @@ from typing import TYPE_CHECKING, Final
 from txt1 import commands
 from txt1.bridges.registry import fleet_bridge
 from txt1.bridges.services import Services
-from txt1.cli import options
-from txt1.cli.app import App, report
-from txt1.cli.operating import DISARMING
 from txt1.commands import DISARMED, FAULT, OK, UNSTOPPED, flag, need, say, takes, view_of
 from txt1.config import Config
 from txt1.errors import ConfigError
@@ -26,7 +23,10 @@ from txt1.fleet.options import NETWORK
 from txt1.fleet.plan import FleetPlan, plan_of
 from txt1.fleet.selection import KEYS, Selection
 from txt1.fleet.stopping import Standing
+from txt1.kit import options
+from txt1.kit.app import DISARMING, App, report
 from txt1.record.options import LOG
+from txt1.record.session import recording_together
 from txt1.ui import tty
 from txt1.ui.terminal import Terminal
 from txt1.web.options import WEB, WebPage, web_page
@@ -123,7 +123,12 @@ async def _operate(
     reports: dict[str, object],
 ) -> None:
     told = {"robots": list(configs), "duration": arguments.duration, "arm": arguments.arm}
-    async with app.fleet(plan, configs, log=arguments.log, about=told) as fleet, AsyncExitStack() as bridges:
+    async with (
+        recording_together(arguments.log, configs, app.speed, told, say) as attach,
+        Fleet.of(plan, configs, attach) as fleet,
+        AsyncExitStack() as bridges,
+    ):
+        app.subject = fleet
         robots = list(fleet.robots.values())
         if arguments.duration is not None:
             for robot in robots:

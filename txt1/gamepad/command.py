@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from txt1 import commands
-from txt1.cli import options
 from txt1.commands import OK, need, say
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.gamepad.pad import PadParameters, Pads, PadState
+from txt1.kit import options
 
 if TYPE_CHECKING:
     from txt1.gamepad.bridge import Devices

@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from txt1.cli.options import ONE_ROBOT
 from txt1.commands import FAULT, OK, add, existing, flag, need, path, takes
 from txt1.errors import ConfigError
+from txt1.record.options import ONE_ROBOT
 
 if TYPE_CHECKING:
     import numpy as np

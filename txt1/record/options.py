@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from txt1.additions import Options
-from txt1.commands import flag, gone, host_and_port, path, say, takes
+from txt1.commands import existing, flag, gone, host_and_port, need, path, say, takes
 from txt1.errors import ConfigError
 from txt1.kernel.clock import seconds, wall_ns
 from txt1.resources import resource
@@ -28,6 +28,16 @@ def new_file(text: str) -> Path:
     return path(text.replace("{time}", f"{datetime.fromtimestamp(seconds(wall_ns())).astimezone():%Y%m%d-%H%M%S}"))
 
 
+def recording(text: str) -> Path:
+    """Return the path of an existing recording; raises ArgumentTypeError, and MissingExtra without its reader."""
+    from txt1.record.session import MODULES
+
+    need("reading a recording", "record", *MODULES)
+    return existing(text)
+
+
+RECORDING: Final = {"file": takes("FILE", None, recording)}
+ONE_ROBOT: Final = {"--robot": takes("NAME", "name of the robot, in a recording of several")}
 LOG: Final = {
     "--log": takes("FILE", "record everything to this MCAP file; {time} in its name is the date and time", new_file)
 }
@@ -51,6 +61,11 @@ class RecordingAsked(NamedTuple):
     about: Mapping[str, object] = {}
     """The command line, for the recording's metadata."""
     speed: Speed = None
+
+
+def to_file(file: Path | None, about: Mapping[str, object], speed: Speed) -> dict[str, object]:
+    """Return the additions of `Robot.open` that record a run to a file, none without one; `about` describes the run."""
+    return {} if file is None else {"record": RecordingAsked(file, None, about, speed)}
 
 
 def live_view(arguments: Namespace, *, control: bool = False) -> LiveView | None:

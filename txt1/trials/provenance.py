@@ -12,14 +12,13 @@ from typing import Final
 PACKAGES: Final = ("txt1", "numpy", "numba", "pydantic", "stable-baselines3", "torch")
 SHOWS: Final = (
     "__main__.py", "bridges/", "cli/", "experiments/figures.py", "experiments/report.py", "fleet/console.py",
-    "fleet/page.py", "fleet/screen.py", "gamepad/", "learning/plots.py", "record/", "ros/", "sidecar.py", "ui/", "web/",
+    "fleet/page.py", "fleet/screen.py", "gamepad/", "kit/far_end.py", "kit/options.py", "kit/remark.py",
+    "kit/verdicts.py", "learning/plots.py", "record/", "ros/", "sidecar.py", "ui/", "web/",
 )  # fmt: skip
 """Code that only shows, stores or passes on the robot's behaviour, so no result depends on it.
 
 All other code is hashed.
 """
-# the part of the front on which a result does depend
-BRINGS_UP: Final = "cli/app.py"
 
 
 @cache
@@ -34,7 +33,7 @@ def hash_of(root: Path, more: Iterable[Path] = ()) -> str:
     """Return the same hash for a package in a folder."""
     digest = hashlib.sha256()
     files = {path.relative_to(root).as_posix(): path for path in root.rglob("*.py")}
-    made = {name: path for name, path in files.items() if name == BRINGS_UP or not name.startswith(SHOWS)}
+    made = {name: path for name, path in files.items() if not name.startswith(SHOWS)}
     for name, path in sorted((made | {f"beside/{path.name}": path for path in more}).items()):
         digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]

@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import txt1
-from txt1.trials.provenance import BRINGS_UP, SHOWS, hash_of
+from txt1.trials.provenance import SHOWS, hash_of
 
 ROOT = Path(txt1.__file__).parent
 
 
 def package(folder: Path, **changed: str) -> Path:
-    for name in ("sim/world.py", "control/pid.py", "learning/thesis.py", "ui/terminal.py", "web/server.py", BRINGS_UP):
+    made = ("sim/world.py", "control/pid.py", "learning/thesis.py", "kit/app.py")
+    for name in (*made, "ui/terminal.py", "web/server.py"):
         file = folder / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(changed.get(file.stem, "1"))
@@ -28,5 +29,5 @@ def test_a_changed_screen_changes_no_result_and_a_changed_simulation_does(tmp_pa
 
 
 def test_what_is_left_out_is_there() -> None:
-    for name in (*SHOWS, BRINGS_UP):
+    for name in (*SHOWS, "kit/app.py"):
         assert (ROOT / name).exists(), f"{name} was moved: so is what makes a result"

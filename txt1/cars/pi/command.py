@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from txt1.cars.pi.driver import GET_LGPIO
-from txt1.cli.remark import Remark, judged
 from txt1.config import Config
 from txt1.installing import installs
+from txt1.kit.remark import Remark, judged
 
 CHIPS: Final = {
     0x40: "servo board (PCA9685), or an INA219",

@@ -7,8 +7,8 @@ import asyncio
 from typing import Final
 
 from txt1.cars.pico.installer import LOG, OverMpremote, digests, install, listen, release
-from txt1.cli.app import App
 from txt1.commands import FAULT, say
+from txt1.kit.app import App
 from txt1.link.ports import only_candidate
 
 RESTART: Final = 3.0

@@ -13,8 +13,6 @@ from typing import Any, Final
 
 import yaml
 
-from txt1.cli.app import App, get_ready
-from txt1.cli.options import ROBOT, loaded
 from txt1.commands import FAULT, OK, add, count, flag, path, takes
 from txt1.config import Config
 from txt1.config.sources import flatten, vehicle_file
@@ -29,6 +27,8 @@ from txt1.hal.channels import rewired
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.kernel.processors import processors
+from txt1.kit.app import App, get_ready
+from txt1.kit.options import ROBOT, loaded
 from txt1.robot import Robot
 from txt1.safe_yaml import read_yaml
 from txt1.trials.run import run

@@ -10,8 +10,6 @@ from typing import Any, Final
 from rich.console import Console
 from rich.progress import TaskProgressColumn, TimeElapsedColumn
 
-from txt1.cli.app import App, get_ready
-from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
 from txt1.commands import DISARMED, FAULT, OK, add, count, flag, path, say, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
@@ -21,7 +19,9 @@ from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import FIGURE, Run
 from txt1.experiments.runner import ANOTHER, Experiment, Outcome, outcome_of
 from txt1.kernel.loop import Speed
-from txt1.record.options import LOG
+from txt1.kit.app import App, get_ready
+from txt1.kit.options import ARM, ROBOT, loaded, robot_speed
+from txt1.record.options import LOG, to_file
 from txt1.trials.run import progress, run
 from txt1.trials.workers import OPTIONS, Workers, workers_of
 
@@ -188,7 +188,7 @@ def drive(
 
     async def work() -> None:
         nonlocal experiment
-        async with app.robot(config, log=log, about={"experiment": profile.title}) as robot:
+        async with app.robot(config, additions=to_file(log, {"experiment": profile.title}, speed)) as robot:
             await get_ready(robot, arm)
             experiment = Experiment(robot, profile, safe_end=safe_end, progressed=partial(setattr, task, "completed"))
             await experiment.run()

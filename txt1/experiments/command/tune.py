@@ -6,8 +6,6 @@ from typing import Final
 
 from rich.console import Console
 
-from txt1.cli.app import App, get_ready
-from txt1.cli.options import ARM, ROBOT
 from txt1.commands import OK, add, count, flag, path, say, takes
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
@@ -20,6 +18,8 @@ from txt1.experiments.run_folder import Run
 from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED
 from txt1.experiments.tune import CANDIDATES, angular_gains, linear_gains
 from txt1.kernel.loop import Speed
+from txt1.kit.app import App, get_ready
+from txt1.kit.options import ARM, ROBOT
 from txt1.trials.run import progress
 from txt1.trials.workers import OPTIONS, Workers, workers_of
 

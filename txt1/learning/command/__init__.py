@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
 from txt1.commands import DISARMED, OK, add, count, flag, path, say, takes, unused
 from txt1.errors import ConfigError, MissingExtra, NotArmed, Txt1Error
+from txt1.kit.options import ARM, ROBOT, loaded, robot_speed
 from txt1.learning import experiment, plots
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.best_time import known_floor

@@ -8,10 +8,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from txt1.cli.app import App, get_ready
 from txt1.commands import OK
 from txt1.config import Config
 from txt1.errors import ConfigError, NotArmed, Overruled, Txt1Error
+from txt1.kit.app import App, get_ready
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
 from txt1.learning.experiment import (
@@ -42,6 +42,7 @@ from txt1.learning.trial import (
     task_of,
 )
 from txt1.learning.world import settled
+from txt1.record.options import to_file
 from txt1.trials.run import run
 from txt1.trials.workers import Workers, stopped
 
@@ -152,7 +153,7 @@ def on_robot(
     app = App(plan.speed)
 
     async def learn() -> None:
-        async with app.robot(own, log=log, about=told) as robot:
+        async with app.robot(own, additions=to_file(log, told, plan.speed)) as robot:
             await need_light(robot, [seed, number, SENSORS], trial)
             await get_ready(robot, plan.arm or None)
             # always at the same instant

@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from txt1.cli.options import RECORDING
 from txt1.commands import OK, add_actions, busy, count, flag, need, path, takes
 from txt1.errors import ConfigError
+from txt1.record.options import RECORDING
 
 if TYPE_CHECKING:
     from txt1.record.reading import Item

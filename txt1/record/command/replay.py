@@ -2,9 +2,9 @@
 
 import argparse
 
-from txt1.cli.options import ONE_ROBOT, RECORDING
 from txt1.commands import FAULT, OK, add, busy, flag, positive, takes
 from txt1.kernel.loop import run
+from txt1.record.options import ONE_ROBOT, RECORDING
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from txt1.cli.options import ONE_ROBOT, RECORDING
 from txt1.commands import OK, add, busy, need, takes
+from txt1.record.options import ONE_ROBOT, RECORDING
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from txt1.cli.options import CONFIGURATION, loaded
 from txt1.commands import OK, add_actions, busy, path, takes
+from txt1.kit.options import CONFIGURATION, loaded
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

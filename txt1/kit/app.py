@@ -15,10 +15,11 @@ import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from txt1.commands import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, View, say, signals_to
 from txt1.config import Config
+from txt1.control.limits import Fault
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, NotArmed, StopNotVerified, TaskFault
 from txt1.hal.base import Hal
@@ -26,8 +27,6 @@ from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.realtime import SWEEP, realtime
 from txt1.kernel.ticks import Ticks
-from txt1.record.options import RecordingAsked
-from txt1.record.session import recording, recording_together
 from txt1.robot import Robot
 from txt1.runtime import Runtime
 from txt1.sidecar import SERVE_PRIORITY as SCREENS_PRIORITY
@@ -40,13 +39,7 @@ from txt1.ui.summary_line import SHOWN, status_line
 from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:
-    from pathlib import Path
     from types import FrameType
-
-    from txt1.board.board import Board
-    from txt1.fleet.fleet import Fleet
-    from txt1.fleet.plan import FleetPlan
-    from txt1.record.live import LiveView
 
 # s, shortest time between two heartbeats of the drawing process
 BEAT_MIN: Final = 0.005
@@ -55,6 +48,15 @@ STOPPING: Final = 10
 STDERR: Final = 2
 # s for which a command without an operator waits for the link
 LINK_PATIENCE: Final = 10.0
+DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY, Fault.UNMOVED)
+"""Faults after which a run has the exit code of a robot that the safety gate disarmed."""
+
+
+class Subject(Protocol):
+    """A robot, a board or a fleet: whatever a command runs, and a signal disarms."""
+
+    def disarm(self, reason: str, /) -> object:
+        """Close the safety gate."""
 
 
 class App:
@@ -67,7 +69,8 @@ class App:
         self.reason = ""
         # s of the run, up to its end
         self.report: dict[str, Any] | None = None
-        self._subject: Robot | Board | Fleet | None = None
+        self.subject: Subject | None = None
+        """Is disarmed when the run ends, or a signal ends it."""
 
     def run(self, work: Coroutine[Any, Any, None]) -> int:
         """Run it until it ends, a signal ends it or a callback of the event loop fails, and return the exit code.
@@ -82,8 +85,8 @@ class App:
 
             def interrupt(number: signal.Signals) -> None:
                 self.code = 128 + number
-                if self._subject is not None:
-                    self._subject.disarm("ended by a signal")
+                if self.subject is not None:
+                    self.subject.disarm("ended by a signal")
                 for each in SIGNALS:
                     loop.remove_signal_handler(each)
                     signal.signal(each, partial(_again, since=stopwatch_ns()))
@@ -120,55 +123,23 @@ class App:
         self,
         config: Config,
         *,
-        log: Path | None = None,
-        about: Mapping[str, object] | None = None,
         hal: Hal | None = None,
         additions: Mapping[str, object] | None = None,
     ) -> AsyncIterator[Robot]:
         """Return a running robot, disarmed, its link not up yet; on leaving it stands and its recording is complete.
 
-        `log` is the recording, None for none; `about` describes the command in it. `hal` replaces the configured
-        hardware layer. `additions` are those of `Robot.open`.
+        `hal` replaces the configured hardware layer. `additions` are those of `Robot.open`, such as a recording.
         """
         through = False
-        asked = dict(additions or {})
-        if log is not None:
-            asked["record"] = RecordingAsked(log, None, about or {}, self.speed)
         try:
-            async with Robot.open(hal, config=config, arm=False, patience=0.0, additions=asked) as robot:
-                self._subject = robot
+            async with Robot.open(hal, config=config, arm=False, patience=0.0, additions=additions) as robot:
+                self.subject = robot
                 yield robot
                 through = True
         except StopNotVerified as error:
             if not through and not isinstance(error.__cause__, asyncio.CancelledError):
                 raise
             self.code, self.reason = UNSTOPPED, str(error)
-
-    @asynccontextmanager
-    async def fleet(
-        self, plan: FleetPlan, configs: Mapping[str, Config], *, log: Path | None, about: Mapping[str, object]
-    ) -> AsyncIterator[Fleet]:
-        """Return a running fleet, disarmed; on leaving it stands and its recording is complete."""
-        from txt1.fleet.fleet import Fleet
-
-        async with (
-            recording_together(log, configs, self.speed, about, say) as attach,
-            Fleet.of(plan, configs, attach) as fleet,
-        ):
-            self._subject = fleet
-            yield fleet
-
-    @asynccontextmanager
-    async def board(
-        self, board: Board, *, log: Path | None, about: Mapping[str, object], view: LiveView | None
-    ) -> AsyncIterator[Board]:
-        """Return the board, recorded like a robot. The caller switches its power on and off in the block."""
-        async with recording(log, board.runtime.config, self.speed, about, say, view) as attach:
-            attach(board.runtime)
-            self._subject = board
-            yield board
-        # raises the TaskFault, if there was one
-        await board.runtime.scheduler.ended
 
     async def watch(
         self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, *alongside: asyncio.Future[Any]
@@ -191,9 +162,9 @@ class App:
                 await _first_of(*ends, operator)
                 quit_by_operator = operator.done() and operator.result() == "quit"
                 operator.cancel()
-                assert self._subject is not None
+                assert self.subject is not None
                 # before the screens close, which takes time
-                self._subject.disarm("the run has ended")
+                self.subject.disarm("the run has ended")
             if quit_by_operator or any(each.done() for each in ends):
                 return
             say("the terminal was lost and the robot disarmed; Ctrl-C ends the run")

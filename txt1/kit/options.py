@@ -6,11 +6,10 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from txt1 import additions
-from txt1.commands import existing, flag, speed, takes
+from txt1.commands import flag, speed, takes
 from txt1.errors import ConfigError
 
 # imported when used, so that the help appears at once
@@ -18,15 +17,6 @@ if TYPE_CHECKING:
     from txt1.config import Config
     from txt1.config.sources import LoadedConfig
     from txt1.kernel.loop import Speed
-
-
-def recording(text: str) -> Path:
-    """Return the path of an existing recording; raises ArgumentTypeError, and MissingExtra without its reader."""
-    from txt1.commands import need
-    from txt1.record.session import MODULES
-
-    need("reading a recording", "record", *MODULES)
-    return existing(text)
 
 
 def _brought(group: str) -> list[str]:
@@ -71,8 +61,6 @@ ROBOT: Final = (
     }
 )
 ARM: Final = {"--arm": flag("arm at the start; a simulation arms itself", default=None)}
-RECORDING: Final = {"file": takes("FILE", None, recording)}
-ONE_ROBOT: Final = {"--robot": takes("NAME", "name of the robot, in a recording of several")}
 
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:
