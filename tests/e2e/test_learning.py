@@ -596,3 +596,21 @@ def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
     assert resumed[0].memory["episode"] == 4
     assert resumed[0].paths[1] == broken[0].paths[1]
     assert resumed[0].voided == 1
+
+
+@pytest.mark.parametrize(
+    ("setting", "agent"),
+    [
+        ("learning.pilot.period=1", "thesis"),
+        ("learning.ppo.learning_rate=0.5", "thesis"),
+        ("learning.thesis.gamma=0.9", "pilot"),
+    ],
+)
+def test_a_setting_of_another_learner_is_refused(
+    setting: str, agent: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert learn(tmp_path / "out", "--agent", agent, "--set", setting) == 2
+    told = f"--set {setting.partition('=')[0]}: the learner '{agent}' does not read it"
+    assert told in capsys.readouterr().err
+    assert execute(["run", "--headless", "--speed", "max", "--duration", "1", "--learn", agent, "--set", setting]) == 2
+    assert told in capsys.readouterr().err

@@ -33,7 +33,10 @@ def asked(arguments: Namespace, config: Config) -> Learner | None:
     if len(steering) > 1:
         raise ConfigError(f"--{steering[0]}: --{steering[1]} drives already; leave one of them out")
     from txt1.learning.agents import agent_of
+    from txt1.learning.settings import refuse_unread
 
+    if arguments.learn is not None:
+        refuse_unread(arguments.set, arguments.learn)
     agent = agent_of(config, arguments.learn, arguments.policy)
     # one of the two options is given
     assert agent is not None

@@ -1,10 +1,12 @@
 """The section ``learning`` of the configuration."""
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
 from txt1.config.schema import Section
+from txt1.errors import ConfigError
 from txt1.model.vehicle import SPEED, Geometry
 from txt1.units import NotNegative, Positive, PositiveInt
 
@@ -13,6 +15,10 @@ TURN: Final = SPEED / Geometry().radius_min
 
 # (v, omega) of one of the learner's actions, m/s and rad/s
 Action = tuple[float, float]
+
+
+LEARNERS: Final = ("thesis", "sweeps", "pilot", "neural", "taxis", "ppo", "dqn", "options")
+"""The settings that a single learner reads: of ours by its name, `options` of another package's."""
 
 
 class ChangeConfig(Section):
@@ -109,3 +115,16 @@ class LearningConfig(Section):
     """Settings of Stable-Baselines3's DQN, a contender in studies/learners."""
     options: dict[str, Any] = {}
     """Settings of a learner from another package."""
+
+
+def refuse_unread(words: Sequence[str], learner: str) -> None:
+    """Raise ConfigError if one of the words KEY=VALUE sets what this learner does not read."""
+    own = learner if learner in LEARNERS else "options"
+    for word in words:
+        key = word.partition("=")[0]
+        section, _, rest = key.partition(".")
+        name = rest.partition(".")[0]
+        if section == "learning" and name in LEARNERS and name != own:
+            raise ConfigError(
+                f"--set {key}: the learner '{learner}' does not read it, only learning.{own}; leave it out"
+            )

@@ -14,6 +14,7 @@ from txt1.learning.agents import LEARNERS, make
 from txt1.learning.best_time import known_floor
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import THESIS_MEAN, Plan
+from txt1.learning.settings import refuse_unread
 from txt1.learning.trial import Episode, task_of
 from txt1.learning.worlds import OWN, world_file
 from txt1.record.options import LOG
@@ -66,6 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Do the trials and write their results; return the exit code."""
     name = arguments.agent or "thesis"
+    refuse_unread(arguments.set, name)
     world = _world(arguments, name)
     config = loaded(_in_world(arguments, world)).config
     # refuses a wrong name or options at once
