@@ -327,8 +327,8 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert "--resume carries it on" in capsys.readouterr().err
     assert learn(done, "--resume", "--seed", "9") == 2
     assert "was begun with seed=0, not 9" in capsys.readouterr().err
-    assert learn(done, "--resume", "--set", "learning.thesis.gamma=0.9") == 2
-    assert "was begun with learning.thesis.gamma=0.5, not 0.9" in capsys.readouterr().err
+    assert learn(done, "--resume", "--set", "learning.time_limit=200") == 2
+    assert "was begun with learning.time_limit=300.0, not 200.0" in capsys.readouterr().err
     told = (done / "experiment.json").read_text()
     (done / "experiment.json").write_text(told.replace(code_hash(), "0123456789abcdef"))
     assert learn(done, "--resume") == 2

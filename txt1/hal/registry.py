@@ -60,7 +60,6 @@ def world_of(config: Config) -> World:
 def create_sim(config: Config, world: World | None = None) -> SimHal:
     """Return the simulated robot as configured, in a world of its own, or in a shared world."""
     from txt1.hal.sim import SimHal
-    from txt1.sim.ground import Ground
     from txt1.sim.vehicle import Vehicle
 
     sim, alone = config.sim, world is None
@@ -81,7 +80,11 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
 
         vehicle.physics = Finite(sim.physics, vehicle.physics)
     # in others' physics the body leans by itself
-    leans: Any = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else vehicle.physics
+    leans: Any = vehicle.physics
+    if sim.ground.height:
+        from txt1.sim.ground import Ground
+
+        leans = Ground(sim.ground, config.geometry, config.own_seed)
     return SimHal(vehicle, leans, sim.channels, alone)
 
 

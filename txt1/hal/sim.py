@@ -1,18 +1,22 @@
 """The simulated robot as a HAL: one vehicle of a world."""
 
+from __future__ import annotations
+
 import asyncio
 from dataclasses import replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
 from txt1.hal.plain import PlainHal
 from txt1.kernel.loop import clock_of
 from txt1.model.channels import STRAIGHT, Channels
 from txt1.protocol.messages import Switch
-from txt1.sim.ground import Ground
-from txt1.sim.parameters import Box
 from txt1.sim.vehicle import Vehicle
 from txt1.units import new
+
+if TYPE_CHECKING:
+    from txt1.sim.ground import Ground
+    from txt1.sim.parameters import Box
 
 # Python finds an attribute of an Enum slowly
 NO_BUTTON: Final = Button.NONE

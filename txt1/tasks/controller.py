@@ -138,12 +138,11 @@ class Cycle:
         self.board = state.board
         # measured: the source, speed (m/s) and yaw rate (rad/s), and s since the reading before
         self.source, self.v_now, self.omega_now, self.dt, self._read_at = ENCODER, 0.0, 0.0, CONTROL_PERIOD, 0.0
-        # asked for: the command, whether it may act, and by the controller's decision the set-point and its gains
+        # asked for: the command, and by the controller's decision the set-point and its gains
         self._given: ManualPwm | Command | None = None
-        self._passes = self._was_manual = False
         self.v, self.omega, self.gains = 0.0, 0.0, _OFF
-        # since when commands have been in vain, s of the run, and whether the reason was told
-        self._asked_since, self._told = inf, False
+        # whether it may act, the mode, since when commands have been in vain, s of the run, and whether that was told
+        self._passes, self._was_manual, self._asked_since, self._told = False, False, inf, False
 
     def watch_line(self) -> None:
         """Disarm if the line to the board was lost since the cycle before."""
@@ -195,9 +194,8 @@ class Cycle:
     def _rests(self, given: ManualPwm | Command) -> bool:
         """Return whether a command may not act, or there is nothing to control."""
         state = self._state
-        if not (self._passes and state.link.alive) or state.power.esc is False:
-            return True
-        return self.v_now == 0.0 and isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, self.v_now)
+        acts = self._passes and state.link.alive and state.power.esc is not False
+        return not acts or (isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, self.v_now))
 
     def _close_loops(self, given: Command, now: float) -> Outputs:
         """Return the outputs by both loops for the set-point that the guards allow."""
@@ -220,10 +218,8 @@ class Cycle:
             self._asked_since, self._told = inf, False
             return
         self._asked_since = min(self._asked_since, now)
-        if self._told or now - self._asked_since < UNMOVED:
-            return
-        reason = reason_not_to_move(state, self.can)
-        if reason is not None:
+        waited = now - self._asked_since >= UNMOVED
+        if waited and not self._told and (reason := reason_not_to_move(state, self.can)) is not None:
             self._told = True
             state.tell(now, reason)
 
