@@ -13,7 +13,7 @@ from studies.learners.__main__ import main as study
 from tests.patience import wait_until
 from torture.campaign import main as campaign
 from txt1.cli import execute
-from txt1.experiments.command.sweep import combinations, write_table
+from txt1.cli.sweep import combinations, write_table
 
 RUN = ["--", "run", "--json", "--speed", "max", "--drive", "0.4,0.2", "--duration", "3"]
 SETTINGS = ["seed=1..2", "control.linear.kp=9,11"]

@@ -11,6 +11,7 @@ from typing import Final
 from txt1 import commands
 from txt1.board.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
 from txt1.board.original import OUTAGE
+from txt1.board.ros_node import BoardNode, board_node
 from txt1.commands import flag, say, takes, view_of
 from txt1.config import Config, load
 from txt1.kit import options
@@ -19,7 +20,6 @@ from txt1.kit.far_end import FAR_END, listen
 from txt1.link.base import Listener
 from txt1.record.options import LOG, VIEW, live_view
 from txt1.record.session import recording
-from txt1.ros.beside import BoardNode, board_node
 from txt1.ros.options import ROS2
 from txt1.tasks.fields import LOG as EVENT_LOG
 from txt1.ui.terminal import Terminal

@@ -12,9 +12,10 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Final, NoReturn
 
-from txt1 import __version__, additions
+from txt1 import additions
 from txt1.commands import DISARMED, FAULT, OK, STDOUT, UNSTOPPED, USAGE
 from txt1.errors import ConfigError, MissingExtra, NotArmed, StopNotVerified, Txt1Error
+from txt1.version import __version__
 
 EPILOG: Final = (
     "Exit codes: 0 as asked, 1 fault, 2 mistake in command line or configuration, or a file or an extra is not there, "
@@ -43,6 +44,7 @@ COMMANDS: Final = {
     "doctor": "look for what is wrong with the line to the board",
     "service": "have systemd start a robot at boot, watch over it and start it again",
     "device": "start a virtual device, with a simulated vehicle behind it",
+    "sweep": "run a command with every combination of some settings, and put the results in one table",
     "decode": "print a capture of the line, a line per message and fault",
     "completion": "print a script that completes words in your shell",
 }

@@ -5,10 +5,6 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="experiments",
     commands={
-        "sweep": (
-            "txt1.experiments.command.sweep",
-            "run a command with every combination of some settings, and put the results in one table",
-        ),
         "experiment": (
             "txt1.experiments.command.experiment",
             "drive one of the thesis's tests, or your own, and measure it; or compare runs",

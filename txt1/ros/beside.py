@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from typing import Any, Final
 
-from txt1.board.board import Board
 from txt1.commands import say
 from txt1.errors import ConfigError
 from txt1.navigation import fused_pose, true_pose
@@ -22,8 +21,6 @@ ASKED: Final = {"map": fused_pose, "room": true_pose}
 NODE: Final = "txt1.ros.ros2:main"
 RosNode = Callable[[Robot], AbstractAsyncContextManager[Any]]
 """Makes a robot a node of ROS until the block is left."""
-BoardNode = Callable[[Board], AbstractAsyncContextManager[Any]]
-"""The same for a board."""
 
 
 @asynccontextmanager
@@ -64,31 +61,6 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
             "parameters": desk.parameters(),
         }
         return node_beside(robot.runtime, desk, NODE, python, options)
-
-    return node
-
-
-def board_node(arguments: argparse.Namespace) -> BoardNode | None:
-    """Return the function that makes a virtual board a node of ROS 2, None if not requested; raises ConfigError
-    without ROS 2.
-    """
-    if not arguments.ros2:
-        if arguments.ros2_namespace or arguments.ros2_best_effort:
-            raise ConfigError("--ros2-namespace, --ros2-best-effort: there is no node; add --ros2")
-        return None
-    from txt1.ros.board import BoardDesk
-
-    python = ros2_python()
-
-    def node(board: Board) -> AbstractAsyncContextManager[Any]:
-        desk = BoardDesk(board)
-        options = {
-            "name": "txt1_board",
-            "namespace": arguments.ros2_namespace or "",
-            "offers": desk.offers,
-            "best_effort": arguments.ros2_best_effort,
-        }
-        return node_beside(board.runtime, desk, NODE, python, options)
 
     return node
 

@@ -9,12 +9,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+from txt1.commands import say
 from txt1.config.sources import checked
 from txt1.errors import HalError
 from txt1.kernel.clock import NS_PER_S, RealClock, nanoseconds, seconds
+from txt1.kernel.loop import run
 from txt1.model.vehicle import Geometry
 from txt1.record.encoder import Encoder
 from txt1.record.reading import Decoding, FilePass, Item, metadata_of, robot_in
+from txt1.ros.beside import ros2_python
 from txt1.ros.definitions import OWNERS
 from txt1.ros.node import START
 from txt1.ros.publisher import JOINTS, WheelJoints, description, line_of
@@ -174,3 +177,15 @@ async def publish(playback: Playback, python: RosPython, namespace: str) -> None
             raise HalError(f"the node of ROS 2 ended: {ended.result()} (exit code {beside.returncode})")
         await asyncio.sleep(LAST)
         ended.cancel()
+
+
+def play(file: Path, robot: str | None, speed: float, start: float | None, loop: bool, namespace: str) -> None:
+    """Publish a recording as topics of ROS 2 until its end; raises as `Playback` and `publish`, ConfigError without
+    ROS 2.
+    """
+    python = ros2_python()
+
+    async def whole() -> None:
+        await publish(Playback(file, robot, speed, start, loop, say), python, namespace)
+
+    run(whole())

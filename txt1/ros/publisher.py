@@ -23,15 +23,15 @@ from txt1.ros.topics import (
     NOT_TOLD,
     Joints,
     Publication,
-    fixed,
     in_namespace,
     of_the_table,
     parent,
     sensor,
     turned,
 )
-from txt1.ros.urdf import links_of, robot_description
+from txt1.ros.urdf import robot_description
 from txt1.runtime import Runtime
+from txt1.sensors.links import fixed, links_of
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY, POSE, TRANSFORM, origin
 from txt1.tasks.on_map import MapInUse

@@ -85,8 +85,6 @@ define(
 define("rosgraph_msgs/Clock", "builtin_interfaces/Time clock")
 
 
-TO_OPTICAL: Final = {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}
-
 # -- frames ------------------------------------------------------------------------------------------------------
 
 _FORWARD: Final = tuple(
@@ -106,30 +104,6 @@ def parent(frame: str) -> Topic[tuple[float, float, float]]:
         {"transforms": [{"header": {"frame_id": frame}, "child_frame_id": "odom"}]},
         _FORWARD,
         ROOM.make,
-    )
-
-
-def fixed(links: dict[str, tuple[str, float, float, float]]) -> Topic[object]:
-    """Return the topic of the static transforms of links: by name, the parent and the place in it, m."""
-    transforms = [
-        {
-            "header": {"frame_id": above},
-            "child_frame_id": name,
-            "transform": {
-                "translation": {"x": x, "y": y, "z": z},
-                "rotation": TO_OPTICAL if name == OPTICAL else {"w": 1.0},
-            },
-        }
-        for name, (above, x, y, z) in links.items()
-    ]
-    return Topic(
-        "/tf_static",
-        object,
-        "m",
-        "tf2_msgs/TFMessage",
-        Rule.EVENT,
-        "where everything sits on the robot",
-        make=lambda _: {"transforms": transforms},
     )
 
 

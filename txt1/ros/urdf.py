@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from math import tau
 from typing import Final
 
 from txt1.model.vehicle import Geometry
 from txt1.ros.topics import AXLES, WHEELS
-from txt1.sensors.readings import BASE, OPTICAL, DepthImage, FixReading, Image, ImuReading, Scan
+from txt1.sensors.links import Links
+from txt1.sensors.readings import BASE, OPTICAL
 
-Links = dict[str, tuple[str, float, float, float]]
-"""Links without joints, by name: the parent, and the place in it, m; only `OPTICAL` is turned."""
-
-MOUNTS: Final[Mapping[str, tuple[float, float, float]]] = {
-    "base_laser_link": (0.1905, 0.0, 0.1435),
-    "base_camera_link": (0.1448, 0.0, 0.2832),
-    "base_imu_link": (-0.1016, 0.0, 0.3187),
-    "base_gps_link": (-0.0762, 0.0, 0.3492),
-}
-"""Places of the original's sensors in base_link, m."""
-_LINK: Final[Mapping[type, str]] = {
-    Scan: "base_laser_link",
-    Image: "base_camera_link",
-    DepthImage: "base_camera_link",
-    ImuReading: "base_imu_link",
-    FixReading: "base_gps_link",
-}
 _SIZES: Final = {
     "base_laser_link": (0.05, 0.05, 0.07),
     "base_camera_link": (0.07, 0.28, 0.06),
@@ -67,15 +50,6 @@ _JOINT: Final = """\
   <joint name="{}" type="{}">
     <parent link="{}"/><child link="{}"/>{}{}
   </joint>"""
-
-
-def links_of(kinds: Iterable[type]) -> Links:
-    """Return the links of a robot with sensors of these types of readings."""
-    wanted = {_LINK[kind] for kind in kinds if kind in _LINK}
-    sensors: Links = {name: ("base_link", *place) for name, place in MOUNTS.items() if name in wanted}
-    if "base_camera_link" in sensors:
-        sensors[OPTICAL] = "base_camera_link", 0.0, 0.0, 0.0
-    return {"base_link": ("base_footprint", 0.0, 0.0, BASE), **sensors}
 
 
 def robot_description(name: str, geometry: Geometry, links: Links) -> str:

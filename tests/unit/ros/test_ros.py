@@ -32,9 +32,10 @@ from txt1.ros.definitions import ACTIONS, SERVICES, own, write_package
 from txt1.ros.publisher import PLAIN, Publisher, Told, Transforms
 from txt1.ros.python import INSTALLED, ros2
 from txt1.ros.stamps import Publishers, Stamps
-from txt1.ros.topics import JOINTS, TO_OPTICAL, recorded, turned
-from txt1.ros.urdf import MOUNTS, links_of, robot_description
+from txt1.ros.topics import JOINTS, recorded, turned
+from txt1.ros.urdf import robot_description
 from txt1.sensors.base import Reading
+from txt1.sensors.links import MOUNTS, TO_OPTICAL, links_of
 from txt1.sensors.readings import OPTICAL, FixReading, Image, ImuReading, Scan
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic

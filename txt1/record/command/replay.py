@@ -1,10 +1,15 @@
 """`txt1 replay`: a recording on the screens again, or its inputs through the tasks again."""
 
 import argparse
+from typing import Final
 
 from txt1.commands import FAULT, OK, add, busy, flag, positive, takes
 from txt1.kernel.loop import run
+from txt1.plugins import Registry
 from txt1.record.options import ONE_ROBOT, RECORDING
+
+PLAYERS: Final = Registry("player", "txt1.players", {})
+"""Functions that play a recording to another program, until its end."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,19 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Show a recording on the screens or to ROS 2, or run it again and say where it first differs."""
     if arguments.ros2:
-        from txt1.commands import say
-        from txt1.ros.beside import ros2_python
-        from txt1.ros.playback import Playback, publish
-
-        python = ros2_python()
-
-        async def play_to_ros() -> None:
-            options = arguments.speed, arguments.start, arguments.loop
-            await publish(
-                Playback(arguments.file, arguments.robot, *options, say), python, arguments.ros2_namespace or ""
-            )
-
-        run(play_to_ros())
+        options = arguments.speed, arguments.start, arguments.loop
+        PLAYERS.make("--ros2", "ros2", arguments.file, arguments.robot, *options, arguments.ros2_namespace or "")
         return OK
     if not arguments.verify:
         from txt1.record.player import play

@@ -5,14 +5,22 @@ It takes no velocities: they come from the host on its line.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+from typing import Any
 
 from txt1.board.board import Board, BoardEvent
-from txt1.errors import Txt1Error
+from txt1.errors import ConfigError, Txt1Error
 from txt1.hal.base import Button
+from txt1.ros.beside import NODE, ros2_python
 from txt1.ros.calls import Calls
+from txt1.ros.node import node_beside
 from txt1.ros.publisher import Publisher
 from txt1.sidecar import Request
+
+BoardNode = Callable[[Board], AbstractAsyncContextManager[Any]]
+"""Makes a board a node of ROS until the block is left."""
 
 
 class BoardDesk:
@@ -69,3 +77,26 @@ class BoardDesk:
     def _manual(self, manual: bool) -> None:
         if (self._board.runtime.state.panel.manual is True) is not manual:
             self._board.press(Button.CENTRE)
+
+
+def board_node(arguments: argparse.Namespace) -> BoardNode | None:
+    """Return the function that makes a virtual board a node of ROS 2, None if not requested; raises ConfigError
+    without ROS 2.
+    """
+    if not arguments.ros2:
+        if arguments.ros2_namespace or arguments.ros2_best_effort:
+            raise ConfigError("--ros2-namespace, --ros2-best-effort: there is no node; add --ros2")
+        return None
+    python = ros2_python()
+
+    def node(board: Board) -> AbstractAsyncContextManager[Any]:
+        desk = BoardDesk(board)
+        options = {
+            "name": "txt1_board",
+            "namespace": arguments.ros2_namespace or "",
+            "offers": desk.offers,
+            "best_effort": arguments.ros2_best_effort,
+        }
+        return node_beside(board.runtime, desk, NODE, python, options)
+
+    return node
