@@ -23,7 +23,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from rigs import page_parts
-from txt1.cars.pi.double import Monostable, pulse_of
+from txt1.cars.pi.chips import pulse_of
+from txt1.cars.pi.double import Monostable
 from txt1.cars.vesc.double import Vesc
 from txt1.cars.waveshare.double import Waveshare
 from txt1.config import load

@@ -25,7 +25,8 @@ from hypothesis import strategies as st
 from tests.patience import LIMIT, wait_until
 from txt1.cars.pi import driver
 from txt1.cars.pi import guard as pi_guard
-from txt1.cars.pi.double import FakeBus, FileBus, Pca9685Chip, PiDouble, pulse_of
+from txt1.cars.pi.chips import FakeBus, FileBus, Pca9685Chip, pulse_of
+from txt1.cars.pi.double import PiDouble
 from txt1.cars.pi.driver import GuardAnswer, PiHal, PiOptions, Process, pulses_of, setup_of
 from txt1.cars.pi.guard import Ads1115, Guarded, GuardSetup, Pca9685, Quadrature, guarded, ina219_voltage, pulses_in
 from txt1.config import Config, checked, load
@@ -1039,7 +1040,7 @@ def test_neutral_in_place_of_a_guard_leaves_nothing_open_and_says_whether_it_is_
         assert not pi_guard.neutral_without_guard(made), "nothing answers"
     assert (closed, opened()) == ([True, True], before)
     with monkeypatch.context() as patch:
-        patch.setitem(sys.modules, "txt1.cars.pi.double", None)
+        patch.setitem(sys.modules, "txt1.cars.pi.chips", None)
         assert not pi_guard.neutral_without_guard(made), "no library"
     monkeypatch.setattr(pi_guard, "claim", lambda _: pytest.fail("pulses from pins end with their guard"))
     assert pi_guard.neutral_without_guard(setup(output="gpio", motor=(12,), steering=(13,)))

@@ -264,7 +264,7 @@ def bus_class(setup: GuardSetup) -> Callable[[Any], Any]:
     """Import the class that opens the I2C bus of a setup."""
     if isinstance(setup.bus, str):
         # for a virtual bus only
-        from txt1.cars.pi.double import FileBus
+        from txt1.cars.pi.chips import FileBus
 
         return FileBus
     # not installed on every host
@@ -351,7 +351,7 @@ def guarded(setup: GuardSetup) -> Guarded:
         return Guarded(setup, bus, GpioPulses(lgpio, chip, setup), encoders)
     assert bus is not None
     if setup.watchdog is not None and on_desk:
-        from txt1.cars.pi.double import FilePin
+        from txt1.cars.pi.chips import FilePin
 
         feed = FilePin(f"{setup.bus}.watchdog").set
     elif setup.watchdog is not None:
