@@ -34,12 +34,9 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 from heapq import heapify, heappop, heappush
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from txt1.kernel.clock import NS_PER_S
-
-if TYPE_CHECKING:
-    from txt1.kernel.loop import VirtualTimeLoop
+from txt1.kernel.clock import NS_PER_S, VirtualClock
 
 # at full speed the operating system is asked for signals and input once in this many jumps
 POLL_EVERY: Final = 64
@@ -54,14 +51,22 @@ class Jumps:
     their making. A turn of the loop for each would cost ten robots a quarter of their speed.
     """
 
-    def __init__(self, loop: VirtualTimeLoop, ready: deque[asyncio.Handle]) -> None:
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        clock: VirtualClock,
+        paced: bool,
+        ready: deque[asyncio.Handle],
+        timers: Callable[[], list[asyncio.TimerHandle]],
+    ) -> None:
         self.threads_outstanding = 0
         """Jobs in other threads that still compute for the present instant."""
         self.made = 0
         self._loop = loop
-        self.clock = loop.clock
+        self.clock = clock
         self._ready = ready
-        self._paced = loop.speed is not None
+        self._paced = paced
+        self._timers = timers
         self._schedulers = 0
         # heap: time in ns, number of the scheduler, its dispatch
         self._due: list[tuple[int, int, Dispatch]] = []
@@ -77,11 +82,11 @@ class Jumps:
     @property
     def timers(self) -> list[asyncio.TimerHandle]:
         """The loop's heap of timers; the loop may replace it, but not within a turn."""
-        return self._loop.timers
+        return self._timers()
 
     def reach(self, target_ns: int) -> bool:
         """Return whether it is `target_ns`, now or after moving there (see `to`)."""
-        return self.clock.ns == target_ns or self.to(target_ns, self._loop.timers)
+        return self.clock.ns == target_ns or self.to(target_ns, self._timers())
 
     def to(self, target_ns: int, timers: list[asyncio.TimerHandle]) -> bool:
         """Move the clock to `target_ns` if nothing else is due before; return whether it moved.
@@ -146,6 +151,6 @@ class Jumps:
     def _to_first(self) -> bool:
         """Move on to the first of the dispatches; return whether that was possible."""
         first = heappop(self._due)
-        moved = self.to(first[0], self._loop.timers)
+        moved = self.to(first[0], self._timers())
         heappush(self._due, first)
         return moved

@@ -124,7 +124,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         selector = _JumpingSelector()
         selector.loop = self
         super().__init__(selector)
-        self.jumps = Jumps(self, self._ready)
+        self.jumps = Jumps(self, self.clock, speed is not None, self._ready, lambda: self._scheduled)
         # asyncio calls timers early by so much. Within a ns that would depend on who moves the clock, the loop or a
         # scheduler (`Jumps.to`), and so on how long threads take: a run would not repeat to the last ns.
         self._clock_resolution = 1e-10

@@ -4,24 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import cos, floor, isfinite, nan, sin, tan
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 import numpy as np
 
+from txt1.kernel.clock import Clock
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sim.battery import Supply, load, voltage_share
 from txt1.sim.dynamics import Motion, VehicleState, at_voltage, dynamics, move
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
-
-if TYPE_CHECKING:
-    from txt1.sim.world import World
+from txt1.sim.room import Room
 
 # changes of the floor's drag a second
 NOISE_RATE: Final = 50
 
 # s without motion after which the vehicle counts as standing
 INSTANT: Final = 1e-9
+
+
+class SharedWorld(Protocol):
+    """The parts of a world (`txt1.sim.world`) that a vehicle in it, and its hardware layer, need."""
+
+    room: Room
+
+    @property
+    def vehicles(self) -> list[Vehicle]:
+        """The vehicles in the order of their arrival."""
+
+    def add(self, vehicle: Vehicle) -> None:
+        """Add a vehicle."""
+
+    def in_the_way(self, vehicle: Vehicle, x: float, y: float, theta: float, margin: float = 0.0) -> str | None:
+        """Return the thing that a vehicle at (x, y, theta) would touch, in words."""
+
+    def moving(self, vehicle: Vehicle, time: float) -> list[Box]:
+        """Return the movers' boxes at `time`, s of a vehicle's own clock."""
+
+    def expect(self, vehicle: Vehicle, clock: Clock) -> None:
+        """Prepare for a run of a vehicle's robot."""
+
+    def advance(self, vehicle: Vehicle, time: float) -> None:
+        """Move all vehicles until this vehicle's `time`."""
+
+    def contact(self, vehicle: Vehicle, after: Motion, until: float) -> Motion:
+        """Return the motion of a vehicle at `until`, `after` unless something is in its way."""
+
+    def look_round(self, vehicle: Vehicle) -> None:
+        """Find the things that may get in a vehicle's way."""
 
 
 class Vehicle:
@@ -42,7 +72,7 @@ class Vehicle:
 
     def __init__(
         self,
-        world: World,
+        world: SharedWorld,
         parameters: VehicleParameters,
         body: Geometry,
         batteries: Batteries,
