@@ -12,8 +12,8 @@ There are four kinds of arrow:
 - text: "package.module:function"; in a module that calls import_module, and in a file addition.py, "package.module",
   too. A text with a variable part, such as f"txt1.cli.{name}", is an arrow to the part before it.
 
-An arrow runs back up when it ends in a higher layer than it begins in, or in the same one. The exit code is 1 when a
-text does not resolve, or when the spine knows an addition: any folder that holds an addition.py.
+`lint-imports` judges the imports. The exit code here is 1 when a text does not resolve, or when a text of the spine
+names an addition: any folder that holds an addition.py.
 """
 
 import argparse
@@ -29,26 +29,6 @@ from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).parents[1]
 TOPS: Final = ("txt1", "studies", "rigs", "benchmarks", "torture", "tests", "docs", "examples")
-SPINE: Final = frozenset(
-    f"txt1.{name}"
-    for name in (
-        *("additions", "commands", "config", "conformance", "control", "driver", "errors", "hal", "kernel", "link"),
-        *(
-            "maps",
-            "model",
-            "plugins",
-            "protocol",
-            "robot",
-            "runtime",
-            "sensors",
-            "resources",
-            "sim",
-            "tasks",
-            "telemetry",
-            "units",
-        ),
-    )
-)
 KINDS: Final = ("import", "lazy", "typing", "text")
 _TEXT: Final = re.compile(rf"({'|'.join(TOPS)})(\.\w+)*(:\w+(\.\w+)*)?")
 _BEGIN: Final = re.compile(rf"({'|'.join(TOPS)})(\.\w+)*\.")
@@ -185,13 +165,13 @@ def _defined(body: list[ast.stmt]) -> Iterator[str]:
 def layers() -> dict[str, int]:
     """Return the layers of the contract, 0 at the bottom."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
-    lists = [contract["layers"] for contract in settings["contracts"] if contract["type"] == "layers"]
-    return {
-        name.strip(" ()"): height
-        for given in lists
-        for height, line in enumerate(reversed(given))
-        for name in line.split("|")
-    }
+    (given,) = (contract["layers"] for contract in settings["contracts"] if contract["type"] == "layers")
+    return {f"txt1.{name.strip()}": height for height, line in enumerate(reversed(given)) for name in line.split("|")}
+
+
+def in_spine(package: str, of_layers: Mapping[str, int]) -> bool:
+    """Return whether a folder is a part of the spine: in the layer of the robot, or below it."""
+    return package in of_layers and of_layers[package] <= of_layers["txt1.robot"]
 
 
 @cache
@@ -211,94 +191,46 @@ def folder(module: str, of_layers: Mapping[str, int]) -> str:
     return ".".join(parts[: 2 if parts[0] == "txt1" and len(parts) > 1 else 1])
 
 
-def knower(module: str, of_layers: Mapping[str, int]) -> str:
-    """Return the folder of a module that imports: a command in its addition's folder is front, as in the contract."""
-    return "txt1.cli" if "command" in module.split(".")[2:] else folder(module, of_layers)
-
-
-def upwards(pair: Pair, of_layers: Mapping[str, int]) -> bool:
-    """Return whether an arrow runs back up, or aside; never true where a folder is in no layer."""
-    begin, end = of_layers.get(pair.source), of_layers.get(pair.target)
-    return begin is not None and end is not None and end >= begin
-
-
-def circles(pairs: Mapping[str, set[str]]) -> list[list[str]]:
-    """Return the groups of folders in which each reaches each other."""
-    reach = {each: _reached(each, pairs) for each in pairs}
-    groups = {frozenset({each, *(other for other in reach[each] if each in reach.get(other, ()))}) for each in pairs}
-    return sorted(sorted(group) for group in groups if len(group) > 1)
-
-
-def _reached(begin: str, pairs: Mapping[str, set[str]]) -> set[str]:
-    found: set[str] = set()
-    ahead = [begin]
-    while ahead:
-        new = pairs.get(ahead.pop(), set()) - found
-        found |= new
-        ahead.extend(new)
-    return found
-
-
 def module_of(file: str) -> str:
     """Return the name under which a file is imported."""
     return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
-def told(pair: Pair, members: list[Arrow], up: bool) -> str:
+def told(pair: Pair, members: list[Arrow]) -> str:
     """Return the line of a pair."""
     count = Counter(each.kind for each in members)
     kinds = ", ".join(f"{count[kind]} {kind}" for kind in KINDS if count[kind])
-    return f"{pair.source:>17} -> {pair.target:<17}{len(members):5}  {kinds}{'  UP' if up else ''}"
+    return f"{pair.source:>17} -> {pair.target:<17}{len(members):5}  {kinds}"
 
 
 def main(words: Sequence[str]) -> int:
-    """Print the arrows; return 1 on a circle, a text that does not resolve, or a spine that knows an addition."""
+    """Print the arrows; return 1 on a text that does not resolve, or a text by which the spine names an addition."""
     parser = argparse.ArgumentParser(prog="tests.arrows", description=__doc__.partition("\n")[0])
     parser.add_argument("--places", action="store_true", help="the line of each import and text, too")
     places = parser.parse_args(words).places
     of_layers = layers()
     found: defaultdict[Pair, list[Arrow]] = defaultdict(list)
-    broken = []
+    broken, named = [], []
     for arrow in arrows():
-        pair = Pair(knower(module_of(arrow.file), of_layers), folder(arrow.target, of_layers))
+        pair = Pair(folder(module_of(arrow.file), of_layers), folder(arrow.target, of_layers))
         if pair.source != pair.target:
             found[pair].append(arrow)
         if arrow.kind == "text" and not resolves(arrow.target):
             broken.append(arrow)
-
-    def show(pairs: list[Pair]) -> None:
-        for pair in pairs:
-            print(told(pair, found[pair], upwards(pair, of_layers)))
-            for each in found[pair] if places else ():
-                print(f"{'':24}{each.file}:{each.line}: {each.kind} {each.target}")
-
+        elif arrow.kind == "text" and pair.target in additions() and in_spine(pair.source, of_layers):
+            named.append(arrow)
     print(f"arrows between folders: {len(found)} pairs, {sum(map(len, found.values()))} arrows")
-    show(sorted(found))
-    up = [pair for pair in sorted(found) if upwards(pair, of_layers)]
-    count = sum(len(found[each]) for each in up)
-    print(f"\nback up, against the layers of pyproject.toml: {len(up)} pairs, {count} arrows")
-    show(up)
-    known: defaultdict[str, set[str]] = defaultdict(set)
-    for pair in found:
-        known[pair.source].add(pair.target)
-    rings = circles(known)
-    print(f"\ncircles between folders: {len(rings)}")
-    for ring in rings:
-        print(", ".join(ring) + ":")
-        show([pair for pair in sorted(found) if {*pair} <= {*ring}])
+    for pair, members in sorted(found.items()):
+        print(told(pair, members))
+        for each in members if places else ():
+            print(f"{'':24}{each.file}:{each.line}: {each.kind} {each.target}")
     print(f"\ntexts that do not resolve: {len(broken)}")
     for each in broken:
         print(f"  {each.file}:{each.line}: {each.target!r}")
-    known_to_spine = [
-        arrow
-        for pair, members in found.items()
-        if pair.source in SPINE and pair.target in additions()
-        for arrow in members
-    ]
-    print(f"\nadditions that the spine knows: {len(known_to_spine)}")
-    for each in known_to_spine:
-        print(f"  {each.file}:{each.line}: {each.kind} {each.target}")
-    return 1 if broken or known_to_spine or rings else 0
+    print(f"\nadditions that the spine names: {len(named)}")
+    for each in named:
+        print(f"  {each.file}:{each.line}: {each.target}")
+    return 1 if broken or named else 0
 
 
 if __name__ == "__main__":

@@ -2,11 +2,12 @@
 
 import ast
 import re
+import tomllib
 
 import pytest
 
 from tests import arrows, size
-from tests.arrows import Arrow, Pair
+from tests.arrows import Arrow
 
 
 @pytest.mark.long  # `make lint` asks the same
@@ -61,26 +62,16 @@ def test_a_text_that_names_a_module_or_a_function_resolves() -> None:
     assert arrows.resolves("txt1.cars.pi.double:desk")
 
 
-def test_an_arrow_to_a_higher_layer_runs_back_up() -> None:
+def test_no_import_is_exempt_from_a_contract() -> None:
+    settings = tomllib.loads((size.ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
+    assert [each["name"] for each in settings["contracts"] if "ignore_imports" in each] == []
+
+
+def test_all_additions_are_above_the_spine() -> None:
     layers = arrows.layers()
-    assert arrows.upwards(Pair("txt1.hal", "txt1.board"), layers)
-    assert arrows.upwards(Pair("txt1.hal", "txt1.sensors"), layers)
-    assert not arrows.upwards(Pair("txt1.board", "txt1.hal"), layers)
-
-
-def test_a_command_in_the_folder_of_its_addition_is_front() -> None:
-    layers = arrows.layers()
-    known = [
-        arrows.knower(f"txt1.{name}", layers)
-        for name in ("gamepad.command", "learning.command.trials", "cars.pi.command")
-    ]
-    assert known == ["txt1.cli"] * 3
-    assert arrows.knower("txt1.cars.pi.driver", layers) == "txt1.cars.pi"
-    assert arrows.knower("txt1.commands", layers) == "txt1.commands"
-
-
-def test_folders_that_reach_each_other_are_a_circle() -> None:
-    assert arrows.circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+    lies_in = {each: ".".join(each.split(".")[:2]) for each in arrows.additions()}
+    assert [each for each, layer in lies_in.items() if arrows.in_spine(layer, layers)] == []
+    assert arrows.in_spine("txt1.hal", layers)
 
 
 @pytest.mark.long
