@@ -64,6 +64,8 @@ class Addition(NamedTuple):
     """Class of its section: a `txt1.config.schema.Section`, or a dataclass, which can be read without pydantic."""
     wanted: Callable[[Any], bool] | None = None
     """Whether a configuration (`txt1.config.Config`) asks for it; None: if its section is given."""
+    on_request: bool = False
+    """Whether only a request by name lets it take part, such as its options, and its section is not enough."""
     watch: str = ""
     """(Runtime, settings) -> async context."""
     prepare: str = ""
@@ -265,6 +267,6 @@ def active(config: Configuration, asked: Mapping[str, object] | None = None) -> 
 
 def _wanted(addition: Addition, config: Configuration) -> bool:
     if addition.wanted is None:
-        return addition.name in config.given
+        return addition.name in config.given and not addition.on_request
     with blamed(addition.name, "wanted"):
         return addition.wanted(config)

@@ -39,7 +39,6 @@ from txt1.additions import Addition
 ADDITION = Addition(
     "beacon",
     order=130,
-    wanted=lambda config: False,
     beside="txt1.beacon.beside:beside",
     options="txt1.beacon.options:OPTIONS",
     parts={

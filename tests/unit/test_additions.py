@@ -12,6 +12,7 @@ import pytest
 import txt1
 from tests import arrows, size
 from txt1 import additions
+from txt1.config import load
 
 PACKAGE = Path(txt1.__file__).parent
 FILES = sorted(file for pattern in additions.FOLDERS for file in PACKAGE.glob(f"{pattern}/addition.py"))
@@ -43,6 +44,14 @@ def test_opening_a_simulated_robot_loads_no_addition() -> None:
     loaded = json.loads(done.stdout)
     assert [module for module in loaded if in_addition(module)] == []
     assert sum(map(size.statements, size.loaded())) <= 6800
+
+
+def test_a_section_alone_starts_no_recorder_and_no_learner_but_the_filter() -> None:
+    given = ["record.rotate_size=7", "learning.goal_period=0.1", "estimation.preset=gyro"]
+    config = load(None, given, {}, {}).config
+    assert {"record", "learning", "estimation"} <= set(config.given)
+    assert [each.addition.name for each in additions.active(config)] == ["estimation"]
+    assert [each.addition.name for each in additions.active(config, {"record": None})] == ["record", "estimation"]
 
 
 def test_ours_are_found_by_their_folders() -> None:

@@ -5,7 +5,6 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="board",
     settings="txt1.board.settings:BoardConfig",
-    wanted=lambda config: False,
     parts={"txt1.ports": {"virtual": "txt1.board.board:VirtualPort"}},
     commands={
         "board": (

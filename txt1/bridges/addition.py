@@ -5,7 +5,6 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="bridges",
     order=120,
-    wanted=lambda config: False,
     beside="txt1.bridges.beside:beside",
     options="txt1.bridges.options:OPTIONS",
 )

@@ -5,7 +5,6 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="fleet",
     order=140,
-    wanted=lambda config: False,
     beside="txt1.fleet.beside:beside",
     options="txt1.fleet.options:OPTIONS",
     sources={"fleet": 30},

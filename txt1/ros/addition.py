@@ -5,7 +5,6 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="ros",
     order=130,
-    wanted=lambda config: False,
     beside="txt1.ros.beside:beside",
     options="txt1.ros.options:OPTIONS",
     sources={"ros": 20, "ros1": 20},

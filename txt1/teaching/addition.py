@@ -5,7 +5,6 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="teaching",
     order=210,
-    wanted=lambda config: False,
     beside="txt1.teaching.driving:beside",
     options="txt1.teaching.options:OPTIONS",
     sources={"policy": 5},

@@ -5,7 +5,6 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="web",
     order=100,
-    wanted=lambda config: False,
     beside="txt1.web.beside:beside",
     options="txt1.web.options:OPTIONS",
     sources={"web": 30},

@@ -4,7 +4,6 @@ from txt1.additions import Addition
 
 ADDITION = Addition(
     name="pi",
-    wanted=lambda config: False,
     parts={
         "txt1.hal": {"pi": "txt1.cars.pi.driver:create"},
         "txt1.buses": {"pi": "txt1.cars.pi.double:desk"},

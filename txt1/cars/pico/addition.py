@@ -4,7 +4,6 @@ from txt1.additions import Addition
 
 ADDITION = Addition(
     name="pico",
-    wanted=lambda config: False,
     parts={
         "txt1.ports": {"pico": "txt1.cars.pico.double:port"},
         "txt1.devices": {"pico": "txt1.cars.pico.double:Pico"},

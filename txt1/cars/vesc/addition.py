@@ -4,7 +4,6 @@ from txt1.additions import Addition
 
 ADDITION = Addition(
     name="vesc",
-    wanted=lambda config: False,
     parts={
         "txt1.hal": {"vesc": "txt1.cars.vesc.driver:create"},
         "txt1.languages": {"vesc": "txt1.cars.vesc.language:LANGUAGE"},

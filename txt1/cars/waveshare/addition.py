@@ -4,7 +4,6 @@ from txt1.additions import Addition
 
 ADDITION = Addition(
     name="waveshare",
-    wanted=lambda config: False,
     parts={
         "txt1.hal": {"waveshare": "txt1.cars.waveshare.driver:create"},
         "txt1.languages": {"waveshare": "txt1.cars.waveshare.language:LANGUAGE"},
