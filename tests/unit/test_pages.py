@@ -30,7 +30,7 @@ EACH = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative
 TEMPLATE = re.compile(r"\.\.\.|^\[|^[A-Z][A-Z0-9_]+([:=,].*)?$")  # a word that stands for others
 MENTION = ("required", "expected one argument")  # a command that a sentence names without all that it takes
 FILE = re.compile(r'```\w+ title="([\w.]+)"\n(.*?)```', re.DOTALL)  # one that the reader is to write
-PART = re.compile(r"`((?:benchmarks|config|docs|examples|firmware|image|tests|torture|txt1)/[\w./-]+)`")  # of the tree
+PART = re.compile(r"`((?:benchmarks|config|docs|examples|firmware|tests|torture|txt1)/[\w./-]+)`")  # of the tree
 FOLDERS = ("benchmarks", "docs", "torture")  # whose modules are run with python -m
 SUFFIXES = ("csv", "json", "png", "md", "py", "yaml")  # of files whose names are no settings
 TUTORIALS = ("task", "light", "tune", "car", "sensor", "fleet")
