@@ -19,7 +19,6 @@ from typing import Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin, 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from txt1 import additions
-from txt1.config.renamed import name_now, translated
 from txt1.config.schema import RECORDED, Config
 from txt1.errors import ConfigError
 from txt1.resources import resource
@@ -87,6 +86,8 @@ def recorded(tree: Mapping[str, Any], values: Mapping[str, Any] | None = None) -
 
     `values` are the robot's own settings, by dotted key. Raises ConfigError as `load` does.
     """
+    from txt1.config.renamed import translated
+
     try:
         config = Config.model_validate(translated(tree), context=RECORDED)
     except ValidationError as error:
@@ -260,19 +261,19 @@ def _check(setting: Setting) -> None:
     """Refuse an unknown key, with the most similar known key, and yes or no in place of a number."""
     kind: Any = Config
     key = ".".join(setting.path)
-    if (now := name_now(key)) is not None:
-        raise ConfigError(f"{key}: renamed, it is '{now}' now (from {setting.origin}); use that name")
     for depth, name in enumerate(setting.path):
         section, kind = kind, _below(kind, name)
         if get_origin(section) is dict:
             if kind is Any:
                 return
         elif not _keys(section):
+            _refuse_renamed(key, setting.origin)
             raise ConfigError(
                 f"{key}: there is nothing below '{'.'.join(setting.path[:depth])}' "
                 f"(from {setting.origin}); give that key one value"
             )
         elif kind is None:
+            _refuse_renamed(key, setting.origin)
             keys = [*_keys(section), *(additions.sections() if section is Config else ())]
             near = difflib.get_close_matches(name, keys, n=1)
             prefix = "".join(f"{p}." for p in setting.path[:depth])
@@ -288,6 +289,14 @@ def _check(setting: Setting) -> None:
                 f"{key}: {setting.value}: input should be a number, not true or false (from {setting.origin}); "
                 "see 'txt1 config show' for the defaults"
             )
+
+
+def _refuse_renamed(key: str, origin: str) -> None:
+    """Refuse an unknown key that had a meaning before, with its name now."""
+    from txt1.config.renamed import name_now
+
+    if (now := name_now(key)) is not None:
+        raise ConfigError(f"{key}: renamed, it is '{now}' now (from {origin}); use that name")
 
 
 @cache
