@@ -67,7 +67,7 @@ from txt1.estimation.measurement import (
 )
 from txt1.estimation.spinning import HOLDS
 from txt1.estimation.trust import Trust
-from txt1.estimation.vote import STALE, Cycle, Vote
+from txt1.estimation.vote import STALE, Vote, WitnessValues
 from txt1.estimation.walk import SLID, Walk
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
@@ -290,7 +290,7 @@ class Fusion:
         """Whether a gyro is believed."""
         return self._turning
 
-    def cycle(self, cycle: Cycle, dt: float) -> None:
+    def cycle(self, cycle: WitnessValues, dt: float) -> None:
         """Take in the witnesses' values for a cycle of dt seconds; wheels that fail by themselves are no witness."""
         for name in self._wheels_of:
             if not self._judges[name].believed and self._judges[name].reason != WHEELS:

@@ -18,7 +18,7 @@ from txt1.estimation.readings import plan, tells_heading, tells_pose
 from txt1.estimation.settings import EstimationConfig, FusedConfig
 from txt1.estimation.spinning import SpinWitness
 from txt1.estimation.trust import Trust
-from txt1.estimation.vote import STALE, Cycle
+from txt1.estimation.vote import STALE, WitnessValues
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
@@ -295,7 +295,7 @@ class Estimator:
             steered = self._steering is not None and self._geometry.steering != "skid"
             # of wheels that do not turn, though they should, the speed is no witness
             steering = (wheels[0] or self._setpoint) * self._curvature if steered else None
-            self.fusion.cycle(new(Cycle, (self._read, *wheels, gyro, steering)), dt)
+            self.fusion.cycle(new(WitnessValues, (self._read, *wheels, gyro, steering)), dt)
             # wheels that are not believed tell nothing of the gyro, nor of a mount
             believed = self.fusion.believes(ENCODERS)
             if believed:

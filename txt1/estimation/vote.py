@@ -38,7 +38,7 @@ TYRES: Final = 0.04
 SPEED: Final = 0.15
 
 
-class Cycle(NamedTuple):
+class WitnessValues(NamedTuple):
     """The witnesses' values for a cycle; None without a witness."""
 
     # s of the run, of its end
@@ -72,7 +72,7 @@ class Vote:
         """Whether gyro and wheels turn alike, but for the slip that is known."""
         # s of the run
         self._compared = 0.0
-        self._cycles: deque[Cycle] = deque()
+        self._cycles: deque[WitnessValues] = deque()
         self._places: dict[str, deque[Place]] = {}
 
     def clear(self) -> None:
@@ -81,7 +81,7 @@ class Vote:
         self._cycles.clear()
         self._places.clear()
 
-    def cycle(self, cycle: Cycle) -> None:
+    def cycle(self, cycle: WitnessValues) -> None:
         """Take in a cycle."""
         cycles, time = self._cycles, cycle.time
         cycles.append(cycle)

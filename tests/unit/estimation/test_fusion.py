@@ -12,7 +12,7 @@ from tests.examples import examples
 from txt1.estimation.fusion import HORIZON, Fusion
 from txt1.estimation.judge import KEEPS, Belonging
 from txt1.estimation.measurement import Kind, Measurement
-from txt1.estimation.vote import Cycle
+from txt1.estimation.vote import WitnessValues
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 
@@ -80,7 +80,7 @@ class Drive:
                 gyro = told["imu"][0] - self.estimate.bias if "imu" in told else None
                 v, omega = told["encoders"]
                 steering = omega if self.steers else None
-                self.fusion.cycle(Cycle(self.cycle * 0.02, v, omega, gyro, steering), 0.02)
+                self.fusion.cycle(WitnessValues(self.cycle * 0.02, v, omega, gyro, steering), 0.02)
 
     def error(self) -> tuple[float, float]:
         x, y, theta = truth(self.cycle * 0.02)

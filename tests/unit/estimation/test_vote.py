@@ -3,7 +3,7 @@
 import pytest
 
 from txt1.estimation.measurement import Kind, Measurement
-from txt1.estimation.vote import Cycle, Vote
+from txt1.estimation.vote import Vote, WitnessValues
 
 
 def tracked(time: float, x: float) -> Measurement:
@@ -19,7 +19,7 @@ def test_a_gps_beside_motion_capture_says_nothing_of_the_wheels(by_wheels: float
     vote = Vote()
     for cycle in range(50):
         time = 0.02 * cycle
-        vote.cycle(Cycle(time, by_wheels, 0.0, 0.0, 0.0))
+        vote.cycle(WitnessValues(time, by_wheels, 0.0, 0.0, 0.0))
         vote.place(tracked(time, 0.5 * time))
         if cycle % 10 == 0:
             vote.place(fixed(time, 0.5 * time + 0.8 * (-1.0) ** (cycle // 10), 0.9, 1.0))
@@ -31,7 +31,7 @@ def test_once_motion_capture_is_silent_the_gps_measures_the_way() -> None:
     vote = Vote()
     for cycle in range(100):
         time = 0.02 * cycle
-        vote.cycle(Cycle(time, 1.2, 0.0, 0.0, 0.0))
+        vote.cycle(WitnessValues(time, 1.2, 0.0, 0.0, 0.0))
         if time <= 1.0:
             vote.place(tracked(time, 1.2 * time))
         if cycle % 5 == 0:
