@@ -123,7 +123,7 @@ def test_every_block_of_yaml_on_a_page_is_valid(page: Path, tmp_path: Path) -> N
             (tmp_path / "block.yaml").write_text(text, "utf-8")
             config = load(tmp_path / "block.yaml").config
             if config.hal_options:
-                driver = import_module(f"txt1.hal.{config.hal}.driver")
+                driver = import_module(f"txt1.cars.{config.hal}.driver")
                 checked(getattr(driver, f"{config.hal.title()}Options"), config.hal_options, "hal_options")
 
 
