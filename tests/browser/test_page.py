@@ -157,9 +157,7 @@ def test_stop_is_always_in_sight_and_needs_no_wheel(browser: Any, page: Any, car
     page.mouse.up()
 
 
-def test_a_stop_that_a_broken_connection_lost_is_sent_over_the_next_and_until_then_is_said_to_be_lost(
-    browser: Any, car: Live
-) -> None:
+def test_a_stop_that_a_connection_lost_is_told_and_sent_over_the_next(browser: Any, car: Live) -> None:
     page, connections = fresh(browser), list[Any]()
 
     def connect(socket: Any) -> None:
@@ -428,9 +426,7 @@ def cut(page: Any) -> list[str]:
     return found
 
 
-def test_the_page_costs_less_than_a_second_of_a_processor_and_little_goes_over_the_wire(
-    browser: Any, car: Live
-) -> None:
+def test_the_page_costs_less_than_a_second_of_a_processor_and_few_bytes(browser: Any, car: Live) -> None:
     page = fresh(browser)
     session = page.context.new_cdp_session(page)
     session.send("Performance.enable", {"timeDomain": "threadTicks"})
@@ -593,9 +589,7 @@ def test_a_camera_s_picture_is_on_the_page(browser: Any, tmp_path: Path) -> None
             assert overlaps(page) == []
 
 
-def test_the_door_opens_by_the_token_typed_or_by_the_code_and_the_pad_has_a_secure_page(
-    browser: Any, tmp_path: Path
-) -> None:
+def test_the_door_opens_by_token_or_code_and_the_pad_has_a_secure_page(browser: Any, tmp_path: Path) -> None:
     token = tmp_path / "token"
     token.write_text(TOKEN)
     token.chmod(0o600)
