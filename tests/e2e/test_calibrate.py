@@ -311,7 +311,7 @@ def both_axles(operator: type[SimulatedOperator], names: Sequence[str], wrong: f
     return bench
 
 
-@pytest.mark.parametrize("operator", [SimulatedOperator, Hasty])
+@pytest.mark.parametrize("operator", [pytest.param(SimulatedOperator, marks=pytest.mark.long), Hasty])
 def test_an_operator_who_takes_slow_wheels_to_stand_is_asked_again(operator: type[SimulatedOperator]) -> None:
     bench = both_axles(operator, ["steering"])
     for axle in (bench.config.channels.front, bench.config.channels.rear):
