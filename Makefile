@@ -73,7 +73,7 @@ wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to th
 
 release: lint test wheel  ## dist/ as a release has it: wheels, sdist, constraints.txt of the tested versions, SHA256SUMS
 	$(BIN)/python -m rigs.release constraints dist/constraints.txt
-	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
+	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . ./plugins/learners
 	$(BIN)/python -c "from setuptools.build_meta import build_sdist; build_sdist('dist')" > build/sdist.txt
 	$(BIN)/python -m rigs.release sums dist
 
@@ -115,15 +115,15 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python $(PIP_INSTALL) --editable .
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.installed
-	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]'
+$(VENV)/.dev: $(VENV)/.installed plugins/learners/pyproject.toml
+	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]' --editable plugins/learners
 	$(BIN)/python -m compileall -q txt1 studies  # as pip does with all others: each process of the tests loads them
 	@$(BIN)/python -m pytest --collect-only >/dev/null || true  # compiles the tests, or six processes would do it at once
 	@touch $@
 
 $(FUZZ)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(FUZZ)
-	$(FUZZ)/bin/python $(PIP_INSTALL) --editable '.[dev,fuzz]'
+	$(FUZZ)/bin/python $(PIP_INSTALL) --editable '.[dev,fuzz]' --editable plugins/learners
 	@touch $@
 
 $(DOCS)/.installed: pyproject.toml

@@ -28,6 +28,16 @@ class MissingExtra(Txt1Error):
         super().__init__(f"{feature} needs the extra '{extra}': {installs(extra)}")
 
 
+class MissingPlugin(ConfigError):
+    """The user asked for a part of a plug-in of this repository that is not installed; `command` installs it."""
+
+    def __init__(self, part: str, plugin: str) -> None:
+        from txt1.installing import installs_plugin
+
+        self.command = installs_plugin(plugin)
+        super().__init__(f"{part} is in the plug-in txt1-{plugin}, which is not installed: {self.command}")
+
+
 class HalError(Txt1Error):
     """The hardware layer cannot be found, opened or used."""
 

@@ -1,4 +1,4 @@
-"""The command that installs an optional dependency into the environment in which this program runs.
+"""The command that installs an optional dependency or a plug-in into the environment in which this program runs.
 
 txt1 is on no package index, so the command names the place that it was installed from: a checkout, a wheel, an address.
 If the place is gone or unknown, the command names the packages of the extra.
@@ -13,6 +13,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 from shlex import quote
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 
@@ -37,6 +38,22 @@ def installs(extras: str) -> str:
     return f"{interpreter()} -m pip install {_source(extras)}"
 
 
+def installs_plugin(name: str) -> str:
+    """Return the command that installs a plug-in of this repository, the folder `name` below plugins/.
+
+    Where there is no checkout, it is the distribution txt1-NAME of an index.
+    """
+    told, path = _origin()
+    folder = os.path.join(path, "plugins", name)
+    source = f"txt1-{name}"
+    if os.path.isfile(os.path.join(folder, "pyproject.toml")):
+        editable = "-e " if told.get("dir_info", {}).get("editable") else ""
+        source = editable + quote(_word(_near(folder)))
+    if find_spec("pip") is None:
+        return f"uv pip install --python {quote(sys.executable)} {source}"
+    return f"{interpreter()} -m pip install {source}"
+
+
 def interpreter() -> str:
     """Return the shell word for this Python in the current directory, as short as possible."""
     for name in ("python", "python3"):
@@ -57,24 +74,34 @@ def _source(extras: str, near: bool = True) -> str:
 
     The path is relative to the current directory if `near`, else absolute.
     """
-    requires: list[str] = []
-    told: dict[str, dict[str, bool]] = {}
-    address = ""
-    try:
-        txt1 = distribution("txt1")
-        requires = txt1.requires or []
-        told = json.loads(txt1.read_text("direct_url.json") or "{}")
-        address = str(told.get("url", ""))
-    except PackageNotFoundError:
-        pass
-    if address and not address.startswith("file:"):
-        return quote(f"txt1[{extras}] @ {address}")
-    path = unquote(urlsplit(address).path) or str(Path(__file__).parents[1])
+    told, path = _origin()
+    if not path:
+        return quote(f"txt1[{extras}] @ {told['url']}")
     if os.path.isfile(path) or os.path.isfile(os.path.join(path, "pyproject.toml")):
-        place = _near(path) if near else path
-        place = place if place == "." or os.path.isabs(place) else f"./{place}"
+        place = _word(_near(path) if near else path)
         return f"{'-e ' if told.get('dir_info', {}).get('editable') else ''}{quote(f'{place}[{extras}]')}"
+    try:
+        requires = distribution("txt1").requires or []
+    except PackageNotFoundError:
+        requires = []
     return " ".join(quote(each) for extra in extras.split(",") for each in _packages(extra, requires)) or extras
+
+
+def _origin() -> tuple[dict[str, Any], str]:
+    """Return what pip noted of txt1's origin, and its folder or file; "" if it came from an address."""
+    try:
+        told: dict[str, Any] = json.loads(distribution("txt1").read_text("direct_url.json") or "{}")
+    except PackageNotFoundError:
+        told = {}
+    address = str(told.get("url", ""))
+    if address and not address.startswith("file:"):
+        return told, ""
+    return told, unquote(urlsplit(address).path) or str(Path(__file__).parents[1])
+
+
+def _word(place: str) -> str:
+    """Return a path that pip does not take for the name of a package."""
+    return place if place == "." or os.path.isabs(place) else f"./{place}"
 
 
 def _packages(extra: str, requires: list[str]) -> list[str]:

@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
 from txt1 import additions
-from txt1.errors import ConfigError, HalError, Txt1Error
+from txt1.errors import ConfigError, HalError, MissingPlugin, Txt1Error
 
 Factory = Callable[..., Any]
 
@@ -23,6 +23,8 @@ class Registry(NamedTuple):
     table: Mapping[str, Factory | str]
     # raised when a part cannot be imported or made
     error: type[Txt1Error] = Txt1Error
+    # the parts that plug-ins of this repository bring, and the folder of each below plugins/
+    plugins: Mapping[str, str] = {}
 
     @property
     def ours(self) -> Mapping[str, Factory | str]:
@@ -35,17 +37,22 @@ class Registry(NamedTuple):
         additions.strangers()
         return sorted({*self.ours, *(point.name for point in entry_points(group=self.group))})
 
+    def missing(self) -> list[str]:
+        """The names of the parts in plug-ins of this repository that are not installed."""
+        return sorted(set(self.plugins) - set(self.names()))
+
     def make(self, key: str, name: str, *arguments: Any) -> Any:
         """Make the part of this name with these arguments; `key` is the setting that named it.
 
-        Raises ConfigError: the name is unknown, or its settings are wrong; `error`: it cannot be imported or made, with
+        Raises ConfigError: the name is unknown, or its settings are wrong; MissingPlugin: its plug-in is not installed;
+        `error`: it cannot be imported or made, with
         the cause chained.
         """
         factory, origin = self.find(key, name)
         try:
             return factory(*arguments)
         except Exception as error:
-            if origin.partition(".")[0] == "txt1" or isinstance(error, Txt1Error):
+            if origin.partition(".")[0] == "txt1" or name in self.plugins or isinstance(error, Txt1Error):
                 raise
             raise self._failed(name, origin, "made", error) from error
 
@@ -69,7 +76,9 @@ class Registry(NamedTuple):
         additions.strangers()
         if name in self.ours:
             return self.ours[name]
-        near = difflib.get_close_matches(name, self.names(), n=1)
+        if name in self.plugins:
+            raise MissingPlugin(f"{key}: the {self.kind} '{name}'", self.plugins[name])
+        near = difflib.get_close_matches(name, [*self.names(), *self.plugins], n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         installed = ", ".join(self.names()) or "none"
         raise ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {installed}{hint}")

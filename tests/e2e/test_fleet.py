@@ -532,7 +532,6 @@ def test_a_robot_learns_together_with_others_on_the_network_of_whom_some_lie(tmp
     [
         (["--learn", "thesis"], "--share: the robot is in no fleet; add --fleet"),
         (["--fleet", "--name", "txt01"], "--share: this robot does not learn; add --learn"),
-        (["--fleet", "--name", "txt01", "--learn", "taxis"], "--share: the learner 'taxis' shares nothing; choose"),
     ],
 )
 def test_sharing_needs_a_fleet_and_a_learner_that_can(

@@ -24,12 +24,12 @@ SHORT = ["learning.goal_period=0.1", "learning.time_limit=4", "learning.world=od
 
 
 def lockstep(config: Config, episodes: int = 3) -> list[Episode]:
-    (one,) = trials(config, lambda rng: make("taxis", config, rng), [1], episodes, 1)
+    (one,) = trials(config, lambda rng: make("thesis", config, rng), [1], episodes, 1)
     return one.episodes
 
 
 def running(config: Config, episodes: int = 3) -> list[Episode]:
-    return on_robot(Plan("taxis", 1, episodes, 1, config), 1).episodes
+    return on_robot(Plan("thesis", 1, episodes, 1, config), 1).episodes
 
 
 @pytest.mark.parametrize("run", [running, pytest.param(lockstep, marks=pytest.mark.long)])  # it compiles
@@ -93,9 +93,9 @@ def test_one_that_fails_is_one_line(
     for folder in (SITE, tmp_path):
         monkeypatch.syspath_prepend(folder)
     monkeypatch.delitem(sys.modules, "plugin_wrong_world", raising=False)
-    words = ["--agent", "taxis", "--trials", "1", "--episodes", "2", "--seed", "1", "--out", str(tmp_path / "out")]
+    words = ["--agent", "thesis", "--trials", "1", "--episodes", "2", "--seed", "1", "--out", str(tmp_path / "out")]
     assert execute(["learn", *words, "--set", "learning.world=wrong"]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
+    _, line = capsys.readouterr().err.splitlines()
     assert "the world 'wrong' (plugin_wrong_world:create)" in line and line.endswith(told)
 
 
@@ -110,7 +110,7 @@ def test_a_folder_with_wrong_worlds_goes_on_with_the_others(tmp_path: Path, caps
     (folder / "nowhere.yaml").write_text("learning: {world: nowhere}\n")
     (folder / "nonsense.yaml").write_text("learning: {world: composed, world_options: {ambient: -5.0}}\n")
     (folder / "wrong.yaml").write_text("learning: [\n")
-    names = ["--world", "far,good,nowhere,nonsense,wrong", "--agent", "taxis"]
+    names = ["--world", "far,good,nowhere,nonsense,wrong", "--agent", "thesis"]
     words = ["worlds", str(folder), *names, "--trials", "1", "--episodes", "1", "--out", str(out), "--jobs", "1"]
     assert main([*words, "--seed", "1"]) == 1
     table = (out / "table.md").read_text()
@@ -121,7 +121,7 @@ def test_a_folder_with_wrong_worlds_goes_on_with_the_others(tmp_path: Path, caps
         "wrong": "wrong.yaml",
     }.items():
         assert f"| {name} | wrong: " in table and told in table.split(f"| {name} |")[1].split("\n")[0]
-    assert json.loads((out / "taxis" / "good.json").read_text())["floor_leaves_out"] == []
+    assert json.loads((out / "thesis" / "good.json").read_text())["floor_leaves_out"] == []
     capsys.readouterr()
 
 

@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 
 from txt1.config import Config
-from txt1.errors import ConfigError, QTableError
-from txt1.learning import neural, pilot, sweeps, taxis, thesis
+from txt1.errors import ConfigError, MissingPlugin, QTableError
+from txt1.learning import pilot, sweeps, thesis
 from txt1.learning.agent import Agent
 from txt1.learning.qtable import RELEARN, StoredTable, load
 from txt1.learning.settings import LearningConfig
@@ -33,9 +33,8 @@ LEARNERS: Final = Registry(
         "thesis": thesis.create,
         "sweeps": sweeps.create,
         "pilot": pilot.create,
-        "neural": neural.create,
-        "taxis": taxis.create,
     },
+    plugins={"neural": "learners", "taxis": "learners"},
 )
 
 
@@ -47,7 +46,7 @@ def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
 def _made(name: str, config: Config, rng: np.random.Generator, stored: StoredTable | None) -> Agent:
     agent: Agent = LEARNERS.make("agent", name, config, rng, stored)
     place = LEARNERS.place("agent", name)
-    if callable(place):
+    if callable(place) or name in LEARNERS.plugins:
         return agent
     return checked(agent, f"the learner '{name}' ({place})", len(config.section(LearningConfig).actions))
 
@@ -72,6 +71,10 @@ def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
     name = str(table.about.get("agent"))
     try:
         return _made(name, config, rng, table)
+    except MissingPlugin as error:
+        raise QTableError(
+            str(path), f"was learned by '{name}', in a plug-in that is not installed", error.command
+        ) from None
     except ConfigError as error:
         raise QTableError(str(path), f"was learned by '{name}' ({error})", RELEARN) from None
     except ValueError as error:

@@ -6,10 +6,13 @@ import sys
 from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 PACKAGES: Final = ("txt1", "numpy", "numba", "pydantic", "stable-baselines3", "torch")
+PLUGINS: Final = ("txt1_learners",)
+"""Packages of this repository's plug-ins that make results."""
 SHOWS: Final = (
     "__main__.py", "bridges/", "cli/", "experiments/figures.py", "experiments/report.py", "fleet/console.py",
     "fleet/page.py", "fleet/screen.py", "gamepad/", "kit/far_end.py", "kit/options.py", "kit/remark.py",
@@ -23,10 +26,12 @@ All other code is hashed.
 
 @cache
 def code_hash(*more: Path) -> str:
-    """Return the SHA-256 of the package's code that makes results (see `SHOWS`), and of more files; the first
-    16 digits.
+    """Return the SHA-256 of the package's code that makes results (see `SHOWS`), of the installed plug-ins' code, and
+    of more files; the first 16 digits.
     """
-    return hash_of(Path(__file__).parents[1], more)
+    specs = filter(None, map(find_spec, PLUGINS))
+    folders = [Path(folder) for spec in specs for folder in spec.submodule_search_locations or ()]
+    return hash_of(Path(__file__).parents[1], [*more, *(file for each in folders for file in each.rglob("*.py"))])
 
 
 def hash_of(root: Path, more: Iterable[Path] = ()) -> str:

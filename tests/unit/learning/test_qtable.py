@@ -225,7 +225,7 @@ def test_an_infinite_number_written_as_a_long_one_is_refused(file: Path) -> None
     refused(file, "1e999 is no finite number")
 
 
-@pytest.mark.parametrize("learner", ["thesis", pytest.param("pilot", marks=pytest.mark.long), "neural", "taxis"])
+@pytest.mark.parametrize("learner", ["thesis", pytest.param("pilot", marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     "about", [{}, {"knows": {"survey": [1.0]}, "scale": "x", "used": [1.0], "varies": None, "level": []}]
 )

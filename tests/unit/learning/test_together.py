@@ -14,7 +14,7 @@ from studies.learners.together import learn_together
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
-from txt1.learning.agents import make
+from txt1.learning.agent import PeriodicAgent
 from txt1.learning.effects import Effects
 from txt1.learning.learned import NUMBERS_MAX, Learned, learned_of
 from txt1.learning.pilot import PilotAgent
@@ -186,8 +186,8 @@ def test_a_liar_is_refused_or_outvoted(lie: Callable[[Learned], Learned]) -> Non
 def test_only_learners_that_can_share_do() -> None:
     for agent in (thesis(), SweepsAgent(np.random.default_rng(0)), pilot()):
         assert sharer(agent.name, agent) is agent
-    with pytest.raises(ConfigError, match="--share: the learner 'taxis' shares nothing; choose thesis"):
-        sharer("taxis", make("taxis", CONFIG, np.random.default_rng(0)))
+    with pytest.raises(ConfigError, match="--share: the learner 'mine' shares nothing; choose thesis"):
+        sharer("mine", PeriodicAgent(0.1))
 
 
 # -- what learners of other kinds share ------------------------------------------------------------------------

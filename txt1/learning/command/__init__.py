@@ -8,6 +8,7 @@ import numpy as np
 
 from txt1.commands import DISARMED, OK, add, count, flag, path, say, takes, unused
 from txt1.errors import ConfigError, MissingExtra, NotArmed, Txt1Error
+from txt1.installing import installs_plugin
 from txt1.kit.options import ARM, ROBOT, loaded, robot_speed
 from txt1.learning import experiment, plots
 from txt1.learning.agents import LEARNERS, make
@@ -31,6 +32,14 @@ def _moved(study: str) -> dict[str, Any]:
     return takes("", argparse.SUPPRESS, refuse, nargs="?", const="")
 
 
+def _agents() -> str:
+    """Return the help of `--agent`: the installed learners, and the command that installs the others."""
+    missing = LEARNERS.missing()
+    more = {installs_plugin(LEARNERS.plugins[name]): "" for name in missing}
+    others = f"; {', '.join(missing)} after {' and '.join(more)}" if missing else ""
+    return f"{' or '.join(LEARNERS.names())}; thesis by default{others}"
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `learn`."""
     parser.epilog = (
@@ -41,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         parser,
         {
-            "--agent": takes("NAME", f"{' or '.join(LEARNERS.names())}; thesis by default"),
+            "--agent": takes("NAME", _agents()),
             "--trials": takes("N", "number of trials, each from scratch; 5 by default", count, default=5),
             "--episodes": takes("N", "episodes of each trial; 31 by default", count, default=31),
             "--out": takes(

@@ -1,0 +1,72 @@
+"""The learners as txt1 finds them: by their names, in a fleet, and by their stored tables."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from txt1.cli import execute
+from txt1.config import Config
+from txt1.errors import ConfigError, QTableError
+from txt1.learning.agents import LEARNERS, from_table, make
+from txt1.learning.qtable import StoredTable, save
+from txt1.learning.sharing import sharer
+from txt1.version import __version__
+
+PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))["project"]
+NAMES = sorted(PROJECT["entry-points"]["txt1.learners"])
+
+
+def test_it_has_the_version_of_the_txt1_that_it_needs() -> None:
+    assert PROJECT["version"] == __version__
+    assert f"txt1=={__version__}" in PROJECT["dependencies"]
+
+
+def test_txt1_says_of_each_learner_where_it_is_found() -> None:
+    assert [name for name, plugin in sorted(LEARNERS.plugins.items()) if plugin == "learners"] == NAMES
+    assert set(NAMES) <= {point.name for point in entry_points(group="txt1.learners")}
+    assert LEARNERS.missing() == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_made_by_its_name(name: str) -> None:
+    agent = make(name, Config(), np.random.default_rng(1))
+    assert agent.name == name
+    assert type(agent).__module__ == f"txt1_learners.{name}"
+
+
+@pytest.mark.parametrize("learner", ["neural", "taxis"])
+@pytest.mark.parametrize(
+    "about", [{}, {"knows": {"survey": [1.0]}, "scale": "x", "used": [1.0], "varies": None, "level": []}]
+)
+def test_a_table_without_what_its_learner_keeps_with_it_is_refused(
+    tmp_path: Path, learner: str, about: dict[str, Any]
+) -> None:
+    rng = np.random.default_rng(1)
+    path = tmp_path / "qtable.json"
+    shape = make(learner, Config(), rng).table().values.shape
+    save(path, StoredTable(np.zeros(shape), {"agent": learner, **about}))
+    with pytest.raises(QTableError):
+        from_table(path, Config(), rng)
+
+
+def test_a_wrong_setting_is_told_by_its_key(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["learn", "--agent", "taxis", "--set", "learning.taxis.beta=-1"]) == 2
+    assert "learning.taxis.beta" in capsys.readouterr().err
+
+
+def test_taxis_shares_nothing() -> None:
+    with pytest.raises(ConfigError, match="--share: the learner 'taxis' shares nothing; choose thesis"):
+        sharer("taxis", make("taxis", Config(), np.random.default_rng(0)))
+
+
+def test_it_drives_by_what_it_learned(tmp_path: Path) -> None:
+    words = ["--agent", "taxis", "--trials", "1", "--episodes", "1", "--seed", "1", "--no-pictures", "--jobs", "1"]
+    assert execute(["learn", *words, "--out", str(tmp_path / "out")]) == 0
+    table = str(tmp_path / "out" / "qtable.json")
+    assert execute(["run", "--policy", table, "--duration", "2", "--seed", "1", "--speed", "max", "--json"]) == 0

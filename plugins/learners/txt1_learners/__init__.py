@@ -1,0 +1,1 @@
+"""Learners that txt1 finds by their entry points (`txt1.learning.agents`)."""
