@@ -521,3 +521,20 @@ def test_who_fell_silent_has_let_go() -> None:
     one = commander(a=10)
     one.command("a", *FAST, 1.0, 1.0)
     assert one.command("a", *FAST, 3.0, 3.0)
+
+
+def test_arming_ends_the_hold_of_a_hand_until_it_lets_go_and_presses_anew() -> None:
+    one = commander(keys=50)
+    assert one.hold("keys", *FAST, 1.0, 1.0)
+    one.clear(1.0)
+    assert not one.hold("keys", *FAST, 1.05, 1.05) and moving(one, 1.05) == (0.0, 0.0)
+    one.release("keys", 1.1)
+    assert one.hold("keys", *FAST, 1.15, 1.15) and moving(one, 1.15) == FAST
+
+
+@pytest.mark.parametrize("moves", [(0.5, 0.0), (0.0, 0.5)])
+def test_who_only_drives_straight_or_only_turns_has_moved_the_robot(moves: tuple[float, float]) -> None:
+    one = commander(a=10, b=20)
+    one.command("a", *moves, 1.0, 1.0)
+    assert one.command("b", *SLOW, 1.0, 1.0) and moving(one, 1.0) == (0.0, 0.0)
+    assert one.command("b", *SLOW, 1.0 + HANDOVER, 1.0 + HANDOVER) and moving(one, 1.0 + HANDOVER) == SLOW

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.limits import LARGEST, Fault, Gate, Outputs, RunawayWatch, SetpointBounds
+from txt1.control.limits import BLOCKED, LARGEST, LOST, Fault, Gate, Outputs, RunawayWatch, SetpointBounds
 from txt1.control.parameters import Limits
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
@@ -506,3 +506,60 @@ def test_the_largest_number_is_a_number_and_is_limited(largest: float) -> None:
     assert gate.admit_velocity(0.0, largest) is not None
     assert gate.admit_finite(largest)
     assert gate.counts[Fault.NOT_FINITE] == 0
+
+
+# -- a car that is not seen, and a board that settles -------------------------------------------------------------
+
+
+def rolling(v: float) -> Gate:
+    """A gate whose car was seen at this speed, as commanded."""
+    gate = open_gate()
+    for _ in range(3):
+        gate.sight.turns(v, 0.0, 0.05)
+    return gate
+
+
+def test_a_car_that_vanished_gets_zeros_at_once_and_is_disarmed_by_the_next_reading() -> None:
+    gate = rolling(1.0)
+    assert gate.unseen(1.0, 0.05, False)
+    assert gate.armed and not gate.passes(0.0, gate.epoch, 0.0)
+    assert gate.unseen(1.0, 0.05, False)
+    assert (gate.armed, gate.reason, gate.closed_by) == (False, LOST, Fault.RUNAWAY)
+
+
+def test_a_slow_car_that_is_not_seen_drives_on_for_a_moment_and_is_disarmed_then() -> None:
+    gate = rolling(0.3)
+    assert not gate.unseen(0.3, 0.05, False) and gate.passes(0.0, gate.epoch, 0.0)
+    assert any(gate.unseen(0.3, 0.05, False) for _ in range(10)) and not gate.armed
+
+
+def test_a_car_that_is_armed_anew_stands_and_its_board_has_settled() -> None:
+    gate = rolling(1.0)
+    gate.held = True
+    gate.arm(1.0)
+    assert gate.passes(1.0, gate.epoch, 1.0)
+    assert not gate.unseen(1.0, 0.05, False), "nothing is known of a speed from before"
+
+
+def test_while_a_board_settles_no_command_passes() -> None:
+    gate = open_gate()
+    gate.held = True
+    assert not gate.passes(0.0, gate.epoch, 0.0) and gate.armed
+    gate.held = False
+    assert gate.passes(0.0, gate.epoch, 0.0)
+
+
+def test_a_new_gate_holds_nothing_back_and_no_guard_limits_it() -> None:
+    gate = Gate(LIMITS, on_close=lambda reason: None)
+    assert not gate.limited and not gate.held
+
+
+def test_both_wheels_silent_is_told_as_blocked_and_one_of_them_as_a_runaway() -> None:
+    reasons = []
+    for right in (0, 5):
+        gate = open_gate()
+        gate.outputs(LIMITS.runaway_motor + 100.0, 0.0, 0.0, SERVOS, 1.0, 0.0)
+        for _ in range(100):
+            gate.watch(right, 0, 0.0, None, 0.02)
+        reasons.append(gate.reason)
+    assert reasons == [BLOCKED, "runaway: the left encoder is silent"]

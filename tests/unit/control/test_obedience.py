@@ -56,3 +56,53 @@ def test_whoever_begins_anew_has_to_reach_the_command_anew() -> None:
     assert not watch.fails(0.0, 1.0, 1.0)
     assert not watch.fails(0.1, 1.0, 0.0)
     assert not any(watch.fails(0.2 + PERIOD * k, 0.0, 1.0) for k in range(40))
+
+
+# -- readings sixteen times a second: (speed, command), m/s -------------------------------------------------------
+
+TICK = 0.0625
+COASTS = (1.0, 0.7, 0.55, 0.45, 0.4, 0.4, 0.4)
+"""Shares of the command: it is below half of it from the fourth on."""
+
+
+def fails_at(*rows: tuple[float, float]) -> int | None:
+    """The number of the first reading at which it fails, from 0; None: never."""
+    watch = Obedience()
+    found = [watch.fails(TICK * k, v, asked) for k, (v, asked) in enumerate(rows)]
+    return found.index(True) if True in found else None
+
+
+@pytest.mark.parametrize("asked", [0.1, 0.5, 1.0, -0.6])
+def test_a_car_below_half_of_its_command_for_an_eighth_of_a_second_fails(asked: float) -> None:
+    assert fails_at(*((share * asked, asked) for share in COASTS)) == 5
+    assert fails_at(*((share * asked, asked) for share in (0.8, *COASTS[1:]))) == 5, "80 % is enough"
+    assert fails_at(*((share * asked, asked) for share in (0.79, *COASTS[1:]))) is None, "it never got there"
+
+
+def test_short_falls_do_not_add_up_and_half_of_the_command_is_enough() -> None:
+    assert fails_at(*((v, 1.0) for v in (1.0, 0.7, *(0.55, 0.45, 0.45) * 5))) is None
+    assert fails_at(*((v, 1.0) for v in (1.0, 0.7, *[0.5] * 20))) is None
+
+
+def test_a_fall_within_a_tenth_of_a_second_is_a_wall_and_a_slower_one_is_not() -> None:
+    assert fails_at(*((v, 1.0) for v in (1.0, 1.0, *[0.4] * 20))) is None
+    assert fails_at(*((v, 1.0) for v in (1.0, 0.7, *[0.4] * 20))) == 4
+    assert fails_at(*((v, 1.0) for v in (1.0, 0.5, *[0.4] * 20))) == 4
+
+
+def test_a_command_that_is_too_slow_to_judge_is_not_judged() -> None:
+    assert fails_at(*((0.05 * share, 0.05) for share in (*COASTS, *[0.0] * 20))) is None
+
+
+@pytest.mark.parametrize("later", [0.6, -0.3])
+def test_a_command_that_rose_or_turned_round_has_to_be_reached_anew(later: float) -> None:
+    before = [(0.3, 0.3), *[(0.23, 0.3)] * 4]
+    assert fails_at(*before, *[(0.23, later)] * 30) is None
+    assert fails_at(*before, *((share * later, later) for share in COASTS)) == 10
+
+
+def test_after_a_command_was_lowered_the_loops_may_overshoot_for_half_a_second() -> None:
+    before = [(1.0, 1.0), (1.0, 1.0)]
+    overshoots = [0.6, 0.45, 0.4, 0.28, 0.2, 0.2, 0.2]
+    assert fails_at(*before, *((v, 0.6) for v in (*overshoots, *[0.6] * 20))) is None
+    assert fails_at(*before, *((v, 0.6) for v in (*overshoots, *[0.2] * 20))) == 2 + 8 + 2
