@@ -49,9 +49,9 @@ def time_unseen(way: float, asked: float) -> float:
 
 
 class WheelSight:
-    """Notices from readings of the wheels that a car is not seen any more; `count` is m per encoder count."""
+    """Notices from readings of the wheels that a car is not seen any more; `count` is m per encoder count, or 0."""
 
-    def __init__(self, count: float = 0.0) -> None:
+    def __init__(self, count: float) -> None:
         self._way_max = max(WAY, COUNTS * count)
         self._fall = max(FALL, COUNTS * count / LONGEST)
         self.clear()

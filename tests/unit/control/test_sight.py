@@ -57,13 +57,13 @@ def test_a_car_at_rest_and_one_that_turns_round_are_not_judged() -> None:
 
 
 def test_a_car_that_is_not_commanded_is_not_judged_and_begins_anew() -> None:
-    sight = WheelSight()
+    sight = WheelSight(0.0)
     for wheel, asked in ((1.0, 1.0), (1.0, 1.0), (0.0, SLOWEST / 2), *[(0.0, 1.0)] * 9):
         assert not sight.lost(wheel, asked, PERIOD) and not sight.doubted
 
 
 def test_what_happened_while_a_line_stalled_is_not_counted() -> None:
-    sight = WheelSight()
+    sight = WheelSight(0.0)
     sight.lost(0.4, 0.4, PERIOD)
     assert not sight.lost(0.0, 0.4, 1.0)
 
@@ -86,6 +86,39 @@ def test_a_spinning_wheel_s_speed_is_not_the_car_s() -> None:
 
 
 def test_a_motor_that_brakes_may_have_brought_the_wheels_to_rest() -> None:
-    sight = WheelSight()
+    sight = WheelSight(0.0)
     for wheel in (1.0, 1.0, 0.0, 0.0):
         assert not sight.lost(wheel, 1.0, 0.02, brakes=wheel == 0.0)
+
+
+@pytest.mark.parametrize(("v", "readings"), [(0.1, 7), (0.3, 4), (-0.3, 4)])
+def test_a_slow_car_is_lost_after_so_many_readings(v: float, readings: int) -> None:
+    assert after([v, v, *[0.0] * 20], v).index("lost") == 1 + readings
+
+
+def test_tyres_give_a_car_half_a_metre_a_second_between_two_readings() -> None:
+    assert "doubted" not in after([0.0, 2.2, 0.0, 0.3], 0.7), "it may roll at 0.5 m/s, and brakes can stop that"
+
+
+def test_of_coarse_encoders_a_larger_fall_is_doubted() -> None:
+    """1.5 cm in a count, of which five may be missing in 50 ms: 1.5 m/s."""
+    rises = [0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4]
+    assert after([*rises, 1.4, 0.0], 1.4, 0.02, 0.015)[-1] == "seen"
+    assert after([*rises, 1.6, 1.6, 0.0], 1.6, 0.02, 0.015)[-1] == "doubted"
+
+
+def test_it_is_unseen_from_the_first_reading_of_0_until_a_wheel_turns() -> None:
+    sight = WheelSight(0.0)
+    assert not sight.unseen
+    sight.turns(0.3, 0.0, PERIOD)
+    assert not sight.lost(0.0, 0.3, PERIOD) and sight.unseen
+    sight.turns(0.3, 0.0, PERIOD)
+    assert not sight.unseen
+
+
+@pytest.mark.parametrize(("v", "turning"), [(0.4, 0.3), (0.4, -0.3), (-0.4, 0.3), (-0.4, -0.3)])
+def test_in_a_turn_the_outer_wheel_counts(v: float, turning: float) -> None:
+    sight, asked = WheelSight(0.0), 0.7 if v > 0.0 else -0.7
+    for _ in range(3):
+        sight.turns(v, turning, PERIOD)
+    assert not sight.lost(0.0, asked, PERIOD) and sight.doubted, "0.7 m/s, and not 0.4 or 0.1"
