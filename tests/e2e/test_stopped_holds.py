@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks.board_faults import BOARDS, GAPS, Hold, disturb, on_board, through_a_gap, watch
 from tests.e2e.conftest import ENDLESS
-from txt1.board.board import Board
-from txt1.driver import CommandSource
-from txt1.errors import NotArmed, Overruled, StopNotVerified
-from txt1.kernel.ticks import Ticks
+from txt1.errors import NotArmed, Overruled
 from txt1.learning.agents import agent_of
 from txt1.learning.task import LearningTask, need_light, start
 from txt1.learning.trial import Phase
@@ -22,8 +19,6 @@ from txt1.robot import Robot
 from txt1.sensors.light import SimulatedLight
 from txt1.sim.lamp import LightSensors, PointLight, noise_for_jitter
 
-WIRE = ("serial.port=virtual", *ENDLESS)
-BOARDS = {"ours": WIRE, "original": (*WIRE, "board.habits=original", "sim.vehicle.grip=2")}
 TOLD = "was stopped for more than 0.5 s: it has to let go and ask again"
 
 
@@ -31,67 +26,16 @@ def told(robot: Robot) -> str:
     return "; ".join(event.text for event in robot.runtime.state.events)
 
 
-class Hold:
-    """Commands a speed 20 times a second, whatever comes of it."""
-
-    def __init__(self, robot: Robot, source: CommandSource, v: float) -> None:
-        self.v = v
-        self._source = source
-        self._hand = source.name in ("keys", "gamepad", "web")
-        robot.add_task(f"hold {source.name}", 0.05, self._repeat)
-
-    async def _repeat(self, ticks: Ticks) -> None:
-        async for _ in ticks:
-            if not self._hand:
-                self._source.command(self.v, 0.0)
-            elif self.v:
-                self._source.hold(self.v, 0.0)
-            else:
-                self._source.release()
-
-
-@asynccontextmanager
-async def on_board(board: str) -> AsyncIterator[tuple[Robot, Board]]:
-    """A robot with this board, ready to drive; whether its last stop was seen does not matter."""
-    with suppress(StopNotVerified):
-        async with Robot.open("serial", settings=BOARDS[board], seed=1, arm=True) as robot:
-            await robot.load_gains()
-            yield robot, robot.hal.port.board  # type: ignore[attr-defined]
-
-
-async def fastest(board: Board, duration: float) -> float:
-    """The largest true speed for so many s, m/s."""
-    found = 0.0
-    for _ in range(round(duration / 0.01)):
-        await asyncio.sleep(0.01)
-        board.vehicle.advance_to(board.now)
-        found = max(found, abs(board.vehicle.motion[3]))
-    return found
-
-
-async def disturb(robot: Robot, duration: float) -> None:
-    """Let nothing arrive at the board for a while, and come back."""
-    line: Any = robot.hal.line  # type: ignore[attr-defined]
-    send, line.send = line.send, lambda data: None
-    await asyncio.sleep(duration)
-    line.send = send
-
-
 # -- a line from the host to the board that is disturbed ----------------------------------------------------------
 
 
-@pytest.mark.parametrize("duration", [0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0])
+@pytest.mark.parametrize("duration", GAPS)
 @pytest.mark.parametrize("v", [0.3, 0.6, 1.0])
 @pytest.mark.parametrize("board", BOARDS)
 async def test_after_a_gap_it_is_never_faster_than_commanded(board: str, v: float, duration: float) -> None:
-    async with on_board(board) as (robot, at):
-        Hold(robot, robot.source("keys"), v)
-        await asyncio.sleep(3.0)
-        gap = asyncio.ensure_future(disturb(robot, duration))
-        assert await fastest(at, duration + 3.0) < 1.2 * v
-        await gap
-        stood = robot.program.overruled or not robot.armed or "has to let go" in told(robot)
-        assert stood or abs(at.vehicle.motion[3]) > 0.9 * v, "it either drives on all the time, or not any more"
+    through = await through_a_gap(board, v, duration)
+    assert through.course.fastest < 1.2 * v
+    assert through.ended or through.last > 0.9 * v, "it either drives on all the time, or not any more"
 
 
 @pytest.mark.parametrize("v", [0.3, 1.0])
@@ -130,7 +74,7 @@ async def test_who_asks_again_at_once_gets_zeros_until_the_board_has_settled() -
         while not robot.program.overruled:
             await asyncio.sleep(0.02)
         robot.program.request()
-        assert await fastest(at, 4.0) < 1.2
+        assert (await watch(at, at.vehicle, 4.0)).fastest < 1.2
         await gap
         assert hold.v == 1.0 and at.vehicle.motion[3] > 0.9, "and then it drives"
 

@@ -3,101 +3,37 @@
 from __future__ import annotations
 
 import ast
-import asyncio
 import re
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tests.e2e.conftest import ENDLESS
-from txt1.board.board import Board, BoardEvent
-from txt1.errors import StopNotVerified
-from txt1.robot import Robot
+from benchmarks.board_faults import BOARDS, FAULTS, stop_despite
 
 ROOT = Path(__file__).parents[2]
-WIRE = ("serial.port=virtual", *ENDLESS)
-BOARDS = {"ours": WIRE, "original": (*WIRE, "board.habits=original", "sim.vehicle.grip=2")}
-
-
-def silence(robot: Robot) -> None:
-    """Let nothing go to the board any more, as a host that hangs, is killed, or has a cut line."""
-    hal: Any = robot.hal
-    hal.line.send = lambda data: None
-
-
-def dead_encoders(robot: Robot, board: Board) -> None:
-    board.happen(BoardEvent("encoders", 0.0))
-
-
-def sagging(robot: Robot, board: Board) -> None:
-    board.happen(BoardEvent("battery", 8.0))
-
-
-def hung_host(robot: Robot, board: Board) -> None:
-    silence(robot)
-
-
-FAULTS: dict[str, Callable[[Robot, Board], None]] = {
-    "encoders dead": dead_encoders,
-    "battery sagging": sagging,
-    "host hung": hung_host,
-}
-
-
-@asynccontextmanager
-async def driving(board: str) -> AsyncIterator[tuple[Robot, Board]]:
-    """A robot at 0.6 m/s."""
-    with suppress(StopNotVerified):
-        async with Robot.open("serial", settings=BOARDS[board], seed=1, arm=True) as robot:
-            await robot.load_gains()
-            await robot.drive(0.6, 0.0, 2.0)
-            robot.command(0.6, 0.0)
-            yield robot, robot.hal.port.board  # type: ignore[attr-defined]
-
-
-async def stands(board: Board, within: float) -> bool:
-    """Whether the true car stands then."""
-    await asyncio.sleep(within)
-    board.vehicle.advance_to(board.now)
-    return abs(board.vehicle.motion[3]) < 0.05
 
 
 @pytest.mark.parametrize("fault", ["encoders dead", "battery sagging"])
 @pytest.mark.parametrize("board", BOARDS)
 async def test_a_stop_at_the_gate_stands_the_car(board: str, fault: str) -> None:
-    async with driving(board) as (robot, at):
-        FAULTS[fault](robot, at)
-        robot.stop()
-        assert await stands(at, 4.0)
+    assert (await stop_despite(board, "stop at the gate", fault)).seconds < 4.0
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("board", BOARDS)
 async def test_the_board_s_own_time_out_stands_the_car(board: str, fault: str) -> None:
-    async with driving(board) as (robot, at):
-        FAULTS[fault](robot, at)
-        silence(robot)
-        assert await stands(at, 6.0)
+    assert (await stop_despite(board, "board's time-out", fault)).seconds < 6.0
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("board", BOARDS)
 async def test_a_car_whose_plug_is_pulled_stands(board: str, fault: str) -> None:
-    async with driving(board) as (robot, at):
-        FAULTS[fault](robot, at)
-        at.vehicle.esc_on = at.vehicle.atx_on = False
-        assert await stands(at, 2.5)
+    assert (await stop_despite(board, "plug pulled", fault)).seconds < 2.5
 
 
 async def test_a_stop_of_a_host_that_hangs_is_the_board_s() -> None:
-    async with driving("original") as (robot, at):
-        silence(robot)
-        robot.stop()
-        assert not await stands(at, 0.5), "it drives on"
-        assert await stands(at, 3.5), "until its time-out"
+    course = await stop_despite("original", "stop at the gate", "host hung")
+    assert 0.5 < course.seconds < 4.0, "it drives on until its time-out"
 
 
 # -- the table ----------------------------------------------------------------------------------------------------
@@ -107,8 +43,8 @@ def cells() -> list[str]:
     """The cells of the table, without its first row and column."""
     page = (ROOT / "docs" / "safety.md").read_text()
     table = page.split("## Which stop survives what", 1)[1].split("\n\n## ")[0]
-    rows = [line for line in table.splitlines() if line.startswith("|")][2:]
-    return [cell.strip() for row in rows for cell in row.strip("|").split("|")[1:]]
+    lines = table[table.index("\n|") + 1 :].split("\n\n")[0].splitlines()
+    return [cell.strip() for row in lines[2:] for cell in row.strip("|").split("|")[1:]]
 
 
 def names_in(file: Path) -> set[str]:

@@ -1,0 +1,12 @@
+"""Wheels of a sound car that spin or lock, or are in the air, are not taken for dead encoders."""
+
+import pytest
+
+from benchmarks.sound_wheels import CASES, taken_for
+from txt1.control.limits import LOST
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "what"), CASES)
+def test_no_sound_car_is_lost_sight_of_in_a_thousand_drives(kind: str, what: str) -> None:
+    assert not [seed for seed in range(72) if LOST in taken_for(kind, what, seed)]
