@@ -116,9 +116,9 @@ def test_it_is_unseen_from_the_first_reading_of_0_until_a_wheel_turns() -> None:
     assert not sight.unseen
 
 
-@pytest.mark.parametrize(("v", "turning"), [(0.4, 0.3), (0.4, -0.3), (-0.4, 0.3), (-0.4, -0.3)])
+@pytest.mark.parametrize(("v", "turning"), [(0.4, 0.3), (0.4, -0.3), (-0.4, 0.3), (-0.4, -0.3), (0.0, 0.7)])
 def test_in_a_turn_the_outer_wheel_counts(v: float, turning: float) -> None:
-    sight, asked = WheelSight(0.0), 0.7 if v > 0.0 else -0.7
+    sight, asked = WheelSight(0.0), 0.7 if v >= 0.0 else -0.7
     for _ in range(3):
         sight.turns(v, turning, PERIOD)
     assert not sight.lost(0.0, asked, PERIOD) and sight.doubted, "0.7 m/s, and not 0.4 or 0.1"
