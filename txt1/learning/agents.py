@@ -11,8 +11,9 @@ With a stored table it always takes the best action and does not learn; ValueErr
 settings come in ``learning.options``. The table that it stores has its name as `agent`.
 """
 
+import sys
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -49,6 +50,17 @@ def _made(name: str, config: Config, rng: np.random.Generator, stored: StoredTab
     if callable(place) or name in LEARNERS.plugins:
         return agent
     return checked(agent, f"the learner '{name}' ({place})", len(config.section(LearningConfig).actions))
+
+
+def of_module(name: str, attribute: str, usual: Any) -> Any:
+    """Return what the module of one of this repository's learners has beside the learner, for pictures.
+
+    `usual` if it has no such thing, or the learner is another package's, or not installed.
+    """
+    if name not in LEARNERS.names() or name not in {*LEARNERS.table, *LEARNERS.plugins}:
+        return usual
+    factory, _ = LEARNERS.find("agent", name)
+    return getattr(sys.modules[factory.__module__], attribute, usual)
 
 
 def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | None:

@@ -153,6 +153,8 @@ class PilotSettings:
 
 
 SETTINGS: Final = PilotSettings()
+# it is a survey, which the floor shows
+TABLE_IS_DRAWN: Final = False
 # standard deviation of odometry's drift before anything is known, rad in a decision
 DRIFTS: Final = 0.01
 # standard deviation of the square of the light's height above the sensors, m2

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from txt1.errors import MissingExtra
-from txt1.learning import pilot, sweeps, thesis
+from txt1.learning.agents import of_module
 from txt1.learning.best_time import Floor
 from txt1.learning.qtable import ACTIONS, StoredTable
 from txt1.learning.trial import Task, TrialResult
@@ -24,12 +24,6 @@ PATH, PART = 3.2, 4.8
 RESAMPLES: Final = 500
 # the colour-blind, too, tell them apart (Okabe, Ito)
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"
-# for learners whose tables hold the turning, left positive, for each place of the light
-COURSES: Final[dict[str, Callable[[StoredTable, Any], Any]]] = {
-    "pilot": pilot.courses,
-    "sweeps": sweeps.courses,
-    "thesis": thesis.courses,
-}
 
 
 def draw(
@@ -47,11 +41,12 @@ def draw(
         raise MissingExtra("drawing pictures", "plots") from None
     table = chosen.table
     parts: list[Callable[[Any, float], None]] = []
-    # the pilot's table is a survey, which the floor shows
-    if table.about.get("agent") != pilot.PilotAgent.name:
+    learner = str(table.about.get("agent"))
+    if of_module(learner, "TABLE_IS_DRAWN", True):
         parts.append(lambda figure, left: _table(figure, left, table, colormaps))
-    if table.about.get("agent") in COURSES:
-        parts.append(lambda figure, left: _floor(figure, left, table, task))
+    courses = of_module(learner, "courses", None)
+    if courses is not None:
+        parts.append(lambda figure, left: _floor(figure, left, table, task, courses))
     paintings: tuple[tuple[str, tuple[float, float], Callable[[Any], None]], ...] = (
         ("learning_curve.png", (8.0, 4.7), lambda figure: _curve(figure, outcomes, floor, ticker, LineCollection)),
         ("paths.png", (PATH * max(1, len(chosen.paths)), 3.6), lambda figure: _paths(figure, chosen, task)),
@@ -168,14 +163,14 @@ def _learned(figure: Any, parts: Sequence[Callable[[Any, float], None]]) -> None
         part(figure, PART * k)
 
 
-def _floor(figure: Any, edge: float, table: StoredTable, task: Task) -> None:
+def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Callable[..., Any]) -> None:
     """Draw the direction in which it drives for each place of the light, and its estimate of the sensors' places."""
     axes = _panel(figure, edge + 0.9, 0.475, 3.7, 3.7)
     reach = 4.0 * task.goal_radius
     ahead, left = (each.ravel() for each in np.meshgrid(*[np.linspace(-reach, reach, 15)] * 2, indexing="ij"))
     outside = np.hypot(ahead, left) > task.goal_radius
     ahead, left = ahead[outside], left[outside]
-    turns = COURSES[table.about["agent"]](table, np.column_stack([ahead, left]))
+    turns = courses(table, np.column_stack([ahead, left]))
     # up is straight on
     turned = 0.5 * np.pi * turns / (np.abs(turns).max() or 1.0) + 0.5 * np.pi
     colours = np.where(turns > 0.3 * turns.max(), BLUE, np.where(turns < 0.3 * turns.min(), RED, GREEN))

@@ -1,0 +1,29 @@
+"""The pictures of learning name no learner: what a learner adds to them stands in its own module."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from txt1.learning import pilot, plots, sweeps, thesis
+from txt1.learning.agents import LEARNERS, of_module
+
+
+def test_the_pictures_import_no_learner_and_name_none() -> None:
+    tree = ast.parse(Path(plots.__file__).read_text("utf-8"))
+    names = {
+        each.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom | ast.Import) for each in node.names
+    }
+    texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    assert not (names | texts) & {*LEARNERS.table, *LEARNERS.plugins}
+
+
+def test_a_learners_module_says_which_way_it_drives_and_whether_its_table_is_shown() -> None:
+    assert [of_module(name, "courses", None) for name in ("thesis", "sweeps", "pilot")] == [
+        thesis.courses,
+        sweeps.courses,
+        pilot.courses,
+    ]
+    shown = {name: of_module(name, "TABLE_IS_DRAWN", True) for name in ("thesis", "sweeps", "pilot")}
+    assert shown == {"thesis": True, "sweeps": True, "pilot": False}
+    assert of_module("ppo", "courses", None) is None, "which is no learner of this repository's plug-ins"
