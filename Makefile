@@ -115,9 +115,8 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python $(PIP_INSTALL) --editable .
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/bin/python pyproject.toml plugins/learners/pyproject.toml
-	$(BIN)/python $(PIP_INSTALL) --no-compile --editable '.[dev]' --editable plugins/learners  # most of it is never imported
-	@touch $(VENV)/.installed
+$(VENV)/.dev: $(VENV)/.installed plugins/learners/pyproject.toml
+	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]' --editable plugins/learners
 	$(BIN)/python -m compileall -q txt1 studies  # as pip does with all others: each process of the tests loads them
 	@$(BIN)/python -m pytest --collect-only >/dev/null || true  # compiles the tests, or six processes would do it at once
 	@touch $@
