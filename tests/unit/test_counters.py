@@ -115,3 +115,15 @@ def test_what_is_compiled_is_there() -> None:
     (named,) = re.findall(r"(?s)^MODULES = (\{.*?^\})", (size.ROOT / "setup.py").read_text("utf-8"), re.MULTILINE)
     modules = [f"txt1/{package}/{name}.py" for package, names in ast.literal_eval(named).items() for name in names]
     assert [each for each in modules if not (size.ROOT / each).is_file()] == []
+
+
+@pytest.mark.parametrize(
+    ("walk", "most"), [("Key to PWM", 15), ("Encoder to file", 10), ("Page to gate", 12), ("Scan to map", 11)]
+)
+def test_a_walk_through_the_code_is_short_and_names_files(walk: str, most: int) -> None:
+    text = (size.ROOT / "docs" / "architecture.md").read_text("utf-8")
+    _, told, rest = text.partition(f"**{walk}.**")
+    files = re.findall(r"`([a-z_0-9/]+\.(?:py|js))`", rest.partition("\n\n")[0])
+    assert told
+    assert [file for file in files if not (size.ROOT / "txt1" / file).exists()] == []
+    assert 5 <= len(set(files)) <= most
