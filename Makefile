@@ -14,6 +14,8 @@ LEROBOT ?= $(CURDIR)/.venv-lerobot/bin/python
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag python3-roslaunch ros-std-msgs python3-genpy libroscpp-dev libtf-dev libnav-msgs-dev python3-gencpp
 FUZZ := .venv-fuzz
 DOCS := .venv-docs
+# distributions of their own that the tests need, each with its tests
+PLUGINS := plugins/learners plugins/physics
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 # the last release: its tag, or the commit that made the version
@@ -73,7 +75,7 @@ wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to th
 
 release: lint test wheel  ## dist/ as a release has it: wheels, sdist, constraints.txt of the tested versions, SHA256SUMS
 	$(BIN)/python -m rigs.release constraints dist/constraints.txt
-	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . ./plugins/learners
+	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . $(PLUGINS:%=./%)
 	$(BIN)/python -c "from setuptools.build_meta import build_sdist; build_sdist('dist')" > build/sdist.txt
 	$(BIN)/python -m rigs.release sums dist
 
@@ -115,15 +117,15 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python $(PIP_INSTALL) --editable .
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.installed plugins/learners/pyproject.toml
-	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]' --editable plugins/learners
+$(VENV)/.dev: $(VENV)/.installed $(PLUGINS:%=%/pyproject.toml)
+	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]' $(PLUGINS:%=--editable %)
 	$(BIN)/python -m compileall -q txt1 studies  # as pip does with all others: each process of the tests loads them
 	@$(BIN)/python -m pytest --collect-only >/dev/null || true  # compiles the tests, or six processes would do it at once
 	@touch $@
 
 $(FUZZ)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(FUZZ)
-	$(FUZZ)/bin/python $(PIP_INSTALL) --editable '.[dev,fuzz]' --editable plugins/learners
+	$(FUZZ)/bin/python $(PIP_INSTALL) --editable '.[dev,fuzz]' $(PLUGINS:%=--editable %)
 	@touch $@
 
 $(DOCS)/.installed: pyproject.toml

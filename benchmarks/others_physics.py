@@ -34,9 +34,9 @@ from txt1.config import Config, load
 from txt1.errors import HalError, NotArmed, StopNotVerified, TaskFault
 from txt1.hal.sim import SimHal
 from txt1.model.vehicle import Geometry
-from txt1.physics.mjcf import roll_gradient
-from txt1.physics.settings import PhysicsSettings
 from txt1.robot import Robot
+from txt1_physics.mjcf import roll_gradient
+from txt1_physics.settings import PhysicsSettings
 
 ROOT: Final = Path(__file__).parents[1]
 PAGE: Final = ROOT / "docs" / "results" / "others-physics.md"

@@ -11,7 +11,7 @@ import mujoco
 from PIL import Image
 
 from txt1.config import load
-from txt1.physics.four_wheels import create
+from txt1_physics.four_wheels import create
 
 OUT = Path(__file__).with_name("mujoco-car.png")
 

@@ -27,7 +27,7 @@ PAGES: Final = {  # files of the repository that are pages of the site, too
     name: f"{name.lower().replace('_', '-')}.md"
     for name in ("CHANGELOG", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT")
 }
-COPIED: Final = ("examples/**/*.py", "config/**/*.yaml")  # files that pages link to
+COPIED: Final = ("examples/**/*.py", "config/**/*.yaml", "plugins/*/README.md")  # files that pages link to
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -63,6 +63,8 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
         inside = found[1]
         if of_root:  # such a page was written for the root of the repository
             inside = inside.removeprefix("docs/") if inside.startswith("docs/") else f"../{inside}"
+        if here.is_relative_to("tree/plugins"):  # a plug-in's page lies one folder higher in the repository
+            inside = inside.replace("../../docs/", "../../../")
         path, _, anchor = inside.partition("#")
         up = "../" * len(here.parts)
         if path.startswith(f"{up}../"):

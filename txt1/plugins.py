@@ -1,13 +1,12 @@
 """Parts by name, imported when used: the package's own from a table or an addition, others' from entry points."""
 
 import asyncio
-import difflib
 from collections.abc import Awaitable, Callable, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
 from txt1 import additions
-from txt1.errors import ConfigError, HalError, MissingPlugin, Txt1Error
+from txt1.errors import HalError, Txt1Error
 
 Factory = Callable[..., Any]
 
@@ -23,8 +22,6 @@ class Registry(NamedTuple):
     table: Mapping[str, Factory | str]
     # raised when a part cannot be imported or made
     error: type[Txt1Error] = Txt1Error
-    # the parts that plug-ins of this repository bring, and the folder of each below plugins/
-    plugins: Mapping[str, str] = {}
 
     @property
     def ours(self) -> Mapping[str, Factory | str]:
@@ -37,10 +34,6 @@ class Registry(NamedTuple):
         additions.strangers()
         return sorted({*self.ours, *(point.name for point in entry_points(group=self.group))})
 
-    def missing(self) -> list[str]:
-        """The names of the parts in plug-ins of this repository that are not installed."""
-        return sorted(set(self.plugins) - set(self.names()))
-
     def make(self, key: str, name: str, *arguments: Any) -> Any:
         """Make the part of this name with these arguments; `key` is the setting that named it.
 
@@ -52,7 +45,9 @@ class Registry(NamedTuple):
         try:
             return factory(*arguments)
         except Exception as error:
-            if origin.partition(".")[0] == "txt1" or name in self.plugins or isinstance(error, Txt1Error):
+            from txt1.unknown import OURS
+
+            if origin.partition(".")[0] in OURS or isinstance(error, Txt1Error):
                 raise
             raise self._failed(name, origin, "made", error) from error
 
@@ -76,12 +71,9 @@ class Registry(NamedTuple):
         additions.strangers()
         if name in self.ours:
             return self.ours[name]
-        if name in self.plugins:
-            raise MissingPlugin(f"{key}: the {self.kind} '{name}'", self.plugins[name])
-        near = difflib.get_close_matches(name, [*self.names(), *self.plugins], n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        installed = ", ".join(self.names()) or "none"
-        raise ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {installed}{hint}")
+        from txt1.unknown import part
+
+        raise part(self.kind, self.group, key, name, self.names())
 
     def _failed(self, name: str, origin: str, done: str, error: Exception) -> Txt1Error:
         text = f"the {self.kind} '{name}' ({origin}) cannot be {done}: {type(error).__name__}: {error}"

@@ -14,6 +14,7 @@ from txt1.errors import MissingPlugin
 from txt1.installing import installs_plugin
 from txt1.learning.agents import LEARNERS
 from txt1.learning.qtable import StoredTable, save
+from txt1.unknown import brought, missing
 
 ROOT = Path(__file__).parents[2]
 Capture = pytest.CaptureFixture[str]
@@ -27,9 +28,9 @@ def no_plugin_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("txt1.plugins.entry_points", none)
 
 
-@pytest.mark.parametrize("name", sorted(LEARNERS.plugins))
+@pytest.mark.parametrize("name", sorted(brought(LEARNERS.group)))
 def test_its_name_tells_the_command(name: str, tmp_path: Path, capsys: Capture) -> None:
-    command = installs_plugin(LEARNERS.plugins[name])
+    command = installs_plugin(brought(LEARNERS.group)[name])
     told = f"the learner '{name}' is in the plug-in txt1-learners, which is not installed: {command}"
     assert execute(["learn", "--agent", name, "--out", str(tmp_path / "out")]) == 2
     assert execute(["run", "--learn", name, "--duration", "1", "--json"]) == 2
@@ -49,7 +50,7 @@ def test_a_stored_table_tells_the_command(tmp_path: Path, capsys: Capture) -> No
 
 
 def test_the_help_names_it(capsys: Capture) -> None:
-    assert "taxis" in LEARNERS.missing() and "taxis" not in LEARNERS.names()
+    assert "taxis" in missing(LEARNERS.group, LEARNERS.names()) and "taxis" not in LEARNERS.names()
     assert execute(["learn", "--help"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert f"taxis after {installs_plugin('learners')}" in shown

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,6 +27,8 @@ from txt1.fleet.plan import FleetPlan
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+# a page may set what its plug-in alone reads
+PAGES += [each for each in sorted(ROOT.glob("plugins/*/README.md")) if find_spec(f"txt1_{each.parent.name}")]
 EACH = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 TEMPLATE = re.compile(r"\.\.\.|^\[|^[A-Z][A-Z0-9_]+([:=,].*)?$")  # a word that stands for others
 MENTION = ("required", "expected one argument")  # a command that a sentence names without all that it takes

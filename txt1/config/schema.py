@@ -173,7 +173,7 @@ class SimConfig(Section):
     obstacles: tuple[Annotated[Box | Post, Field(discriminator="kind")], ...] = ()
     """Boxes and posts in the room."""
     physics: Annotated[str, Field(min_length=1)] = "plain"
-    """Physics of the vehicle: plain is txt1's own; single-track-drift, multi-body or mujoco (extra physics)."""
+    """Physics of the vehicle: plain is txt1's own; a plug-in has others' (docs/physics.md)."""
     movers: tuple[Mover, ...] = ()
     """Boxes that move along paths."""
     vehicle: VehicleParameters = VehicleParameters()

@@ -274,13 +274,10 @@ def _check(setting: Setting) -> None:
             )
         elif kind is None:
             _refuse_renamed(key, setting.origin)
-            keys = [*_keys(section), *(additions.sections() if section is Config else ())]
-            near = difflib.get_close_matches(name, keys, n=1)
-            prefix = "".join(f"{p}." for p in setting.path[:depth])
-            remedy = f"did you mean '{prefix}{near[0]}'?" if near else f"known here: {', '.join(keys)}"
-            if section is Config and not near:
-                remedy += "; an addition's section needs the addition's package"
-            raise ConfigError(f"{key}: unknown key (from {setting.origin}); {remedy}")
+            from txt1.unknown import setting as unknown
+
+            known = [*_keys(section), *(additions.sections() if section is Config else ())]
+            raise unknown(key, depth, known, setting.origin, additions.GROUP)
     # pydantic would take true and false for 1 and 0
     if setting.value is True or setting.value is False:
         kinds = {kind, *get_args(kind)}

@@ -26,6 +26,7 @@ from txt1.learning.settings import LearningConfig
 from txt1.learning.strangers import checked
 from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
+from txt1.unknown import brought
 
 LEARNERS: Final = Registry(
     "learner",
@@ -35,7 +36,6 @@ LEARNERS: Final = Registry(
         "sweeps": sweeps.create,
         "pilot": pilot.create,
     },
-    plugins={"neural": "learners", "taxis": "learners"},
 )
 
 
@@ -47,7 +47,7 @@ def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
 def _made(name: str, config: Config, rng: np.random.Generator, stored: StoredTable | None) -> Agent:
     agent: Agent = LEARNERS.make("agent", name, config, rng, stored)
     place = LEARNERS.place("agent", name)
-    if callable(place) or name in LEARNERS.plugins:
+    if callable(place) or name in brought(LEARNERS.group):
         return agent
     return checked(agent, f"the learner '{name}' ({place})", len(config.section(LearningConfig).actions))
 
@@ -57,7 +57,7 @@ def of_module(name: str, attribute: str, usual: Any) -> Any:
 
     `usual` if it has no such thing, or the learner is another package's, or not installed.
     """
-    if name not in LEARNERS.names() or name not in {*LEARNERS.table, *LEARNERS.plugins}:
+    if name not in LEARNERS.names() or name not in {*LEARNERS.table, *brought(LEARNERS.group)}:
         return usual
     factory, _ = LEARNERS.find("agent", name)
     return getattr(sys.modules[factory.__module__], attribute, usual)

@@ -10,9 +10,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from txt1.unknown import PLUGINS
+
 PACKAGES: Final = ("txt1", "numpy", "numba", "pydantic", "stable-baselines3", "torch")
-PLUGINS: Final = ("txt1_learners",)
-"""Packages of this repository's plug-ins that make results."""
 SHOWS: Final = (
     "__main__.py", "bridges/", "cli/", "experiments/figures.py", "experiments/report.py", "fleet/console.py",
     "fleet/page.py", "fleet/screen.py", "gamepad/", "kit/far_end.py", "kit/options.py", "kit/remark.py",
@@ -29,7 +29,7 @@ def code_hash(*more: Path) -> str:
     """Return the SHA-256 of the package's code that makes results (see `SHOWS`), of the installed plug-ins' code, and
     of more files; the first 16 digits.
     """
-    specs = filter(None, map(find_spec, PLUGINS))
+    specs = filter(None, (find_spec(f"txt1_{plugin}") for plugin in PLUGINS))
     folders = [Path(folder) for spec in specs for folder in spec.submodule_search_locations or ()]
     return hash_of(Path(__file__).parents[1], [*more, *(file for each in folders for file in each.rglob("*.py"))])
 

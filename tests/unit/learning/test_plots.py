@@ -7,6 +7,7 @@ from pathlib import Path
 
 from txt1.learning import pilot, plots, sweeps, thesis
 from txt1.learning.agents import LEARNERS, of_module
+from txt1.unknown import brought
 
 
 def test_the_pictures_import_no_learner_and_name_none() -> None:
@@ -15,7 +16,7 @@ def test_the_pictures_import_no_learner_and_name_none() -> None:
         each.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom | ast.Import) for each in node.names
     }
     texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
-    assert not (names | texts) & {*LEARNERS.table, *LEARNERS.plugins}
+    assert not (names | texts) & {*LEARNERS.table, *brought(LEARNERS.group)}
 
 
 def test_a_learners_module_says_which_way_it_drives_and_whether_its_table_is_shown() -> None:

@@ -21,6 +21,7 @@ from txt1.learning.worlds import OWN, world_file
 from txt1.record.options import LOG
 from txt1.trials.run import progress
 from txt1.trials.workers import OPTIONS, workers_of
+from txt1.unknown import missing
 
 
 def _moved(study: str) -> dict[str, Any]:
@@ -34,9 +35,9 @@ def _moved(study: str) -> dict[str, Any]:
 
 def _agents() -> str:
     """Return the help of `--agent`: the installed learners, and the command that installs the others."""
-    missing = LEARNERS.missing()
-    more = {installs_plugin(LEARNERS.plugins[name]): "" for name in missing}
-    others = f"; {', '.join(missing)} after {' and '.join(more)}" if missing else ""
+    absent = missing(LEARNERS.group, LEARNERS.names())
+    more = dict.fromkeys(map(installs_plugin, absent.values()))
+    others = f"; {', '.join(absent)} after {' and '.join(more)}" if absent else ""
     return f"{' or '.join(LEARNERS.names())}; thesis by default{others}"
 
 

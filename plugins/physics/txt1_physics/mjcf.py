@@ -1,6 +1,6 @@
 """The TXT-1 for MuJoCo: a body on four sprung wheels, all of which steer, drawn from the configuration's geometry.
 
-    python -m txt1.physics.mjcf > txt1.xml        # for MuJoCo's own viewer
+    python -m txt1_physics.mjcf > txt1.xml        # for MuJoCo's own viewer
 
 A wheel has three joints: it slides up and down on its spring, turns about its king pin, and rolls. The linkage turns
 both wheels of an axle by the same angle. The wheels' middles are `geometry.track_width` apart. Their radius follows
@@ -18,7 +18,7 @@ from math import pi
 from typing import Final
 
 from txt1.model.vehicle import Geometry
-from txt1.physics.settings import PhysicsSettings
+from txt1_physics.settings import PhysicsSettings
 
 GRAVITY: Final = 9.81  # m/s^2
 # longest step of the integration, s

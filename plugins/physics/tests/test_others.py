@@ -1,30 +1,22 @@
 """Vehicles of other people under the simulated robot."""
 
 import asyncio
-import re
-import sys
-from math import cos, isfinite, nan, pi, sin
+from math import cos, nan, pi, sin
 
 import pytest
 
 from txt1 import run
 from txt1.config import Config, load
-from txt1.errors import ConfigError, MissingExtra, TaskFault
+from txt1.errors import ConfigError, TaskFault
 from txt1.experiments.calibration.simulated_operator import smallest_circle
 from txt1.hal.registry import PHYSICS, create_sim
-from txt1.hal.sim import SimHal
-from txt1.installing import installs
 from txt1.model.vehicle import Geometry
-from txt1.physics.foreign import Foreign, MotorDrive
-from txt1.physics.mjcf import roll_gradient
-from txt1.physics.settings import PhysicsSettings
-from txt1.plugins import Registry
 from txt1.robot import Robot
 from txt1.sim.dynamics import Motion
 from txt1.sim.world import World
-
-pytest.importorskip("mujoco", reason="MuJoCo is not installed: the extra 'physics'")
-pytest.importorskip("vehiclemodels", reason="commonroad's models are not installed: the extra 'physics'")
+from txt1_physics.foreign import Foreign, MotorDrive
+from txt1_physics.mjcf import roll_gradient
+from txt1_physics.settings import PhysicsSettings
 
 CARS = {"single-track-drift": "f1tenth", "multi-body": "f1tenth", "mujoco": "txt1"}
 AT_REST: Motion = (0.0,) * 8
@@ -193,7 +185,7 @@ def test_two_in_one_world_stop_one_another() -> None:
 
 
 def test_a_physics_that_diverges_ends_the_run_in_a_line_with_neutral_outputs(monkeypatch: pytest.MonkeyPatch) -> None:
-    from txt1.physics.four_wheels import FourWheels
+    from txt1_physics.four_wheels import FourWheels
 
     usual = FourWheels.step
 
@@ -219,27 +211,6 @@ def test_a_physics_that_diverges_ends_the_run_in_a_line_with_neutral_outputs(mon
         run(main(), speed="max")
     outputs = hals[0].outputs  # type: ignore[attr-defined]
     assert (outputs.motor, outputs.front, outputs.rear) == (0, 0, 0)
-
-
-def test_a_stranger_s_physics_that_says_no_number_ends_the_run_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    def strange(motion: Motion, motor: float, *_: float) -> Motion:
-        return (*motion[:7], nan) if motor else motion
-
-    monkeypatch.setattr("txt1.hal.registry.PHYSICS", Registry("physics", "", {"plain": lambda config: strange}))
-    hals: list[SimHal] = []
-
-    async def main() -> None:
-        async with Robot.open(config=config("plain"), arm=True) as robot:
-            assert isinstance(robot.hal, SimHal)
-            hals.append(robot.hal)
-            await robot.load_gains()
-            await robot.drive(0.5, 0.0, duration=5.0)
-
-    with pytest.raises(
-        TaskFault, match=r"plain returns a number that is not finite at 0\.00 m/s; drive slower, or set sim\.physics"
-    ):
-        run(main(), speed="max")
-    assert hals[0].outputs[:3] == (0, 0, 0) and all(map(isfinite, hals[0].vehicle.motion))
 
 
 def test_a_car_on_its_side_ends_the_run() -> None:
@@ -273,17 +244,6 @@ def test_what_a_model_does_not_hold_for_is_refused_in_a_line(settings: list[str]
     with pytest.raises(ConfigError, match=told) as caught:
         create_sim(load(None, settings, {}, {}).config)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(("name", "module"), [("mujoco", "mujoco"), ("multi-body", "vehiclemodels")])
-def test_a_missing_package_is_told_with_the_command_that_installs_it(
-    name: str, module: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(
-        MissingExtra, match=rf"sim\.physics={name} .* needs the extra 'physics': {re.escape(installs('physics'))}"
-    ):
-        create_sim(config(name))
 
 
 def test_settings_of_mujocos_car_without_mujoco_are_refused() -> None:

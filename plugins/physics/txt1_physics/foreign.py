@@ -13,12 +13,11 @@ wheels roll; coasting, (v + friction) / tau slows them. The model computes the c
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
 from txt1.config import Config, load
-from txt1.errors import ConfigError, HalError, MissingExtra
+from txt1.errors import ConfigError, HalError
 from txt1.model.vehicle import STEERING_MAX
 from txt1.sim.dynamics import Motion
 
@@ -162,11 +161,3 @@ class Foreign:
     def rising(self, hidden: Any) -> tuple[float, ...]:
         """Return the wheels' heights over the floor in a hidden state, m."""
         return ()
-
-
-def needed(name: str, load: Callable[[], Any]) -> Any:
-    """Return the imported module; raises MissingExtra if a package is not installed."""
-    try:
-        return load()
-    except ImportError as error:
-        raise MissingExtra(f"sim.physics={name} (it finds no {error.name})", "physics") from None

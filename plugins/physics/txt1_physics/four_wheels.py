@@ -1,6 +1,6 @@
 """The TXT-1 in MuJoCo: E. Todorov, T. Erez, Y. Tassa, *MuJoCo: A physics engine for model-based control*, IROS 2012.
 
-The car is `txt1.physics.mjcf`. The motor's torque goes to the four wheels in equal parts, as through open
+The car is `txt1_physics.mjcf`. The motor's torque goes to the four wheels in equal parts, as through open
 differentials, and the motor sees their mean speed. While coasting, the dry part of the friction is MuJoCo's dry
 friction in the wheels' joints, so that a standing car does not creep. A car slower than `STANDS` stays where it is. The
 encoders are at the front wheels.
@@ -11,21 +11,20 @@ machine.
 
 from __future__ import annotations
 
-from functools import partial
-from importlib import import_module
 from math import asin, atan2, ceil, cos, hypot, isfinite, sin, sqrt, tan
 from typing import Any, Final
 
+import mujoco
 import numpy as np
 
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.model.vehicle import PWM_MAX
-from txt1.physics.foreign import Foreign, MotorDrive, needed
-from txt1.physics.mjcf import GRAVITY, STEP, WHEELS, mjcf, wheel_radius
-from txt1.physics.settings import PhysicsSettings
 from txt1.sim.batch import Array
 from txt1.sim.dynamics import Motion
+from txt1_physics.foreign import Foreign, MotorDrive
+from txt1_physics.mjcf import GRAVITY, STEP, WHEELS, mjcf, wheel_radius
+from txt1_physics.settings import PhysicsSettings
 
 # m/s: a slower coasting car stands
 STANDS: Final = 1e-3
@@ -80,9 +79,6 @@ class FourWheels(Foreign):
                 f"physics.gravity_height: {settings.gravity_height:g} m lies below the axles' middle; use at least "
                 f"{self.radius:.3f} m"
             )
-        import mujoco
-
-        self._mujoco: Any = mujoco
         self.model: Any = mujoco.MjModel.from_xml_string(mjcf(body, settings))
         """MuJoCo's model, for inspection."""
         self.data: Any = mujoco.MjData(self.model)
@@ -109,7 +105,7 @@ class FourWheels(Foreign):
         """
         x, y, theta, v, front, rear, right, left = motion
         data, radius, qpos = self.data, self.radius, self._rest.copy()
-        self._mujoco.mj_resetData(self.model, data)
+        mujoco.mj_resetData(self.model, data)
         qpos[0], qpos[1] = x, y
         qpos[3:7] = cos(0.5 * theta), 0.0, 0.0, sin(0.5 * theta)
         for wheel, angle in enumerate((front, front, rear, rear)):
@@ -124,7 +120,7 @@ class FourWheels(Foreign):
 
     def _kept(self) -> Array:
         state = np.empty(self._size)
-        self._mujoco.mj_getState(self.model, self.data, state, self._state)
+        mujoco.mj_getState(self.model, self.data, state, self._state)
         return state
 
     def step(
@@ -133,7 +129,7 @@ class FourWheels(Foreign):
         """Move the car."""
         model, data, radius = self.model, self.data, self.radius
         if hidden is not self._last:
-            self._mujoco.mj_setState(model, data, hidden, self._state)
+            mujoco.mj_setState(model, data, hidden, self._state)
         servo_front, servo_rear = data.ctrl[0], data.ctrl[4]
         if motion[3] == 0.0 and not drive.driven and (servo_front, servo_rear) == (front, rear):
             return motion, hidden
@@ -150,12 +146,12 @@ class FourWheels(Foreign):
             v = 0.25 * radius * (qvel[rolls[0]] + qvel[rolls[1]] + qvel[rolls[2]] + qvel[rolls[3]])
             torque = 0.25 * self._inertia * radius * (free - drive.loss * v) / drive.tau
             ctrl[:] = servo_front, torque, servo_front, torque, servo_rear, torque, servo_rear, torque
-            self._mujoco.mj_step(model, data)
+            mujoco.mj_step(model, data)
         qpos = data.qpos
         theta = self._heading()
         vx, vy = qvel[0:2].tolist()
         speed = vx * cos(theta) + vy * sin(theta)
-        if not isfinite(speed) or data.warning[self._mujoco.mjtWarning.mjWARN_BADQACC].number:
+        if not isfinite(speed) or data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
             raise self.lost(motion, "its accelerations grow beyond all bounds")
         roll, pitch = self.leaning(qpos)
         if max(abs(roll), abs(pitch)) > OVER:
@@ -182,7 +178,7 @@ class FourWheels(Foreign):
 
     def lift(self, up: bool) -> None:
         """Take floor and weight away, and hold the body; put down again, it stands on its springs at the same place."""
-        option, no_contact = self.model.opt, int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        option, no_contact = self.model.opt, int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         option.disableflags = option.disableflags | no_contact if up else option.disableflags & ~no_contact
         option.gravity[2] = 0.0 if up else -GRAVITY
         self.model.dof_damping[:6] = HELD if up else 0.0
@@ -203,7 +199,7 @@ class FourWheels(Foreign):
             contact = self.data.contact[number]
             wheel = self._geoms.get(int(contact.geom[0]), self._geoms.get(int(contact.geom[1])))
             if wheel is not None:
-                self._mujoco.mj_contactForce(self.model, self.data, number, force)
+                mujoco.mj_contactForce(self.model, self.data, number, force)
                 loads[wheel] += float(force[0]) / self._weight
         return tuple(loads)
 
@@ -219,5 +215,4 @@ class FourWheels(Foreign):
 
 def create(config: Config) -> FourWheels:
     """Make the physics ``mujoco``."""
-    needed("mujoco", partial(import_module, "mujoco"))
     return FourWheels(config)

@@ -10,7 +10,7 @@ not change: a tyre that holds 1 g still holds 1 g. In this rule scaling the para
 equivalent. The models have fixed speeds in their code at which they switch, so the full-size car is driven and its
 motion is scaled. Its parameters are unchanged, except for the limits of driver and engine (steering angle and rate,
 acceleration, power, `steering` and `longitudinal`). These limits are removed, and the simulated servo and motor replace
-driver and engine (`txt1.physics.foreign`).
+driver and engine (`txt1_physics.foreign`).
 
 **Wheels and encoders.** The motor and the encoders turn with the driven wheels, which are at the rear axle by the
 package's torque split. The model has the full-size car's narrow track. So the difference of its wheels is converted to
@@ -34,22 +34,26 @@ import os
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from functools import cache, partial
-from importlib import import_module
+from functools import cache
+from importlib.metadata import version
 from math import atan, cos, inf, isfinite, nan, sin, sqrt, tan, tanh
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+import numba
 import numpy as np
+from vehiclemodels import init_mb, init_std, vehicle_dynamics_mb, vehicle_dynamics_std
+from vehiclemodels.utils import acceleration_constraints, steering_constraints, tire_model, vehicle_dynamics_ks_cog
+from vehiclemodels.vehicle_parameters import setup_vehicle_parameters
 
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import PWM_MAX
-from txt1.physics.foreign import Foreign, MotorDrive, needed
 from txt1.sim.batch import Array, compiled
 from txt1.sim.dynamics import Motion
+from txt1_physics.foreign import Foreign, MotorDrive
 
 VEHICLE: Final = 2
 """The package's number of the BMW 320i."""
@@ -102,8 +106,6 @@ def _numbers(parameters: Any) -> Any:
 @cache
 def car() -> Any:
     """Return vehicle 2 of the installed package, without the limits of its driver and engine."""
-    from vehiclemodels.vehicle_parameters import setup_vehicle_parameters
-
     p = _numbers(setup_vehicle_parameters(VEHICLE))
     return p._replace(
         steering=p.steering._replace(min=-inf, max=inf, v_min=-inf, v_max=inf),
@@ -239,15 +241,6 @@ class Models:
     """The two movers, compiled, and the package's functions for initial states."""
 
     def __init__(self) -> None:
-        import numba
-        from vehiclemodels import init_mb, init_std, vehicle_dynamics_mb, vehicle_dynamics_std
-        from vehiclemodels.utils import (
-            acceleration_constraints,
-            steering_constraints,
-            tire_model,
-            vehicle_dynamics_ks_cog,
-        )
-
         def kept(function: Callable[..., Any], **calls: Any) -> Callable[..., Any]:
             globals_of = {"__name__": function.__module__, **calls}
             try:
@@ -288,8 +281,6 @@ class Models:
 
 def _kept_in() -> Path:
     """Return the folder for compiled code of this version of the package: numba checks each file only by itself."""
-    from importlib.metadata import version
-
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base, "txt1", f"vehicle-models-{version('commonroad-vehicle-models')}")
 
@@ -311,8 +302,6 @@ class CommonRoad(Foreign):
                 f"{'steers both axles' if self.body.steering == 'both' else 'has sides at two speeds'}; "
                 f"use --vehicle f1tenth, or sim.physics={'mujoco' if self.body.steering == 'both' else 'plain'}"
             )
-        from vehiclemodels.vehicle_parameters import setup_vehicle_parameters
-
         p = self.car = car()
         given = setup_vehicle_parameters(VEHICLE)
         self.scale = self.body.wheelbase / (p.a + p.b)
@@ -443,16 +432,9 @@ class MultiBody(CommonRoad):
 
 def single_track_drift(config: Config) -> SingleTrackDrift:
     """Make the physics ``single-track-drift``."""
-    _import("single-track-drift")
     return SingleTrackDrift("single-track-drift", config)
 
 
 def multi_body(config: Config) -> MultiBody:
     """Make the physics ``multi-body``."""
-    _import("multi-body")
     return MultiBody("multi-body", config)
-
-
-def _import(name: str) -> None:
-    for module in ("vehiclemodels", "omegaconf", "numba"):
-        needed(name, partial(import_module, module))

@@ -1,0 +1,77 @@
+"""What the program knows of this repository's plug-ins: which parts they bring, and the commands that install them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from txt1 import additions
+from txt1.cli import execute
+from txt1.config import load
+from txt1.errors import MissingPlugin
+from txt1.hal.registry import PHYSICS
+from txt1.installing import installs_plugin
+from txt1.unknown import PLUGINS, missing
+from txt1.version import __version__
+
+ROOT = Path(__file__).parents[2]
+Capture = pytest.CaptureFixture[str]
+PROJECTS = {
+    file.parent.name: tomllib.loads(file.read_text("utf-8"))["project"]
+    for file in sorted((ROOT / "plugins").glob("*/pyproject.toml"))
+}
+
+
+@pytest.fixture
+def no_plugin_is_installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    def none(**_: Any) -> list[EntryPoint]:
+        return []
+
+    monkeypatch.setattr("txt1.plugins.entry_points", none)
+    monkeypatch.setattr("importlib.metadata.entry_points", none)
+    additions.strangers.cache_clear()
+    yield
+    additions.strangers.cache_clear()
+
+
+def test_the_table_of_plugins_is_what_their_projects_say() -> None:
+    told = {
+        folder: {group: tuple(sorted(names)) for group, names in project.get("entry-points", {}).items()}
+        for folder, project in PROJECTS.items()
+    }
+    assert {folder: groups for folder, groups in told.items() if groups} == {
+        folder: {group: tuple(sorted(names)) for group, names in groups.items()} for folder, groups in PLUGINS.items()
+    }
+
+
+@pytest.mark.parametrize("folder", sorted(PLUGINS))
+def test_a_plugin_has_the_version_of_the_txt1_that_it_needs(folder: str) -> None:
+    project = PROJECTS[folder]
+    assert project["name"] == f"txt1-{folder}" and project["version"] == __version__
+    assert f"txt1=={__version__}" in project["dependencies"]
+
+
+@pytest.mark.usefixtures("no_plugin_is_installed")
+def test_a_physics_of_a_plugin_that_is_missing_is_one_line(capsys: Capture) -> None:
+    assert sorted(missing(PHYSICS.group, PHYSICS.names())) == sorted(PLUGINS["physics"][PHYSICS.group])
+    assert execute(["run", "--headless", "--duration", "1", "--set", "sim.physics=mujoco"]) == 2
+    (told,) = capsys.readouterr().err.splitlines()
+    assert told.endswith(
+        f"sim.physics: the physics 'mujoco' is in the plug-in txt1-physics, which is not installed: "
+        f"{installs_plugin('physics')}"
+    )
+
+
+@pytest.mark.usefixtures("no_plugin_is_installed")
+def test_a_section_that_nothing_installed_reads_tells_the_command() -> None:
+    with pytest.raises(MissingPlugin) as caught:
+        load(None, ["physics.mass=5"], {}, {})
+    assert str(caught.value) == (
+        "physics.mass (from --set physics.mass=5): the section 'physics' is in the plug-in txt1-physics, which is not "
+        f"installed: {installs_plugin('physics')}"
+    )

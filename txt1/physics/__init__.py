@@ -1,1 +1,0 @@
-"""Others' physics for the simulated vehicles: commonroad-vehicle-models and MuJoCo (extra ``physics``)."""

@@ -1,0 +1,58 @@
+"""What an error says of a name that is not installed: the plug-in that brings it, or the most similar name that is.
+
+It is imported when a name is wrong.
+"""
+
+import difflib
+from collections.abc import Collection, Mapping
+from typing import Final
+
+from txt1.errors import ConfigError, MissingPlugin
+
+PLUGINS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = {
+    "learners": {"txt1.learners": ("neural", "taxis")},
+    "physics": {
+        "txt1.additions": ("physics",),
+        "txt1.sim.physics": ("mujoco", "multi-body", "single-track-drift"),
+    },
+}
+"""The plug-ins of this repository, by their folders below plugins/: the names of their entry points, by group."""
+
+OURS: Final = ("txt1", *(f"txt1_{folder}" for folder in PLUGINS))
+"""The packages whose errors are not taken for a stranger's."""
+
+
+def brought(group: str) -> dict[str, str]:
+    """Return the parts of a group that plug-ins of this repository bring: by name, the plug-in's folder."""
+    return {name: plugin for plugin, groups in PLUGINS.items() for name in groups.get(group, ())}
+
+
+def missing(group: str, installed: Collection[str]) -> dict[str, str]:
+    """Return the parts of a group that are in plug-ins that are not installed: by name, the plug-in's folder."""
+    return {name: plugin for name, plugin in sorted(brought(group).items()) if name not in installed}
+
+
+def part(kind: str, group: str, key: str, name: str, installed: Collection[str]) -> ConfigError:
+    """Return the error for a part that is not installed; `key` is the setting that names it."""
+    plugins = brought(group)
+    if name in plugins:
+        return MissingPlugin(f"{key}: the {kind} '{name}'", plugins[name])
+    near = difflib.get_close_matches(name, {**dict.fromkeys(installed), **plugins}, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    return ConfigError(f"{key}: there is no {kind} '{name}'; installed: {', '.join(installed) or 'none'}{hint}")
+
+
+def setting(key: str, depth: int, known: Collection[str], origin: str, group: str) -> ConfigError:
+    """Return the error for a key whose part at `depth` is not among the `known` keys there.
+
+    At depth 0 it is a section; those of `group` are additions'.
+    """
+    parts = key.split(".")
+    name, above = parts[depth], "".join(f"{part}." for part in parts[:depth])
+    if depth == 0 and (plugin := brought(group).get(name)) is not None:
+        return MissingPlugin(f"{key} (from {origin}): the section '{name}'", plugin)
+    near = difflib.get_close_matches(name, known, n=1)
+    remedy = f"did you mean '{above}{near[0]}'?" if near else f"known here: {', '.join(known)}"
+    if depth == 0 and not near:
+        remedy += "; an addition's section needs the addition's package"
+    return ConfigError(f"{key}: unknown key (from {origin}); {remedy}")
