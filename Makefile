@@ -15,7 +15,7 @@ ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice pyth
 FUZZ := .venv-fuzz
 DOCS := .venv-docs
 # distributions of their own that the tests need, each with its tests
-PLUGINS := plugins/learners plugins/physics
+PLUGINS := plugins/learners plugins/physics plugins/ros1
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 # the last release: its tag, or the commit that made the version
@@ -47,7 +47,7 @@ test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from whee
 	@test -z "$(KILTED)" || TXT1_ROS2_HOME=$(KILTED) $(BIN)/python -m txt1 ros2 install --distribution kilted || true
 	@test -e $(CYCLONEDDS)/cyclonedds || $(BIN)/python $(PIP_INSTALL) --target $(CYCLONEDDS) cyclonedds==11.0.1 || true
 	@test -e $(COLCON)/bin/colcon || { $(PYTHON) -m venv $(COLCON) && $(COLCON)/bin/python $(PIP_INSTALL) colcon-core==0.21.3 colcon-ros==0.5.0 colcon-package-information==0.4.1 colcon-package-selection==0.2.10 'setuptools<80'; } || true
-	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) TXT1_COLCON=$(COLCON)/bin $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros
+	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) TXT1_COLCON=$(COLCON)/bin $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros plugins/ros1/tests
 
 test-viewers: $(VENV)/.dev  ## a recording in the viewers that PyPI has, in an environment of their own
 	@test -e $(VIEWERS)/bin/rerun || { $(PYTHON) -m venv $(VIEWERS) && $(VIEWERS)/bin/python $(PIP_INSTALL) rerun-sdk==0.41.0; } || true

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from rigs.ros_ends import ROS_ENDS
 from torture.hands import key_repeats, pad_freezes
 from torture.struck_robot import Broken, Desk
 from txt1.board.board import BoardEvent
@@ -182,7 +183,7 @@ def hostile_peers(desk: Desk, value: float) -> None:
     A stop is obeyed at once, whoever made it up and whatever came before it.
     """
     rng = np.random.default_rng(int(1e9 * value))
-    end = desk.end(pick(("ros", "ros1", "fleet", "gamepad"), value))
+    end = desk.end(pick((*ROS_ENDS, "fleet", "gamepad"), value))
     for _ in range(60):
         fields = {name: JUNK[rng.integers(len(JUNK))] for name in FIELDS if rng.random() < 0.4}
         end.request(Request(ASKED[rng.integers(len(ASKED))], fields, float(rng.choice((0.0, 0.1, 10.0, -5.0)))))

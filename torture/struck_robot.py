@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.random import Generator
 
+from rigs.ros_ends import ROS_ENDS
 from torture.visitors import Web
 from txt1.board.board import Board, BoardEvent, VirtualPort
 from txt1.bridges.registry import RobotEnd
@@ -40,8 +41,6 @@ from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import HostMessage, PwmTest, Switch, Velocity
 from txt1.robot import Robot
-from txt1.ros.original import Ros1Desk
-from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sim.parameters import LineFaults, VehicleParameters
 from txt1.sim.serial_line import Arrival, SerialLine
 from txt1.sim.vehicle import Vehicle
@@ -253,8 +252,7 @@ class Desk:
         """The robot's end of a bridge, which is not there itself."""
         if name not in self._ends:
             makers: dict[str, Callable[[Robot], RobotEnd]] = {
-                "ros": Ros2RobotEnd,
-                "ros1": Ros1Desk,
+                **ROS_ENDS,
                 "fleet": lambda robot: RobotEnd(robot, "fleet", FleetLink(robot).requests),
                 "gamepad": lambda robot: RobotEnd(robot, "pad", {}),
                 "web": lambda robot: RobotEnd(robot, "web", requests or {}),

@@ -4,19 +4,32 @@ It is imported when a name is wrong.
 """
 
 import difflib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from importlib.util import find_spec
 from typing import Final
 
 from txt1.errors import ConfigError, MissingPlugin
+from txt1.installing import installs_plugin
 
+COMMANDS: Final = "commands"
+OPTIONS: Final = "options of txt1 run"
 PLUGINS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = {
     "learners": {"txt1.learners": ("neural", "taxis")},
     "physics": {
         "txt1.additions": ("physics",),
         "txt1.sim.physics": ("mujoco", "multi-body", "single-track-drift"),
     },
+    "ros1": {
+        "txt1.additions": ("ros1",),
+        "txt1.exporters": ("rosbag1",),
+        COMMANDS: ("ros1",),
+        OPTIONS: ("--ros1", "--ros1-name", "--ros1-namespace"),
+    },
 }
-"""The plug-ins of this repository, by their folders below plugins/: the names of their entry points, by group."""
+"""The plug-ins of this repository, by their folders below plugins/: the names of their entry points, by group.
+
+`COMMANDS` and `OPTIONS` are those that their additions bring.
+"""
 
 OURS: Final = ("txt1", *(f"txt1_{folder}" for folder in PLUGINS))
 """The packages whose errors are not taken for a stranger's."""
@@ -56,3 +69,16 @@ def setting(key: str, depth: int, known: Collection[str], origin: str, group: st
     if depth == 0 and not near:
         remedy += "; an addition's section needs the addition's package"
     return ConfigError(f"{key}: unknown key (from {origin}); {remedy}")
+
+
+def word(words: Iterable[str]) -> MissingPlugin | None:
+    """Return the error for the first of these words that is a plug-in's command or option; None if there is none."""
+    plugins = brought(COMMANDS) | brought(OPTIONS)
+    found = next((each for each in words if each.partition("=")[0] in plugins), None)
+    return None if found is None else MissingPlugin(found, plugins[found.partition("=")[0]])
+
+
+def absent() -> str:
+    """Return a line on the plug-ins that are not installed, with the command for each; "" if all are."""
+    folders = [folder for folder in PLUGINS if find_spec(f"txt1_{folder}") is None]
+    return "; ".join(f"{folder}: {installs_plugin(folder)}" for folder in folders)

@@ -2,26 +2,25 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import pytest
 
+from rigs.ros_ends import ROS_ENDS
 from tests.e2e.conftest import ENDLESS
+from txt1.bridges.registry import RobotEnd
 from txt1.cli import execute
 from txt1.config.sources import load
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
 from txt1.kernel.ticks import Ticks
-from txt1.model.vehicle import STEERING_MAX
 from txt1.robot import Robot
-from txt1.ros.original import Ros1Desk
-from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sidecar import Request
 
 TICK = 0.02
-nodes = pytest.mark.parametrize(("name", "desk"), [("ros", Ros2RobotEnd), ("ros1", Ros1Desk)])
-Desk = type[Ros1Desk] | type[Ros2RobotEnd]
+nodes = pytest.mark.parametrize(("name", "desk"), ROS_ENDS.items())
+Desk = Callable[[Robot], RobotEnd]
 
 
 @asynccontextmanager
@@ -41,29 +40,24 @@ async def driven(desk: Desk, *settings: str) -> AsyncIterator[tuple[Robot, async
         yield robot, ends
 
 
-@pytest.mark.parametrize(
-    ("desk", "name", "fields"),
-    [
-        (Ros2RobotEnd, "power", {"switch": "atx", "on": False}),
-        (Ros1Desk, "switched_pwr", {"source": 0, "on": False}),
-    ],
-    ids=["ros2", "ros1"],
-)
-async def test_ros_is_told_that_the_atx_supply_stays_on_while_the_robot_rolls(
-    desk: Desk, name: str, fields: dict[str, object]
-) -> None:
+POWER = {"ros": ("power", {"switch": "atx", "on": False}), "ros1": ("switched_pwr", {"source": 0, "on": False})}
+
+
+@nodes
+async def test_ros_is_told_that_the_atx_supply_stays_on_while_the_robot_rolls(name: str, desk: Desk) -> None:
+    service, fields = POWER[name]
     async with Robot.open("sim", settings=ENDLESS) as robot:
         end = desk(robot)
         await robot.load_gains()
         await robot.drive(1.0, 0.0, 1.0)
         robot.disarm()
         for number, patience in ((1, 2.5 * TICK), (2, 3.0)):
-            end.request(Request("call", {"id": number, "name": name, "fields": fields}, 0.0))
+            end.request(Request("call", {"id": number, "name": service, "fields": fields}, 0.0))
             await asyncio.sleep(patience)
         refused, done = json.loads(end.telemetry() or b"{}")["answers"]
         assert refused[:2] == [1, False] and "until they have seen the robot stand" in refused[2]
         assert done == [2, False, refused[2]], "it rolled still"
-        end.request(Request("call", {"id": 3, "name": name, "fields": fields}, 0.0))
+        end.request(Request("call", {"id": 3, "name": service, "fields": fields}, 0.0))
         await asyncio.sleep(2.5 * TICK)
         assert json.loads(end.telemetry() or b"{}")["answers"] == [[3, True, ""]]
 
@@ -120,30 +114,3 @@ def test_a_time_out_longer_than_the_safety_gate_s_is_refused(
         load(overrides=[f"commander.timeouts.{name}=0.3"])
     assert execute(["run", "--headless", "--set", f"commander.timeouts.{name}=0.3"]) == 2
     assert f"timeouts.{name}: 0.3 s; use at most safety.command_timeout" in capsys.readouterr().err
-
-
-async def test_the_original_s_pwm_change_acts_in_manual_mode_only_and_through_the_gate() -> None:
-    async with Robot.open("sim", settings=list(ENDLESS)) as robot:
-        end = Ros1Desk(robot)
-        asked = {"esc": 24000, "front": -24000, "rear": 24000, "pwm4": 100, "pwm5": 0}
-
-        async def call(number: int) -> list[object]:
-            end.request(Request("call", {"id": number, "name": "pwm_change", "fields": asked}, 0.0))
-            await asyncio.sleep(2.5 * TICK)
-            told = json.loads(end.telemetry() or b"{}")
-            return next(answer for answer in told["answers"] if answer[0] == number)
-
-        _, done, why = await call(1)
-        assert not done and "needs manual mode" in str(why) and robot.runtime.state.control.outputs[:5] == (0,) * 5
-        await robot.set_manual(True)
-        assert (await call(2))[1] is True
-        motor, front, rear, pwm4, _ = robot.runtime.state.control.outputs[:5]
-        assert motor == robot.config.safety.motor_max and pwm4 == 100, "limited by the gate"
-        assert front == -STEERING_MAX and rear == STEERING_MAX
-        await asyncio.sleep(0.25 + TICK)
-        assert robot.runtime.state.control.outputs[:3] == (0, 0, 0), "for a quarter of a second"
-        await call(3)
-        robot.disarm()
-        await asyncio.sleep(TICK)
-        assert (await call(4))[1] is True or not robot.armed
-        assert robot.runtime.state.control.outputs[:3] == (0, 0, 0), "disarmed, nothing moves it"

@@ -15,7 +15,6 @@ from txt1.errors import CommandRefused, ConfigError, NotArmed
 from txt1.protocol.messages import PidSet
 from txt1.record.reading import FilePass
 from txt1.robot import Robot
-from txt1.ros.original import Ros1Desk
 from txt1.ros.robot_end import Ros2RobotEnd
 
 TICK = 0.02
@@ -100,11 +99,10 @@ async def test_gains_are_loaded_and_wrong_ones_refused(robot: Robot, services: S
 
 
 @pytest.mark.parametrize("bad", [-5.0, -1e-3, 99999.0, inf, nan], ids=str)
-@pytest.mark.parametrize("way", ["program", "page", "message", "ros", "ros1"])
+@pytest.mark.parametrize("way", ["program", "page", "message", "ros"])
 async def test_no_way_loads_what_is_no_gain(robot: Robot, services: Services, way: str, bad: float) -> None:
     before, count = robot.runtime.state.gains, len(robot.runtime.state.events)
     linear, sets = before.linear._replace(kp=bad), before.angular.sets
-    flat = [number for v_max, gains in sets for number in (v_max, *gains)]
     if way == "message":
         robot.runtime.post(PidSet(linear, tuple((v_max, *gains) for v_max, gains in sets)), robot.now)
     elif way == "program":
@@ -113,12 +111,9 @@ async def test_no_way_loads_what_is_no_gain(robot: Robot, services: Services, wa
     elif way == "page":
         with suppress(CommandRefused):  # at once where it is no number, else it is told
             services.requests["gains"](linear, [(v_max, *gains) for v_max, gains in sets])
-    elif way == "ros":
+    else:
         with pytest.raises(ConfigError, match="kp"):
             await Ros2RobotEnd(robot)._set({"control.linear.kp": bad})  # noqa: SLF001
-    else:
-        with pytest.raises(CommandRefused, match="kp"):
-            await Ros1Desk(robot)._pid_load([*linear], flat)  # noqa: SLF001
     await asyncio.sleep(0.1)
     assert robot.runtime.state.gains == before
     if way in ("message", "page") and isfinite(bad):

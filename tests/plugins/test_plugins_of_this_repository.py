@@ -16,7 +16,7 @@ from txt1.config import load
 from txt1.errors import MissingPlugin
 from txt1.hal.registry import PHYSICS
 from txt1.installing import installs_plugin
-from txt1.unknown import PLUGINS, missing
+from txt1.unknown import COMMANDS, OPTIONS, PLUGINS, missing
 from txt1.version import __version__
 
 ROOT = Path(__file__).parents[2]
@@ -45,8 +45,17 @@ def test_the_table_of_plugins_is_what_their_projects_say() -> None:
         for folder, project in PROJECTS.items()
     }
     assert {folder: groups for folder, groups in told.items() if groups} == {
-        folder: {group: tuple(sorted(names)) for group, names in groups.items()} for folder, groups in PLUGINS.items()
+        folder: {group: names for group, names in groups.items() if group not in (COMMANDS, OPTIONS)}
+        for folder, groups in PLUGINS.items()
     }
+
+
+@pytest.mark.parametrize("folder", [folder for folder, groups in PLUGINS.items() if COMMANDS in groups])
+def test_the_table_of_plugins_has_the_commands_and_options_of_their_additions(folder: str) -> None:
+    pytest.importorskip(f"txt1_{folder}", reason=f"the plug-in {folder} is not installed")
+    addition = additions.strangers().found[folder]
+    assert PLUGINS[folder][COMMANDS] == tuple(sorted(addition.commands))
+    assert PLUGINS[folder][OPTIONS] == tuple(sorted(additions.load(addition.options).arguments))
 
 
 @pytest.mark.parametrize("folder", sorted(PLUGINS))
@@ -75,3 +84,27 @@ def test_a_section_that_nothing_installed_reads_tells_the_command() -> None:
         "physics.mass (from --set physics.mass=5): the section 'physics' is in the plug-in txt1-physics, which is not "
         f"installed: {installs_plugin('physics')}"
     )
+
+
+@pytest.mark.usefixtures("no_plugin_is_installed")
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["run", "--headless", "--ros1"], "--ros1"),
+        (["run", "--ros1-namespace=car1"], "--ros1-namespace=car1"),
+        (["ros1", "package", "there"], "ros1"),
+        (["log", "export", "--rosbag1", str(ROOT / "tests/golden/wire.mcap")], "--rosbag1: the format 'rosbag1'"),
+    ],
+)
+def test_a_command_of_a_plugin_that_is_missing_is_one_line(words: list[str], told: str, capsys: Capture) -> None:
+    assert execute(words) == 2
+    assert capsys.readouterr().err == (
+        f"txt1: {told} is in the plug-in txt1-ros1, which is not installed: {installs_plugin('ros1')}\n"
+    )
+
+
+def test_the_help_names_the_plugins_that_are_missing(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    monkeypatch.setattr("txt1.unknown.find_spec", lambda name: None if name == "txt1_ros1" else name)
+    assert execute(["--help"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert f"Plug-ins that are not installed: ros1: {installs_plugin('ros1')}." in shown

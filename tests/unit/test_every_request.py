@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rigs.ros_ends import ROS_ENDS
 from tests.any_json import JSON
 from tests.e2e.test_bridges import FIELDS as FIELDS_OF_BRIDGES
 from tests.examples import examples
@@ -25,13 +26,10 @@ from txt1.fleet.link import FleetLink
 from txt1.kernel.loop import run
 from txt1.record.live import velocity
 from txt1.robot import Robot
-from txt1.ros.original import Ros1Desk
-from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sidecar import Request
 
 ENDS: Final[dict[str, Callable[[Robot], RobotEnd]]] = {
-    "ros": Ros2RobotEnd,
-    "ros1": Ros1Desk,
+    **ROS_ENDS,
     "gamepad": lambda robot: RobotEnd(robot, "gamepad", {}),
 }
 CALLED: Final = (

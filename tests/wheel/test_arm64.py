@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 # of 64-bit Raspberry Pi OS 12 (Python 3.11, glibc 2.36), which 13 (Python 3.13, glibc 2.41) runs, too
 PLATFORMS = ("manylinux2014_aarch64", "manylinux_2_28_aarch64", "manylinux_2_34_aarch64", "manylinux_2_36_aarch64")
-EXTRAS = ("", "pi", "record", "view", "gps", "gamepad", "web", "camera", "fleet", "firmware", "ros", "plots", "fast")
+EXTRAS = ("", "pi", "record", "view", "gps", "gamepad", "web", "camera", "fleet", "firmware", "plots", "fast")
 
 
 def needed(extra: str, python: str) -> list[str]:

@@ -161,18 +161,38 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     named = next((word for word in words if not word.startswith("-")), "")
     if named not in commands() or not {"-h", "--help"}.isdisjoint(words):
         find_strangers()
+    if named not in commands():
+        _refuse_missing([named])
     whole = parser({named})
+    if not named and not {"-h", "--help"}.isdisjoint(words):
+        whole.epilog = _epilog()
     arguments, unknown = whole.parse_known_args(words)
     if unknown and find_strangers():
         whole = parser({named})
         arguments, unknown = whole.parse_known_args(words)
     if unknown:
+        _refuse_missing(unknown)
         command = whole.get_default("parsers").get(named, whole)
         actions = command.get_default("parsers") or {}
         asked = next((actions[word] for word in words if word in actions), command)
         late = "; options come first" if "--" in unknown else ""
         asked.error(f"unrecognized arguments: {' '.join(unknown)}{late}")
     return arguments
+
+
+def _refuse_missing(words: Sequence[str]) -> None:
+    """Raise MissingPlugin if one of the words is a command or an option of a plug-in that is not installed."""
+    from txt1.unknown import word
+
+    if (error := word(words)) is not None:
+        raise error
+
+
+def _epilog() -> str:
+    """Return the end of the program's help: exit codes, and the plug-ins that are not installed."""
+    from txt1.unknown import absent
+
+    return f"{EPILOG} Plug-ins that are not installed: {told}." if (told := absent()) else EPILOG
 
 
 def find_strangers() -> bool:

@@ -1,4 +1,4 @@
-"""The nodes of ROS 1 and ROS 2 as an addition."""
+"""The node of ROS 2 as an addition."""
 
 from txt1.additions import Addition
 
@@ -7,10 +7,9 @@ ADDITION = Addition(
     order=130,
     beside="txt1.ros.beside:beside",
     options="txt1.ros.options:OPTIONS",
-    sources={"ros": 20, "ros1": 20},
+    sources={"ros": 20},
     parts={"txt1.players": {"ros2": "txt1.ros.playback:play"}},
     commands={
-        "ros1": ("txt1.ros.command.ros1", "write the original's messages and services as a package of ROS 1"),
         "ros2": ("txt1.ros.command.ros2", "install a ROS 2 for the robot's node, or write its messages as a package"),
     },
 )

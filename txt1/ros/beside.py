@@ -1,10 +1,10 @@
-"""A robot, or a board, as a node of ROS."""
+"""A robot, or a board, as a node of ROS 2."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any, Final
 
 from txt1.commands import say
@@ -14,30 +14,24 @@ from txt1.robot import Robot
 from txt1.ros.install import outdated
 from txt1.ros.node import node_beside
 from txt1.ros.publisher import Told, Transforms
-from txt1.ros.python import RosPython, home, ros1, ros2
+from txt1.ros.python import RosPython, home, ros2
 
 ASKED: Final = {"map": fused_pose, "room": true_pose}
 """Sources of the frame above odom; NotCapable if the robot does not know it."""
 NODE: Final = "txt1.ros.ros2:main"
 RosNode = Callable[[Robot], AbstractAsyncContextManager[Any]]
-"""Makes a robot a node of ROS until the block is left."""
+"""Makes a robot a node of ROS 2 until the block is left."""
 
 
 @asynccontextmanager
-async def beside(robot: Robot, nodes: Sequence[RosNode]) -> AsyncIterator[None]:
-    """Run the nodes until the block is left."""
-    async with AsyncExitStack() as stack:
-        for node in nodes:
-            await stack.enter_async_context(node(robot))
+async def beside(robot: Robot, node: RosNode) -> AsyncIterator[None]:
+    """Run the node until the block is left."""
+    async with node(robot):
         yield
 
 
-def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
-    """Return the function that makes the robot a node of ROS 2, None if not requested; raises ConfigError
-    without ROS 2.
-    """
-    if not arguments.ros2:
-        return None
+def ros2_node(arguments: argparse.Namespace) -> RosNode:
+    """Return the function that makes the robot a node of ROS 2; raises ConfigError without ROS 2."""
     from txt1.ros.robot_end import Ros2RobotEnd
 
     python = ros2_python()
@@ -72,25 +66,3 @@ def ros2_python() -> RosPython:
     if python.ours and outdated(home()):
         raise ConfigError("--ros2: the types were made of other definitions; run 'txt1 ros2 install' again")
     return python
-
-
-def ros1_node(arguments: argparse.Namespace) -> RosNode | None:
-    """Return the function that makes the robot the original's node of ROS 1, or None; raises ConfigError
-    without ROS 1.
-    """
-    if not arguments.ros1:
-        return None
-    from txt1.ros.original import Ros1Desk
-
-    python, namespace = ros1(), (arguments.ros1_namespace or "").strip("/")
-    if namespace:
-        python = python._replace(environment={**python.environment, "ROS_NAMESPACE": f"/{namespace}"})
-
-    def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
-        desk = Ros1Desk(robot)
-        options = {"virtual": arguments.speed is not None, "parameters": desk.parameters(), "namespace": namespace}
-        if arguments.ros1_name:
-            options["name"] = arguments.ros1_name
-        return node_beside(robot.runtime, desk, "txt1.ros.ros1:main", python, options)
-
-    return node

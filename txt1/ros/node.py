@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -45,6 +46,8 @@ async def node_beside(
 
     `target` is its function, as ``module:function``; `options` are keyword arguments for it.
     """
+    spec = find_spec(target.partition(".")[0])
+    assert spec is not None and spec.origin is not None
     beside = Sidecar(
         target,
         desk.telemetry,
@@ -54,7 +57,7 @@ async def node_beside(
         silence=SILENCE,
         tell=lambda text: desk.say(f" {text}"),
         lost=desk.lost,
-        program=(*python.program, str(START)),
+        program=(*python.program, str(START), str(Path(spec.origin).parents[1])),
         environment=python.environment,
         niceness=0,
         prompt=True,

@@ -1,9 +1,8 @@
-"""Options that make a robot, or a board, a node of ROS."""
+"""Options that make a robot, or a board, a node of ROS 2."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from txt1.additions import Options
@@ -27,27 +26,22 @@ ROS: Final = ROS2 | {
     },
     "--ros2-prefix": flag("frames' names begin with the namespace, such as car1/odom"),
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
-    "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
-    "--ros1-namespace": takes("NS", "namespace of its topics, services and frames, for several robots on one master"),
-    "--ros1-name": takes("NAME", "the node's name in place of txt1_node"),
 }
 ONLY_OF_ROS2: Final = ("ros2_namespace", "ros2_best_effort", "ros2_tf", "ros2_prefix", "ros2_stamped")
 
 
-def asked(arguments: Namespace, config: Config) -> Sequence[RosNode] | None:
-    """Return the functions that make the robot a node of each requested ROS; raises ConfigError if there is none."""
+def asked(arguments: Namespace, config: Config) -> RosNode | None:
+    """Return the function that makes the robot a node of ROS 2, None if not requested; raises ConfigError."""
     given = [f"--{name.replace('_', '-')}" for name in ONLY_OF_ROS2 if getattr(arguments, name)]
     if given and not arguments.ros2:
         raise ConfigError(f"{', '.join(given)}: there is no node of ROS 2; add --ros2")
     if arguments.ros2_prefix and not arguments.ros2_namespace:
         raise ConfigError("--ros2-prefix: there is no namespace; add --ros2-namespace NS")
-    if (arguments.ros1_namespace or arguments.ros1_name) and not arguments.ros1:
-        raise ConfigError("--ros1-namespace, --ros1-name: there is no node of ROS 1; add --ros1")
-    if not (arguments.ros1 or arguments.ros2):
+    if not arguments.ros2:
         return None
-    from txt1.ros.beside import ros1_node, ros2_node
+    from txt1.ros.beside import ros2_node
 
-    return [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
+    return ros2_node(arguments)
 
 
-OPTIONS: Final = Options("ROS", ROS, asked)
+OPTIONS: Final = Options("ROS 2", ROS, asked)

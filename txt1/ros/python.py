@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 
 from txt1.errors import ConfigError
 
-SYSTEM: Final = "/usr/bin/python3"
 INSTALLED: Final = Path("/opt/ros")
 # newest first; older ones have an older Python
 DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy")
@@ -64,22 +63,6 @@ def ros2() -> RosPython:
     if python.exists():
         return RosPython((str(python), "-P"), clean(os.environ), str(home()), ours=True)
     raise ConfigError(f"--ros2: there is no ROS 2 on this machine: {REMEDY}")
-
-
-def ros1() -> RosPython:
-    """Return the Python for ROS 1, Debian's own; raises ConfigError, with the remedy, if there is none."""
-    found = (
-        subprocess.run(  # noqa: S603
-            [SYSTEM, "-c", "import rospy, genpy"], env=clean(os.environ), capture_output=True, check=False
-        )
-        if Path(SYSTEM).exists()
-        else None
-    )
-    if found is None or found.returncode != 0:
-        raise ConfigError(
-            f"--ros1: {SYSTEM} has no rospy: 'apt install python3-rospy python3-rosmaster' (Debian, Ubuntu)"
-        )
-    return RosPython((SYSTEM, "-P"), clean(os.environ), "Debian's rospy")
 
 
 def _sourced(setup: Path) -> dict[str, str]:

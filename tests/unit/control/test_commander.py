@@ -395,7 +395,6 @@ def test_the_priorities_are_those_that_the_manual_tells() -> None:
         "view": 30,
         "fleet": 30,
         "ros": 20,
-        "ros1": 20,
         "program": 10,
         "policy": 5,
     }

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from txt1.commands import OK, add_actions, busy, count, flag, need, path, takes
 from txt1.errors import ConfigError
+from txt1.plugins import Registry
 from txt1.record.options import RECORDING
 
 if TYPE_CHECKING:
     from txt1.record.reading import Item
+
+EXPORTERS: Final = Registry("format", "txt1.exporters", {})
+"""Functions that write a recording as a file of another program's, all of them plug-ins'."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,12 +81,10 @@ def export_csv(arguments: argparse.Namespace) -> int:
         print(f"{arguments.lerobot}: {episodes} episode{'s' * (episodes != 1)}, {frames} frames")
         return OK
     if arguments.rosbag1:
-        need("--rosbag1", "ros", "rosbags")
-        from txt1.record import rosbag1
-
+        export, _ = EXPORTERS.find("--rosbag1", "rosbag1")
         bag = arguments.output or arguments.file.with_suffix(".bag")
         with busy(f"writing {bag}"):
-            messages = rosbag1.export(_chosen(arguments), bag)
+            messages = export(_chosen(arguments), bag)
         print(f"{bag}: {messages} messages")
         return OK
     directory = arguments.output or arguments.file.with_suffix("")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from txt1.commands import OK, add_actions, path, takes
-from txt1.ros.txt_driver import write_package
+from txt1_ros1.txt_driver import write_package
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from txt1.ros.tree import tree
 from txt1.sensors.readings import Image, ImuReading, ImuSigma, Scan, image_topic, imu_topic, scan_topic
+from txt1_ros1.tree import tree
 
 
 def test_numbers_stand_where_their_paths_say() -> None:

@@ -8,6 +8,10 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from txt1.cli import execute
+from txt1.record.layout import MessageBuffer
+from txt1.ros.definitions import own
+from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
+from txt1_ros1.rosbag1 import Converter
 
 
 def test_a_bag_of_ros_1_has_every_message_of_the_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -24,3 +28,12 @@ def test_a_bag_of_ros_1_has_every_message_of_the_recording(tmp_path: Path, capsy
         assert read[-1].twist.twist.linear.x == pytest.approx(0.5, abs=0.1)  # type: ignore[attr-defined]
     assert execute(["log", "export", "--rosbag1", str(file)]) == 2, "what is there is not overwritten"
     assert "choose another name" in capsys.readouterr().err
+
+
+def test_every_message_is_one_of_ros_1_too() -> None:
+    own()
+    converter = Converter()
+    for message in sorted(DEFINITIONS):
+        kind = schema_name(message)
+        converter.add(kind, schema_text(message))
+        converter.store.deserialize_ros1(converter.convert(kind, bytes(MessageBuffer(message))), kind)

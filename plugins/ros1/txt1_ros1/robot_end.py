@@ -1,6 +1,6 @@
 """The robot's end of the original's node (thesis 3.4.3): sends odometry 20 times a second, batteries once, and answers.
 
-Sensors' readings are sent with them, as trees (`txt1.ros.tree`).
+Sensors' readings are sent with them, as trees (`txt1_ros1.tree`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from txt1.protocol.messages import Switch
 from txt1.record.settings import RecordConfig
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
-from txt1.ros.tree import SensorFeed
+from txt1_ros1.tree import SensorFeed
 
 # s between two odometry messages
 ODOMETRY: Final = 0.05

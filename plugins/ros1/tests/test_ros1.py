@@ -24,12 +24,13 @@ from rigs.ports import free_port
 from tests.patience import LIMIT, TXT1, S, wait_until
 from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.errors import ConfigError
-from txt1.ros.python import SYSTEM, clean, ros1
-from txt1.ros.txt_driver import write_package
+from txt1.ros.python import clean
+from txt1_ros1.beside import SYSTEM, python
+from txt1_ros1.txt_driver import write_package
 
 pytestmark = pytest.mark.long
 HERE = Path(__file__).parent
-ROOT = HERE.parents[1]
+ROOT = HERE.parents[2]
 GENPY, GENCPP = Path("/usr/lib/genpy"), Path("/usr/lib/gencpp/gen_cpp.py")
 CLIENT = Path(os.environ.get("TXT1_CLIENT") or HERE / "client.cpp")
 """A client in C++; another one's source is compiled in its place."""
@@ -38,7 +39,7 @@ CLIENT = Path(os.environ.get("TXT1_CLIENT") or HERE / "client.cpp")
 @pytest.fixture(scope="module", autouse=True)
 def debian() -> None:
     try:
-        ros1()
+        python()
     except ConfigError as error:
         pytest.skip(f"did not run: {error}")
     if shutil.which("rosmaster") is None:

@@ -24,8 +24,8 @@ from tf2_msgs.msg import TFMessage
 
 from txt1.model.battery import remaining_time
 from txt1.ros.calls import Caller
-from txt1.ros.txt_driver import MESSAGES, SERVICES
 from txt1.sidecar import Connection
+from txt1_ros1.txt_driver import MESSAGES, SERVICES
 
 NODE_NAME: Final = "txt1_node"
 # s between two combined odometries that are passed on

@@ -1,0 +1,12 @@
+"""The original's node of ROS 1 as an addition."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="ros1",
+    order=130,
+    beside="txt1_ros1.beside:beside",
+    options="txt1_ros1.options:OPTIONS",
+    sources={"ros1": 20},
+    commands={"ros1": ("txt1_ros1.command", "write the original's messages and services as a package of ROS 1")},
+)
