@@ -15,7 +15,7 @@ ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice pyth
 FUZZ := .venv-fuzz
 DOCS := .venv-docs
 # distributions of their own that the tests need, each with its tests
-PLUGINS := plugins/learners plugins/physics plugins/ros1
+PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 # the last release: its tag, or the commit that made the version
@@ -54,7 +54,7 @@ test-viewers: $(VENV)/.dev  ## a recording in the viewers that PyPI has, in an e
 	TXT1_VIEWERS=$(CURDIR)/$(VIEWERS)/bin $(BIN)/python -m pytest -m long -rs tests/viewers
 
 test-lerobot: $(VENV)/.dev  ## LeRobot's commands with plugins/lerobot; LEROBOT= is a Python that has both, which nobody installs here
-	TXT1_LEROBOT=$(wildcard $(LEROBOT)) $(BIN)/python -m pytest -m long -rs tests/lerobot
+	TXT1_LEROBOT=$(wildcard $(LEROBOT)) $(BIN)/python -m pytest -m long -rs plugins/lerobot/tests
 
 steady: $(VENV)/.dev  ## repeats the tests, none of which may fail: those that wait 20 times, also beside busy loops, all tests 5 times; 90 minutes, resumes
 	$(BIN)/python -m tests.steady

@@ -32,10 +32,10 @@ class MissingPlugin(ConfigError):
     """The user asked for a part of a plug-in of this repository that is not installed; `command` installs it."""
 
     def __init__(self, part: str, plugin: str) -> None:
-        from txt1.installing import installs_plugin
+        from txt1.installing import distribution_of, installs_plugin
 
         self.command = installs_plugin(plugin)
-        super().__init__(f"{part} is in the plug-in txt1-{plugin}, which is not installed: {self.command}")
+        super().__init__(f"{part} is in the plug-in {distribution_of(plugin)}, which is not installed: {self.command}")
 
 
 class HalError(Txt1Error):

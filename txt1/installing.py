@@ -38,14 +38,19 @@ def installs(extras: str) -> str:
     return f"{interpreter()} -m pip install {_source(extras)}"
 
 
+def distribution_of(plugin: str) -> str:
+    """Return the name of a plug-in's distribution; LeRobot finds its plug-ins by the beginning of theirs."""
+    return "lerobot_robot_txt1" if plugin == "lerobot" else f"txt1-{plugin}"
+
+
 def installs_plugin(name: str) -> str:
     """Return the command that installs a plug-in of this repository, the folder `name` below plugins/.
 
-    Where there is no checkout, it is the distribution txt1-NAME of an index.
+    Where there is no checkout, it is the distribution of this name on an index.
     """
     told, path = _origin()
     folder = os.path.join(path, "plugins", name)
-    source = f"txt1-{name}"
+    source = distribution_of(name)
     if os.path.isfile(os.path.join(folder, "pyproject.toml")):
         editable = "-e " if told.get("dir_info", {}).get("editable") else ""
         source = editable + quote(_word(_near(folder)))

@@ -15,6 +15,7 @@ COMMANDS: Final = "commands"
 OPTIONS: Final = "options of txt1 run"
 PLUGINS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = {
     "learners": {"txt1.learners": ("neural", "taxis")},
+    "lerobot": {"txt1.exporters": ("lerobot",)},
     "physics": {
         "txt1.additions": ("physics",),
         "txt1.sim.physics": ("mujoco", "multi-body", "single-track-drift"),

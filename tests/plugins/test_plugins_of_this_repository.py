@@ -15,7 +15,7 @@ from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import MissingPlugin
 from txt1.hal.registry import PHYSICS
-from txt1.installing import installs_plugin
+from txt1.installing import distribution_of, installs_plugin
 from txt1.unknown import COMMANDS, OPTIONS, PLUGINS, missing
 from txt1.version import __version__
 
@@ -61,7 +61,7 @@ def test_the_table_of_plugins_has_the_commands_and_options_of_their_additions(fo
 @pytest.mark.parametrize("folder", sorted(PLUGINS))
 def test_a_plugin_has_the_version_of_the_txt1_that_it_needs(folder: str) -> None:
     project = PROJECTS[folder]
-    assert project["name"] == f"txt1-{folder}" and project["version"] == __version__
+    assert project["name"] == distribution_of(folder) and project["version"] == __version__
     assert f"txt1=={__version__}" in project["dependencies"]
 
 
@@ -83,6 +83,16 @@ def test_a_section_that_nothing_installed_reads_tells_the_command() -> None:
     assert str(caught.value) == (
         "physics.mass (from --set physics.mass=5): the section 'physics' is in the plug-in txt1-physics, which is not "
         f"installed: {installs_plugin('physics')}"
+    )
+
+
+@pytest.mark.usefixtures("no_plugin_is_installed")
+def test_a_dataset_for_lerobot_without_the_plugin_is_one_line(tmp_path: Path, capsys: Capture) -> None:
+    words = ["log", "export", str(ROOT / "tests/golden/wire.mcap"), "--lerobot", str(tmp_path / "there")]
+    assert execute(words) == 2
+    assert capsys.readouterr().err == (
+        "txt1: --lerobot: the format 'lerobot' is in the plug-in lerobot_robot_txt1, which is not installed: "
+        f"{installs_plugin('lerobot')}\n"
     )
 
 

@@ -54,6 +54,8 @@ class Txt1Keys(Teleoperator):
         super().__init__(config)
         self.config = config
         self._hand = Hand(radius=config.radius)
+        self._connected = False
+        # when the drive was first asked for: a robot may take seconds to open
         self._began: float | None = None
         self._pressed: dict[str, float] = {}
         self._before: list[Any] | None = None
@@ -71,7 +73,7 @@ class Txt1Keys(Teleoperator):
     @property
     def is_connected(self) -> bool:
         """Whether keys are read."""
-        return self._began is not None
+        return self._connected
 
     @property
     def is_calibrated(self) -> bool:
@@ -86,7 +88,7 @@ class Txt1Keys(Teleoperator):
 
     def connect(self, calibrate: bool = True) -> None:
         """Begin to read keys, where this is a terminal."""
-        self._began = time.monotonic()
+        self._connected = True
         if not self.config.drive and sys.stdin.isatty():
             self._before = termios.tcgetattr(sys.stdin)
             tty.setcbreak(sys.stdin)
@@ -97,7 +99,10 @@ class Txt1Keys(Teleoperator):
         return dict(zip(ACTIONS, (v, omega), strict=True))
 
     def _written(self) -> tuple[float, float]:
-        left = time.monotonic() - (self._began or 0.0)
+        now = time.monotonic()
+        if self._began is None:
+            self._began = now
+        left = now - self._began
         for seconds, v, omega in self.config.drive:
             if left < seconds:
                 return v, omega
@@ -121,7 +126,7 @@ class Txt1Keys(Teleoperator):
 
     def disconnect(self) -> None:
         """Give the terminal back."""
-        self._began = None
+        self._connected, self._began = False, None
         if self._before is not None:
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
             self._before = None

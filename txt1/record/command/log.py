@@ -73,11 +73,9 @@ def export_csv(arguments: argparse.Namespace) -> int:
     from txt1.record import summary
 
     if arguments.lerobot:
-        need("--lerobot", "parquet", "pyarrow")
-        from txt1.record import lerobot
-
+        export, _ = EXPORTERS.find("--lerobot", "lerobot")
         with busy(f"writing {arguments.lerobot}"):
-            episodes, frames = lerobot.export(arguments.file, arguments.lerobot, arguments.fps, arguments.task)
+            episodes, frames = export(arguments.file, arguments.lerobot, arguments.fps, arguments.task)
         print(f"{arguments.lerobot}: {episodes} episode{'s' * (episodes != 1)}, {frames} frames")
         return OK
     if arguments.rosbag1:

@@ -6,8 +6,7 @@
 An episode is one of the learner's; of a recording without a learner, a drive from arming to disarming. Frames are
 evenly apart: the state is what had been told until then, the action is the set-point that was in force when the next
 frame was due. The pictures of cameras are the JPEGs of the recording, as LeRobot's feature of the kind image, and the
-statistics of their colours are over as many of them as LeRobot itself takes. Needs the extra `parquet`, and `camera`
-for pictures.
+statistics of their colours are over as many of them as LeRobot itself takes.
 """
 
 import json
@@ -20,9 +19,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 from pyarrow import parquet
 
-from txt1.errors import ConfigError, MissingExtra, RecordingError
+from txt1.errors import ConfigError, RecordingError
 from txt1.record.reading import Decoding, FilePass
 
 Array = NDArray[np.float64]
@@ -280,12 +280,8 @@ def _stats(values: Array) -> dict[str, list[float]]:
 def _picture_feature(files: list[bytes]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the feature of a camera's pictures, and the statistics of their colours, 0 to 1.
 
-    Raises RecordingError: they are of several sizes, or damaged; MissingExtra.
+    Raises RecordingError: they are of several sizes, or damaged.
     """
-    try:
-        from PIL import Image, UnidentifiedImageError
-    except ImportError:
-        raise MissingExtra("pictures for LeRobot", "camera") from None
     number = max(min(100, len(files)), min(int(len(files) ** 0.75), 10_000))
     colours, sizes = [], set()
     for index in np.linspace(0, len(files) - 1, number).astype(int):

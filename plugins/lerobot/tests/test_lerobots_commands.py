@@ -13,7 +13,7 @@ from tests.patience import LIMIT
 
 pytestmark = pytest.mark.long
 HERE = Path(__file__).parent
-ROOT = HERE.parents[1]
+ROOT = HERE.parents[2]
 
 
 def test_a_drive_is_recorded_replayed_and_learned_from_by_lerobots_commands(tmp_path: Path) -> None:

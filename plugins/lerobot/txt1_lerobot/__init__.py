@@ -1,0 +1,1 @@
+"""Recordings of txt1 as LeRobot datasets."""
