@@ -37,7 +37,7 @@ test-long: $(VENV)/.dev  ## the long tests, too: many repetitions, long runs, an
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --hypothesis-profile=others -m "not browser"
 
 test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
-	$(BIN)/python $(PIP_INSTALL) --editable '.[browser]'
+	$(BIN)/python $(PIP_INSTALL) --group browser
 	@command -v chromium >/dev/null || (apt-get update && apt-get install --yes chromium) >/dev/null 2>&1 || true
 	$(BIN)/python -m pytest -m browser -rs tests/browser
 
@@ -118,24 +118,28 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.installed $(PLUGINS:%=%/pyproject.toml)
-	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]' $(PLUGINS:%=--editable %)
+	$(BIN)/python $(PIP_INSTALL) --upgrade 'pip>=25.1'  # knows groups, which a Python's own may not
+	$(BIN)/python $(PIP_INSTALL) --group dev --editable . $(PLUGINS:%=--editable %)
 	$(BIN)/python -m compileall -q txt1 studies  # as pip does with all others: each process of the tests loads them
 	@$(BIN)/python -m pytest --collect-only >/dev/null || true  # compiles the tests, or six processes would do it at once
 	@touch $@
 
 $(FUZZ)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(FUZZ)
-	$(FUZZ)/bin/python $(PIP_INSTALL) --editable '.[dev,fuzz]' $(PLUGINS:%=--editable %)
+	$(FUZZ)/bin/python $(PIP_INSTALL) --upgrade 'pip>=25.1'
+	$(FUZZ)/bin/python $(PIP_INSTALL) --group dev --group fuzz --editable . $(PLUGINS:%=--editable %)
 	@touch $@
 
 $(DOCS)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(DOCS)
-	$(DOCS)/bin/python $(PIP_INSTALL) --editable '.[docs,record,plots,view]'
+	$(DOCS)/bin/python $(PIP_INSTALL) --upgrade 'pip>=25.1'
+	$(DOCS)/bin/python $(PIP_INSTALL) --group docs --editable '.[record,plots,view]'
 	@touch $@
 
 # The benchmarks' folder comes after what is installed, so they measure the wheel and not the sources beside them.
 $(BENCH)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(BENCH)
-	$(BENCH)/bin/python $(PIP_INSTALL) '.[dev,bench]'
+	$(BENCH)/bin/python $(PIP_INSTALL) --upgrade 'pip>=25.1'
+	$(BENCH)/bin/python $(PIP_INSTALL) --group dev --group bench .
 	pwd > $$($(BENCH)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/benchmarks.pth
 	@touch $@

@@ -4,7 +4,7 @@
     python -m rigs.release sums dist
 
 The constraints are read from the environment that runs this command. `make release` runs it in the environment in which
-the tests have just passed. From the package's own requirements, the base and every extra for users, it follows each
+the tests have just passed. From the requirements of txt1 and its plug-ins, the base and every extra, it follows each
 requirement to the packages that are installed, and names their versions. What is not installed was not tested: it
 stands in a comment.
 """
@@ -14,6 +14,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from hashlib import sha256
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
@@ -22,9 +23,13 @@ from typing import Final
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-DEVELOPERS: Final = ("bench", "browser", "dev", "docs", "fuzz")
-"""Extras that the work on txt1 needs and a robot does not."""
+from txt1.installing import distribution_of
+from txt1.unknown import PLUGINS
+
 SUMS: Final = "SHA256SUMS"
+
+OURS: Final = ("txt1", *map(distribution_of, PLUGINS))
+"""The distributions of this repository."""
 
 
 def wanted(package: Distribution, extras: set[str]) -> list[Requirement]:
@@ -37,17 +42,17 @@ def wanted(package: Distribution, extras: set[str]) -> list[Requirement]:
     ]
 
 
-def versions(name: str = "txt1", without: tuple[str, ...] = DEVELOPERS) -> tuple[dict[str, str], list[str]]:
-    """Return the version of each installed package that `name` needs, and the names of those that are missing.
+def versions(names: Sequence[str] = OURS) -> tuple[dict[str, str], list[str]]:
+    """Return the version of each installed package that `names` need, and the names of those that are missing.
 
-    `without`: extras of `name` that are left out. The package itself is not among the versions.
+    All extras of `names` are counted. The packages themselves are not among the versions.
     """
-    root = distribution(name)
     found: dict[str, str] = {}
     missing: set[str] = set()
     seen: set[tuple[str, frozenset[str]]] = set()
-    extras = set(root.metadata.get_all("Provides-Extra") or ()) - set(without)
-    waiting = wanted(root, extras)
+    waiting: list[Requirement] = []
+    for root in map(distribution, names):
+        waiting += wanted(root, set(root.metadata.get_all("Provides-Extra") or ()))
     while waiting:
         one = waiting.pop()
         key = canonicalize_name(one.name), frozenset(one.extras)
@@ -61,7 +66,8 @@ def versions(name: str = "txt1", without: tuple[str, ...] = DEVELOPERS) -> tuple
             continue
         found[key[0]] = package.version
         waiting += wanted(package, one.extras)
-    found.pop(canonicalize_name(name), None)
+    for name in names:
+        found.pop(canonicalize_name(name), None)
     return dict(sorted(found.items())), sorted(missing)
 
 

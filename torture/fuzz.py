@@ -1,7 +1,7 @@
 """Random and hostile bytes for whatever reads bytes of strangers: line, settings, files of all kinds, live view.
 
 A reader may refuse, in the words it has for that; it may not raise anything else, hang, or grow. With the package
-atheris (extra `fuzz`; `make torture` has it in an environment of its own) libFuzzer looks for inputs that reach new
+atheris (group `fuzz`; `make torture` has it in an environment of its own) libFuzzer looks for inputs that reach new
 branches.
 """
 

@@ -49,7 +49,7 @@ def test_the_map_on_the_page_shows_the_whole_flat(browser: Any, car: Live) -> No
 
 @pytest.fixture(scope="module")
 def mapper(folder: Path) -> Iterator[Live]:
-    pytest.importorskip("numba", reason="a map is made by the extra 'mapping'")
+    pytest.importorskip("numba", reason="a map is made by the extra 'fast'")
     make = f"mapping.make={folder / 'made'}"
     with live(("sensors.laser.driver=sim_laser", make), folder=folder) as here:
         yield here
@@ -65,7 +65,7 @@ def test_the_map_in_the_making_is_drawn_with_the_robot_on_it(browser: Any, mappe
 
 @pytest.fixture(scope="module")
 def located(folder: Path) -> Iterator[Live]:
-    pytest.importorskip("numba", reason="a robot finds itself by the extra 'mapping'")
+    pytest.importorskip("numba", reason="a robot finds itself by the extra 'fast'")
     room = ("sim.room.map=laboratory", "mapping.room=laboratory")
     with live(("sensors.laser.driver=sim_laser", *room), folder=folder) as here:
         yield here

@@ -26,7 +26,7 @@ class TestImu(SensorConformance):
 
 class TestGps(SensorConformance):
     def make(self) -> Sensor[Any]:
-        pytest.importorskip("utm", reason="the UTM grid needs the extra 'gps'")
+        pytest.importorskip("utm", reason="the UTM grid needs the extra 'devices'")
         return twin("sim_gps")
 
 

@@ -20,6 +20,7 @@ def test_the_constraints_name_the_installed_versions_and_the_untested_packages()
     assert f"numpy=={version('numpy')}" in pinned
     assert f"pydantic-core=={version('pydantic-core')}" in pinned, "what a requirement requires itself"
     assert f"aiohttp=={version('aiohttp')}" in pinned, "of an extra"
+    assert f"rosbags=={version('rosbags')}" in pinned, "of a plug-in"
     assert not any(line.startswith(("txt1==", "pytest==", "mkdocs==")) for line in pinned)
     _, missing = versions()
     assert [line.rpartition(" ")[2] for line in lines if "not tested" in line] == missing

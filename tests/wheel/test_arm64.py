@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 # of 64-bit Raspberry Pi OS 12 (Python 3.11, glibc 2.36), which 13 (Python 3.13, glibc 2.41) runs, too
 PLATFORMS = ("manylinux2014_aarch64", "manylinux_2_28_aarch64", "manylinux_2_34_aarch64", "manylinux_2_36_aarch64")
-EXTRAS = ("", "pi", "record", "view", "gps", "gamepad", "web", "camera", "fleet", "firmware", "plots", "fast")
+EXTRAS = ("", "camera", "devices", "fast", "fleet", "gamepad", "gym", "plots", "record", "teach", "view", "web")
 
 
 def needed(extra: str, python: str) -> list[str]:
@@ -36,5 +36,5 @@ def test_there_are_wheels_for_arm64(extra: str, python: str, tmp_path: Path) -> 
 
 
 def test_lgpio_is_asked_for_where_it_has_a_wheel() -> None:
-    assert needed("pi", "3.11") == ["smbus2>=0.5", "lgpio>=0.2.2"]
-    assert needed("pi", "3.13") == ["smbus2>=0.5"]
+    assert "lgpio>=0.2.2" in needed("devices", "3.11")
+    assert not any(each.startswith("lgpio") for each in needed("devices", "3.13"))

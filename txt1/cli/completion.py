@@ -3,7 +3,7 @@
 import argparse
 
 from txt1.cli import parser
-from txt1.commands import OK, need
+from txt1.commands import OK
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -13,7 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Print the script that completes commands, actions and options."""
-    need("txt1 completion", "completion", "shtab")
+    # imported when used, so that the help appears at once
     import shtab
 
     print(shtab.complete(parser(), arguments.shell))

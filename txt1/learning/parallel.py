@@ -1,4 +1,4 @@
-"""Several robots in one room search the light: a parallel environment of PettingZoo (extra `pettingzoo`).
+"""Several robots in one room search the light: a parallel environment of PettingZoo (extra `gym`).
 
     from txt1.learning.parallel import LightSeekingParallelEnv
     env = LightSeekingParallelEnv(robots=3)
@@ -24,7 +24,7 @@ try:
     from gymnasium.spaces import Discrete
     from pettingzoo import ParallelEnv
 except ModuleNotFoundError:
-    raise MissingExtra("txt1.learning.parallel", "pettingzoo") from None
+    raise MissingExtra("txt1.learning.parallel", "gym") from None
 
 ROBOTS: Final = 3
 Told = dict[str, Any]

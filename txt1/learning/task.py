@@ -359,7 +359,7 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None, trial: Tri
     if not robot.hal.capabilities.pose:
         raise HalError(
             f"learning needs four light sensors, and with the HAL '{robot.hal.name}' there are none: plug in a "
-            f"Phidgets Interface Kit and set sensors.{name}.driver=phidgets_light, which needs the extra 'phidgets'"
+            f"Phidgets Interface Kit and set sensors.{name}.driver=phidgets_light, which needs the extra 'devices'"
         )
     options = {} if seed is None else {"seed": list(seed)}
     sensor = robot.runtime.make_sensor(name, SensorConfig(driver=SIMULATED, options=options))

@@ -57,7 +57,7 @@ class ScanLog(NamedTuple):
 
 def main(arguments: argparse.Namespace) -> int:
     """Make a map, or extend a map, and describe it."""
-    need("txt1 map", "mapping", "scipy")
+    need("txt1 map", "fast", "numba", "scipy")
     from txt1.mapping import stored
 
     if not 0.01 <= arguments.resolution <= 1.0:

@@ -51,7 +51,7 @@ def asked(arguments: Namespace, config: Config) -> object | None:
     settings = config.section(MappingConfig)
     if (settings.room, settings.make, settings.at) == (None, None, None):
         return None
-    need("--in" if settings.make is None else "--map", "mapping", "scipy")
+    need("--in" if settings.make is None else "--map", "fast", "numba", "scipy")
     from txt1.mapping.placing import checked
     from txt1.mapping.works import warm
 

@@ -162,7 +162,7 @@ class NewsSensor:
                 # planning needs it; imported with the first goal, it stopped the loop for some cycles
                 import_module("scipy.ndimage")
         except ImportError:
-            raise MissingExtra("a map", "mapping") from None
+            raise MissingExtra("a map", "fast") from None
 
     def _made(self) -> Work:
         settings = self._settings

@@ -43,7 +43,7 @@ def realsense_frames(given: RealSenseOptions) -> Iterator[DepthImage]:
     try:
         import pyrealsense2 as rs
     except ImportError:
-        raise MissingExtra("a depth camera", "depth") from None
+        raise MissingExtra("a depth camera", "camera") from None
     # starting without a camera would wait 15 s
     if not len(rs.context().query_devices()):
         raise HalError("no RealSense camera is found: is it plugged in, and are librealsense's udev rules installed?")

@@ -15,7 +15,7 @@ class UtmGrid:
         try:
             import utm
         except ImportError:
-            raise MissingExtra("a position on the UTM grid", "gps") from None
+            raise MissingExtra("a position on the UTM grid", "devices") from None
         self.latitude, self.longitude = latitude, longitude
         self._utm = utm
         try:

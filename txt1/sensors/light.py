@@ -162,7 +162,7 @@ class PhidgetLight:
             from Phidget22.Devices.VoltageRatioInput import VoltageRatioInput
             from Phidget22.PhidgetException import PhidgetException
         except ImportError:
-            raise MissingExtra("reading Phidgets light sensors", "phidgets") from None
+            raise MissingExtra("reading Phidgets light sensors", "devices") from None
         sensor = ""
         try:
             for k, channel in enumerate(self._channels):

@@ -262,7 +262,7 @@ def test_a_guard_on_a_computer_without_a_header_says_so_wherever_it_is_started()
 
 @pytest.fixture(scope="module")
 def gpiozero() -> Any:
-    return pytest.importorskip("gpiozero", reason="not installed: the extra 'dev' has it")
+    return pytest.importorskip("gpiozero", reason="not installed: the group dev has it")
 
 
 @given(steps=st.lists(st.sampled_from((1, 1, 1, -1)), max_size=60))

@@ -149,7 +149,7 @@ def pyvesc(monkeypatch: pytest.MonkeyPatch) -> Any:
     """PyVESC as pyvesc-fix has it, under the name by which it imports itself."""
     found = find_spec("pyvesc_fix")
     if found is None or found.origin is None:
-        pytest.skip("not installed: pip install pyvesc-fix, which the extra 'dev' does")
+        pytest.skip("not installed: pip install pyvesc-fix, which the group dev does")
     folders = list(found.submodule_search_locations or ())
     spec = spec_from_file_location("pyvesc", found.origin, submodule_search_locations=folders)
     assert spec is not None and spec.loader is not None

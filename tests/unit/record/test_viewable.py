@@ -50,5 +50,7 @@ def test_without_rerun_the_command_says_how_to_get_it_and_what_else_opens_the_fi
     monkeypatch.setattr(view, "python_of_rerun", lambda: None)
     assert execute(["log", "view", str(RECORDING)]) == USAGE
     told = capsys.readouterr().err
-    assert told.startswith("txt1: there is no Rerun here: ") and "[rerun]'" in told and told.count("\n") == 1
+    assert (
+        told.startswith("txt1: there is no Rerun here: ") and "pip install rerun-sdk" in told and told.count("\n") == 1
+    )
     assert "foxglove-layout.json" in told

@@ -491,7 +491,7 @@ def create(config: Config) -> PiHal:
         return PiHal(keeper, options, config.geometry, config.channels, simulated=True)
     on_file = isinstance(options.bus, str)
     if not on_file and (options.output == "pca9685" or options.battery != "none") and find_spec("smbus2") is None:
-        raise MissingExtra("the HAL 'pi'", "pi")
+        raise MissingExtra("the HAL 'pi'", "devices")
     pins = options.output == "gpio" or options.encoders or (options.watchdog is not None and not on_file)
     if pins and find_spec("lgpio") is None:
         raise HalError(f"hal_options: pins need lgpio, which is missing: {GET_LGPIO}")

@@ -70,7 +70,7 @@ def interpreter() -> str:
     beside = Path(sys.executable).with_name("micropython")
     found = str(beside) if beside.exists() else shutil.which("micropython")
     if found is None:
-        raise MissingExtra("the Pico's firmware on this computer", "firmware")
+        raise MissingExtra("the Pico's firmware on this computer", "devices")
     return found
 
 

@@ -93,7 +93,7 @@ class OverMpremote:
 
     def __init__(self, port: str) -> None:
         if find_spec("mpremote") is None:
-            raise MissingExtra("txt1 firmware", "firmware")
+            raise MissingExtra("txt1 firmware", "devices")
         self._port = port
 
     def run(self, script: str) -> str:
