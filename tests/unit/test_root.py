@@ -1,0 +1,39 @@
+"""What a newcomer sees in the root, and the changes that wait for a release."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FRAGMENT = re.compile(r"[a-z0-9-]+\.(added|changed|fixed|removed|security)\.md")
+
+
+def test_each_entry_of_the_root_has_a_line_in_contributing() -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("did not run: this is no checkout")
+    entries = {line.partition("/")[0] for line in listed.stdout.splitlines()}
+    page = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    (section,) = re.findall(r"(?ms)^## What lies in the root\n(.*?)^## ", page)
+    rows = re.findall(r"(?m)^\| (`.*?) \|", section)
+    told = [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
+    assert sorted(told) == sorted(entries)
+
+
+def test_each_file_of_changes_has_a_name_that_a_release_takes() -> None:
+    there = {file.name: file.read_text("utf-8").strip() for file in (ROOT / "changes").iterdir()}
+    assert there.pop("README.md")
+    assert [name for name, text in there.items() if not FRAGMENT.fullmatch(name) or not text] == []
+
+
+def test_a_release_makes_a_section_of_the_changelog_from_them() -> None:
+    pytest.importorskip("towncrier")
+    words = [sys.executable, "-m", "towncrier", "build", "--draft", "--version", "9.9.9"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "## 9.9.9 (" in done.stdout
+    for file in (ROOT / "changes").glob("*.*.md"):
+        assert " ".join(file.read_text("utf-8").split()[:5]) in " ".join(done.stdout.split())
