@@ -25,7 +25,7 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
+.PHONY: run test coverage test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN) || test $$? = 130  # Ctrl-C ends a drive, and is no error
@@ -35,6 +35,10 @@ test: $(VENV)/.dev  ## the tests, six at a time; less than four minutes on two c
 
 test-long: $(VENV)/.dev  ## the long tests, too: many repetitions, long runs, and the compiled wheel
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --hypothesis-profile=others -m "not browser"
+
+coverage: $(VENV)/.dev  ## the tests, and the statements of txt1 and its plug-ins that they run, printed; slow before Python 3.14
+	$(BIN)/python $(PIP_INSTALL) --group coverage
+	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --cov=txt1 $(PLUGINS:plugins/%=--cov=plugins/%) --cov-report=term:skip-covered
 
 test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
 	$(BIN)/python $(PIP_INSTALL) --group browser
