@@ -1,8 +1,15 @@
-"""Lets sensors fail in turn on a course, and measures the estimate's error and the time to detection (thesis 3.4.3)."""
+"""Lets sensors fail in turn on a course, and measures the estimate's error and the time to detection (thesis 3.4.3).
+
+python -m benchmarks.sensor_failure                    # out/sensor-failure: table.md, metrics.json, figure.svg
+python -m benchmarks.sensor_failure --set seed=2 --out FOLDER
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
+import os
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -13,22 +20,24 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.config import Config
+from txt1.config import Config, load
 from txt1.config.schema import SensorConfig
 from txt1.errors import NotArmed
 from txt1.estimation.measurement import Measurement
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, Estimator
 from txt1.experiments.figures import LOOKS
+from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle
 from txt1.navigation import follow, true_pose
 from txt1.robot import Robot
+from txt1.trials.run import run as each_in_processes
+from txt1.trials.workers import Workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-EXPERIMENT: Final = "sensor-failure"
 # presets of which each sensor fails
 SETUPS: Final = ("imu-gps", "vicon")
 FAILURES: Final = ("sound", "frozen", "silent", "jumping", "drifting", "not a number", "late by 0.3 s")
@@ -255,3 +264,37 @@ def draw(outcomes: list[FailureOutcome], file: Path) -> None:
         panel.set(ylabel="position error, m", ylim=(1e-3 if setup == "imu-gps" else 1e-4, None))
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
     figure.savefig(file)
+
+
+def driven(told: list[Any]) -> dict[str, Any]:
+    """Drive a run with a failing sensor, and return its outcome; JSON values both."""
+    config, *which = told
+    outcome = run(drive(Config.model_validate(config), *which), speed="max")
+    return outcome._asdict() | {"trace": outcome.trace.tolist()}
+
+
+def main(words: list[str]) -> int:
+    """Let every sensor fail in every way, in simulation, and write the table and the figure; return the exit code."""
+    parser = argparse.ArgumentParser(prog="benchmarks.sensor_failure", description=__doc__.partition("\n")[0])
+    parser.add_argument("--set", action="append", default=[], help="KEY=VALUE of the robot's configuration")
+    parser.add_argument("--out", type=Path, default=Path("out/sensor-failure"), help="folder for the results")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
+    options = parser.parse_args(words)
+    config = load(None, options.set, {}, {}).config
+    told, found = config.model_dump(mode="json"), dict[Which, FailureOutcome]()
+    runs = {which: [told, *which] for which in plan(config)}
+    code = each_in_processes(
+        driven, runs, Workers(options.jobs), lambda which, tree: found.update({which: outcome_of(tree)})
+    )
+    if code:
+        return code
+    options.out.mkdir(parents=True, exist_ok=True)
+    outcomes = [found[which] for which in runs]
+    write(outcomes, options.out)
+    draw(outcomes, options.out / "figure.svg")
+    print(table(outcomes))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from benchmarks import seeds
 from benchmarks.drives import BAND
 from benchmarks.random_drives import Watch, driven
+from rigs.human_drive import drive_as_a_person
 from txt1.estimation.settings import PRESETS, EstimationConfig, FusedConfig
-from txt1.experiments.human_drive import drive_as_a_person
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle

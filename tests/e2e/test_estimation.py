@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from blockbuster import BlockBuster
 
+from benchmarks import sensor_failure
 from tests.e2e.conftest import ENDLESS, may_block
 from txt1.cli import execute
 from txt1.config import load
@@ -19,7 +20,6 @@ from txt1.estimation.filtering import wheels
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ESTIMATION_PERIOD, FILTERED, PRIORITY, TRUSTS, Estimator
-from txt1.experiments import sensor_failure
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.navigation import follow, fused_pose

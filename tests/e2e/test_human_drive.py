@@ -5,12 +5,12 @@ from math import hypot
 import numpy as np
 import pytest
 
+from benchmarks.sensor_failure import Failing
+from rigs.human_drive import drive_as_a_person, manoeuvres
 from tests.e2e.conftest import ENDLESS
 from txt1.config import load
 from txt1.estimation.calibration import Corrections
 from txt1.estimation.task import Estimator
-from txt1.experiments.human_drive import drive_as_a_person, manoeuvres
-from txt1.experiments.sensor_failure import Failing
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 

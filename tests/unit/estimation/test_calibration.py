@@ -8,10 +8,10 @@ import pytest
 
 from benchmarks import random_drives
 from benchmarks.drives import BAND
+from rigs.human_drive import drive_as_a_person
 from txt1.estimation.calibration import Calibration
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.settings import EstimationConfig, FusedConfig
-from txt1.experiments.human_drive import drive_as_a_person
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 

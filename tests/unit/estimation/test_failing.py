@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.sensor_failure import added
 from txt1.estimation.measurement import Measurement
 from txt1.estimation.settings import PRESETS, EstimationConfig
 from txt1.estimation.task import Estimator, Wheels
-from txt1.experiments.sensor_failure import added
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry

@@ -13,7 +13,7 @@ from rich.progress import TaskProgressColumn, TimeElapsedColumn
 from txt1.commands import DISARMED, FAULT, OK, add, count, flag, path, say, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.experiments import figures, metrics, report, run_folder, sensor_failure
+from txt1.experiments import figures, metrics, report, run_folder
 from txt1.experiments.profile import EXAMPLE, Profile, load_profile, names
 from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import FIGURE, Run
@@ -31,8 +31,7 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiment`."""
-    known = ", ".join([*names(), sensor_failure.EXPERIMENT])
-    kinds = f"{known}; a file of your own, {EXAMPLE}; or compare, with the folders of two to four runs"
+    kinds = f"{', '.join(names())}; a file of your own, {EXAMPLE}; or compare, with the folders of two to four runs"
     add(
         parser,
         {
@@ -66,8 +65,6 @@ def main(arguments: argparse.Namespace) -> int:
     """Drive an experiment, or compare runs; return the exit code."""
     if arguments.what == "compare":
         return _compare(arguments)
-    if arguments.what == sensor_failure.EXPERIMENT:
-        return _sensor_failure(arguments)
     if arguments.runs:
         raise ConfigError(f"{arguments.runs[0]}: only 'compare' takes folders; --out says where the results go")
     profile = load_profile(arguments.what)
@@ -106,45 +103,6 @@ def main(arguments: argparse.Namespace) -> int:
         drawn = [] if arguments.no_figure else [FIGURE]
         print(f"{folder}: {', '.join([*run_folder.FILES, *drawn])}")
     return code
-
-
-def _sensor_failure(arguments: argparse.Namespace) -> int:
-    """Let every sensor fail in every way, in simulation, and show the estimate's errors."""
-    if not arguments.no_figure:
-        figures.available()
-    config, speed = configure(arguments)
-    folder = run_folder.make(arguments.out or unused(Path("out") / sensor_failure.EXPERIMENT))
-    plan = sensor_failure.plan(config)
-    told, done = config.model_dump(mode="json"), dict[sensor_failure.Which, sensor_failure.FailureOutcome]()
-    workers = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
-    code = run(
-        failed,
-        {which: [told, speed, *which] for which in plan},
-        workers,
-        lambda which, tree: done.update({which: sensor_failure.outcome_of(tree)}),
-        bar=sensor_failure.EXPERIMENT,
-    )
-    if code != OK:
-        return code
-    outcomes = [done[which] for which in plan]
-    sensor_failure.write(outcomes, folder)
-    if not arguments.no_figure:
-        sensor_failure.draw(outcomes, folder / FIGURE)
-    print(json.dumps([each.row() for each in outcomes]) if arguments.json else sensor_failure.table(outcomes))
-    return OK
-
-
-def failed(told: Sequence[Any]) -> dict[str, Any]:
-    """Drive a run with a failing sensor, and return its outcome; JSON values both."""
-    config, speed, *which = told
-    outcomes: list[sensor_failure.FailureOutcome] = []
-
-    async def work() -> None:
-        outcomes.append(await sensor_failure.drive(Config.model_validate(config), *which))
-
-    App(speed).run(work())
-    (outcome,) = outcomes
-    return outcome._asdict() | {"trace": outcome.trace.tolist()}
 
 
 def _compare(arguments: argparse.Namespace) -> int:
