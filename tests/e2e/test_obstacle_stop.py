@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.obstacle_stop import LATE, drive
+from txt1.config import Config, load
 from txt1.errors import ConfigError
 from txt1.robot import Robot
+from txt1.sim.room import clearance
 
 
 async def test_no_contact_in_random_worlds() -> None:
@@ -14,6 +16,23 @@ async def test_no_contact_in_random_worlds() -> None:
     assert all(each.nearest > 0.0 for each in drives)
     assert sum(each.slowed > 0 for each in drives) >= 3
     assert max(each.fastest for each in drives) > 0.8
+
+
+@pytest.fixture(params=["txt1", "f1tenth", "donkeycar", "rover"])
+def car(request: pytest.FixtureRequest) -> Config:
+    chosen = () if request.param == "txt1" else (f"vehicle={request.param}",)
+    return load(None, [*LATE, *chosen, "hal=sim", "seed=1", "sim.room.length=8", "sim.room.width=8"], {}).config
+
+
+async def test_each_car_stands_before_a_wall(car: Config) -> None:
+    async with Robot.open(config=car) as robot:
+        await robot.load_gains()
+        for _ in range(6):
+            await robot.drive(1.0, 0.0, 1.0)
+        vehicle = robot.hal.vehicle  # type: ignore[attr-defined]
+        assert abs(vehicle.motion[3]) < 0.01
+        left = clearance(*vehicle.pose, vehicle.world.room, vehicle.body)
+        assert 0.04 < left < 0.15, "it stands, in front of the wall, by about the margin"
 
 
 async def test_a_silent_laser_stops_the_vehicle_and_backwards_is_slow() -> None:

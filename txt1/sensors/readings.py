@@ -27,8 +27,8 @@ GRAVITY: Final = 9.80665  # m/s^2
 
 
 class Mount(NamedTuple):
-    """A device's place: its origin on the vehicle, in m and rad; the vehicle's own origin is on the floor below
-    its centre.
+    """A device's place: its origin on the vehicle, in m and rad; the vehicle's own origin is on the floor below the
+    point that its pose is of (`txt1.model.vehicle.Geometry`).
     """
 
     # forward, m

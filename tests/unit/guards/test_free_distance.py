@@ -87,6 +87,30 @@ def test_a_wall_ahead_and_a_margin() -> None:
     assert free_distance(np.empty((0, 2)), 0.3, LENGTH, WIDTH) == inf
 
 
+@pytest.mark.parametrize("curvature", [0.0, 0.4, -1.2])
+def test_a_body_ahead_of_the_pose_touches_what_its_own_front_and_rear_meet(curvature: float) -> None:
+    # as on an arc of its own: the body's centre goes round the same point, on another circle
+    points = np.random.default_rng(2).uniform(-1.0, 1.0, (300, 2))
+    free = [free_distance(each[None], curvature, LENGTH, WIDTH, 0.0, 0.2) for each in points]
+    turned = np.linspace(0.0, 3.0, 1201)
+    first = []
+    for x, y in points:
+        theta = curvature * turned
+        at = (
+            (turned, 0.0 * turned)
+            if curvature == 0.0
+            else (np.sin(theta) / curvature, (1.0 - np.cos(theta)) / curvature)
+        )
+        ahead = np.cos(theta) * (x - at[0]) + np.sin(theta) * (y - at[1]) - 0.2
+        left = np.cos(theta) * (y - at[1]) - np.sin(theta) * (x - at[0])
+        met = turned[(np.abs(ahead) < 0.5 * LENGTH) & (np.abs(left) < 0.5 * WIDTH)]
+        first.append(met[0] if len(met) else inf)
+    pairs = [(ours, theirs) for ours, theirs in zip(free, first, strict=True) if theirs < inf]
+    assert len(pairs) > 20
+    assert all(ours <= theirs + 1e-9 for ours, theirs in pairs)
+    assert np.quantile([theirs - ours for ours, theirs in pairs], 0.9) < 0.003
+
+
 def test_a_wall_beside_it_within_the_margin_does_not_hold_it() -> None:
     wall = np.column_stack((np.linspace(-1.0, 3.0, 200), np.full(200, 0.25)))
     assert free_distance(wall, 0.0, LENGTH, WIDTH, 0.08) < 0.02  # what is ahead within the margin does

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import atan2, cos, hypot, inf, nan, sin
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
+import pytest
 
 from txt1.config import Config
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
-from txt1.guards.obstacle_stop.guard import LaserGuard
+from txt1.guards.obstacle_stop.free_distance import free_distance, stopping_speed
+from txt1.guards.obstacle_stop.guard import SLOW, LaserGuard, prepare
 from txt1.guards.obstacle_stop.settings import ObstacleStop
 from txt1.model.odometry import Odometry
 from txt1.sensors.base import Reading
-from txt1.sensors.readings import Scan
+from txt1.sensors.readings import Mount, Scan
 from txt1.tasks.state import State
 
 BEAMS = 361
@@ -25,11 +32,27 @@ def scan(*posts: tuple[float, float]) -> Scan:
     return Scan(-np.pi, np.pi / 180.0, 0.0, ranges, 0.05, 30.0)
 
 
+def post(x: float, y: float = 0.0) -> Scan:
+    """A sweep of a laser at the vehicle's origin, in which one post is seen, at exactly x, y (m)."""
+    return Scan(atan2(y, x), 0.01, 0.0, np.array([hypot(x, y)], np.float32), 0.05, 30.0, mount=Mount())
+
+
 class Desk:
-    def __init__(self, seen: Scan) -> None:
+    def __init__(self, seen: Scan, settings: ObstacleStop | None = None, **body: Any) -> None:
         self.state, self.gate = State(), Gate(Limits(), on_close=lambda reason: None)
         self.reading: Reading[Scan] | None = Reading(0.0, seen)
-        self.guard = LaserGuard(lambda: self.reading, self.state, self.gate, Config().geometry, ObstacleStop())
+        self.settings, self.body = settings or ObstacleStop(), replace(Config().geometry, **body)
+        self.guard = LaserGuard(lambda: self.reading, self.state, self.gate, self.body, self.settings)
+
+    def limited(self) -> bool:
+        """Whether a source that is held back by the guard holds the wheel all the same."""
+        return self.gate.limited
+
+    def limit(self, x: float, y: float = 0.0, curvature: float = 0.0) -> float:
+        """The speed that one post allows, m/s: it stops at the margin before the post."""
+        body, margin = self.body, self.settings.margin
+        free = free_distance(np.array([[x, y]]), curvature, body.length, body.width, margin, body.centre)
+        return stopping_speed(free, self.settings.reaction, self.settings.deceleration) if free < inf else inf
 
     def events(self) -> list[str]:
         return [event.text for event in self.state.events]
@@ -61,3 +84,158 @@ def test_the_arc_that_the_car_drives_is_looked_at_beside_the_commanded_arc() -> 
     v, _ = desk.guard(1.0, 0.0, 0.2)
     assert v < 1.0, "its wheels still point at the post"
     assert desk.events()[-1].endswith("something is ahead")
+
+
+@pytest.mark.parametrize(
+    "settings", [ObstacleStop(reaction=2.0, deceleration=0.5), ObstacleStop(reaction=0.05, deceleration=4.0)]
+)
+@pytest.mark.parametrize("v", [0.3, 1.0, 1.7])
+def test_it_is_slowed_by_a_post_that_it_could_not_stop_before(settings: ObstacleStop, v: float) -> None:
+    needed = v * settings.reaction + v * v / (2.0 * settings.deceleration)
+    front = 0.5 * Config().geometry.length + settings.margin
+    slow, _ = Desk(post(front + 0.98 * needed), settings).guard(v, 0.0, 0.1)
+    assert slow < v
+    assert slow == pytest.approx(Desk(post(1.0), settings).limit(front + 0.98 * needed), rel=1e-4)
+    assert Desk(post(front + 1.02 * needed), settings).guard(v, 0.0, 0.1) == (v, 0.0)
+
+
+def test_it_stays_on_the_commanded_arc_when_it_is_slowed() -> None:
+    desk = Desk(post(1.1, 0.3))
+    v, omega = desk.guard(1.2, 0.6, 0.1)
+    assert 0.0 < v < 1.2
+    assert v == pytest.approx(desk.limit(1.1, 0.3, 0.5), rel=1e-4)
+    assert omega / v == pytest.approx(0.5)
+
+
+def test_a_post_in_the_corner_of_the_way_is_seen_by_a_wide_car_with_a_body_far_ahead() -> None:
+    # farther from the origin than the way to a stop: the car's own size counts
+    desk = Desk(post(1.875, 0.825), ObstacleStop(reaction=0.0), width=1.5, length=1.2, centre=0.7)
+    assert desk.limit(1.875, 0.825) < 1.0
+    v, _ = desk.guard(1.0, 0.0, 0.1)
+    assert v == pytest.approx(desk.limit(1.875, 0.825), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("then", "now"),
+    [
+        ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+        ((1.0, 2.0, 0.7), (1.4, 2.6, 0.7)),
+        ((1.0, 2.0, 0.7), (1.0, 2.0, 2.2)),
+        ((-3.0, 1.0, -1.2), (-2.5, 0.2, -2.0)),
+        ((0.5, -1.0, 2.0), (0.1, -0.8, 1.1)),
+    ],
+)
+@pytest.mark.parametrize("curvature", [0.0, 0.6])
+def test_what_was_seen_is_where_the_odometry_has_brought_the_car(
+    then: tuple[float, float, float], now: tuple[float, float, float], curvature: float
+) -> None:
+    ahead, left = 0.9, 0.5 * curvature * 0.9**2
+    x = now[0] + cos(now[2]) * ahead - sin(now[2]) * left
+    y = now[1] + sin(now[2]) * ahead + cos(now[2]) * left
+    dx, dy = x - then[0], y - then[1]
+    seen = post(cos(then[2]) * dx + sin(then[2]) * dy, cos(then[2]) * dy - sin(then[2]) * dx)
+    desk = Desk(seen)
+    # earlier poses, which the scan is not of
+    for time, pose in ((0.0, (9.0, 9.0, 1.0)), (0.1, then), (0.2, (-9.0, 9.0, -1.0))):
+        desk.state.odometry = Odometry(*pose)
+        desk.guard(0.0, 0.0, time)
+    desk.reading = Reading(0.1, seen)
+    desk.state.odometry = Odometry(*now)
+    v, _ = desk.guard(1.0, curvature, 0.3)
+    assert v == pytest.approx(desk.limit(ahead, left, curvature), rel=1e-3)
+    assert v < 1.0
+
+
+def test_a_scan_from_before_all_known_poses_counts_from_the_first_of_them() -> None:
+    desk = Desk(post(1.5))
+    desk.reading = Reading(-0.2, post(1.5))
+    desk.state.odometry = Odometry(2.0, 0.0, 0.0)
+    desk.guard(0.0, 0.0, 0.0)
+    desk.state.odometry = Odometry(2.5, 0.0, 0.0)
+    assert desk.guard(1.5, 0.0, 0.1)[0] == pytest.approx(desk.limit(1.0), rel=1e-4)
+
+
+def test_a_measured_curvature_counts_up_to_the_tightest_and_above_a_crawl() -> None:
+    tightest = 1.0 / Config().geometry.radius_min
+    x, y = 0.1, 1.1
+    desk = Desk(post(x, y))
+    on_the_arc = desk.limit(x, y, tightest)
+    assert on_the_arc < 2.0 < min(desk.limit(x, y), desk.limit(x, y, 2.0 * tightest))
+    for v, omega, expected in (
+        (0.1, 0.1 * tightest, on_the_arc),
+        # sliding, the odometry says more than the steering can
+        (0.1, 5.0, on_the_arc),
+        (0.1, -5.0, 2.0),
+        (SLOW, 5.0 * SLOW, 2.0),
+        (0.01, 0.01 * tightest, 2.0),
+        (0.1, nan, 2.0),
+    ):
+        desk.state.odometry = Odometry(v=v, omega=omega)
+        assert desk.guard(2.0, 0.0, 0.1)[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_backwards_it_is_slow_whatever_the_laser_sees_and_says_why() -> None:
+    desk = Desk(scan(), ObstacleStop(reverse=0.25))
+    assert desk.guard(-0.25, 0.1, 0.1) == (-0.25, 0.1)
+    assert not desk.limited()
+    assert desk.events() == []
+    v, omega = desk.guard(-0.5, 0.2, 0.2)
+    assert (v, omega) == pytest.approx((-0.25, 0.1))
+    assert desk.events() == ["slowed to 0.25 m/s: the laser does not see backwards"]
+    desk.reading = None
+    assert desk.guard(-0.5, 0.2, 0.3) == pytest.approx((-0.25, 0.1))
+    assert desk.limited(), "no laser is needed to know that"
+    assert desk.guard(0.5, 0.0, 0.4) == (0.0, 0.0)
+
+
+def test_it_is_told_once_as_long_as_it_lasts_from_the_first_time_on() -> None:
+    desk = Desk(post(0.6))
+    for time in (0.1, 0.12, 0.14):
+        desk.guard(1.0, 0.0, time)
+    assert desk.gate.counts[Fault.OBSTACLE] == 1
+    assert len(desk.events()) == 1
+    desk.reading = Reading(0.2, scan())
+    desk.guard(1.0, 0.0, 0.2)
+    desk.reading = Reading(0.3, post(0.6))
+    desk.guard(1.0, 0.0, 0.3)
+    assert desk.gate.counts[Fault.OBSTACLE] == 2
+
+
+def test_a_hold_goes_on_behind_an_obstacle_and_not_behind_a_silent_laser() -> None:
+    desk = Desk(post(0.4))
+    desk.guard(0.5, 0.0, 0.1)
+    assert desk.limited()
+    assert desk.events()[-1].endswith("something is ahead")
+    desk.guard(0.0, 0.0, 0.12)
+    assert not desk.limited(), "nothing is asked for"
+    desk.guard(0.5, 0.0, 0.14)
+    assert desk.limited()
+    desk.guard(0.5, 0.0, 2.0)
+    assert not desk.limited(), "the laser is silent"
+    desk.reading = Reading(2.1, scan())
+    desk.guard(0.5, 0.0, 2.1)
+    assert not desk.limited(), "the way is free"
+
+
+def of_type(kind: type) -> SimpleNamespace:
+    """A sensor whose readings have this type."""
+    return SimpleNamespace(sensor=SimpleNamespace(topic=SimpleNamespace(type=kind)))
+
+
+@pytest.mark.parametrize(
+    ("enabled", "sensors", "guards"),
+    [("never", {"laser": Scan}, 0), ("auto", {"laser": Scan, "light": float}, 1), ("auto", {"light": float}, 0)],
+)
+async def test_it_is_on_where_it_is_asked_for(enabled: str, sensors: dict[str, type], guards: int) -> None:
+    made: list[Any] = []
+    polled = {name: of_type(each) for name, each in sensors.items()}
+    desk = Desk(scan())
+    runtime = SimpleNamespace(
+        sensors=polled,
+        state=desk.state,
+        gate=desk.gate,
+        config=Config(),
+        guard=lambda name, guard: made.append((name, guard)),
+    )
+    await prepare(runtime, ObstacleStop(enabled=enabled))  # type: ignore[arg-type]
+    assert len(made) == guards

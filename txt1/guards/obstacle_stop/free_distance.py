@@ -13,33 +13,38 @@ TURN: Final = 2.0 * pi
 Floats = NDArray[np.float64]
 
 
-def free_distance(points: Floats, curvature: float, length: float, width: float, margin: float = 0.0) -> float:
-    """Return the distance in m that a body's centre may go forward along an arc before the body touches a
-    point; inf if none.
+def free_distance(
+    points: Floats, curvature: float, length: float, width: float, margin: float = 0.0, centre: float = 0.0
+) -> float:
+    """Return the distance in m that a vehicle may go forward along an arc before its body touches a point; inf if none.
 
-    In the body's frame a point goes backwards on the circle around the arc's centre (0, 1 / curvature); it is touched
-    where that circle first meets an edge of the rectangle.
+    In the vehicle's frame a point goes backwards on the circle around the arc's centre (0, 1 / curvature); it is
+    touched where that circle first meets an edge of the rectangle.
 
     Args:
-        points: (n, 2), m in the body's frame: x forward, y left.
+        points: (n, 2), m in the vehicle's frame: x forward, y left.
         curvature: of the arc, 1/m, left positive.
         length: of the body along x, m.
         width: of the body, m.
         margin: distance kept on all sides, m; a point that is already nearer counts for the body without margin.
+        centre: of the body, m ahead of the frame's origin, which is on the rear axle if only the front wheels steer.
 
     """
     x, y = points[:, 0], points[:, 1]
-    near = (np.abs(x) < 0.5 * length + margin) & (np.abs(y) < 0.5 * width + margin)
-    bare = _along(points[near], curvature, 0.5 * length, 0.5 * width) if near.any() else inf
-    return min(bare, _along(points[~near], curvature, 0.5 * length + margin, 0.5 * width + margin))
+    back, front, side = centre - 0.5 * length, centre + 0.5 * length, 0.5 * width
+    near = (x > back - margin) & (x < front + margin) & (np.abs(y) < side + margin)
+    bare = _along(points[near], curvature, back, front, side) if near.any() else inf
+    return min(bare, _along(points[~near], curvature, back - margin, front + margin, side + margin))
 
 
-def _along(points: Floats, curvature: float, front: float, side: float) -> float:
-    """Return the same for a rectangle with half lengths `front` and `side`; 0 for a point inside it."""
+def _along(points: Floats, curvature: float, back: float, front: float, side: float) -> float:
+    """Return the same for a rectangle from x = `back` to `front`, and `side` to the left and right; 0 for a point
+    inside it.
+    """
     x, y = points[:, 0], points[:, 1]
     if not len(x):
         return inf
-    if bool(((np.abs(x) < front) & (np.abs(y) < side)).any()):
+    if bool(((x > back) & (x < front) & (np.abs(y) < side)).any()):
         return 0.0
     if abs(curvature) < STRAIGHT:
         ahead = x[(np.abs(y) < side) & (x >= front)]
@@ -50,7 +55,7 @@ def _along(points: Floats, curvature: float, front: float, side: float) -> float
     least = inf
     with np.errstate(invalid="ignore"):
         meets = []
-        for edge in (front, -front):
+        for edge in (front, back):
             reach = np.sqrt(rho2 - edge * edge)
             meets += [(np.full_like(x, edge), radius + reach), (np.full_like(x, edge), radius - reach)]
         for edge in (side, -side):
@@ -58,7 +63,7 @@ def _along(points: Floats, curvature: float, front: float, side: float) -> float
             meets += [(reach, np.full_like(x, edge)), (-reach, np.full_like(x, edge))]
         for at_x, at_y in meets:
             # NaN if the circle does not meet the edge
-            on = (np.abs(at_x) <= front + 1e-9) & (np.abs(at_y) <= side + 1e-9)
+            on = (at_x >= back - 1e-9) & (at_x <= front + 1e-9) & (np.abs(at_y) <= side + 1e-9)
             if on.any():
                 angle = np.arctan2(at_y[on] - radius, at_x[on])
                 gone = (copysign(1.0, radius) * (turn[on] - angle)) % TURN

@@ -86,7 +86,8 @@ class LaserGuard:
             return 0.0
         p, body, odometry = self._parameters, self._geometry, self._state.odometry
         needed = v * p.reaction + 0.5 * v * v / p.deceleration
-        points = self._here(reading, needed + hypot(0.5 * body.length + p.margin, 0.5 * body.width + p.margin))
+        corner = hypot(0.5 * body.length + abs(body.centre) + p.margin, 0.5 * body.width + p.margin)
+        points = self._here(reading, needed + corner)
         if points is None:
             return inf
         curvatures = [commanded]
@@ -94,7 +95,7 @@ class LaserGuard:
         if odometry.v > SLOW and isfinite(odometry.omega):
             driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
             curvatures.append(min(max(driven, -most), most))
-        free = min(free_distance(points, each, body.length, body.width, p.margin) for each in curvatures)
+        free = min(free_distance(points, each, body.length, body.width, p.margin, body.centre) for each in curvatures)
         return stopping_speed(free, p.reaction, p.deceleration) if free < inf else inf
 
     def _here(self, reading: Reading[Scan], reach: float) -> Floats | None:
