@@ -184,8 +184,8 @@ class Metered(asyncio.BufferedProtocol):
         # asyncio's TLS writes to slices of it, and slices of a bytearray are copies
         self._piece = memoryview(bytearray(PIECE))
         self._farewell = FAREWELL
-        # reading on, and closing, of a connection that has exceeded its budget
-        self._timers: tuple[asyncio.TimerHandle, ...] = ()
+        # reading on, or closing, of a connection that has exceeded its budget
+        self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin."""
@@ -219,8 +219,8 @@ class Metered(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """End."""
         self._connections.open.pop(self, None)
-        for timer in self._timers:
-            timer.cancel()
+        if self._timer is not None:
+            self._timer.cancel()
         self._inner.connection_lost(exc)
 
     def pause_writing(self) -> None:
@@ -248,10 +248,14 @@ class Metered(asyncio.BufferedProtocol):
         if self._transport.is_closing():
             return
         self._transport.pause_reading()
-        for timer in self._timers:
-            timer.cancel()
-        loop, wait = asyncio.get_running_loop(), self._connections.pace()
-        self._timers = (
-            loop.call_later(wait, self._transport.resume_reading),
-            loop.call_later(wait + PARTING, self._transport.abort),
-        )
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = asyncio.get_running_loop().call_later(self._connections.pace(), self._read_on)
+
+    def _read_on(self) -> None:
+        """Read a piece, and close the connection if nothing comes.
+
+        The time until then begins only now. Else a loop that was held up would close it before it has looked for bytes.
+        """
+        self._transport.resume_reading()
+        self._timer = asyncio.get_running_loop().call_later(PARTING, self._transport.abort)

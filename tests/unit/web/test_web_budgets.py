@@ -79,6 +79,23 @@ def test_many_addresses_together_make_only_so_many_connections_and_take_no_memor
     assert there.address("again") is not first, "the oldest are forgotten"
 
 
+def test_an_address_that_comes_again_is_kept_and_only_the_oldest_is_forgotten() -> None:
+    there = Budgets()
+    first, second = there.address("first"), there.address("second")
+    for k in range(budgets.ADDRESSES_MAX - 2):
+        there.address(f"x{k}")
+    assert there.address("first") is first, "so many are kept"
+    there.address("one more")
+    assert there.address("first") is first
+    assert there.address("second") is not second
+
+
+def test_nobody_is_an_operator_without_having_signed_in() -> None:
+    there = Budgets()
+    assert not there.address("a").operator
+    assert not there.account("a").operator
+
+
 @given(st.lists(st.tuples(st.floats(0.0, 0.5), st.sampled_from([0.25, 1.0, 10.0])), max_size=300))
 def test_no_account_is_overdrawn(steps: list[tuple[float, float]]) -> None:
     account, now, paid = Budgets().account("a"), 0.0, 0.0
@@ -153,6 +170,19 @@ async def test_a_stop_behind_a_flood_of_any_frames_is_obeyed_and_then_its_page_i
     await ended(reader)
     await site.until(lambda: not site.pages.connected)
     assert site.robot.times("stop") >= 1 and site.robot.times("disarm") == 0
+
+
+async def test_a_server_that_was_held_up_looks_for_a_stop_before_it_closes(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # as late as its loop may be, what has come is read
+    monkeypatch.setattr(connections, "PARTING", 0.0)
+    reader, writer = await opened(site)
+    # more than its budget, and no more than waits in the system at once
+    writer.write(frame(1, b'"stop"' + b"x" * 6000) * 2 + STOP)
+    await ended(reader)
+    await site.until(lambda: not site.pages.connected)
+    assert site.robot.times("stop") >= 1
 
 
 async def test_a_flood_without_an_end_is_read_for_a_while_only(site: Site) -> None:
@@ -238,3 +268,10 @@ def test_a_fine_takes_what_is_there() -> None:
     assert budget.has(0.0, 2.0) and not budget.has(0.0, 2.1)
     budget.fine(0.0, 3.0)
     assert not budget.has(0.0, 0.1) and budget.has(1.0, 1.0)
+
+
+def test_a_fine_is_taken_of_what_has_come_meanwhile() -> None:
+    budget = Budget(1.0, 5.0)
+    assert budget.spend(0.0, 5.0)
+    budget.fine(2.0, 1.0)
+    assert budget.has(2.0, 1.0) and not budget.has(2.0, 1.1)
