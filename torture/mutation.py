@@ -463,8 +463,10 @@ def concerned(mutant: Mutant, known: dict[str, Known]) -> list[str]:
     if not chosen:
         beside = f"tests/unit/{mutant.file.parent.name}/"
         chosen = [name for name, (ran, _) in known.items() if beside in name or any(each[0] == file for each in ran)]
-    own = f"test_{mutant.file.stem}"
-    chosen.sort(key=lambda name: (own not in name, known[name].took))
+    stem, folder = mutant.file.stem, mutant.file.parent.name
+    chosen.sort(
+        key=lambda name: (f"/test_{stem}" not in name and f"/test_{folder}_{stem}" not in name, known[name].took)
+    )
     took = list(accumulate(known[name].took for name in chosen))
     return chosen[: bisect_right(took, ENOUGH)]
 
