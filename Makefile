@@ -16,7 +16,7 @@ FUZZ := .venv-fuzz
 DOCS := .venv-docs
 # distributions of their own that the tests need, each with its tests
 PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot
-PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
+PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
 RUN ?=
 # the last release: its tag, or the commit that made the version
 BEFORE ?= $(shell git describe --tags --abbrev=0 2>/dev/null || git log -1 --format=%h --grep='^Version [0-9]')
@@ -125,6 +125,7 @@ $(VENV)/.dev: $(VENV)/.installed $(PLUGINS:%=%/pyproject.toml)
 	$(BIN)/python $(PIP_INSTALL) --upgrade 'pip>=25.1'  # knows groups, which a Python's own may not
 	$(BIN)/python $(PIP_INSTALL) --group dev --editable . $(PLUGINS:%=--editable %)
 	$(BIN)/python -m compileall -q txt1 studies  # as pip does with all others: each process of the tests loads them
+	$(BIN)/python -c 'from txt1.mapping.works import warm; warm()'  # numba's loops, half a minute, which tests of maps use
 	@$(BIN)/python -m pytest --collect-only >/dev/null || true  # compiles the tests, or six processes would do it at once
 	@touch $@
 

@@ -21,8 +21,8 @@ from time import process_time
 
 import numpy as np
 
+from rigs.laser_logs import drifted
 from txt1.mapping.locate import COUNT, RAYS, Array, Locator
-from txt1.mapping.logs import drifted
 from txt1.mapping.poses import composed, difference
 from txt1.maps import files
 from txt1.maps.grid import FREE, OCCUPIED, Grid
@@ -42,9 +42,9 @@ def room() -> Grid:
     return Grid(cells, 0.05)
 
 
-def rate(grid: Grid, form: str, seconds: float) -> float:
+def rate(grid: Grid, seconds: float) -> float:
     """Return how many passes a second of processor time one core makes."""
-    locator = Locator(grid, 1, form)
+    locator = Locator(grid, 1)
     rng = np.random.default_rng(1)
     free = np.argwhere(~grid.solid)
     chosen = free[rng.integers(0, len(free), COUNT)]
@@ -124,7 +124,7 @@ def main() -> int:
     """Print the rates, losses first."""
     parser = argparse.ArgumentParser(prog="benchmarks.locating", description=__doc__.split("\n\n")[0])
     parser.add_argument("map", nargs="?", help="map_server's .yaml; default: a hall of 20 m x 15 m with pillars")
-    parser.add_argument("--seconds", type=float, default=3.0, help="of processor time for each form (default 3)")
+    parser.add_argument("--seconds", type=float, default=3.0, help="of processor time (default 3)")
     parser.add_argument("--kidnaps", type=int, default=0, help="count how many of so many are found again, instead")
     parser.add_argument("--keep", type=Path, help="keep each kidnapping's outcome there, and do none of them again")
     given = parser.parse_args()
@@ -143,11 +143,9 @@ def main() -> int:
         print(f"{'holds' if holds else 'DOES NOT HOLD'}: {found_again} of {given.kidnaps} are found (aim 95 %)")
         return 0
     rows, columns = grid.cells.shape
-    found = {form: rate(grid, form, given.seconds) for form in ("numba", "numpy")}
+    found = rate(grid, given.seconds)
     print(f"{COUNT} particles x {RAYS} rays on {columns} x {rows} cells, processor time of one core")
-    for form, passes in found.items():
-        print(f"- {form}: {passes:.1f} a second")
-    print(f"{'holds' if found['numba'] >= AIM else 'DOES NOT HOLD'}: at least {AIM:g} a second by numba")
+    print(f"{found:.1f} a second: {'holds' if found >= AIM else 'DOES NOT HOLD'}: at least {AIM:g}")
     return 0
 
 

@@ -23,6 +23,8 @@ import numpy as np
 
 from benchmarks import revisits
 from benchmarks.peers import mrpt
+from rigs.laser_logs import drifted
+from rigs.laser_logs import read as read_log
 from txt1.errors import Txt1Error
 from txt1.mapping import drawing, logs
 from txt1.mapping.mapper import Mapper
@@ -44,9 +46,9 @@ class Result(NamedTuple):
     """Processor time of a scan, s."""
 
 
-def ours(log: logs.Log, odometry: logs.Array, form: str) -> tuple[Result, Mapper]:
+def ours(log: logs.Log, odometry: logs.Array) -> tuple[Result, Mapper]:
     """Map a log."""
-    mapper, longest = Mapper(form=form), log.longest
+    mapper, longest = Mapper(), log.longest
     begin = process_time()
     for scan, pose in zip(log.scans, odometry, strict=True):
         mapper.add(scan.time, logs.points_of(scan.ranges, scan.angles, longest, scan.swept), pose)
@@ -101,13 +103,13 @@ def yag(python: Path, log: logs.Log, odometry: logs.Array) -> Result | None:
         return Result(_error(result["poses"], log), float(result["spent"]) / len(log.scans))
 
 
-def told(log: logs.Log, seeds: int, python: Path | None, form: str, picture: Path | None) -> list[list[Result]]:
+def told(log: logs.Log, seeds: int, python: Path | None, picture: Path | None) -> list[list[Result]]:
     """Map a log with each seed, print its row, and return our results and theirs."""
     wheels, mine, theirs = [], [], []
     for seed in range(seeds):
-        odometry = logs.drifted(log.odometry, seed) if log.reference is not None else log.odometry
+        odometry = drifted(log.odometry, seed) if log.reference is not None else log.odometry
         wheels.append(_error(odometry, log))
-        result, mapper = ours(log, odometry, form)
+        result, mapper = ours(log, odometry)
         mine.append(result)
         if python is not None and (other := yag(python, log, odometry)) is not None:
             theirs.append(other)
@@ -148,9 +150,9 @@ def draw(mapper: Mapper, odometry: logs.Array, name: Path) -> None:
     figure.savefig(name.with_name(f"{name.name}.png"), dpi=110)
 
 
-def show_revisits(log: logs.Log, form: str) -> None:
+def show_revisits(log: logs.Log) -> None:
     """Print how well the map of a log fits at places passed twice, by our map and by the wheels alone."""
-    _, mapper = ours(log, log.odometry, form)
+    _, mapper = ours(log, log.odometry)
     wheels = revisits.by_wheels(mapper, log.odometry)
     for name, poses in (("map", mapper.graph.poses), ("wheels alone", wheels)):
         found = revisits.offsets(mapper, poses)
@@ -168,7 +170,7 @@ def show_revisits(log: logs.Log, form: str) -> None:
 
 def beside(log: logs.Log) -> None:
     """Have Debian's programs map a log with the first seed, and print what comes of it."""
-    odometry = logs.drifted(log.odometry, 0) if log.reference is not None else log.odometry
+    odometry = drifted(log.odometry, 0) if log.reference is not None else log.odometry
     for program in mrpt.PROGRAMS:
         found = mrpt.mapped(program, log, odometry)
         told = found.told
@@ -203,7 +205,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the logs taken without any named")
     parser.add_argument("--seeds", type=int, default=20, help="of the error added to odometry (default 20)")
     parser.add_argument("--yag", default="0.2.5", metavar="VERSION", help="of yag-slam (default 0.2.5); none: without")
-    parser.add_argument("--form", default="", choices=("numba", "numpy"), help="of the loops; default what there is")
     parser.add_argument(
         "--pictures", type=Path, metavar="FOLDER", help="write the maps of the first seed there, and pictures"
     )
@@ -212,22 +213,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     python = None if given.yag == "none" else environment(given.yag)
     rows: dict[str, list[list[Result]]] = {}
     try:
-        read = [logs.read(file) for file in files]
+        read = [read_log(file) for file in files]
     except Txt1Error as error:
         print(error, file=sys.stderr)
         return 1
     # compiled before anything is timed
     first = read[0]._replace(scans=read[0].scans[:60])
-    _, mapper = ours(first, first.odometry, given.form)
-    print(f"loops: {mapper.loops.form}; ATE in m over seeds, processor time in ms a scan; yag-slam {given.yag}\n")
+    ours(first, first.odometry)
+    print(f"ATE in m over seeds, processor time in ms a scan; yag-slam {given.yag}\n")
     print("| log | scans | seeds | ATE of wheels | ATE | worst | ms | yag-slam's ATE | worst | ms |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for log in read:
-        rows[log.name] = told(log, given.seeds, python, given.form, given.pictures)
+        rows[log.name] = told(log, given.seeds, python, given.pictures)
     verdict(rows)
     print("\nPlaces passed twice, without an error added:")
     for log in read:
-        show_revisits(log, given.form)
+        show_revisits(log)
     print("\nDebian's mrpt-apps:")
     for log in read:
         beside(log)

@@ -40,9 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--again": flag("make the map again from FILE alone, write nothing, and compare it with NAME's files"),
             "--sensor": takes("NAME", "name of the laser, if there are several"),
             "--resolution": takes("M", "side of a cell, m (default 0.05)", float, default=0.05),
-            "--form": takes(
-                "FORM", "form of the loops; numba by default, if it is installed", choices=("numba", "numpy")
-            ),
         },
     )
 
@@ -108,19 +105,17 @@ def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[st
     from txt1.mapping.mapper import Mapper
 
     there = output.with_name(output.name + ".graph")
-    form = arguments.form or ""
     if not there.exists() or arguments.new or arguments.again:
         if arguments.again:
             if not there.exists():
                 raise ConfigError(f"{there}: not there, so there is nothing to compare with; make it without --again")
-            _, told = stored.load(there, form)
+            _, told = stored.load(there)
             if len(told.get("drives", [])) > 1:
                 raise ConfigError(
                     f"{there}: of several drives ({', '.join(told['drives'])}); --again takes one of one drive"
                 )
-            form = form or str(told["form"])
-        return Mapper(form=form), []
-    mapper, told = stored.load(there, form)
+        return Mapper(), []
+    mapper, told = stored.load(there)
     return mapper, list(told.get("drives", []))
 
 
@@ -169,7 +164,7 @@ def _tell(mapper: Mapper, source: ScanLog, closed: int, odometry: Any) -> None:
     from txt1.mapping.drive import AWRY, awry
 
     scans, keys = len(mapper.poses), len(mapper.keys)
-    print(f"{scans} scans, {keys} keyframes, {closed} loops closed; loops of points by {mapper.loops.form}")
+    print(f"{scans} scans, {keys} keyframes, {closed} loops closed")
     angle = awry(mapper.poses, odometry)
     if angle is not None and abs(angle) > AWRY:
         side = "left" if angle > 0 else "right"

@@ -1,4 +1,4 @@
-"""The matcher's loops over points and cells, as numba compiles them; `plain` is their numpy form.
+"""The matcher's loops over points and cells, as numba compiles them.
 
 Arrays of points are (n, 2) in m, of normals (n, 2) of length 1, or 0 where the surface is unknown. A normal points to
 the laser that saw the surface, so the two sides of a wall are never confused.

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.mapping.mapper import Mapper
-from txt1.mapping.matcher import GAP, Cloud, LocalMap, joined, kernels_of, sparse
+from txt1.mapping.matcher import GAP, Cloud, LocalMap, compiled_kernels, joined, sparse
 from txt1.mapping.poses import composed, difference, wrapped
 from txt1.maps.grid import OCCUPIED_FROM, Grid
 from txt1.sim.batch import compiled
@@ -179,51 +179,20 @@ def _weigh(
         out[p] = total
 
 
-def weigh_plain(
-    clear: Any, u: Any, v: Any, theta: Any, cosines: Any, sines: Any, ranges: Any, cell: float, table: Any, out: Any
-) -> None:
-    """Do the work of `_weigh` with NumPy's arrays: all rays leap together."""
-    rows, columns = clear.shape
-    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
-    dx, dy = (c * cosines - s * sines).ravel(), (s * cosines + c * sines).ravel()
-    x, y = np.repeat(u, len(ranges)), np.repeat(v, len(ranges))
-    measured = np.tile(ranges / cell, len(u))
-    t = np.zeros(len(x))
-    left = np.arange(len(x))
-    while len(left):
-        i, j = x[left].astype(np.int64), y[left].astype(np.int64)
-        inside = (
-            (x[left] >= 0.0)
-            & (y[left] >= 0.0)
-            & (i < columns)
-            & (j < rows)
-            & (t[left] < measured[left] + BEHIND / cell)
-        )
-        left, i, j = left[inside], i[inside], j[inside]
-        near = clear[j, i]
-        left, near = left[near > 0], near[near > 0]
-        leap = np.maximum(0.25 * near - 0.7, 0.6)
-        t[left] += leap
-        x[left] += dx[left] * leap
-        y[left] += dy[left] * leap
-    at = (len(table) - 1) // 2 + ((measured - t) * (cell / STEP) + 1000.5).astype(np.int64) - 1000
-    out[:] = table[np.clip(at, 0, len(table) - 1)].reshape(len(u), -1).sum(axis=1)
-
-
 @cache
-def weigher(form: str) -> Callable[..., None]:
-    """Return the function that weighs particles, as "numba" or "numpy"."""
-    return compiled(_weigh, cache=True, nogil=True) if form == "numba" else weigh_plain
+def weigher() -> Callable[..., None]:
+    """Return the function that weighs particles."""
+    return compiled(_weigh, cache=True, nogil=True)
 
 
 class Locator:
     """The filter, on a grid; it is lost until it has a place."""
 
-    def __init__(self, grid: Grid, seed: int = 0, form: str = "", count: int = COUNT) -> None:
-        """Begin; `form` is "numba", "numpy", or "" for whichever there is."""
-        self.loops = kernels_of(form)
+    def __init__(self, grid: Grid, seed: int = 0, count: int = COUNT) -> None:
+        """Begin; raises ImportError: numba is not there."""
+        self.loops = compiled_kernels()
         self.grid = grid
-        self._weigh = weigher(self.loops.form)
+        self._weigh = weigher()
         self._rng = np.random.default_rng(seed)
         self._count = count
         self._table = _table()
@@ -279,7 +248,7 @@ class Locator:
             self._trail = None
             return
         if self._trail is None or len(self._trail.keys) > 3 * TRAIL:
-            self._trail = Mapper(form=self.loops.form)
+            self._trail = Mapper()
         self._trail.add(time, points, odometry)
 
     def _moved(self, step: Array) -> None:

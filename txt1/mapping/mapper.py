@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.mapping.graph import Graph
-from txt1.mapping.matcher import Cloud, LocalMap, SeenWalls, cloud_of, joined, kernels_of, sparse
+from txt1.mapping.matcher import Cloud, LocalMap, SeenWalls, cloud_of, compiled_kernels, joined, sparse
 from txt1.mapping.poses import composed, difference, placed, wrapped
 
 Array = NDArray[np.float64]
@@ -143,9 +143,9 @@ class Match(NamedTuple):
 class Mapper:
     """A map in the making."""
 
-    def __init__(self, matching: Matching | None = None, odometry: OdometryNoise | None = None, form: str = "") -> None:
-        """Begin; `form` is "numba", "numpy", or "" for whichever there is (ImportError: numba is not there)."""
-        self.loops = kernels_of(form)
+    def __init__(self, matching: Matching | None = None, odometry: OdometryNoise | None = None) -> None:
+        """Begin; raises ImportError: numba is not there."""
+        self.loops = compiled_kernels()
         self.graph = Graph()
         self.keys: list[KeyScan] = []
         self._matching = matching or Matching()

@@ -16,8 +16,7 @@ is wrong by more than any gradient could mend.
 *Alignment.* From the best pose on, the cloud is aligned with the lines of the map (`kernels.align`; point-to-line ICP,
 Censi 2008). This is exact to a few mm. It also gives the information on each direction, which is none along a corridor.
 
-numba compiles the loops. Without numba their numpy form (`plain`) is used, which is slower and not equal to the last
-bit.
+numba compiles the loops (extra `fast`).
 """
 
 from __future__ import annotations
@@ -77,9 +76,8 @@ class Cloud(NamedTuple):
 
 
 class Kernels(NamedTuple):
-    """The loops in one of their forms."""
+    """The loops, compiled."""
 
-    form: str
     thin: Callable[..., Any]
     stamp: Callable[..., Any]
     search: Callable[..., Any]
@@ -89,26 +87,12 @@ class Kernels(NamedTuple):
 
 
 @cache
-def kernels_of(form: str = "") -> Kernels:
-    """Return the loops as "numba" or "numpy"; "" is numba if it is installed.
-
-    Raises ImportError: numba is requested and not installed.
-    """
-    if form != "numpy":
-        try:
-            import numba  # noqa: F401
-        except ImportError:
-            if form:
-                raise
-            form = "numpy"
-    if form == "numpy":
-        from txt1.mapping import plain
-
-        return Kernels(form, plain.thin, plain.stamp, plain.search, plain.listed, plain.align, plain.carve)
+def compiled_kernels() -> Kernels:
+    """Return the loops; raises ImportError: numba is not installed."""
     names = ("thin", "stamp", "search", "listed", "carve")
     made = {name: compiled(getattr(kernels, name), cache=True, nogil=True) for name in names}
     paired = compiled(kernels.pairs, cache=True, nogil=True)
-    return Kernels("numba", **made, align=compiled(kernels.align, calls={"pairs": paired}, cache=True, nogil=True))
+    return Kernels(**made, align=compiled(kernels.align, calls={"pairs": paired}, cache=True, nogil=True))
 
 
 class LocalMap:

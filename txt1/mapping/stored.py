@@ -48,7 +48,7 @@ def _part(file: Mapping[str, Any], name: str, kind: type, shape: tuple[int, ...]
 def content(mapper: Mapper, about: dict[str, Any]) -> bytes:
     """Return the bytes of a mapper's graph; `about` is stored with it as JSON."""
     keys = mapper.keys
-    told = {"version": VERSION, "form": mapper.loops.form, **about}
+    told = {"version": VERSION, **about}
     parts: dict[str, Any] = dict(
         about=np.frombuffer(json.dumps(told, sort_keys=True).encode(), np.uint8),
         poses=mapper.graph.poses,
@@ -64,7 +64,7 @@ def content(mapper: Mapper, about: dict[str, Any]) -> bytes:
     return file.getvalue()
 
 
-def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
+def load(path: Path) -> tuple[Mapper, dict[str, Any]]:
     """Return the mapper of a graph's file, ready for another drive, and the `about` stored with it.
 
     Raises ConfigError: the file is no graph, or is damaged.
@@ -79,7 +79,7 @@ def load(path: Path, form: str = "") -> tuple[Mapper, dict[str, Any]]:
             if told.get("version") != VERSION:
                 raise ConfigError(f"{path}: of version {told.get('version')}, and this txt1 reads {VERSION}; map anew")
             parts = {name: _part(file, name, *kind) for name, kind in PARTS.items()}
-        mapper = Mapper(form=form)
+        mapper = Mapper()
         if parts["counts"].min(initial=0) < 0:
             raise ValueError("a scan has fewer points than none")
         ends = np.cumsum(parts["counts"])

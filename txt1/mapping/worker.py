@@ -224,10 +224,9 @@ def _bytes(line: socket.socket, count: int) -> bytes | None:
 
 def made(options: Mapping[str, Any]) -> Work:
     """Return the requested work; raises Txt1Error."""
-    form = options.get("form", "")
     if "room" in options:
-        return works.locating(options["room"], options["seed"], form)
-    return works.Mapping(Path(options["make"]), options["resolution"], form, saves=True)
+        return works.locating(options["room"], options["seed"])
+    return works.Mapping(Path(options["make"]), options["resolution"], saves=True)
 
 
 def main(fd: str, options: str) -> None:
@@ -238,7 +237,7 @@ def main(fd: str, options: str) -> None:
     with socket.socket(fileno=int(fd)) as line:
         asked = json.loads(options)
         try:
-            works.warm(asked.get("form", ""))
+            works.warm()
             work = made(asked)
         except (Txt1Error, ImportError) as error:
             send(line, Ready(str(error)))

@@ -60,8 +60,8 @@ class Work(Protocol):
 class Locating:
     """Finds the robot on a map."""
 
-    def __init__(self, grid: Grid, seed: int, form: str = "") -> None:
-        self.locator = Locator(grid, seed, form)
+    def __init__(self, grid: Grid, seed: int) -> None:
+        self.locator = Locator(grid, seed)
         self._sheet: MapSheet | None = sheet_of(grid)
 
     def take(self, task: ScanTask) -> MapNews:
@@ -97,13 +97,13 @@ class Locating:
 class Mapping:
     """Makes a map, or extends an existing map."""
 
-    def __init__(self, output: Path, resolution: float, form: str = "", saves: bool = False) -> None:
+    def __init__(self, output: Path, resolution: float, saves: bool = False) -> None:
         self._output, self._resolution, self._saves = output, resolution, saves
         graph = output.with_name(f"{output.name}.graph")
         self.drives: list[str] = []
-        self.mapper = Mapper(form=form)
+        self.mapper = Mapper()
         if graph.exists():
-            self.mapper, told = stored.load(graph, form)
+            self.mapper, told = stored.load(graph)
             self.drives = list(told.get("drives", []))
         self._grid = GrowingGrid(resolution)
         self._closed = 0
@@ -209,9 +209,9 @@ def _news(
     )
 
 
-def locating(room: str, seed: int, form: str = "") -> Locating:
+def locating(room: str, seed: int) -> Locating:
     """Return the work that locates a robot on a map of this name; raises ConfigError: there is no such map."""
-    return Locating(map_of(room), seed, form)
+    return Locating(map_of(room), seed)
 
 
 def map_of(room: str) -> Grid:
@@ -219,10 +219,10 @@ def map_of(room: str) -> Grid:
     return files.read(f"{room}.yaml" if Path(f"{room}.yaml").exists() else room).grid
 
 
-def warm(form: str = "") -> None:
+def warm() -> None:
     """Compile all functions of a mapper and a filter, on an imaginary room."""
     angles = np.linspace(-pi, pi, 120)
-    mapper = Mapper(form=form)
+    mapper = Mapper()
     for k in range(32):
         # the robot turns in the middle of a room, so each scan becomes a keyframe
         turned = radians(20.0 * k)
@@ -237,7 +237,7 @@ def warm(form: str = "") -> None:
     from txt1.maps.rays import prepare
 
     prepare()
-    locator = Locator(grid, 0, form, count=10)
+    locator = Locator(grid, 0, count=10)
     locator.place((0.0, 0.0, 0.0))
     for k in range(3):
         locator.update(0.1 * k, placed((0.0, 0.0, pi * radians(k)), points), (0.0, 0.0, 0.0))

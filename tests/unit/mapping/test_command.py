@@ -33,7 +33,7 @@ def drive(tmp_path_factory) -> Path:
 def room(drive) -> Path:
     """The map's name."""
     name = drive.with_name("room")
-    assert execute(["map", str(drive), "-o", str(name), "--form", "numpy"]) == 0
+    assert execute(["map", str(drive), "-o", str(name)]) == 0
     return name
 
 
@@ -64,7 +64,7 @@ def test_a_later_drive_extends_it(drive, room, tmp_path, capsys):
     for suffix in (".graph", ".pgm", ".svg", ".yaml"):
         (tmp_path / f"room{suffix}").write_bytes(Path(f"{room}{suffix}").read_bytes())
     before = (tmp_path / "room.graph").stat().st_size
-    assert execute(["map", str(drive), "-o", str(tmp_path / "room"), "--form", "numpy"]) == 0
+    assert execute(["map", str(drive), "-o", str(tmp_path / "room")]) == 0
     assert (tmp_path / "room.graph").stat().st_size > 1.5 * before
     old, new = (files.read(str(each)).grid for each in (f"{room}.yaml", tmp_path / "room.yaml"))
     assert abs(old.cells.shape[0] - new.cells.shape[0]) <= 3 and abs(old.cells.shape[1] - new.cells.shape[1]) <= 3

@@ -42,8 +42,8 @@ def test_a_full_disk_keeps_the_old_map(tmp_path, monkeypatch):
 
 
 def test_a_map_too_large_is_refused():
-    from txt1.mapping.matcher import Cloud, kernels_of
+    from txt1.mapping.matcher import Cloud, compiled_kernels
 
     far = Cloud(np.array([[500.0, 500.0]]), np.zeros((1, 2)))
     with pytest.raises(ValueError, match="larger cells"):
-        drawing.grid_of([far], np.zeros((1, 3)), kernels_of("numpy"))
+        drawing.grid_of([far], np.zeros((1, 3)), compiled_kernels())

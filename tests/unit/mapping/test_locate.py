@@ -5,9 +5,9 @@ from math import degrees, hypot
 import numpy as np
 import pytest
 
+from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import drive, room, scan
 from txt1.mapping.locate import Located, Locator
-from txt1.mapping.logs import drifted
 from txt1.mapping.poses import composed, difference
 from txt1.maps.grid import FREE, OCCUPIED, Grid
 
@@ -37,7 +37,7 @@ def followed(locator: Locator, poses, odometry, people: float = 0.0) -> list[tup
 
 def test_it_follows_from_a_given_pose_with_slip_and_people():
     poses = drive(0.5)
-    locator = Locator(coarse(), 1, "numpy", COUNT)
+    locator = Locator(coarse(), 1, COUNT)
     locator.place(poses[0])
     told = followed(locator, poses, drifted(poses, 2), people=0.1)
     position, angle = (np.sqrt(np.mean(np.square([each[k] for each in told[5:]]))) for k in (1, 2))
@@ -48,7 +48,7 @@ def test_it_follows_from_a_given_pose_with_slip_and_people():
 
 def test_told_its_place_alone_it_finds_its_heading():
     poses = drive(0.3)
-    locator = Locator(coarse(), 1, "numpy", COUNT)
+    locator = Locator(coarse(), 1, COUNT)
     locator.place((*poses[0][:2] + 0.1, poses[0][2] + 2.0), (0.3, 2.0 * np.pi))
     told = followed(locator, poses, drifted(poses, 2))
     assert not any(each.lost for each, _, _ in told[-5:])
@@ -57,7 +57,7 @@ def test_told_its_place_alone_it_finds_its_heading():
 
 def test_a_pose_of_which_it_is_not_sure_must_not_be_used():
     poses = drive(0.1)
-    locator = Locator(coarse(), 1, "numpy", COUNT)
+    locator = Locator(coarse(), 1, COUNT)
     locator.place(poses[0], (3.0, 0.1))
     # three rays tell little
     few = scan(room(), poses[0], np.random.default_rng(1))[:3]
@@ -68,7 +68,7 @@ def test_a_pose_of_which_it_is_not_sure_must_not_be_used():
 
 def test_it_finds_itself_from_anywhere():
     poses = drive(0.6)[10:]
-    told = followed(Locator(coarse(), 1, "numpy", COUNT), poses, drifted(poses, 2))
+    told = followed(Locator(coarse(), 1, COUNT), poses, drifted(poses, 2))
     assert told[0][0].lost and told[1][0].lost
     assert not told[-1][0].lost and told[-1][1] < 0.15 and told[-1][2] < 4.0
 
@@ -82,7 +82,7 @@ def test_carried_away_it_says_so_and_finds_itself_again():
     wheels = [poses[0]]
     for step in steps:
         wheels.append(composed(wheels[-1], step))
-    locator = Locator(coarse(), 1, "numpy", COUNT)
+    locator = Locator(coarse(), 1, COUNT)
     locator.place(poses[0])
     told = followed(locator, there, np.array(wheels))
     assert not told[18][0].lost
@@ -112,7 +112,7 @@ def test_in_a_room_that_looks_the_same_from_two_places_it_does_not_say_that_it_k
 def test_in_a_wrong_map_it_stays_lost():
     cells = np.full((80, 90), OCCUPIED, np.int8)
     cells[2:-2, 2:-2] = FREE
-    locator = Locator(Grid(cells, 0.05, (0.0, 0.0, 0.0)), 1, "numpy", COUNT)
+    locator = Locator(Grid(cells, 0.05, (0.0, 0.0, 0.0)), 1, COUNT)
     poses = drive(0.4)
     told = followed(locator, poses, poses)
     assert np.mean([each.lost for each, _, _ in told]) > 0.9
@@ -120,19 +120,12 @@ def test_in_a_wrong_map_it_stays_lost():
 
 def test_the_same_seed_gives_the_same_poses():
     poses = drive(0.1)[:4]
-    one, other = (
-        [each[0].pose for each in followed(Locator(coarse(), 7, "numpy", 100), poses, poses)] for _ in range(2)
-    )
+    one, other = ([each[0].pose for each in followed(Locator(coarse(), 7, 100), poses, poses)] for _ in range(2))
     assert np.array_equal(one, other)
 
 
-@pytest.mark.long
-def test_both_forms_weigh_alike():
-    grid, poses = coarse(), drive(1.0)
-    weights = []
-    for form in ("numba", "numpy"):
-        locator = Locator(grid, 1, form)
-        points = scan(room(), poses[3], np.random.default_rng(1))
-        weights.append(locator.weights(poses, np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])))
-    assert np.allclose(*weights, rtol=0.0, atol=3.0)
-    assert np.argmax(weights[0]) == 3
+def test_the_pose_that_saw_a_scan_weighs_most():
+    poses = drive(1.0)
+    points = scan(room(), poses[3], np.random.default_rng(1))
+    weights = Locator(coarse(), 1).weights(poses, np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0]))
+    assert np.argmax(weights) == 3

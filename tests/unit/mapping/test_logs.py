@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigs import laser_logs
 from txt1.mapping import logs
 from txt1.mapping.poses import accumulated, composed, difference, trajectory_error
 
@@ -40,7 +41,7 @@ def test_the_rover(tmp_path):
     rest = " ".join(["0"] * 20)
     file = tmp_path / "c.dat"
     file.write_text("".join(f"{k * 100000} 0 {k * 100} {k * 100} {rest} {ranges}\n" for k in range(20)))
-    log = logs.read(file)
+    log = laser_logs.read(file)
     assert log.reference is None and len(log.scans) == 20
     assert log.odometry[-1, 0] > 0.4 and log.scans[5].swept.shape == (683, 3)
     # while the rover drives ahead, later beams leave from farther ahead
@@ -52,8 +53,8 @@ def test_the_rovers_laser_turns_evenly_whenever_its_lines_are_written(tmp_path):
     times = [100_000 * k + (40_000 if k % 5 == 2 else 0) for k in range(40)]  # us; every fifth line is late
     file = tmp_path / "c.dat"
     file.write_text("".join(f"{at} 0 {at // 1000} {at // 1000} {rest} {ranges}\n" for at in times))
-    ways = np.diff(logs.read(file).odometry[2:, 0])
-    assert ways == pytest.approx(100 * 2.0 * np.pi * logs.WHEEL / logs.TICKS, rel=1e-6)
+    ways = np.diff(laser_logs.read(file).odometry[2:, 0])
+    assert ways == pytest.approx(100 * 2.0 * np.pi * laser_logs.WHEEL / laser_logs.TICKS, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -81,8 +82,8 @@ def test_a_missing_log_is_named(tmp_path):
 
 def test_drift_repeats_and_bends():
     poses = np.column_stack((np.linspace(0, 10, 101), np.zeros((101, 2))))
-    assert np.array_equal(logs.drifted(poses, 1), logs.drifted(poses, 1))
-    straight = logs.drifted(poses, 1, noise=0.0)
+    assert np.array_equal(laser_logs.drifted(poses, 1), laser_logs.drifted(poses, 1))
+    straight = laser_logs.drifted(poses, 1, noise=0.0)
     # 5 % of 10 m on one wheel, 0.4 m from the other
     assert np.isclose(np.unwrap(straight[:, 2])[-1], 10 * 0.05 / 0.4)
 

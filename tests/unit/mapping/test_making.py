@@ -28,19 +28,6 @@ RUN = (
 MOUNT = (0.0, 0.0, 0.0)
 
 
-class Plain(Mapper):
-    """By NumPy: numba would compile first."""
-
-    def __init__(self, matching=None, odometry=None, form="numpy"):
-        super().__init__(matching, odometry, "numpy")
-
-
-@pytest.fixture
-def plain(monkeypatch):
-    monkeypatch.setattr(works, "Mapper", Plain)
-    monkeypatch.setattr(works, "warm", lambda form="": None)
-
-
 def tasks(count: int) -> list[works.ScanTask]:
     rng, there = np.random.default_rng(1), room()
     return [
@@ -49,7 +36,7 @@ def tasks(count: int) -> list[works.ScanTask]:
     ]
 
 
-def test_a_map_is_made_while_driving_and_the_run_verifies(plain, tmp_path, capsys):
+def test_a_map_is_made_while_driving_and_the_run_verifies(tmp_path, capsys):
     file, name = tmp_path / "drive.mcap", tmp_path / "room"
     assert execute([*RUN, "--duration", "4", "--seed", "1", "--map", str(name), "--log", str(file)]) == 0
     assert "keyframes" in capsys.readouterr().err
@@ -84,16 +71,14 @@ def test_a_map_is_made_while_driving_and_the_run_verifies(plain, tmp_path, capsy
         (["--map", "nowhere/room"], "there is no folder"),
     ],
 )
-def test_what_is_wrong_is_told(plain, tmp_path, monkeypatch, capsys, options, word):
+def test_what_is_wrong_is_told(tmp_path, monkeypatch, capsys, options, word):
     monkeypatch.chdir(tmp_path)
     assert execute([*RUN, "--duration", "1", *options]) == 2
     assert word in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("takes", "told"), [(0.5, False), (4.0, True)])
-def test_a_map_that_takes_long_to_finish_can_be_left_to_the_background(
-    plain, tmp_path, monkeypatch, capsys, takes, told
-):
+def test_a_map_that_takes_long_to_finish_can_be_left_to_the_background(tmp_path, monkeypatch, capsys, takes, told):
     async def slow(sensor):
         await asyncio.sleep(takes)
         return ["room.yaml: written"]
@@ -105,7 +90,7 @@ def test_a_map_that_takes_long_to_finish_can_be_left_to_the_background(
 
 
 def test_a_map_that_grows_is_that_of_all_scans_at_once():
-    mapper, growing = Mapper(form="numpy"), GrowingGrid()
+    mapper, growing = Mapper(), GrowingGrid()
     for k, each in enumerate(tasks(25)):
         mapper.add(each.sweep.time, each.sweep.points, each.sweep.odometry)
         if k % 6 == 4 and k < 24:
@@ -117,7 +102,7 @@ def test_a_map_that_grows_is_that_of_all_scans_at_once():
     assert np.array_equal(grown.is_free(x, y), whole.is_free(x, y))
 
 
-def test_a_full_disk_keeps_the_map_elsewhere(plain, tmp_path, monkeypatch):
+def test_a_full_disk_keeps_the_map_elsewhere(tmp_path, monkeypatch):
     other = tmp_path / "other"
     other.mkdir()
     monkeypatch.setattr(works, "gettempdir", lambda: str(other))
@@ -136,7 +121,7 @@ def test_a_full_disk_keeps_the_map_elsewhere(plain, tmp_path, monkeypatch):
     assert (other / "room.yaml").exists() and not (tmp_path / "room.yaml").exists()
 
 
-def test_a_map_is_extended_and_a_drive_without_its_place_leaves_it(plain, tmp_path):
+def test_a_map_is_extended_and_a_drive_without_its_place_leaves_it(tmp_path):
     first = works.Mapping(tmp_path / "room", 0.05)
     for each in tasks(30):
         first.take(each)
@@ -151,7 +136,7 @@ def test_a_map_is_extended_and_a_drive_without_its_place_leaves_it(plain, tmp_pa
 @pytest.mark.long
 def test_a_process_makes_the_map_and_keeps_it_when_the_robot_is_gone(tmp_path):
     async def work(finish: bool, name: str) -> list[str]:
-        far = Far({"make": str(tmp_path / name), "resolution": 0.05, "form": "numpy"})
+        far = Far({"make": str(tmp_path / name), "resolution": 0.05})
         await far.open()
         told = []
         for each in tasks(6):
@@ -177,14 +162,14 @@ def test_a_process_makes_the_map_and_keeps_it_when_the_robot_is_gone(tmp_path):
 @pytest.mark.long
 def test_a_process_that_cannot_begin_says_why(tmp_path):
     (tmp_path / "room.graph").write_bytes(b"nonsense")
-    far = Far({"make": str(tmp_path / "room"), "resolution": 0.05, "form": "numpy"})
+    far = Far({"make": str(tmp_path / "room"), "resolution": 0.05})
     with pytest.raises(HalError, match="damaged"):
         asyncio.run(far.open())
 
 
 def test_who_ends_the_robot_while_the_process_compiles_does_not_wait_for_it(tmp_path):
     async def ended() -> int | None:
-        far = Far({"make": str(tmp_path / "room"), "resolution": 0.05, "form": "numpy"})
+        far = Far({"make": str(tmp_path / "room"), "resolution": 0.05})
         opening = asyncio.create_task(far.open())
         while far._child is None:  # noqa: SLF001
             await asyncio.sleep(0.01)
@@ -214,7 +199,7 @@ def test_news_go_through_the_line_whole():
     from txt1.mapping.telling import MapNews
     from txt1.telemetry import exact
 
-    making = works.Mapping(Path("nowhere/room"), 0.05, "numpy")
+    making = works.Mapping(Path("nowhere/room"), 0.05)
     for each in tasks(3):
         again = exact.decode(works.ScanTask, exact.encode(each))
         assert np.array_equal(again.sweep.points, each.sweep.points) and again.mount == each.mount

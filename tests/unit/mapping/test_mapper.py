@@ -1,21 +1,21 @@
-"""Maps of a simulated room: the trajectory, the loops, the certainty, and the form without numba."""
+"""Maps of a simulated room: the trajectory, the loops and the certainty."""
 
 from math import radians
 
 import numpy as np
 import pytest
 
+from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import drive, room, scan
 from txt1.mapping import drawing
-from txt1.mapping.logs import drifted
 from txt1.mapping.mapper import Mapper
-from txt1.mapping.matcher import LocalMap, cloud_of, joined, kernels_of
+from txt1.mapping.matcher import LocalMap, cloud_of, compiled_kernels, joined
 from txt1.mapping.poses import difference, trajectory_error
 from txt1.maps.grid import FREE, OCCUPIED
 
 
-def mapped(poses, odometry, form="numpy"):
-    rng, there, mapper = np.random.default_rng(1), room(), Mapper(form=form)
+def mapped(poses, odometry):
+    rng, there, mapper = np.random.default_rng(1), room(), Mapper()
     matches = [
         mapper.add(0.1 * k, scan(there, pose, rng), told)
         for k, (pose, told) in enumerate(zip(poses, odometry, strict=True))
@@ -25,12 +25,11 @@ def mapped(poses, odometry, form="numpy"):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("form", ["numpy", "numba"])
-def test_a_room_is_mapped_in_spite_of_wrong_wheels(form):
+def test_a_room_is_mapped_in_spite_of_wrong_wheels():
     poses = drive(1.3)
     odometry = drifted(poses, 3)
     assert trajectory_error(odometry, poses) > 0.5
-    mapper, matches = mapped(poses, odometry, form)
+    mapper, matches = mapped(poses, odometry)
     assert trajectory_error(mapper.poses, poses) < 0.03
     assert sum(match.closed for match in matches) > 0
     assert all(match.score > 0.5 for match in matches[1:])
@@ -49,29 +48,23 @@ def test_a_map_has_its_walls_where_the_room_has_them():
     assert (grid.cells == FREE).sum() * grid.resolution**2 > 20.0
 
 
-@pytest.mark.long
-def test_a_scan_is_found_again_by_both_forms():
-    there = room()
+def test_a_scan_is_found_again():
+    there, loops = room(), compiled_kernels()
     true = np.array([0.6, -1.7, 0.9])
-    found = {}
-    for form in ("numba", "numpy"):
-        loops = kernels_of(form)
-        cloud = cloud_of(scan(there, true, np.random.default_rng(3)), loops)
-        other = np.array([0.5, -1.8, 0.7])
-        around = joined([cloud_of(scan(there, other, np.random.default_rng(4)), loops)], other[None])
-        local = LocalMap(around, loops)
-        guess = true + np.array([0.3, -0.35, radians(18.0)])
-        score, start = local.search(cloud, guess, 0.5, radians(25.0), (2.0, 2.0), 0.3)
-        assert score > 0.5
-        pose, information, fit, _ = local.align(cloud, start, start, 1e-9 * np.eye(3))
-        assert fit > 0.8 and np.linalg.eigvalsh(information).min() > 0.0
-        assert np.abs(difference(true, pose)).max() < 0.03
-        found[form] = np.array([score, *pose])
-    assert np.abs(found["numba"] - found["numpy"]).max() < 2e-3
+    cloud = cloud_of(scan(there, true, np.random.default_rng(3)), loops)
+    other = np.array([0.5, -1.8, 0.7])
+    around = joined([cloud_of(scan(there, other, np.random.default_rng(4)), loops)], other[None])
+    local = LocalMap(around, loops)
+    guess = true + np.array([0.3, -0.35, radians(18.0)])
+    score, start = local.search(cloud, guess, 0.5, radians(25.0), (2.0, 2.0), 0.3)
+    assert score > 0.5
+    pose, information, fit, _ = local.align(cloud, start, start, 1e-9 * np.eye(3))
+    assert fit > 0.8 and np.linalg.eigvalsh(information).min() > 0.0
+    assert np.abs(difference(true, pose)).max() < 0.03
 
 
 def test_a_corridor_says_that_it_does_not_know_how_far_along():
-    there, loops = room(corridor=True), kernels_of("numpy")
+    there, loops = room(corridor=True), compiled_kernels()
     clouds = [cloud_of(scan(there, (0.1 * k, 0.0, 0.0), np.random.default_rng(k)), loops) for k in range(2)]
     local = LocalMap(clouds[0], loops)
     _, information, _, _ = local.align(clouds[1], np.zeros(3), np.zeros(3), 1e-9 * np.eye(3))
@@ -80,7 +73,7 @@ def test_a_corridor_says_that_it_does_not_know_how_far_along():
 
 @pytest.mark.parametrize("points", [np.empty((0, 2)), np.ones((3, 2))])
 def test_scans_that_see_nothing_leave_the_pose_to_odometry(points):
-    mapper = Mapper(form="numpy")
+    mapper = Mapper()
     for k in range(5):
         match = mapper.add(0.1 * k, points, (0.4 * k, 0.0, 0.0))
         assert match.score == 0.0
@@ -89,7 +82,7 @@ def test_scans_that_see_nothing_leave_the_pose_to_odometry(points):
 
 
 def test_glass_costs_a_third_of_the_beams_and_no_map():
-    poses, rng, there, mapper = drive(0.5), np.random.default_rng(5), room(), Mapper(form="numpy")
+    poses, rng, there, mapper = drive(0.5), np.random.default_rng(5), room(), Mapper()
     for k, (pose, told) in enumerate(zip(poses, drifted(poses, 1), strict=True)):
         points = scan(there, pose, rng)
         mapper.add(0.1 * k, points[rng.random(len(points)) > 0.3], told)
@@ -99,7 +92,7 @@ def test_glass_costs_a_third_of_the_beams_and_no_map():
 
 def test_a_loop_that_was_closed_a_little_wrong_is_put_right_in_the_end(monkeypatch):
     monkeypatch.setattr(Mapper, "_look", lambda mapper: 0)
-    poses, rng, there, mapper = drive(1.3), np.random.default_rng(1), room(), Mapper(form="numpy")
+    poses, rng, there, mapper = drive(1.3), np.random.default_rng(1), room(), Mapper()
     for k, pose in enumerate(poses):
         mapper.add(0.1 * k, scan(there, pose, rng), pose)
     first, last = 2, len(mapper.keys) - 6

@@ -23,14 +23,14 @@ FUSED = ("--set", "estimation.sensors=[encoders, map]")
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    """Few particles by NumPy: numba would compile first."""
+    """Few particles, and no functions compiled for nothing."""
 
     class Few(Locator):
-        def __init__(self, grid, seed=0, form="numpy", count=150):
-            super().__init__(grid, seed, "numpy", min(count, 150))
+        def __init__(self, grid, seed=0, count=150):
+            super().__init__(grid, seed, min(count, 150))
 
     monkeypatch.setattr(works, "Locator", Few)
-    monkeypatch.setattr(works, "warm", lambda form="": None)
+    monkeypatch.setattr(works, "warm", lambda: None)
 
 
 @pytest.fixture(scope="module")
