@@ -28,10 +28,7 @@ from txt1.config.sources import with_values
 from txt1.errors import ConfigError
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
-from txt1.learning.clearance import body_of
 from txt1.learning.experiment import LEARNED
-from txt1.learning.pilot import SETTINGS, PilotAgent
-from txt1.learning.planner import Array
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, Task, starts, task_of
@@ -39,6 +36,9 @@ from txt1.model.odometry import Odometry
 from txt1.sim.obstacles import outline
 from txt1.trials.provenance import provenance
 from txt1.trials.run import Rows
+from txt1_learners.clearance import body_of
+from txt1_learners.pilot import SETTINGS, PilotAgent
+from txt1_learners.planner import Array
 
 FORMAT: Final = "txt1 obstacles"
 COLUMNS: Final = ("time_s", "success", "touched", "unfit_s", "floor_s")

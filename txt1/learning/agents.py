@@ -19,7 +19,7 @@ import numpy as np
 
 from txt1.config import Config
 from txt1.errors import ConfigError, MissingPlugin, QTableError
-from txt1.learning import pilot, sweeps, thesis
+from txt1.learning import sweeps, thesis
 from txt1.learning.agent import Agent
 from txt1.learning.qtable import RELEARN, StoredTable, load
 from txt1.learning.settings import LearningConfig
@@ -34,7 +34,6 @@ LEARNERS: Final = Registry(
     {
         "thesis": thesis.create,
         "sweeps": sweeps.create,
-        "pilot": pilot.create,
     },
 )
 

@@ -13,10 +13,12 @@ import pytest
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
-from txt1.learning.agents import LEARNERS, from_table, make
+from txt1.learning import sweeps
+from txt1.learning.agents import LEARNERS, from_table, make, of_module
 from txt1.learning.qtable import StoredTable, save
 from txt1.learning.sharing import sharer
 from txt1.unknown import missing
+from txt1_learners import pilot
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))["project"]
 NAMES = sorted(PROJECT["entry-points"]["txt1.learners"])
@@ -34,7 +36,7 @@ def test_it_is_made_by_its_name(name: str) -> None:
     assert type(agent).__module__ == f"txt1_learners.{name}"
 
 
-@pytest.mark.parametrize("learner", ["neural", "taxis"])
+@pytest.mark.parametrize("learner", ["neural", "taxis", pytest.param("pilot", marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     "about", [{}, {"knows": {"survey": [1.0]}, "scale": "x", "used": [1.0], "varies": None, "level": []}]
 )
@@ -64,3 +66,12 @@ def test_it_drives_by_what_it_learned(tmp_path: Path) -> None:
     assert execute(["learn", *words, "--out", str(tmp_path / "out")]) == 0
     table = str(tmp_path / "out" / "qtable.json")
     assert execute(["run", "--policy", table, "--duration", "2", "--seed", "1", "--speed", "max", "--json"]) == 0
+
+
+def test_a_learners_module_says_which_way_it_drives_and_whether_its_table_is_shown() -> None:
+    assert of_module("sweeps", "courses", None) is sweeps.courses
+    assert of_module("pilot", "courses", None) is pilot.courses
+    assert {name: of_module(name, "TABLE_IS_DRAWN", True) for name in ("sweeps", "pilot")} == {
+        "sweeps": True,
+        "pilot": False,
+    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from txt1.learning import pilot, plots, sweeps, thesis
+from txt1.learning import plots, thesis
 from txt1.learning.agents import LEARNERS, of_module
 from txt1.unknown import brought
 
@@ -20,11 +20,6 @@ def test_the_pictures_import_no_learner_and_name_none() -> None:
 
 
 def test_a_learners_module_says_which_way_it_drives_and_whether_its_table_is_shown() -> None:
-    assert [of_module(name, "courses", None) for name in ("thesis", "sweeps", "pilot")] == [
-        thesis.courses,
-        sweeps.courses,
-        pilot.courses,
-    ]
-    shown = {name: of_module(name, "TABLE_IS_DRAWN", True) for name in ("thesis", "sweeps", "pilot")}
-    assert shown == {"thesis": True, "sweeps": True, "pilot": False}
+    assert of_module("thesis", "courses", None) is thesis.courses
+    assert of_module("thesis", "TABLE_IS_DRAWN", True)
     assert of_module("ppo", "courses", None) is None, "which is no learner of this repository's plug-ins"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from hashlib import sha256
 from math import nan
 from pathlib import Path
@@ -18,10 +17,9 @@ from hypothesis import strategies as st
 from benchmarks.table_5_3 import TABLE_5_3
 from txt1.config import Config
 from txt1.errors import QTableError
-from txt1.learning.agents import from_table, make
+from txt1.learning.agents import from_table
 from txt1.learning.light_direction import SECTORS
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, initial, load, save, update
-from txt1.learning.sensor_map import HEIGHT, POWER
 from txt1.learning.thesis import greedy_action
 
 # -- table and update --------------------------------------------------------------------------------------------
@@ -225,60 +223,12 @@ def test_an_infinite_number_written_as_a_long_one_is_refused(file: Path) -> None
     refused(file, "1e999 is no finite number")
 
 
-@pytest.mark.parametrize("learner", ["thesis", pytest.param("pilot", marks=pytest.mark.long)])
-@pytest.mark.parametrize(
-    "about", [{}, {"knows": {"survey": [1.0]}, "scale": "x", "used": [1.0], "varies": None, "level": []}]
-)
-def test_a_table_without_what_its_learner_keeps_with_it_is_refused(
-    tmp_path: Path, learner: str, about: dict[str, Any]
-) -> None:
+@pytest.mark.parametrize("about", [{}, {"knows": {"survey": [1.0]}, "scale": "x"}])
+def test_the_thesiss_learner_keeps_nothing_with_its_table(tmp_path: Path, about: dict[str, Any]) -> None:
     rng = np.random.default_rng(1)
     path = tmp_path / "qtable.json"
-    shape = make(learner, Config(), rng).table().values.shape
-    save(path, StoredTable(np.zeros(shape), {"agent": learner, **about}))
-    if learner == "thesis":
-        # it keeps nothing
-        assert from_table(path, Config(), rng).name == learner
-    else:
-        with pytest.raises(QTableError):
-            from_table(path, Config(), rng)
-
-
-@pytest.mark.long
-def test_a_survey_of_a_light_that_hangs_nowhere_is_refused(tmp_path: Path) -> None:
-    table = make("pilot", Config(), rng := np.random.default_rng(1)).table()
-    path = tmp_path / "qtable.json"
-    save(path, table)
-    assert from_table(path, Config(), rng).name == "pilot"
-    table.about["knows"]["survey"][HEIGHT] = -1.0
-    save(path, table)
-    with pytest.raises(QTableError, match="squared height is -1 m2, below 0"):
-        from_table(path, Config(), rng)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "wrong"),
-    [
-        ("survey", lambda knows: knows["survey"].__setitem__(POWER, 40.0)),
-        ("survey", lambda knows: knows["survey"].__setitem__(0, 1e300)),
-        ("spread", lambda knows: knows["spread"].__setitem__(1, 0.0)),
-        ("trust", lambda knows: knows["trust"].__setitem__(1, -1.0)),
-        ("goal", lambda knows: knows.__setitem__("goal", -0.5)),
-        ("past", lambda knows: knows.__setitem__("past", [[[0.0] * 10]])),
-        ("effects", lambda knows: knows["effects"].__setitem__("k", [[1e300, 0.0]] * 17)),
-        ("effects", lambda knows: knows["effects"].__setitem__("error", [0.0])),
-    ],
-)
-def test_a_survey_with_numbers_out_of_their_range_is_refused(
-    tmp_path: Path, name: str, wrong: Callable[[Any], None]
-) -> None:
-    """A variance of 0 ended the drive with a singular matrix."""
-    table = make("pilot", Config(), rng := np.random.default_rng(1)).table()
-    wrong(table.about["knows"])
-    save(tmp_path / "qtable.json", table)
-    with pytest.raises(QTableError, match=f"keeps '{name}' with numbers out of their range"):
-        from_table(tmp_path / "qtable.json", Config(), rng)
+    save(path, StoredTable(np.zeros((8, 3)), {"agent": "thesis", **about}))
+    assert from_table(path, Config(), rng).name == "thesis"
 
 
 @pytest.mark.parametrize("version", [0, 2, "1", None])

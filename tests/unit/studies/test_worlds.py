@@ -15,7 +15,7 @@ from studies.learners.floor import MovingFloor, floor_of
 from studies.learners.lockstep import trials, world_at
 from txt1.config import Config, completed, load
 from txt1.errors import ConfigError
-from txt1.learning import pilot, thesis
+from txt1.learning import thesis
 from txt1.learning.agents import make
 from txt1.learning.best_time import Floor
 from txt1.learning.experiment import KEPT
@@ -23,6 +23,7 @@ from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import TURN, LearningConfig
 from txt1.learning.trial import Start, Trial, starts, task_of
 from txt1.trials.provenance import provenance
+from txt1_learners import pilot
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
 

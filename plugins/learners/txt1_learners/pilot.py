@@ -75,7 +75,14 @@ from pydantic import Field
 
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
-from txt1.learning.clearance import (
+from txt1.learning.learned import Learned
+from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import LearningConfig
+from txt1.model.kinematics import wrap_angle
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN
+from txt1.model.odometry import Odometry
+from txt1.units import NotNegative, Positive, PositiveInt, Share
+from txt1_learners.clearance import (
     MARGIN,
     ActionPlan,
     Discs,
@@ -85,11 +92,9 @@ from txt1.learning.clearance import (
     distances,
     quickest_clear,
 )
-from txt1.learning.effects import Effects, MotionModel, steady
-from txt1.learning.learned import Learned
-from txt1.learning.planner import Array, Belief, Place, quickest
-from txt1.learning.qtable import StoredTable
-from txt1.learning.sensor_map import (
+from txt1_learners.effects import Effects, MotionModel, steady
+from txt1_learners.planner import Array, Belief, Place, quickest
+from txt1_learners.sensor_map import (
     DRIFT,
     HEIGHT,
     NUMBERS,
@@ -112,11 +117,6 @@ from txt1.learning.sensor_map import (
     turned,
     way,
 )
-from txt1.learning.settings import LearningConfig
-from txt1.model.kinematics import wrap_angle
-from txt1.model.light_sensors import LUX_MAX, LUX_MIN
-from txt1.model.odometry import Odometry
-from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 # a probability
 Rare = Annotated[float, Field(gt=0.0, lt=0.5)]

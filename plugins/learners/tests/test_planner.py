@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from txt1.learning.planner import Array, quickest
+from txt1_learners.planner import Array, quickest
 
 RADIUS = 0.56  # of the sharpest turn, m
 STEP = 0.03  # m in a decision

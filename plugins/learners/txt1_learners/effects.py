@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.learning.planner import Array, Place, compiled
+from txt1_learners.planner import Array, Place, compiled
 
 # numbers of a decision: distance and curvature before it, the actions, the latest first, distance and curvature after
 Step = tuple[Place, NDArray[np.int64], Place]

@@ -11,10 +11,10 @@ import pytest
 from studies.learners import lockstep
 from txt1.config import load
 from txt1.learning.agents import make
-from txt1.learning.pilot import PilotAgent, chi_square, create
 from txt1.learning.trial import Trial
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
+from txt1_learners.pilot import PilotAgent, chi_square, create
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
 SWAPPED = (

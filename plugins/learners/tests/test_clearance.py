@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.patience import LIMIT
-from txt1.learning.clearance import (
+from txt1_learners.clearance import (
     MARGIN,
     ActionPlan,
     SeenPoints,
@@ -19,7 +19,7 @@ from txt1.learning.clearance import (
     quickest_clear,
     room,
 )
-from txt1.learning.planner import Array
+from txt1_learners.planner import Array
 
 RADIUS = 0.56  # of the sharpest turn, m
 STEP = 0.03  # m in a decision
@@ -156,7 +156,7 @@ def test_places_behind_what_the_newest_sweep_saw_are_no_way() -> None:
 PROGRAM = """
 import sys
 from txt1.cli import execute
-from txt1.learning import clearance, pilot
+from txt1_learners import clearance, pilot
 
 def compiled():
     return [len(one.signatures) for one in (clearance.distances, clearance.quickest_clear, clearance.clearest)]

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.learning.planner import Array, Belief, compiled
+from txt1_learners.planner import Array, Belief, compiled
 
 SENSORS: Final = 4
 # of the survey's numbers: brightness of the four first, then power, places, scale, drift, square of the height

@@ -7,11 +7,11 @@ from math import inf
 
 import numpy as np
 import pytest
+from test_pilot_doubts import done
+from test_sensor_map import SURVEY, read
 
-from tests.unit.learning.test_pilot_doubts import done
-from tests.unit.learning.test_sensor_map import SURVEY, read
-from txt1.learning.pilot import PilotAgent, delayed, unmoved
-from txt1.learning.sensor_map import corrected
+from txt1_learners.pilot import PilotAgent, delayed, unmoved
+from txt1_learners.sensor_map import corrected
 
 COMPOSED = "learning.world=composed"
 

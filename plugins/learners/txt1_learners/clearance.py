@@ -20,8 +20,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.learning.planner import Array, Belief, compiled, onwards
 from txt1.sim.batch import compiled as compiled_anew
+from txt1_learners.planner import Array, Belief, compiled, onwards
 
 # cells of the grid on a side, and their size, m
 CELLS: Final = 97

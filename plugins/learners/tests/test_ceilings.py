@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from test_pilot_doubts import done
 
-from tests.unit.learning.test_pilot_doubts import done
-from txt1.learning.pilot import REPEATED, PilotAgent
 from txt1.model.light_sensors import LUX_MAX
+from txt1_learners.pilot import REPEATED, PilotAgent
 
 SATURATED = ("learning.world=composed", "learning.world_options={sensors: [{high: 150.0}]}")
 

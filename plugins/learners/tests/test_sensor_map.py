@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.learning.sensor_map import (
+from txt1.model.light_sensors import MOUNT
+from txt1_learners.sensor_map import (
     DRIFT,
     HEIGHT,
     NUMBERS,
@@ -24,7 +25,6 @@ from txt1.learning.sensor_map import (
     told,
     way,
 )
-from txt1.model.light_sensors import MOUNT
 
 SURVEY = np.zeros(NUMBERS)
 SURVEY[POWER], SURVEY[PLACES:SCALE], SURVEY[SCALE] = 2.0, np.ravel(MOUNT), 1.0
