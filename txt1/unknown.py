@@ -14,7 +14,7 @@ from txt1.installing import installs_plugin
 COMMANDS: Final = "commands"
 OPTIONS: Final = "options of txt1 run"
 PLUGINS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = {
-    "learners": {"txt1.learners": ("neural", "pilot", "taxis")},
+    "learners": {"txt1.learners": ("neural", "pilot", "sweeps", "taxis")},
     "lerobot": {"txt1.exporters": ("lerobot",)},
     "physics": {
         "txt1.additions": ("physics",),

@@ -20,6 +20,7 @@ import pytest
 
 from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
+from tests.e2e.skilled import skilled
 from tests.patience import LIMIT, wait_until
 from txt1.cli import execute
 from txt1.config import load
@@ -28,6 +29,7 @@ from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
 from txt1.installing import installs
 from txt1.learning import experiment, qtable
+from txt1.learning.agent import Agent
 from txt1.learning.agents import make
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
@@ -52,11 +54,11 @@ async def with_light(robot: Robot) -> LightSensors:
     return sensors
 
 
-async def task_on(robot: Robot, episodes: int = 3, agent: str = "sweeps") -> LearningTask:
-    """A learning task at work."""
+async def task_on(robot: Robot, episodes: int = 3, agent: Agent | None = None) -> LearningTask:
+    """A learning task at work; its learner finds the light."""
     if "light" not in robot.sensors:
         await with_light(robot)
-    trial = Trial(make(agent, CONFIG, np.random.default_rng(1)), task_of(SMALL), starts(1, 1, episodes))
+    trial = Trial(agent or skilled(CONFIG), task_of(SMALL), starts(1, 1, episodes))
     task = LearningTask(robot, trial)
     task.start()
     return task
@@ -93,7 +95,7 @@ async def test_the_robot_finds_the_light_by_two_tasks_of_its_own_at_their_rates(
 
 
 async def test_the_thesiss_learner_decides_twice_a_second_and_commands_20_times(robot: Robot) -> None:
-    task = await task_on(robot, agent="thesis")
+    task = await task_on(robot, agent=make("thesis", CONFIG, np.random.default_rng(1)))
     await until(lambda: task.trial.phase is Phase.DRIVE)
     began, changes, last = robot.now, [], None
     received = robot.runtime.state.received
@@ -120,7 +122,7 @@ async def test_a_disarm_voids_the_episode_and_after_the_arm_it_is_done_again(rob
     assert robot.odometry.v == 0.0
     assert len(task.trial.episodes) == 1
     assert task.trial.start == start
-    assert task.trial.agent.memory()["count"] != known["count"], "what the broken episode taught is forgotten"
+    assert task.trial.agent.memory()["visits"] != known["visits"], "what the broken episode taught is forgotten"
     robot.arm()
     await task.ended.wait()
     assert [one.number for one in task.trial.episodes] == [1, 2, 3]
@@ -206,7 +208,7 @@ async def test_odometry_serves_for_goal_and_boundary() -> None:
 
 async def test_a_pose_source_of_the_users_is_asked(robot: Robot) -> None:
     asked = wheel_pose(robot)._replace(read=lambda: (0.0, 0.0, 0.0))
-    trial = Trial(make("sweeps", CONFIG, np.random.default_rng(1)), task_of(SMALL), starts(1, 1, 2))
+    trial = Trial(make("thesis", CONFIG, np.random.default_rng(1)), task_of(SMALL), starts(1, 1, 2))
     await with_light(robot)
     task = LearningTask(robot, trial, asked)
     task.start()
@@ -218,15 +220,12 @@ async def test_a_pose_source_of_the_users_is_asked(robot: Robot) -> None:
     ("fault", "what"),
     [(SensorFault.NAN, "no reading"), (SensorFault.DEAD, "dead or covered"), (SensorFault.FROZEN, "frozen")],
 )
-@pytest.mark.parametrize("agent", ["thesis", "sweeps"])
-async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(
-    agent: str, fault: SensorFault, what: str
-) -> None:
+async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(fault: SensorFault, what: str) -> None:
     with pytest.raises(TaskFault, match=f"light sensor FR.*{what}") as error:
         async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
             assert await robot.load_gains()
             sensors = await with_light(robot)
-            task = await task_on(robot, agent=agent)
+            task = await task_on(robot)
             await until(lambda: task.trial.phase is Phase.DRIVE)
             await asyncio.sleep(1.0)
             sensors.faults = [SensorFault.NONE, fault, SensorFault.NONE, SensorFault.NONE]
@@ -242,9 +241,7 @@ async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(
 
 
 def learn(out: Path, *more: str) -> int:
-    return execute(
-        ["learn", "--agent", "sweeps", "--trials", "2", "--episodes", "4", "--jobs", "1", "--out", str(out), *more]
-    )
+    return execute(["learn", "--trials", "2", "--episodes", "4", "--jobs", "1", "--out", str(out), *more])
 
 
 def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -272,7 +269,7 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     mean = np.mean([float(row["time_s"]) for row in rows])
     assert metrics["last_10"]["mean_time_s"] == pytest.approx(mean, abs=1e-4)
     assert metrics["last_10"]["mean_regret_s"] > 0.0
-    assert qtable.load(out / "qtable.json").about["agent"] == "sweeps"
+    assert qtable.load(out / "qtable.json").about["agent"] == "thesis"
     assert {path.name for path in out.glob("*.png")} == {"learning_curve.png", "paths.png", "qtable.png"}
     assert "last 4 episodes" in capsys.readouterr().out
 
@@ -283,7 +280,7 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_one(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    plan = Plan("sweeps", 2, 4, 3, CONFIG)
+    plan = Plan("thesis", 2, 4, 3, CONFIG)
     whole, ended = conduct(plan, tmp_path / "whole", False, lambda *_: None)
     assert ended is None
 
@@ -305,7 +302,7 @@ def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_on
 @pytest.mark.long
 @pytest.mark.usefixtures("clean_processes")
 def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> None:
-    plan = Plan("sweeps", 2, 2, 3, CONFIG)
+    plan = Plan("thesis", 2, 2, 3, CONFIG)
     seen: list[tuple[int, int]] = []
     for jobs in (1, 2):
         outcomes, ended = conduct(
@@ -348,7 +345,7 @@ def test_the_thesis_learns_in_its_simulation_by_default_beside_its_figure(
 ) -> None:
     short = ["learn", "--trials", "1", "--episodes", "1", "--seed", "1", "--no-pictures"]
     for number, (words, noise, filtered, told) in enumerate(
-        (([], 0.0, False, True), (["--world", "thesis"], None, True, False), (["--agent", "sweeps"], None, True, False))
+        (([], 0.0, False, True), (["--world", "thesis"], None, True, False))
     ):
         out = tmp_path / str(number)
         assert execute([*short, *words, "--out", str(out)]) == 0
@@ -411,7 +408,7 @@ def table_5_3(tmp_path: Path) -> Path:
 
 
 def test_run_shows_the_learning_among_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("--learn", "sweeps") == 0
+    assert run("--learn", "thesis") == 0
     tasks = json.loads(capsys.readouterr().out)["tasks"]
     assert tasks["learning"]["cycles"] > 500
     assert tasks["sensor light"]["cycles"] > 1600
@@ -450,7 +447,6 @@ def test_a_spoilt_table_is_not_driven_by(
     [
         (np.zeros((4, 3)), "thesis", "4 states where 8 are needed"),
         (np.zeros((8, 2)), "thesis", "2 actions where 3 are needed"),
-        (np.zeros((8, 3)), "sweeps", "8 states where 936 are needed"),
         (np.zeros((8, 3)), "genius", "was learned by 'genius'"),
     ],
 )
@@ -475,7 +471,7 @@ def test_what_was_learned_drives_to_the_light(tmp_path: Path, capsys: pytest.Cap
 
 def process(out: Path, *more: str) -> subprocess.Popen[str]:
     """`txt1 learn` as a process in a group of its own, as a terminal starts it."""
-    words = ["learn", "--agent", "sweeps", "--trials", "3", "--episodes", "6", "--seed", "3", "--out", str(out), *more]
+    words = ["learn", "--world", "thesis", "--trials", "3", "--episodes", "6", "--seed", "3", "--out", str(out), *more]
     return subprocess.Popen(
         [sys.executable, "-m", "txt1", *words],
         stderr=subprocess.PIPE,
@@ -485,7 +481,7 @@ def process(out: Path, *more: str) -> subprocess.Popen[str]:
     )
 
 
-PROCESS = Plan("sweeps", 3, 6, 3, load(options={"seed": 3}).config)
+PROCESS = Plan("thesis", 3, 6, 3, load(options={"seed": 3}).config)
 """What it does."""
 
 

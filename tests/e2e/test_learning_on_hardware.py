@@ -19,12 +19,14 @@ import pytest
 
 import txt1
 from tests.e2e.conftest import ENDLESS
+from tests.e2e.skilled import skilled
 from txt1.board.board import Board
 from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import HalError, LightFault, TaskFault
 from txt1.learning import qtable
 from txt1.learning import task as learning
+from txt1.learning.agent import Agent
 from txt1.learning.agents import agent_of, make
 from txt1.learning.task import LearningTask
 from txt1.learning.trial import Phase, Pose, Trial, starts, task_of
@@ -76,8 +78,8 @@ async def until(condition: Callable[[], bool], timeout: float = 200.0) -> None:
             await asyncio.sleep(0.05)
 
 
-def trial_of(agent: str, episodes: int) -> Trial:
-    return Trial(make(agent, CONFIG, np.random.default_rng(1)), task_of(CONFIG), starts(1, 1, episodes))
+def trial_of(agent: Agent, episodes: int) -> Trial:
+    return Trial(agent, task_of(CONFIG), starts(1, 1, episodes))
 
 
 def from_start(trial: Trial, pose: Pose) -> tuple[float, float]:
@@ -89,12 +91,11 @@ def from_start(trial: Trial, pose: Pose) -> tuple[float, float]:
 # -- over the wire -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("agent", [pytest.param("sweeps", marks=pytest.mark.long), "thesis"])
-async def test_over_the_wire_it_drives_to_each_start_and_learns_from_there(agent: str) -> None:
+async def test_over_the_wire_it_drives_to_each_start_and_learns_from_there() -> None:
     async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
         assert await robot.load_gains()
         where = vehicle_of(robot)
-        trial, source = trial_of(agent, 3), Ceiling(where)
+        trial, source = trial_of(make("thesis", CONFIG, np.random.default_rng(1)), 3), Ceiling(where)
         await robot.add_sensor("light", source)
         task = LearningTask(robot, trial, PoseSource("ceiling", where))
         task.start()
@@ -113,11 +114,8 @@ async def test_over_the_wire_it_drives_to_each_start_and_learns_from_there(agent
         assert len(began) == 3
         assert max(distance for distance, _ in began) < 0.05
         assert max(turn for _, turn in began) < 5.0 * pi / 180.0
-        if agent == "sweeps":
-            assert all(one.success for one in trial.episodes)
-            assert farthest < BOUNDARY
-        else:  # it begins outside, where its first episodes end
-            assert farthest < BOUNDARY + 0.5
+        # it begins outside, where its first episodes end
+        assert farthest < BOUNDARY + 0.5
         assert robot.faults["command_stale"] == robot.faults["missed_ticks"] == 0
     assert source.closed
 
@@ -126,7 +124,7 @@ async def test_over_the_wire_a_disarm_voids_the_episode_and_after_the_arm_it_is_
     async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
         assert await robot.load_gains()
         where = vehicle_of(robot)
-        trial = trial_of("thesis", 2)
+        trial = trial_of(make("thesis", CONFIG, np.random.default_rng(1)), 2)
         await robot.add_sensor("light", Ceiling(where))
         task = LearningTask(robot, trial, PoseSource("ceiling", where))
         task.start()
@@ -159,7 +157,7 @@ async def test_a_pose_source_that_loses_the_robot_stops_it_and_it_carries_on_whe
         assert await robot.load_gains()
         where = vehicle_of(robot)
         seen = True
-        trial = trial_of("sweeps", 2)
+        trial = trial_of(skilled(CONFIG), 2)
         source = PoseSource("ceiling", lambda: where() if seen else None)
         await robot.add_sensor("light", Ceiling(where))
         task = LearningTask(robot, trial, source)
@@ -183,7 +181,7 @@ async def test_who_ends_the_learning_gets_a_robot_that_stands_still_and_obeys(se
         enough = False
         source = PoseSource("ceiling", lambda: where() if seen or not enough else None)
         await robot.add_sensor("light", Ceiling(where))
-        task = LearningTask(robot, trial_of("sweeps", 2), source, stopped=lambda: enough)
+        task = LearningTask(robot, trial_of(skilled(CONFIG), 2), source, stopped=lambda: enough)
         task.start()
         await until(lambda: robot.odometry.v > 0.2)  # on the way to the first start
         enough = True
@@ -197,7 +195,7 @@ async def test_who_ends_the_learning_gets_a_robot_that_stands_still_and_obeys(se
 
 
 def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(tmp_path: Path) -> None:
-    agent = agent_of(CONFIG, "sweeps", None)
+    agent = agent_of(CONFIG, "thesis", None)
     assert agent is not None
 
     async def learn() -> None:
@@ -220,7 +218,7 @@ def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(
 def test_learn_over_the_wire_says_what_is_missing_and_leaves_no_experiment_behind(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["learn", "--agent", "sweeps", "--trials", "1", "--episodes", "1", "--out", str(tmp_path)]
+    words = ["learn", "--agent", "thesis", "--trials", "1", "--episodes", "1", "--out", str(tmp_path)]
     wire = ["--port", "virtual", "--speed", "max"]
     assert execute([*words, *wire]) == 1
     assert "needs four light sensors" in capsys.readouterr().err
@@ -374,7 +372,7 @@ async def test_a_kit_that_is_unplugged_stops_the_robot_with_an_error_that_names_
                     for one, lux in zip(kit, readings, strict=True):
                         one.report(lux / LUX_MAX)
 
-            trial = trial_of("sweeps", 3)
+            trial = trial_of(skilled(CONFIG), 3)
             robot.add_task("phidgets", 0.016, driver, priority=5)
             await robot.add_sensor("light", PhidgetLight())
             task = LearningTask(robot, trial)

@@ -27,7 +27,6 @@ from txt1.errors import RecordingError
 from txt1.installing import installs
 from txt1.kernel import loop
 from txt1.learning import experiment, qtable
-from txt1.learning.agents import make
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
 from txt1.learning.light_direction import reward
@@ -124,20 +123,6 @@ def test_the_thesiss_table_can_be_followed_in_its_steps(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_the_better_learners_steps_are_rows_of_its_table(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "run.mcap", "--learn", "sweeps")
-    steps = messages(path, "/learning/step")
-    assert len(steps) > 200
-    assert {step.action for step in steps} == {OVER, 0, 1, 2}
-    rows = make("sweeps", CONFIG, np.random.default_rng(1)).table().values.shape[0]
-    assert all(0 <= step.state < rows and len(step.values) == 3 for step in steps)
-    chosen = [step for step in steps if step.episode > 2 and step.action != OVER]
-    best = sum(step.action == int(np.argmax(step.values)) for step in chosen)
-    assert best > 0.85 * len(chosen), "between cells it weighs the neighbours, too"
-    assert all(isnan(group[0].reward) for group in episodes(steps)), "nothing came of anything yet"
-
-
-@pytest.mark.long
 def test_who_drives_by_a_table_learns_nothing_and_takes_the_best(tmp_path: Path) -> None:
     table = tmp_path / "qtable.json"
     qtable.save(table, StoredTable(np.array(TABLE_5_3), {"agent": "thesis"}))
@@ -150,9 +135,8 @@ def test_who_drives_by_a_table_learns_nothing_and_takes_the_best(tmp_path: Path)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("agent", ["thesis", "sweeps"])
-def test_learning_is_an_outside_source_to_a_verification(agent: str, tmp_path: Path) -> None:
-    path = recorded(tmp_path / "run.mcap", "--learn", agent)
+def test_learning_is_an_outside_source_to_a_verification(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "--learn", "thesis")
     verdict = verify(path)
     assert verdict.difference is None
     outside = sum(len(messages(path, topic)) for topic in OUTSIDE)
@@ -172,7 +156,7 @@ def test_a_recorded_learner_learns_what_it_would_without(tmp_path: Path) -> None
 
 
 def learn(out: Path, log: Path, *more: str) -> int:
-    words = ["learn", "--agent", "sweeps", "--trials", "2", "--episodes", "3", "--seed", "3", "--jobs", "1"]
+    words = ["learn", "--trials", "2", "--episodes", "3", "--seed", "3", "--jobs", "1"]
     return execute([*words, "--out", str(out), "--log", str(log), *more])
 
 
@@ -200,7 +184,7 @@ def test_a_single_trial_is_recorded_to_the_file_that_was_named(tmp_path: Path) -
 
 @pytest.mark.long
 def test_what_is_resumed_leaves_the_recordings_of_an_uninterrupted_run(tmp_path: Path) -> None:
-    plan = Plan("sweeps", 2, 3, 3, load(overrides=["record.rotate_time=8"]).config)
+    plan = Plan("thesis", 2, 3, 3, load(overrides=["record.rotate_time=8"]).config)
 
     def interrupt(trial: int, one: Episode) -> None:
         if (trial, one.number) == (2, 2):
@@ -227,7 +211,7 @@ def length(path: Path) -> int:
 
 
 def test_a_trial_that_carries_on_is_recorded_to_a_file_of_its_own(tmp_path: Path) -> None:
-    plan = Plan("sweeps", 2, 3, 3, load(overrides=["hal=serial"]).config, log=tmp_path / "run.mcap")
+    plan = Plan("thesis", 2, 3, 3, load(overrides=["hal=serial"]).config, log=tmp_path / "run.mcap")
     first, second = trials(tmp_path)
     first.write_bytes(b"of the episodes before")
     again = tmp_path / "run-trial-0001-again-1.mcap"
@@ -249,7 +233,7 @@ def test_what_is_no_recording_of_that_trial_is_not_written_over(tmp_path: Path, 
     assert learn(tmp_path / "out", tmp_path / "run.mcap", "--resume") == 2
     assert first.read_text() == "somebody's diary"
     first.unlink()
-    recorded(second, "--learn", "sweeps")
+    recorded(second, "--learn", "thesis")
     before = second.read_bytes()
     assert learn(tmp_path / "out", tmp_path / "run.mcap", "--resume") == 2
     assert second.read_bytes() == before
@@ -258,7 +242,7 @@ def test_what_is_no_recording_of_that_trial_is_not_written_over(tmp_path: Path, 
 def test_a_recording_with_a_strange_part_is_left_whole(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     config = load(overrides=["record.rotate_time=5"]).config
-    plan: dict[str, object] = {"learn": "sweeps"}
+    plan: dict[str, object] = {"learn": "thesis"}
 
     async def run() -> None:
         async with (

@@ -201,7 +201,7 @@ def test_what_is_done_again_without_a_folder_named_gets_a_new_one(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for _ in range(2):
-        assert execute(["learn", "--trials", "1", "--episodes", "1", "--agent", "sweeps"]) == 0
+        assert execute(["learn", "--trials", "1", "--episodes", "1", "--agent", "thesis"]) == 0
         assert execute(["experiment", "linear-steps", "--no-figure"]) == 0
     assert {each.name for each in (tmp_path / "out").iterdir()} == {
         "learn",

@@ -225,9 +225,9 @@ async def test_who_is_armed_anew_has_to_reach_its_command_anew(board: str) -> No
 
 
 async def learner_on(robot: Robot) -> LearningTask:
-    """A learner at work, as `txt1 run --learn sweeps` starts it."""
+    """A learner at work, as `txt1 run --learn thesis` starts it."""
     await need_light(robot)
-    return start(robot, agent_of(robot.config, "sweeps", None))
+    return start(robot, agent_of(robot.config, "thesis", None))
 
 
 async def until(condition: Callable[[], bool]) -> None:

@@ -61,7 +61,7 @@ def steps(out: Path, seed: str, screens: bool) -> Iterator[tuple[str, list[str]]
     learned = out / "learned"
     yield (
         "2. It learns to find a light, 31 times from another place, as fast as this computer can.",
-        ["learn", "--agent", "sweeps", "--trials", "1", "--episodes", "31", "--seed", seed, "--out", str(learned)],
+        ["learn", "--trials", "1", "--episodes", "31", "--seed", seed, "--out", str(learned)],
     )
     yield (
         "3. It drives to the light by what it learned.",

@@ -19,7 +19,7 @@ import numpy as np
 
 from txt1.config import Config
 from txt1.errors import ConfigError, MissingPlugin, QTableError
-from txt1.learning import sweeps, thesis
+from txt1.learning import thesis
 from txt1.learning.agent import Agent
 from txt1.learning.qtable import RELEARN, StoredTable, load
 from txt1.learning.settings import LearningConfig
@@ -28,14 +28,7 @@ from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
 from txt1.unknown import brought
 
-LEARNERS: Final = Registry(
-    "learner",
-    "txt1.learners",
-    {
-        "thesis": thesis.create,
-        "sweeps": sweeps.create,
-    },
-)
+LEARNERS: Final = Registry("learner", "txt1.learners", {"thesis": thesis.create})
 
 
 def make(name: str, config: Config, rng: np.random.Generator) -> Agent:

@@ -44,7 +44,7 @@ class Exchange(Protocol):
 def sharer(name: str, agent: object) -> Sharer:
     """Return the learner if it can learn together with others; raises ConfigError: it cannot."""
     if not isinstance(agent, Sharer):
-        raise ConfigError(f"--share: the learner '{name}' shares nothing; choose thesis, sweeps or pilot")
+        raise ConfigError(f"--share: the learner '{name}' shares nothing; choose thesis or another that does")
     return agent
 
 

@@ -10,10 +10,10 @@ from txt1.config import load
 from txt1.kernel.loop import run
 from txt1.learning.learned import learned_of
 from txt1.learning.sharing import Lessons, Sharing, sharer
-from txt1.learning.sweeps import SweepsAgent
 from txt1_learners.effects import Effects
 from txt1_learners.pilot import PilotAgent
 from txt1_learners.sensor_map import HEIGHT
+from txt1_learners.sweeps import SweepsAgent
 
 
 def test_the_pilot_and_sweeps_share() -> None:

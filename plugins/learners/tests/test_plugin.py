@@ -13,12 +13,11 @@ import pytest
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
-from txt1.learning import sweeps
 from txt1.learning.agents import LEARNERS, from_table, make, of_module
 from txt1.learning.qtable import StoredTable, save
 from txt1.learning.sharing import sharer
 from txt1.unknown import missing
-from txt1_learners import pilot
+from txt1_learners import pilot, sweeps
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))["project"]
 NAMES = sorted(PROJECT["entry-points"]["txt1.learners"])

@@ -100,7 +100,7 @@ const policy = (look, panel) => {
 const learner = (know, panel) => {
   if (know.look) return policy(know.look, panel)
   const { learning } = know, { steps, episodes } = learning
-  if (!steps.length && !episodes.size) return panel.replaceChildren(quiet("nothing is being learned: txt1 run --learn sweeps --web"))
+  if (!steps.length && !episodes.size) return panel.replaceChildren(quiet("nothing is being learned: txt1 run --learn thesis --web"))
   const curve = (id, label) => element("canvas", { id, className: "low", role: "img", ariaLabel: label })
   if (!panel.querySelector("#episodes-chart")) {
     panel.replaceChildren(

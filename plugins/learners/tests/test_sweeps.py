@@ -12,11 +12,11 @@ from txt1.config import load
 from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import Plan, summary
 from txt1.learning.settings import TURN
-from txt1.learning.sweeps import SweepsAgent, TurnModel, best_action, courses
 from txt1.learning.trial import COMMANDS
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.sim.lamp import PointLight, illuminances
+from txt1_learners.sweeps import SweepsAgent, TurnModel, best_action, courses
 
 CONFIG = load().config
 ORDERS = list(permutations(COMMANDS))
