@@ -33,7 +33,7 @@ def long_description(text, address):
     return LINK.sub(link, text)
 
 
-SHIPPED = ("firmware/pico", "config/vehicles", "config/worlds", "config/maps", "config/foxglove")
+SHIPPED = ("firmware/pico", "config/vehicles", "config/maps", "config/foxglove")
 
 
 class WithFiles(build_py):

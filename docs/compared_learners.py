@@ -14,8 +14,8 @@ from shutil import copyfile
 from typing import Any, Final
 
 from rigs import page_parts
-from studies.learners import compare, contenders, suite
-from studies.learners.__main__ import main as study
+from txt1_learners.studies import compare, contenders, suite
+from txt1_learners.studies.__main__ import main as study
 
 HERE: Final = Path(__file__).parent
 RESULTS: Final = HERE / "results"
@@ -61,7 +61,7 @@ def main() -> None:
         study(
             [
                 "worlds",
-                str(HERE.parent / "config" / "worlds"),
+                "usual",
                 "--agent",
                 LEARNERS,
                 "--seed",

@@ -29,7 +29,7 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "python -m benchmarks.learning_steps": ("txt1/sim/batch.py", "txt1/learning"),
     "python -m benchmarks learning_time": (*SIMULATION, "txt1/learning"),
     "python -m docs.thesis_readings": (*SIMULATION, "txt1/learning/thesis.py"),
-    "python -m studies.learners": ("plugins/learners/txt1_learners/pilot.py",),
+    "python -m txt1_learners.studies": ("plugins/learners/txt1_learners/pilot.py",),
 }
 """What each command measures; a row's command may go on with options."""
 

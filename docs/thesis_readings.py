@@ -1,6 +1,6 @@
 """`python -m docs.thesis_readings`: the table in docs/results/thesis.md, from out/readings.jsonl.
 
-`python -m studies.learners thesis out/readings --trials 100 --seed 39` makes that file.
+`python -m txt1_learners.studies thesis out/readings --trials 100 --seed 39` makes that file.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from rigs import page_parts
-from studies.learners import thesis
+from txt1_learners.studies import thesis
 
 HERE: Final = Path(__file__).parent
 RAW: Final = HERE.parent / "out" / "readings.jsonl"

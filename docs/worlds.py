@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from rigs import page_parts
-from studies.learners import suite
-from studies.learners.__main__ import main as study
 from txt1.learning.experiment import LEARNED
+from txt1_learners.studies import suite
+from txt1_learners.studies.__main__ import main as study
+from txt1_learners.worlds import groups
 
 HERE: Final = Path(__file__).parent
-WORLDS: Final = HERE.parent / "config" / "worlds"
 EVERY, THESIS = HERE.parent / "out" / "pilot-worlds", HERE.parent / "out" / "pilot-thesis"
 PAGE: Final = HERE / "results" / "learning.md"
 SEED: Final = "1213282368"  # drawn after the pilot was finished
@@ -40,10 +40,9 @@ def source(results: Sequence[dict[str, Any]]) -> str:
 
 
 def about(result: dict[str, Any]) -> str:
-    """A world in a few words: what its file begins with, or its numbers where it was drawn."""
-    file = WORLDS / f"{result['world']}.yaml"
-    if file.exists():
-        return file.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")
+    """A world in a few words: what the list says of it, or its numbers where it was drawn."""
+    if (world := groups()["usual"].get(result["world"])) is not None:
+        return str(world["about"])
     learning, sim = result["config"]["learning"], result["config"]["sim"]
     v, turns = learning["actions"][0][0], [abs(action[1]) for action in learning["actions"] if action[1]]
     turned = " and ".join(f"{v / turn:.2f}" for turn in turns)
@@ -119,7 +118,7 @@ def main() -> None:
     parser.add_argument("--report", action="store_true", help="only write the page, from the results that are there")
     given = parser.parse_args()
     if not given.report:
-        common = ["worlds", str(WORLDS), "--agent", "pilot", "--seed", SEED, "--resume"]
+        common = ["worlds", "usual", "--agent", "pilot", "--seed", SEED, "--resume"]
         study([*common, "--trials", given.trials, "--out", str(EVERY)])
         study([*common, "--trials", given.thesis, "--out", str(THESIS), "--world", "thesis"])
     every = read(EVERY)

@@ -11,15 +11,15 @@ import sys
 import numpy as np
 from stable_baselines3 import PPO
 
-from studies.learners.sb3 import DECISION, LightSeekingVecEnv, drive
 from txt1.config import load
 from txt1.learning.trial import starts, task_of
+from txt1_learners.studies.sb3 import DECISION, LightSeekingVecEnv, drive
 
 EPISODES = 200
 
 
 def main(steps: int) -> None:
-    config = load().config  # or any world: load(Path("config/worlds/sensors-swapped.yaml")).config
+    config = load().config  # or any world: load(world_named("sensors-swapped")).config
     model = PPO(
         "MlpPolicy",
         LightSeekingVecEnv(config, 16, seed=1),

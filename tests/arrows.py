@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).parents[1]
-TOPS: Final = ("txt1", "studies", "rigs", "benchmarks", "torture", "tests", "docs", "examples")
+TOPS: Final = ("txt1", "rigs", "benchmarks", "torture", "tests", "docs", "examples")
 KINDS: Final = ("import", "lazy", "typing", "text")
 _TEXT: Final = re.compile(rf"({'|'.join(TOPS)})(\.\w+)*(:\w+(\.\w+)*)?")
 _BEGIN: Final = re.compile(rf"({'|'.join(TOPS)})(\.\w+)*\.")

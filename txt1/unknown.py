@@ -14,7 +14,11 @@ from txt1.installing import installs_plugin
 COMMANDS: Final = "commands"
 OPTIONS: Final = "options of txt1 run"
 PLUGINS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = {
-    "learners": {"txt1.learners": ("neural", "pilot", "sweeps", "taxis")},
+    "learners": {
+        "txt1.learners": ("neural", "pilot", "sweeps", "taxis"),
+        "txt1.world_settings": ("learners",),
+        "txt1.worlds": ("composed",),
+    },
     "lerobot": {"txt1.exporters": ("lerobot",)},
     "physics": {
         "txt1.additions": ("physics",),

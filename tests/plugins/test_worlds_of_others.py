@@ -1,8 +1,7 @@
-"""A world of another package drives the running robot and trials in lockstep alike; what it does wrong is one line."""
+"""A world of another package drives the running robot; what it does wrong is one line."""
 
 from __future__ import annotations
 
-import json
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -10,11 +9,9 @@ from typing import Any
 
 import pytest
 
-from studies.learners.lockstep import trials
 from txt1.cli import execute
 from txt1.config import Config, load
-from txt1.errors import ConfigError, Txt1Error
-from txt1.learning.agents import make
+from txt1.errors import ConfigError
 from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import Plan
 from txt1.learning.trial import Episode
@@ -23,17 +20,16 @@ SITE = Path(__file__).parent / "site"
 SHORT = ["learning.goal_period=0.1", "learning.time_limit=4", "learning.world=odd"]
 
 
-def lockstep(config: Config, episodes: int = 3) -> list[Episode]:
-    (one,) = trials(config, lambda rng: make("thesis", config, rng), [1], episodes, 1)
-    return one.episodes
-
-
 def running(config: Config, episodes: int = 3) -> list[Episode]:
     return on_robot(Plan("thesis", 1, episodes, 1, config), 1).episodes
 
 
-@pytest.mark.parametrize("run", [running, pytest.param(lockstep, marks=pytest.mark.long)])  # it compiles
-def test_one_that_moves_the_goal_and_brings_a_post(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_that_moves_the_goal_and_brings_a_post(monkeypatch: pytest.MonkeyPatch) -> None:
+    check_one_that_moves_the_goal(running, monkeypatch)
+
+
+def check_one_that_moves_the_goal(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check a way to do trials, on a running robot or in lockstep."""
     monkeypatch.syspath_prepend(SITE)
     from plugin_world import Odd
 
@@ -99,47 +95,10 @@ def test_one_that_fails_is_one_line(
     assert "the world 'wrong' (plugin_wrong_world:create)" in line and line.endswith(told)
 
 
-@pytest.mark.long  # it compiles
-def test_a_folder_with_wrong_worlds_goes_on_with_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from studies.learners.__main__ import main
-
-    folder, out = tmp_path / "worlds", tmp_path / "out"
-    folder.mkdir()
-    (folder / "far.yaml").write_text("sim: {room: {light: [9.0, 0.0]}}\n")
-    (folder / "good.yaml").write_text("learning: {time_limit: 1.0, world: composed, world_options: {ambient: 5.0}}\n")
-    (folder / "nowhere.yaml").write_text("learning: {world: nowhere}\n")
-    (folder / "nonsense.yaml").write_text("learning: {world: composed, world_options: {ambient: -5.0}}\n")
-    (folder / "wrong.yaml").write_text("learning: [\n")
-    names = ["--world", "far,good,nowhere,nonsense,wrong", "--agent", "thesis"]
-    words = ["worlds", str(folder), *names, "--trials", "1", "--episodes", "1", "--out", str(out), "--jobs", "1"]
-    assert main([*words, "--seed", "1"]) == 1
-    table = (out / "table.md").read_text()
-    for name, told in {
-        "far": "outside learning.boundary",
-        "nowhere": "there is no world 'nowhere'",
-        "nonsense": "learning.world_options.ambient",
-        "wrong": "wrong.yaml",
-    }.items():
-        assert f"| {name} | wrong: " in table and told in table.split(f"| {name} |")[1].split("\n")[0]
-    assert json.loads((out / "thesis" / "good.json").read_text())["floor_leaves_out"] == []
-    capsys.readouterr()
-
-
-@pytest.mark.long  # it compiles
-@pytest.mark.parametrize("method", ["settings", "begin", "see", "odometry", "command", "goal"])
-def test_one_that_fails_in_lockstep_is_a_line_too(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(SITE)
-    from plugin_world import Odd
-
-    monkeypatch.setattr(Odd, method, lambda *given: 1 / 0)
-    with pytest.raises(Txt1Error, match=f"the world 'odd' .* failed in {method}: ZeroDivisionError: division by zero"):
-        lockstep(load(overrides=SHORT).config, 1)
-
-
 def test_options_without_a_world_are_refused_and_so_is_a_second_light() -> None:
     for settings, told in (
         (["learning.world_options={ambient: 1}"], "no world is asked for; set learning.world=composed"),
         (["learning.world=composed", "sensors.light.driver=sim_light"], "the world 'composed' says what light sensors"),
     ):
         with pytest.raises(ConfigError, match=told):
-            lockstep(load(overrides=settings).config, 1)
+            running(load(overrides=settings).config, 1)

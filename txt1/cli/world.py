@@ -17,9 +17,9 @@ from txt1.errors import ConfigError
 from txt1.file_limits import read_text
 from txt1.hal.registry import create_sim
 from txt1.kit.options import CONFIGURATION, VEHICLE
+from txt1.learning.worlds import preset, worlds
 from txt1.maps.files import Map, names, read
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN
-from txt1.resources import resource
 from txt1.safe_yaml import read_yaml
 from txt1.sim.movers import Moving
 from txt1.sim.obstacles import Outline, outline
@@ -30,7 +30,6 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import draw_map
 from txt1.ui.viewer import Viewer
 
-WORLDS: Final = "config/worlds"
 # characters of a drawing
 WIDTH_MAX: Final = 120
 
@@ -44,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def list_worlds(_: argparse.Namespace) -> int:
     """Print the maps and the worlds that come with the package."""
     print("\n".join(f"map {name}" for name in names()))
-    print("\n".join(f"world {path.stem}" for path in sorted(resource(WORLDS).glob("*.yaml"))))
+    print("\n".join(f"world {name}: {one.get('about', '')}" for name, one in worlds().items()))
     return OK
 
 
@@ -74,15 +73,16 @@ def show(arguments: argparse.Namespace) -> int:
 def configured(arguments: argparse.Namespace) -> Config:
     """Return the configuration of a robot in the world that is named."""
     name, given = arguments.name, {"vehicle": arguments.vehicle} if arguments.vehicle else {}
-    file = Path(name) if name.endswith((".yaml", ".yml")) else resource(WORLDS) / f"{name}.yaml"
-    if name in names() or (file.is_file() and is_map(file)):
+    file = Path(name) if name.endswith((".yaml", ".yml")) else None
+    if name in names() or (file is not None and file.is_file() and is_map(file)):
         settings = [f"sim.room.map={name}", *arguments.set]
         return load(arguments.config, settings, os.environ, given).config
-    if not file.is_file():
+    world = file if file is not None and file.is_file() else preset(name, worlds()[name]) if name in worlds() else None
+    if world is None:
         raise ConfigError(f"{name}: there is no such map or world; 'txt1 world list' names ours, or give a .yaml")
     if arguments.config:
         raise ConfigError(f"--config {arguments.config}: {name} is a configuration itself; give one of them")
-    return load(file, arguments.set, os.environ, given).config
+    return load(world, arguments.set, os.environ, given).config
 
 
 def is_map(file: Path) -> bool:

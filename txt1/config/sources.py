@@ -39,6 +39,15 @@ class Setting(NamedTuple):
     origin: str
 
 
+class Preset(NamedTuple):
+    """Settings that a package brings, in place of a file."""
+
+    name: str
+    """Where they come from, for error messages."""
+    settings: Mapping[str, Any]
+    """As in a file: sections by name."""
+
+
 class LoadedConfig(NamedTuple):
     """A configuration, and the origin of each value that is not a default, by dotted key."""
 
@@ -47,19 +56,21 @@ class LoadedConfig(NamedTuple):
 
 
 def load(
-    file: str | os.PathLike[str] | None = None,
+    file: str | os.PathLike[str] | Preset | None = None,
     overrides: Sequence[str] = (),
     environment: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> LoadedConfig:
     """Return the effective configuration, from a YAML file, the environment, and `overrides` such as ``"a.b=c"``.
 
+    A package may bring a `Preset` in place of the file.
+
     `options` are values of command-line options, by dotted key; the last part of the key is the option's name. They win
     over all other sources.
 
     Raises ConfigError: a line with the mistake and the remedy.
     """
-    settings = [] if file is None else _from_file(Path(file))
+    settings = [] if file is None else _from_preset(file) if isinstance(file, Preset) else _from_file(Path(file))
     settings += _from_environment(environment or {})
     for text in overrides:
         settings += _from_override(text)
@@ -193,7 +204,11 @@ def _from_file(path: Path) -> list[Setting]:
     if not isinstance(tree, dict):
         kind = {list: "a list", str: "text", bool: "true or false"}.get(type(tree), "a number")
         raise ConfigError(f"{path}: expected 'key: value' lines, found {kind}")
-    return list(_walk(tree, (), str(path))) if tree else []
+    return _from_preset(Preset(str(path), tree))
+
+
+def _from_preset(preset: Preset) -> list[Setting]:
+    return list(_walk(preset.settings, (), preset.name)) if preset.settings else []
 
 
 def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:

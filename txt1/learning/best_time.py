@@ -2,7 +2,7 @@
 
 By the light's symmetry a start is a single number, the bearing of the light in the robot's frame. Between the driven
 bearings the time is interpolated, and then rounded up to a decision. Decisions are 0.1 s apart, whatever the learner's
-period. The floors of known worlds are in floors.json; `studies/learners/floor.py` searches for others.
+period. The floors of known worlds are in floors.json; the plug-in txt1-learners searches for others.
 """
 
 import hashlib
@@ -79,7 +79,7 @@ def _between(values: Sequence[float], start: Start) -> float:
 
 
 def known_floor(config: Config) -> Floor | None:
-    """The floor of a world that was searched before (floors.json); None: studies/learners searches for it.
+    """The floor of a world that was searched before (floors.json); None: the plug-in txt1-learners searches for it.
 
     None, too, where a world of its own or things in the way may have another one.
     """

@@ -1,4 +1,4 @@
-"""The world that a learner sees, as a small class: ours (`txt1.learning.composed`) or another package's.
+"""The world that a learner sees, as a small class: composed, of the plug-in txt1-learners, or another package's.
 
 A package announces its class in its pyproject.toml::
 
@@ -6,9 +6,9 @@ A package announces its class in its pyproject.toml::
     mine = "mypackage.mine:Mine"
 
 where ``Mine(config, rng)`` derives from `LightWorld` and replaces the methods that differ.
-``learning.world=mine`` asks for it, and its own settings come in ``learning.world_options``. The running robot,
-trials in lockstep (studies/learners) and the environments each make one for every robot, and ask all of it. Whatever
-it raises becomes one line with its name.
+``learning.world=mine`` asks for it, and its own settings come in ``learning.world_options``. The running robot, the
+environments and trials in lockstep (the plug-in txt1-learners) each make one for every robot, and ask all of it.
+Whatever it raises becomes one line with its name.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class LightWorld:
         return self.config.sim.room.light
 
 
-WORLDS: Final = Registry("world", "txt1.worlds", {"composed": "txt1.learning.composed:Composed"})
+WORLDS: Final = Registry("world", "txt1.worlds", {})
 
 
 def named(config: Config) -> str | None:

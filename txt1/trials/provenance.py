@@ -3,11 +3,12 @@
 import hashlib
 import platform
 import sys
-from collections.abc import Iterable
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from txt1.unknown import PLUGINS
@@ -31,15 +32,16 @@ def code_hash(*more: Path) -> str:
     """
     specs = filter(None, (find_spec(f"txt1_{plugin}") for plugin in PLUGINS))
     folders = [Path(folder) for spec in specs for folder in spec.submodule_search_locations or ()]
-    return hash_of(Path(__file__).parents[1], [*more, *(file for each in folders for file in each.rglob("*.py"))])
+    beside = {f"{one.name}/{file.relative_to(one).as_posix()}": file for one in folders for file in one.rglob("*.py")}
+    return hash_of(Path(__file__).parents[1], beside | {f"beside/{file.name}": file for file in more})
 
 
-def hash_of(root: Path, more: Iterable[Path] = ()) -> str:
-    """Return the same hash for a package in a folder."""
+def hash_of(root: Path, more: Mapping[str, Path] = MappingProxyType({})) -> str:
+    """Return the same hash for a package in a folder, and of more files by their names."""
     digest = hashlib.sha256()
     files = {path.relative_to(root).as_posix(): path for path in root.rglob("*.py")}
     made = {name: path for name, path in files.items() if not name.startswith(SHOWS)}
-    for name, path in sorted((made | {f"beside/{path.name}": path for path in more}).items()):
+    for name, path in sorted((made | dict(more)).items()):
         digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 

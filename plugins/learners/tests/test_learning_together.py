@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.learners.together import learn_together
 from txt1.config import load
 from txt1.kernel.loop import run
 from txt1.learning.learned import learned_of
@@ -13,6 +12,7 @@ from txt1.learning.sharing import Lessons, Sharing, sharer
 from txt1_learners.effects import Effects
 from txt1_learners.pilot import PilotAgent
 from txt1_learners.sensor_map import HEIGHT
+from txt1_learners.studies.together import learn_together
 from txt1_learners.sweeps import SweepsAgent
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.learners.lockstep import trials
 from txt1.config import load
 from txt1.learning.agents import make
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1_learners import neural
 from txt1_learners.neural import NeuralAgent, NeuralSettings
+from txt1_learners.studies.lockstep import trials
 
 CONFIG = load().config
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from studies.learners import lockstep
 from txt1.config import load
 from txt1.learning.agents import make
 from txt1.learning.trial import Trial
+from txt1.learning.worlds import world_named
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1_learners.pilot import PilotAgent, chi_square, create
+from txt1_learners.studies import lockstep
 
-WORLDS = Path(__file__).parents[3] / "config" / "worlds"
 SWAPPED = (
     "learning.changes=[{episode: 3, set: {learning.actions: [[0.3, 0.5357142857142857], [0.3, 0.0], "
     "[0.3, -0.5357142857142857]]}}]"
@@ -26,7 +25,7 @@ SWINGS = "learning.world_options={lamps: [{height: 2.0, swing: [0.3, 0.3], perio
 
 
 def done(count: int, episodes: int, seed: int, *settings: str) -> list[Trial]:
-    config = lockstep.asked_alike(load(WORLDS / "thesis.yaml", settings).config)
+    config = lockstep.asked_alike(load(None, settings).config)
     return lockstep.trials(config, lambda rng: make("pilot", config, rng), range(1, count + 1), episodes, seed)
 
 
@@ -83,7 +82,7 @@ def test_most_episodes_that_a_lamp_on_the_move_makes_slow_are_said() -> None:
 
 @pytest.mark.long
 def test_a_goal_that_is_nearer_to_the_light_than_it_thought_is_found_soon() -> None:
-    config = lockstep.asked_alike(load(WORLDS / "suite" / "actions-reverse.yaml").config)
+    config = lockstep.asked_alike(load(world_named("actions-reverse")).config)
 
     def taught(goals: float) -> float:
         """Time of episodes of a pilot that takes the goal's distance for so many times what it is, s."""
@@ -123,7 +122,7 @@ def test_after_readings_that_fit_nothing_it_goes_by_what_led_to_the_goal_before(
                 ends.append(not self.lost)
             super().end(success, odometry)
 
-    config = lockstep.asked_alike(load(WORLDS / "thesis.yaml").config)
+    config = lockstep.asked_alike(load().config)
     (pupil,) = lockstep.trials(config, lambda rng: make("pilot", config, rng), [1], 12, 24)
     taught, ends = pupil.agent.memory(), list[bool]()
     lockstep.trials(config, Dazed, range(1, 33), 1, 24)

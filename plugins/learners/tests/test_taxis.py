@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.learners.lockstep import trials
 from txt1.config import load
 from txt1.learning.agents import make
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1_learners import taxis
+from txt1_learners.studies.lockstep import trials
 from txt1_learners.taxis import TaxisAgent, TaxisSettings
 
 SWAPPED = "sim.light.mount=[[0.2286, -0.127], [0.2286, 0.127], [-0.2286, -0.127], [-0.2286, 0.127]]"

@@ -14,7 +14,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import txt1
-from studies.learners.floor import floor_of
 from tests.patience import LIMIT
 from txt1.config import load
 from txt1.errors import ConfigError
@@ -36,11 +35,9 @@ def test_the_environment_passes_gymnasiums_own_check() -> None:
 
 
 def test_many_robots_at_once_refuse_physics_that_they_do_not_have() -> None:
-    """Their floors, too: a floor of our physics is none of another's."""
     other = load(None, ["sim.physics=mujoco"], {}, {}).config
-    for begin in (lambda: env.LightSeekingVectorEnv(2, other), lambda: floor_of(other)):
-        with pytest.raises(ConfigError, match=r"not mujoco; set sim\.physics=plain, or take one robot"):
-            begin()
+    with pytest.raises(ConfigError, match=r"not mujoco; set sim\.physics=plain, or take one robot"):
+        env.LightSeekingVectorEnv(2, other)
     assert known_floor(load(None, (), {}, {}).config) is not None
     assert known_floor(other) is None
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.learning.solvable import refuse_unsolvable
-
-WORLDS = Path(__file__).parents[3] / "config" / "worlds"
+from txt1.learning.worlds import ours, world_named
 
 
 @pytest.mark.parametrize(
@@ -54,5 +51,5 @@ def test_a_map_with_room_around_the_light_is_not_refused() -> None:
 
 
 def test_every_world_of_ours_can_be_solved() -> None:
-    for file in WORLDS.rglob("*.yaml"):
-        refuse_unsolvable(load(file).config)
+    for name in ours():
+        refuse_unsolvable(load(world_named(name)).config)

@@ -25,7 +25,7 @@ def test_a_changed_screen_changes_no_result_and_a_changed_simulation_does(tmp_pa
     for part in ("world", "pid", "thesis", "app"):
         assert hash_of(package(tmp_path / part, **{part: "2"})) != before
     (tmp_path / "study.py").touch()
-    assert hash_of(tmp_path / "a", [tmp_path / "study.py"]) != before
+    assert hash_of(tmp_path / "a", {"beside/study.py": tmp_path / "study.py"}) != before
 
 
 def test_what_is_left_out_is_there() -> None:

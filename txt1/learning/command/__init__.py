@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from txt1.commands import DISARMED, OK, add, count, flag, path, say, takes, unused
-from txt1.errors import ConfigError, MissingExtra, NotArmed, Txt1Error
+from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.installing import installs_plugin
 from txt1.kit.options import ARM, ROBOT, loaded, robot_speed
 from txt1.learning import experiment, plots
@@ -17,7 +17,7 @@ from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import THESIS_MEAN, Plan
 from txt1.learning.settings import refuse_unread
 from txt1.learning.trial import Episode, task_of
-from txt1.learning.worlds import OWN, world_file
+from txt1.learning.worlds import OWN, in_world
 from txt1.record.options import LOG
 from txt1.trials.run import progress
 from txt1.trials.workers import OPTIONS, workers_of
@@ -28,7 +28,7 @@ def _moved(study: str) -> dict[str, Any]:
     """Return argparse's settings for an option that is refused because a study has replaced it."""
 
     def refuse(word: str) -> None:
-        raise argparse.ArgumentTypeError(f"is now, in a source tree: python -m studies.learners {study}")
+        raise argparse.ArgumentTypeError(f"is in the plug-in txt1-learners: python -m txt1_learners.studies {study}")
 
     return takes("", argparse.SUPPRESS, refuse, nargs="?", const="")
 
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--worlds": _moved("worlds DIR"),
             "--world": takes(
                 "NAME",
-                "a world of config/worlds by its name, or a .yaml; thesis learns in thesis-simulation by default",
+                "a world by its name (txt1 world list), or a .yaml; thesis learns in thesis-simulation by default",
             ),
             "--compare": _moved("compare FILE"),
             "--floor": _moved("floor"),
@@ -79,7 +79,9 @@ def main(arguments: argparse.Namespace) -> int:
     name = arguments.agent or "thesis"
     refuse_unread(arguments.set, name)
     world = _world(arguments, name)
-    config = loaded(_in_world(arguments, world)).config
+    if world is not None:
+        say(f"in the world {world}")
+    config = loaded(in_world(arguments, world)).config
     # refuses a wrong name or options at once
     make(name, config, np.random.default_rng(0))
     speed = robot_speed(arguments, config)
@@ -125,18 +127,8 @@ def main(arguments: argparse.Namespace) -> int:
 def _world(arguments: argparse.Namespace, learner: str) -> str | None:
     """Return the name of the world, None without one; default worlds are for simulations only."""
     name: str | None = arguments.world
-    if name is not None and arguments.config is not None:
-        raise ConfigError("--world: a world is a configuration file, and --config gives another; leave out one of them")
     simulated = arguments.hal in (None, "sim") and arguments.port is None
     return OWN.get(learner) if name is None and arguments.config is None and simulated else name
-
-
-def _in_world(arguments: argparse.Namespace, name: str | None) -> argparse.Namespace:
-    """Return the arguments with the world's file as the configuration."""
-    if name is None:
-        return arguments
-    say(f"in the world {name}")
-    return argparse.Namespace(**{**vars(arguments), "config": world_file(name)})
 
 
 def _tell(metrics: dict[str, Any], *, beside_thesis: bool) -> None:
@@ -156,7 +148,7 @@ def _tell(metrics: dict[str, Any], *, beside_thesis: bool) -> None:
         print(
             f"; the successes: mean {one['mean_time_s']:.2f} s, median {one['median_time_s']:.2f} s, optimum "
             f"{one['optimal_mean_time_s']:.2f} s, ratio {one['ratio_to_optimum']:.3f}, to the floor "
-            f"{'not known (python -m studies.learners floor)' if least is None else f'{least:.3f}'}"
+            f"{'not known (python -m txt1_learners.studies floor)' if least is None else f'{least:.3f}'}"
         )
     if beside_thesis:
         print(f"{'the thesis reports':<20} mean {THESIS_MEAN} s after episode 7, in this simulation")

@@ -1,0 +1,1 @@
+"""Learners beside each other: in a suite of worlds, per seconds driven, and against the best time that is possible."""
