@@ -16,6 +16,7 @@ OPTIONS: Final = "options of txt1 run"
 PLUGINS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = {
     "learners": {
         "txt1.learners": ("neural", "pilot", "sweeps", "taxis"),
+        "txt1.learning": ("changes", "dqn", "drift", "neural", "pilot", "ppo", "sweeps", "taxis"),
         "txt1.world_settings": ("learners",),
         "txt1.worlds": ("composed",),
     },
@@ -63,12 +64,12 @@ def part(kind: str, group: str, key: str, name: str, installed: Collection[str])
 def setting(key: str, depth: int, known: Collection[str], origin: str, group: str) -> ConfigError:
     """Return the error for a key whose part at `depth` is not among the `known` keys there.
 
-    At depth 0 it is a section; those of `group` are additions'.
+    Packages may bring more keys by the entry points of `group`; at depth 0 these are the additions' sections.
     """
     parts = key.split(".")
     name, above = parts[depth], "".join(f"{part}." for part in parts[:depth])
-    if depth == 0 and (plugin := brought(group).get(name)) is not None:
-        return MissingPlugin(f"{key} (from {origin}): the section '{name}'", plugin)
+    if (plugin := brought(group).get(name)) is not None:
+        return MissingPlugin(f"{key} (from {origin}): the section '{above}{name}'", plugin)
     near = difflib.get_close_matches(name, known, n=1)
     remedy = f"did you mean '{above}{near[0]}'?" if near else f"known here: {', '.join(known)}"
     if depth == 0 and not near:

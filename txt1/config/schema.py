@@ -1,12 +1,12 @@
 """All settings, with their constraints and defaults."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict
 from functools import cache
 from hashlib import blake2b
 from itertools import pairwise
 from math import inf
-from typing import Annotated, Any, Final, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -45,6 +45,60 @@ class Section(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Brought(NamedTuple):
+    """The keys that others bring to a section: additions to the configuration, learners to `learning`."""
+
+    group: str
+    """Entry points by which packages bring them."""
+    names: Callable[[], Collection[str]]
+    """Return the names of all that are installed."""
+    kind: Callable[[str], Any]
+    """Return the type of a key's value, None if it is not installed."""
+
+
+class OpenSection(Section):
+    """A section that has keys of others, each read by who brings it (`brought`).
+
+    A recording keeps a key that nothing installed reads.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    brought: ClassVar[Brought]
+
+    @property
+    def given(self) -> Collection[str]:
+        """The names of others' keys that are given."""
+        return (self.__pydantic_extra__ or {}).keys()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_brought(cls, given: Any, info: ValidationInfo) -> Any:
+        """Let others' own classes read their keys."""
+        if not isinstance(given, Mapping):
+            return given
+        return {
+            key: value if key in cls.model_fields else _read(cls.brought, key, value, info.context)
+            for key, value in given.items()
+        }
+
+
+def _read(brought: Brought, name: str, value: Any, context: Any) -> Any:
+    """Return the value of a key that others bring."""
+    kind = brought.kind(name)
+    if kind is not None:
+        return _reader(kind).validate_python({name: value}, context=context)[name]
+    if (context or {}).get("recorded"):
+        return value
+    error = PydanticCustomError("extra_forbidden", "unknown key")
+    raise ValidationError.from_exception_data("Config", [{"type": error, "loc": (name,), "input": value}])
+
+
+@cache
+def _reader(kind: Any) -> TypeAdapter[Any]:
+    """Return the reader of values of this type; they are nested below their names, which errors then contain."""
+    return TypeAdapter(dict[str, kind], config=ConfigDict(extra="forbid", allow_inf_nan=False))
 
 
 class GainsConfig(Section):
@@ -272,10 +326,10 @@ unread.
 """
 
 
-class Config(Section):
+class Config(OpenSection):
     """All settings: the spine's sections, and the sections of additions that are given."""
 
-    model_config = ConfigDict(extra="allow")
+    brought: ClassVar[Brought] = Brought(additions.GROUP, additions.sections, additions.settings_of)
 
     hal: Annotated[str, Field(min_length=1)] = "sim"
     """Name of the hardware layer."""
@@ -303,26 +357,10 @@ class Config(Section):
     """Sensors that are not part of the hardware layer, by name."""
     host: HostConfig = HostConfig()
 
-    @property
-    def given(self) -> Collection[str]:
-        """The names of the additions whose sections are given."""
-        return (self.__pydantic_extra__ or {}).keys()
-
     def section(self, kind: type[S]) -> S:
         """Return the section of an addition; its defaults if it is not given."""
         found = [each for each in (self.__pydantic_extra__ or {}).values() if type(each) is kind]
         return found[0] if found else kind()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read_sections(cls, given: Any, info: ValidationInfo) -> Any:
-        """Let each addition's own class read the addition's section."""
-        if not isinstance(given, Mapping):
-            return given
-        return {
-            key: value if key in cls.model_fields else _section(key, value, bool((info.context or {}).get("recorded")))
-            for key, value in given.items()
-        }
 
     @property
     def own_seed(self) -> int:
@@ -391,20 +429,3 @@ class Config(Section):
         body, pivots = self.geometry, self.geometry.steering == "skid"
         radius = max(body.radius_min, 0.5 * body.track_width * pivots)
         return Hand(self.safety.v_max, self.safety.omega_max, radius, pivots, self.teleop.turn)
-
-
-def _section(name: str, value: Any, recorded: bool) -> Any:
-    """Return the section of an addition, read by the addition's own class."""
-    kind = additions.settings_of(name)
-    if kind is not None:
-        return _reader(kind).validate_python({name: value})[name]
-    if recorded:
-        return value
-    error = PydanticCustomError("extra_forbidden", "unknown key")
-    raise ValidationError.from_exception_data("Config", [{"type": error, "loc": (name,), "input": value}])
-
-
-@cache
-def _reader(kind: Any) -> TypeAdapter[Any]:
-    """Return the reader of sections of this class; sections are nested below their names, which errors then contain."""
-    return TypeAdapter(dict[str, kind], config=ConfigDict(extra="forbid", allow_inf_nan=False))

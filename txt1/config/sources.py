@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin, 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from txt1 import additions
-from txt1.config.schema import RECORDED, Config
+from txt1.config.schema import RECORDED, Brought, Config, OpenSection
 from txt1.errors import ConfigError
 from txt1.resources import resource
 
@@ -291,8 +291,9 @@ def _check(setting: Setting) -> None:
             _refuse_renamed(key, setting.origin)
             from txt1.unknown import setting as unknown
 
-            known = [*_keys(section), *(additions.sections() if section is Config else ())]
-            raise unknown(key, depth, known, setting.origin, additions.GROUP)
+            brought = _brought(section)
+            known = [*_keys(section), *(brought.names() if brought else ())]
+            raise unknown(key, depth, known, setting.origin, brought.group if brought else "")
     # pydantic would take true and false for 1 and 0
     if setting.value is True or setting.value is False:
         kinds = {kind, *get_args(kind)}
@@ -323,8 +324,13 @@ def _below(kind: Any, name: str) -> Any:
     """Return the type of a section's value of this name; None if there is none."""
     if get_origin(kind) is dict:
         return get_args(kind)[1]
-    found = _keys(kind).get(name)
-    return additions.settings_of(name) if kind is Config and found is None else found
+    found, brought = _keys(kind).get(name), _brought(kind)
+    return brought.kind(name) if found is None and brought is not None else found
+
+
+def _brought(kind: Any) -> Brought | None:
+    """Return what others bring to a section."""
+    return kind.brought if isinstance(kind, type) and issubclass(kind, OpenSection) else None
 
 
 def _kind_at(path: Sequence[str]) -> Any:

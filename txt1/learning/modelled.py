@@ -1,17 +1,17 @@
 """The settings that simulations of many trials model; a setting without effect is refused by its name.
 
-The running robot (`txt1 learn`) models everything. Trials in lockstep, floors and environments leave out the rest of
-the robot. The settings that they read are listed here, by key or by the beginning of a key. Any other that differs
-from the default of the vehicle is refused. What a vehicle's own file sets came with the vehicle, and stays.
+The running robot (`txt1 learn`) models everything. Environments, and the trials in lockstep and floors of the plug-in
+txt1-learners, leave out the rest of the robot. The settings that environments read are listed here, by key or by the
+beginning of a key; the plug-in has its own lists. Any other that differs from the default of the vehicle is refused.
+What a vehicle's own file sets came with the vehicle, and stays.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any, Final
 
 from txt1.config import Config, completed, flatten, load
 from txt1.errors import ConfigError
-from txt1.learning.settings import LearningConfig
 
 # refused elsewhere, or no physics
 NAMES: Final = ("hal", "vehicle", "name", "seed", "calibrated", "sim.physics")
@@ -20,22 +20,12 @@ WHEELS: Final = ("geometry.circumference", "geometry.counts_per_rev")
 LOOPS: Final = ("control.linear", "control.angular", "car", "safety.motor_max")
 TASK: Final = ("learning.actions", "learning.start_radius", "learning.goal_radius", "learning.boundary")
 STEERED: Final = ("motor", "front", "rear", "right_encoder", "left_encoder", "encoders_swapped")
-LEARNERS: Final = tuple(
-    f"learning.{name}" for name in ("thesis", "sweeps", "pilot", "neural", "taxis", "ppo", "dqn", "options")
-)
 VEHICLE: Final = (
     *(f"sim.vehicle.{name}" for name in ("speed_gain", "dead_band", "speed_time_constant", "coast_time_constant")),
     *(f"sim.vehicle.{name}" for name in ("coast_friction", "servo_rate", "scrub", "slip", "understeer")),
     "sim.noise.drag",
 )
-FLOOR: Final = (
-    *NAMES, *CAR, *WHEELS, *LOOPS, *VEHICLE, *TASK, *LEARNERS, "sim.light", "sim.room.light", "sensors",
-    "learning.delay", "learning.time_limit", "learning.pose",
-)  # fmt: skip
 SHOWN: Final = ("learning.world", "learning.world_options", "sim.obstacles", "sim.room.map")
-LOCKSTEP: Final = (*FLOOR, *SHOWN, "learning.changes", "learning.drift", "learning.goal_period")
-# environments of Stable-Baselines3, which know no episode's number
-STEPS: Final = (*FLOOR, *SHOWN)
 BATCH: Final = (
     *NAMES, *CAR, *WHEELS, *VEHICLE, *TASK, "safety.motor_max", "sim.room.light", "sim.light.intensity",
     "sim.light.exponent", "sim.light.height", "sim.light.noise", "learning.time_limit",
@@ -63,8 +53,13 @@ def differing(config: Config) -> Iterator[tuple[str, Any]]:
             yield key, value
 
 
-def refuse_others(config: Config, modelled: Sequence[str], who: str) -> None:
-    """Refuse the settings that `who`, a simulation in words, does not model; ConfigError names the key."""
+def refuse_others(
+    config: Config, modelled: Sequence[str], who: str, unless: Callable[[str], str] = lambda key: ""
+) -> None:
+    """Refuse the settings that `who`, a simulation in words, does not model; ConfigError names the key.
+
+    `unless` is asked for each key that is modelled: why this value of it is not, "" if it is.
+    """
     body = config.geometry
     if config.hal != "sim":
         raise ConfigError(f"hal: {config.hal}: {who} know only the simulated robot; set hal=sim")
@@ -75,33 +70,11 @@ def refuse_others(config: Config, modelled: Sequence[str], who: str) -> None:
         why = "do not model it"
         if key.startswith("car.") and key != "car.known" and not config.car.known:
             why = "have no use for it while car.known is false"
-        elif key.startswith(("sensors", "learning.pose")) and _among(key, modelled):
-            if _sees_plainly(config, key, modelled is LOCKSTEP):
-                continue
-            why = "know plain light sensors, and motion capture that learning.pose names, without options"
-        elif _among(key, modelled):
+        elif among(key, modelled) and not (why := unless(key)):
             continue
         raise ConfigError(f"{key}: {value}: {who} {why}, so it would have no effect; take it out, or take txt1 learn")
 
 
-def _among(key: str, modelled: Sequence[str]) -> bool:
+def among(key: str, modelled: Sequence[str]) -> bool:
     """Whether a key, or the key of a section around it, is in the list."""
     return any(key == each or key.startswith(f"{each}.") for each in modelled)
-
-
-def lasers(config: Config) -> list[str]:
-    """The names of the simulated laser scanners."""
-    return [name for name, one in config.sensors.items() if one.driver == "sim_laser"]
-
-
-def _sees_plainly(config: Config, key: str, looks: bool) -> bool:
-    """Whether a setting of a sensor, or of the pose, is modelled; a laser is where learners `look`."""
-    learning = config.section(LearningConfig)
-    if key == "learning.pose":
-        told = config.sensors.get(learning.pose)
-        return told is not None and told.driver == "sim_vicon"
-    _, name, what = key.split(".")
-    one = config.sensors[name]
-    drivers = {learning.sensor: "sim_light", learning.pose: "sim_vicon"}
-    known = drivers.get(name) == one.driver or (looks and lasers(config) == [name])
-    return known and (what == "driver" or not getattr(one, what))

@@ -1,33 +1,36 @@
 """The section ``learning`` of the configuration."""
 
-from collections.abc import Sequence
-from typing import Annotated, Any, Final, Literal, Self
+from collections.abc import Collection, Sequence
+from importlib.metadata import entry_points
+from typing import Annotated, Any, ClassVar, Final, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
-from txt1.config.schema import Section
+from txt1.config.schema import Brought, OpenSection, Section
 from txt1.errors import ConfigError
 from txt1.model.vehicle import SPEED, Geometry
-from txt1.units import NotNegative, Positive, PositiveInt
+from txt1.units import NotNegative, Positive
 
 # sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2
 TURN: Final = SPEED / Geometry().radius_min
+
+GROUP: Final = "txt1.learning"
+"""Entry points by which packages bring keys to the section: each names the type of a key's value."""
+
+T = TypeVar("T")
 
 # (v, omega) of one of the learner's actions, m/s and rad/s
 Action = tuple[float, float]
 
 
-LEARNERS: Final = ("thesis", "sweeps", "pilot", "neural", "taxis", "ppo", "dqn", "options")
-"""The settings that a single learner reads: of ours by its name, `options` of another package's."""
+def _names() -> Collection[str]:
+    return entry_points(group=GROUP).names
 
 
-class ChangeConfig(Section):
-    """A change of the world in mid-trial."""
-
-    episode: PositiveInt
-    """The first episode in which it is in force."""
-    set: dict[str, Any]
-    """The settings that change, by dotted key, as with --set."""
+def _kind(name: str) -> Any:
+    for point in entry_points(group=GROUP, name=name):
+        return point.load()
+    return None
 
 
 class ThesisConfig(Section):
@@ -69,18 +72,15 @@ class ThesisConfig(Section):
         return self
 
 
-class LearningConfig(Section):
+class LearningConfig(OpenSection):
     """The learning task (thesis 5), and the learners' settings by their names."""
+
+    brought: ClassVar[Brought] = Brought(GROUP, _names, _kind)
 
     actions: Annotated[tuple[Action, ...], Field(min_length=2)] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
     """(v, omega) of each action, m/s and rad/s; right, straight, left (table 5.2). The learners see their numbers."""
     delay: NotNegative = 0.0
     """Delay with which every action reaches the robot, s, as over a slow link."""
-    changes: tuple[ChangeConfig, ...] = ()
-    """Changes of the simulated world in mid-trial; only for trials in lockstep (studies/learners)."""
-    drift: dict[str, tuple[float, float]] = {}
-    """Numbers that change slowly, by dotted key, with first and last value; only for trials in lockstep."""
-
     start_radius: Positive = 1.25
     """Distance from the light at which an episode begins, m."""
     goal_radius: Positive = 0.5
@@ -101,30 +101,31 @@ class LearningConfig(Section):
     sensor: Annotated[str, Field(min_length=1)] = "light"
     """Name of the four light sensors; if it is not among `sensors`, a simulated robot gets simulated sensors."""
     thesis: ThesisConfig = ThesisConfig()
-    sweeps: dict[str, Any] = {}
-    """Settings of the learner sweeps; the learner checks them."""
-    pilot: dict[str, Any] = {}
-    """Settings of the learner pilot."""
-    neural: dict[str, Any] = {}
-    """Settings of the learner neural."""
-    taxis: dict[str, Any] = {}
-    """Settings of the learner taxis."""
-    ppo: dict[str, Any] = {}
-    """Settings of Stable-Baselines3's PPO, a contender in studies/learners."""
-    dqn: dict[str, Any] = {}
-    """Settings of Stable-Baselines3's DQN, a contender in studies/learners."""
     options: dict[str, Any] = {}
     """Settings of a learner from another package."""
+
+    def part(self, name: str, usual: T) -> T:
+        """Return the value of a key that a package brings, `usual` if it is not given."""
+        found: T = (self.__pydantic_extra__ or {}).get(name, usual)
+        return found
 
 
 def refuse_unread(words: Sequence[str], learner: str) -> None:
     """Raise ConfigError if one of the words KEY=VALUE sets what this learner does not read."""
-    own = learner if learner in LEARNERS else "options"
+    others = {"thesis", "options", *_names()}
+    own = learner if learner in others else "options"
     for word in words:
         key = word.partition("=")[0]
         section, _, rest = key.partition(".")
         name = rest.partition(".")[0]
-        if section == "learning" and name in LEARNERS and name != own:
+        if section == "learning" and name in others and name != own:
             raise ConfigError(
                 f"--set {key}: the learner '{learner}' does not read it, only learning.{own}; leave it out"
             )
+
+
+def refuse_of_studies(learning: LearningConfig, learners: Collection[str]) -> None:
+    """Raise ConfigError if a setting is given that a package brings and that none of these learners has."""
+    for name in learning.given:
+        if name not in learners:
+            raise ConfigError(f"learning.{name}: no running robot reads it, only studies do; leave it out")

@@ -12,12 +12,12 @@ from txt1.config import Config, completed, flatten, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, Txt1Error
 from txt1.learning.agents import make
-from txt1.learning.modelled import LOCKSTEP, refuse_others
 from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.world import settled
 from txt1_learners.studies import suite
 from txt1_learners.studies.floor import TICKS, Search, floor_of
 from txt1_learners.studies.lockstep import shown, trials, world_at
+from txt1_learners.studies.modelled import LOCKSTEP, refuse_others
 from txt1_learners.worlds import groups
 
 BASE = {"learning.time_limit": 4.0, "car.known": True}  # short, and with loops that have a use for their settings
@@ -98,7 +98,7 @@ NULLS = (
 )  # in place of null
 ELSEWHERE = {  # what says who and when, and the settings of learners that are not asked here
     *("name", "seed", "vehicle", "calibrated"),
-    *(f"learning.{name}" for name in ("sweeps", "pilot", "neural", "taxis", "ppo", "dqn", "options")),
+    "learning.options",
 }
 
 
@@ -145,7 +145,10 @@ def drives(config: Config) -> list[float]:
     return seen + one.agent.table().values.ravel().tolist() + [each.time for each in one.episodes]
 
 
-KEYS = [(key, value) for key, value in flatten(completed(Config())) if key not in ELSEWHERE]
+KEYS = [
+    *((key, value) for key, value in flatten(completed(Config())) if key not in ELSEWHERE),
+    *(("learning.changes", ()), ("learning.drift", {})),
+]
 
 
 def changed(key: str, value: Any, base: dict[str, Any]) -> Config | None:

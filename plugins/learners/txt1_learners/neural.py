@@ -26,7 +26,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.config import Config, checked
+from txt1.config import Config
 from txt1.learning.agent import Decision, PeriodicAgent
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
@@ -90,7 +90,7 @@ SETTINGS: Final = NeuralSettings()
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "NeuralAgent":
     """Return a learner as configured, or a driver by stored networks; ValueError: they have another shape."""
-    settings = checked(NeuralSettings, config.section(LearningConfig).neural, "learning.neural")
+    settings = config.section(LearningConfig).part("neural", SETTINGS)
     agent = NeuralAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
         agent.drive_by(table)

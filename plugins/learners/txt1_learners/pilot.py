@@ -73,7 +73,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from txt1.config import Config, checked
+from txt1.config import Config
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
 from txt1.learning.learned import Learned
 from txt1.learning.qtable import StoredTable
@@ -193,7 +193,7 @@ LATE: Final = (0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 15)
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
     """Return a learner as configured, or a driver by a stored survey; ValueError: the survey cannot be."""
     learning = config.section(LearningConfig)
-    settings = checked(PilotSettings, learning.pilot, "learning.pilot")
+    settings = learning.part("pilot", SETTINGS)
     body = config.geometry
     discs = body_of(body.length, body.width, body.centre)
     agent = PilotAgent(rng, len(learning.actions), settings, discs)

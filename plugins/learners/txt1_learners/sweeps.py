@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.config import Config, checked
+from txt1.config import Config
 from txt1.learning.agent import Decision, Rows
 from txt1.learning.learned import Learned
 from txt1.learning.light_direction import LightFilter, spread_limit
@@ -64,7 +64,7 @@ SETTINGS: Final = SweepsSettings()
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
     """Return a learner as configured, or a driver by a stored table; ValueError: the table has another shape."""
-    settings = checked(SweepsSettings, config.section(LearningConfig).sweeps, "learning.sweeps")
+    settings = config.section(LearningConfig).part("sweeps", SETTINGS)
     return SweepsAgent(
         rng, settings, float(config.sim.light.exponent), table, len(config.section(LearningConfig).actions)
     )

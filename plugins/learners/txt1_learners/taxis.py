@@ -28,7 +28,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.config import Config, checked
+from txt1.config import Config
 from txt1.learning.agent import Decision, PeriodicAgent
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
@@ -76,7 +76,7 @@ SETTINGS: Final = TaxisSettings()
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "TaxisAgent":
     """Return a learner as configured, or a driver by stored synapses; ValueError: they have another shape."""
-    settings = checked(TaxisSettings, config.section(LearningConfig).taxis, "learning.taxis")
+    settings = config.section(LearningConfig).part("taxis", SETTINGS)
     agent = TaxisAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
         agent.synapses = table.shaped(*agent.synapses.shape).copy()

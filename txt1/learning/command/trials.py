@@ -13,7 +13,7 @@ from txt1.config import Config
 from txt1.errors import ConfigError, NotArmed, Overruled, Txt1Error
 from txt1.kit.app import App, get_ready
 from txt1.learning.agent import Agent
-from txt1.learning.agents import make
+from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import (
     Plan,
     Watch,
@@ -25,7 +25,7 @@ from txt1.learning.experiment import (
     save_result,
 )
 from txt1.learning.qtable import replace_file
-from txt1.learning.settings import LearningConfig
+from txt1.learning.settings import LearningConfig, refuse_of_studies
 from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import (
@@ -140,10 +140,7 @@ def on_robot(
     Overruled: another source of commands took the wheel; TaskFault: a task failed; the robot was stopped first.
     """
     config, seed, episodes = settled(plan.config), plan.seed, plan.episodes
-    if config.section(LearningConfig).changes or config.section(LearningConfig).drift:
-        raise ConfigError(
-            "learning.changes, learning.drift: no running robot's world changes, only those of studies/learners"
-        )
+    refuse_of_studies(config.section(LearningConfig), LEARNERS.names())
     agent = agent or make(plan.agent, config, stream(seed, number, AGENT))
     commands = commands or config.section(LearningConfig).actions
     trial = Trial(agent, task_of(config), starts(seed, number, episodes), commands, done, plan.keep_paths())

@@ -27,7 +27,6 @@ from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
 from txt1.learning.agent import Agent
 from txt1.learning.agents import LEARNERS, make
-from txt1.learning.modelled import LOCKSTEP, refuse_others
 from txt1.learning.qtable import replace_file
 from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import starts, stream, task_of
@@ -37,6 +36,7 @@ from txt1.trials.run import Rows
 from txt1_learners.studies import homing
 from txt1_learners.studies.contenders import COLUMNS, TRAINED, Line, draw, table
 from txt1_learners.studies.lockstep import asked_alike, trials
+from txt1_learners.studies.modelled import LOCKSTEP, refuse_others
 from txt1_learners.studies.suite import Each, floors, leaves_out
 
 FORMAT: Final = "txt1 comparison"

@@ -26,12 +26,12 @@ from txt1.config.sources import with_values
 from txt1.errors import ConfigError
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode, only_ours
 from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor, rounded_up
-from txt1.learning.modelled import FLOOR, refuse_others
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, task_of
 from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1_learners.studies.lockstep import Loops, Wheels, loops_of, wheels_of
+from txt1_learners.studies.modelled import FLOOR, refuse_others
 
 TICKS: Final = DECISION_MS // TICK_MS
 

@@ -27,7 +27,6 @@ from txt1.errors import ConfigError
 from txt1.learning.agent import Agent, Looker
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode, only_ours
 from txt1.learning.best_time import DECISION_MS
-from txt1.learning.modelled import LOCKSTEP, lasers, refuse_others
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import AGENT, SENSORS, Phase, Trial, starts, stream, task_of
@@ -40,6 +39,8 @@ from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powe
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
 from txt1.sim.rays import shapes_of, walls_of
+from txt1_learners.settings import Changes, Drift
+from txt1_learners.studies.modelled import LOCKSTEP, lasers, refuse_others
 
 LIGHT_MS: Final = 16  # between two samples of the light
 REST_MS: Final = 500  # on the start, before the first decision: 31 samples, which settle the filters
@@ -298,11 +299,12 @@ def wheels_of(config: Config) -> Wheels:
 def world_at(config: Config, episode: int, episodes: int) -> Config:
     """The configuration in force in an episode, from 1: with the changes up to it, and what drifts."""
     values: dict[str, Any] = {}
-    for change in config.section(LearningConfig).changes:
+    learning = config.section(LearningConfig)
+    for change in learning.part("changes", Changes()):
         if change.episode <= episode:
             values |= change.set
     share = (episode - 1) / max(1, episodes - 1)
-    for key, (first, last) in config.section(LearningConfig).drift.items():
+    for key, (first, last) in learning.part("drift", Drift()).items():
         values[key] = first + share * (last - first)
     return with_values(config, values) if values else config
 

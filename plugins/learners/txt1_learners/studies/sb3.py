@@ -28,14 +28,15 @@ from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
 from txt1.learning.batch import SENSED, TICK_MS
 from txt1.learning.best_time import DECISION_MS
-from txt1.learning.modelled import STEPS, refuse_others
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvable import refuse_unsolvable
 from txt1.learning.trial import Start, stream, task_of
 from txt1.learning.world import settled
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
+from txt1_learners.settings import OfStableBaselines
 from txt1_learners.studies.lockstep import LIGHT_MS, REST_MS, Lockstep
+from txt1_learners.studies.modelled import STEPS, refuse_others
 
 try:
     import torch
@@ -222,7 +223,7 @@ def train(
     """
     torch.set_num_threads(1)
     env = LightSeekingVecEnv(config, ROBOTS[name], seed)
-    own = getattr(config.section(LearningConfig), name)
+    own = config.section(LearningConfig).part(name, OfStableBaselines())
     try:
         model = CLASSES[name]("MlpPolicy", env, seed=seed % 2**31, device="cpu", **{**SETTINGS[name], **own})
     except TypeError as error:

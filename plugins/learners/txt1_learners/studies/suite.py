@@ -35,15 +35,16 @@ from txt1.errors import ConfigError, LightFault, Txt1Error
 from txt1.learning.agents import make
 from txt1.learning.best_time import DECISION_MS, Floor, known_floor
 from txt1.learning.experiment import LEARNED
-from txt1.learning.modelled import lasers
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Episode
 from txt1.learning.world import settled, world_of
 from txt1.learning.worlds import preset
 from txt1.trials.provenance import provenance
+from txt1_learners.settings import Drift
 from txt1_learners.studies.floor import MovingFloor, floor_of
 from txt1_learners.studies.lockstep import REST_MS, asked_alike, trials, world_at
+from txt1_learners.studies.modelled import lasers
 from txt1_learners.worlds import groups
 
 FORMAT: Final = "txt1 world result"
@@ -163,7 +164,7 @@ def _floor(config: str) -> Floor:
 
 def _stage(config: Config, episode: int, episodes: int) -> Config:
     """The world of an episode; one that drifts in a few stages, each as it is in its middle."""
-    if config.section(LearningConfig).drift:
+    if config.section(LearningConfig).part("drift", Drift()):
         length = -(-episodes // STAGES)
         episode = min(episodes, (episode - 1) // length * length + (length + 1) // 2)
     plain = world_at(config, episode, episodes)
