@@ -10,6 +10,7 @@ KILTED ?= $(CURDIR)/.venv-ros2-kilted
 CYCLONEDDS := $(CURDIR)/.venv-ros2-cyclonedds
 COLCON := $(CURDIR)/.venv-ros2-colcon
 VIEWERS := .venv-viewers
+APART := .venv-apart
 LEROBOT ?= $(CURDIR)/.venv-lerobot/bin/python
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag python3-roslaunch ros-std-msgs python3-genpy libroscpp-dev libtf-dev libnav-msgs-dev python3-gencpp
 FUZZ := .venv-fuzz
@@ -17,6 +18,10 @@ DOCS := .venv-docs
 # distributions of their own that the tests need, each with its tests
 PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot
 PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
+PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
+TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --import-mode=append --numprocesses=$(JOBS) --dist=worksteal
+JOBS ?= 6
+APART_TESTS ?= tests
 RUN ?=
 # the last release: its tag, or the commit that made the version
 BEFORE ?= $(shell git describe --tags --abbrev=0 2>/dev/null || git log -1 --format=%h --grep='^Version [0-9]')
@@ -25,7 +30,7 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test coverage test-long test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
+.PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN) || test $$? = 130  # Ctrl-C ends a drive, and is no error
@@ -39,6 +44,23 @@ test-long: $(VENV)/.dev  ## the long tests, too: many repetitions, long runs, an
 coverage: $(VENV)/.dev  ## the tests, and the statements of txt1 and its plug-ins that they run, printed; slow before Python 3.14
 	$(BIN)/python $(PIP_INSTALL) --group coverage
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --cov=txt1 $(PLUGINS:plugins/%=--cov=plugins/%) --cov-report=term:skip-covered
+
+# The environment has the packages of $(VENV), so nothing is resolved anew. The tree comes after what is installed, so
+# its tests run against the wheels.
+test-plugins: $(VENV)/.dev  ## all other tests without any plug-in, then those of each plug-in, its wheel alone beside txt1's
+	rm -rf build plugins/*/build $(APART) && mkdir build
+	$(BIN)/python -m pip --disable-pip-version-check freeze --exclude-editable > build/packages.txt
+	$(BIN)/python $(PIP_WHEEL) --wheel-dir build/apart/txt1 .
+	@for each in $(notdir $(PLUGINS)); do $(BIN)/python $(PIP_WHEEL) --wheel-dir build/apart/$$each ./plugins/$$each || exit 1; done
+	$(PYTHON) -m venv $(APART)
+	$(APART)/bin/python $(PIP_INSTALL) --no-deps --requirement build/packages.txt build/apart/txt1/*.whl
+	pwd > $$($(APART)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/tree.pth
+	rm -rf $(APART)/lib/python*/site-packages/tests  # of pyvesc-fix, which would come before the tree's
+	$(TEST_APART) $(APART_TESTS)
+	@for each in $(notdir $(PLUGINS)); do \
+		$(APART)/bin/python $(PIP_INSTALL) build/apart/$$each/*.whl && $(TEST_APART) plugins/$$each/tests || exit 1; \
+		$(APART)/bin/python -m pip uninstall --quiet --yes $$(basename build/apart/$$each/*.whl | cut -d- -f1) || exit 1; \
+	done
 
 test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
 	$(BIN)/python $(PIP_INSTALL) --group browser
@@ -75,11 +97,11 @@ lint: $(VENV)/.dev  ## style, types, and who imports whom
 
 wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to three times as fast; takes a minute
 	rm -rf build dist
-	COMPILE_TXT1=1 $(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
+	COMPILE_TXT1=1 $(BIN)/python $(PIP_WHEEL) --wheel-dir dist .
 
 release: lint test wheel  ## dist/ as a release has it: wheels, sdist, constraints.txt of the tested versions, SHA256SUMS
 	$(BIN)/python -m rigs.release constraints dist/constraints.txt
-	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . $(PLUGINS:%=./%)
+	$(BIN)/python $(PIP_WHEEL) --wheel-dir dist . $(PLUGINS:%=./%)
 	$(BIN)/python -c "from setuptools.build_meta import build_sdist; build_sdist('dist')" > build/sdist.txt
 	$(BIN)/python -m rigs.release sums dist
 
@@ -112,7 +134,7 @@ docs-links: docs  ## the links that lead out of the pages, tried one by one; nee
 	$(DOCS)/bin/python docs/links.py build/site
 
 clean:
-	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) $(VIEWERS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) $(VIEWERS) $(APART) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -95,7 +95,7 @@ def thesis(result: dict[str, Any]) -> str:
 
 def changes(results: Sequence[dict[str, Any]]) -> str:
     """The ratio to the floor about a change, by episode."""
-    changed = [one for one in results if one["config"]["learning"]["changes"]]
+    changed = [one for one in results if one["config"]["learning"].get("changes")]
     first = changed[0]["config"]["learning"]["changes"][0]["episode"]
     shown = range(first - 1, first + 5)
     lines = [

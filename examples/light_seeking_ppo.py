@@ -1,6 +1,6 @@
 """Stable-Baselines3's PPO learns to find the light, in the learning task as a vector environment.
 
-    python -m pip install '.[sb3]'
+    python -m pip install . './plugins/learners[sb3]'
     PYTHONPATH=. python examples/light_seeking_ppo.py [STEPS]     # from the root of a source tree
 
 Not part of the tests: it needs PyTorch, and a minute or two. What PPO reaches is in docs/results/compared-learners.md.

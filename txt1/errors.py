@@ -20,12 +20,12 @@ class ConfigError(Txt1Error):
 
 
 class MissingExtra(Txt1Error):
-    """The user asked for a feature whose optional dependency is not installed."""
+    """The user asked for a feature whose optional dependency is not installed; the extra may be a plug-in's."""
 
-    def __init__(self, feature: str, extra: str) -> None:
-        from txt1.installing import installs
+    def __init__(self, feature: str, extra: str, plugin: str = "") -> None:
+        from txt1.installing import needs_extra
 
-        super().__init__(f"{feature} needs the extra '{extra}': {installs(extra)}")
+        super().__init__(f"{feature} {needs_extra(extra, plugin)}")
 
 
 class MissingPlugin(ConfigError):

@@ -43,20 +43,28 @@ def distribution_of(plugin: str) -> str:
     return "lerobot_robot_txt1" if plugin == "lerobot" else f"txt1-{plugin}"
 
 
-def installs_plugin(name: str) -> str:
-    """Return the command that installs a plug-in of this repository, the folder `name` below plugins/.
+def installs_plugin(name: str, extra: str = "") -> str:
+    """Return the command that installs a plug-in of this repository, the folder `name` below plugins/, with an extra.
 
     Where there is no checkout, it is the distribution of this name on an index.
     """
     told, path = _origin()
     folder = os.path.join(path, "plugins", name)
-    source = distribution_of(name)
+    with_extra = f"[{extra}]" if extra else ""
+    source = quote(f"{distribution_of(name)}{with_extra}")
     if os.path.isfile(os.path.join(folder, "pyproject.toml")):
         editable = "-e " if told.get("dir_info", {}).get("editable") else ""
-        source = editable + quote(_word(_near(folder)))
+        source = editable + quote(f"{_word(_near(folder))}{with_extra}")
     if find_spec("pip") is None:
         return f"uv pip install --python {quote(sys.executable)} {source}"
     return f"{interpreter()} -m pip install {source}"
+
+
+def needs_extra(extra: str, plugin: str = "") -> str:
+    """Return the end of a sentence about what needs an extra, of txt1 or of a plug-in: the command that installs it."""
+    if not plugin:
+        return f"needs the extra '{extra}': {installs(extra)}"
+    return f"needs the extra '{extra}' of {distribution_of(plugin)}: {installs_plugin(plugin, extra)}"
 
 
 def interpreter() -> str:

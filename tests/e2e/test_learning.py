@@ -45,6 +45,9 @@ from txt1.trials.workers import Workers
 
 CONFIG = load().config
 SMALL = load(overrides=["learning.boundary=2.5"]).config
+SHORT = ("learning.boundary=2.5", "learning.time_limit=20")
+"""So that who learns from nothing fails soon."""
+BRIEF = load(overrides=SHORT).config
 
 
 async def with_light(robot: Robot) -> LightSensors:
@@ -241,7 +244,8 @@ async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(fault
 
 
 def learn(out: Path, *more: str) -> int:
-    return execute(["learn", "--trials", "2", "--episodes", "4", "--jobs", "1", "--out", str(out), *more])
+    brief = [word for one in SHORT for word in ("--set", one)]
+    return execute(["learn", "--trials", "2", "--episodes", "4", "--jobs", "1", "--out", str(out), *brief, *more])
 
 
 def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -262,12 +266,14 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
         "touched",
     ]
     assert [(row["trial"], row["episode"]) for row in rows] == [(t, r) for t in "12" for r in "1234"]
-    assert all(float(row["time_s"]) > float(row["optimal_time_s"]) > 2.0 for row in rows)
+    assert all(float(row["optimal_time_s"]) > 2.0 for row in rows)
+    assert all(float(row["time_s"]) > float(row["optimal_time_s"]) for row in rows if row["success"] == "1")
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["episodes"] == 8
     assert metrics["thesis_mean_time_s"] == 7.165
-    mean = np.mean([float(row["time_s"]) for row in rows])
-    assert metrics["last_10"]["mean_time_s"] == pytest.approx(mean, abs=1e-4)
+    won = [float(row["time_s"]) for row in rows if row["success"] == "1"]
+    assert metrics["last_10"]["failures"] == 8 - len(won) < 8
+    assert metrics["last_10"]["mean_time_s"] == pytest.approx(np.mean(won), abs=1e-4)
     assert metrics["last_10"]["mean_regret_s"] > 0.0
     assert qtable.load(out / "qtable.json").about["agent"] == "thesis"
     assert {path.name for path in out.glob("*.png")} == {"learning_curve.png", "paths.png", "qtable.png"}
@@ -280,7 +286,7 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_one(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    plan = Plan("thesis", 2, 4, 3, CONFIG)
+    plan = Plan("thesis", 2, 4, 3, BRIEF)
     whole, ended = conduct(plan, tmp_path / "whole", False, lambda *_: None)
     assert ended is None
 
@@ -302,7 +308,7 @@ def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_on
 @pytest.mark.long
 @pytest.mark.usefixtures("clean_processes")
 def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> None:
-    plan = Plan("thesis", 2, 2, 3, CONFIG)
+    plan = Plan("thesis", 2, 2, 3, BRIEF)
     seen: list[tuple[int, int]] = []
     for jobs in (1, 2):
         outcomes, ended = conduct(
@@ -325,7 +331,7 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert learn(done, "--resume", "--seed", "9") == 2
     assert "was begun with seed=0, not 9" in capsys.readouterr().err
     assert learn(done, "--resume", "--set", "learning.time_limit=200") == 2
-    assert "was begun with learning.time_limit=300.0, not 200.0" in capsys.readouterr().err
+    assert "was begun with learning.time_limit=20.0, not 200.0" in capsys.readouterr().err
     told = (done / "experiment.json").read_text()
     (done / "experiment.json").write_text(told.replace(code_hash(), "0123456789abcdef"))
     assert learn(done, "--resume") == 2
@@ -379,7 +385,7 @@ def test_phidgets_without_their_driver_name_the_extra(
     monkeypatch.setitem(__import__("sys").modules, "Phidget22.Devices.VoltageRatioInput", None)
     words = ["run", "--json", "--duration", "1", "--set", "sensors.light.driver=phidgets_light"]
     assert execute(words) == 2
-    assert installs("phidgets") in capsys.readouterr().err
+    assert installs("devices") in capsys.readouterr().err
 
 
 def test_without_matplotlib_everything_but_the_pictures_is_there(

@@ -115,4 +115,5 @@ def test_what_cannot_be_shown_is_told_in_one_line(
 
 def test_the_maps_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["world", "list"]) == OK
-    assert {"map clover", "map flat", "world thesis"} <= set(capsys.readouterr().out.splitlines())
+    told = "world thesis: the thesis's world, as it stands"
+    assert {"map clover", "map flat", told} <= set(capsys.readouterr().out.splitlines())

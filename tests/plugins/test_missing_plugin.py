@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import sys
-from importlib.metadata import EntryPoint, PackageNotFoundError
+from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from txt1.cli import execute
+from txt1.config import flatten
+from txt1.config.sources import recorded, with_values
 from txt1.errors import MissingPlugin
 from txt1.installing import installs_plugin
 from txt1.learning.agents import LEARNERS
 from txt1.learning.qtable import StoredTable, save
+from txt1.learning.settings import LearningConfig
 from txt1.unknown import brought, missing
 
 ROOT = Path(__file__).parents[2]
 Capture = pytest.CaptureFixture[str]
+
+
+def no_entry_points(group: str, name: str | None = None) -> EntryPoints:
+    return EntryPoints()
 
 
 @pytest.fixture(autouse=True)
@@ -78,3 +86,34 @@ def test_the_command_names_the_folder_of_a_checkout(monkeypatch: pytest.MonkeyPa
 def test_the_error_is_one_of_the_configuration() -> None:
     with pytest.raises(MissingPlugin, match=r"^agent: the learner 'taxis' is in the plug-in txt1-learners"):
         LEARNERS.place("agent", "taxis")
+
+
+@pytest.mark.parametrize("key", ["pilot.period", "ppo.learning_rate", "drift"])
+def test_a_setting_that_only_a_plugin_reads_tells_the_command(key: str, capsys: Capture, monkeypatch: Any) -> None:
+    monkeypatch.setattr("txt1.learning.settings.entry_points", no_entry_points)
+    name = key.partition(".")[0]
+    told = (
+        f"learning.{key} (from --set learning.{key}=1): the section 'learning.{name}' is in the plug-in txt1-learners, "
+        f"which is not installed: {installs_plugin('learners')}\n"
+    )
+    assert execute(["run", "--headless", "--duration", "1", "--set", f"learning.{key}=1"]) == 2
+    assert execute(["learn", "--set", f"learning.{key}=1"]) == 2
+    assert capsys.readouterr().err.count(told) == 2
+
+
+def test_a_recording_keeps_what_only_a_plugin_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("txt1.learning.settings.entry_points", no_entry_points)
+    config = recorded({"learning": {"pilot": {"period": 0.2}, "goal_radius": 0.4}})
+    assert dict(flatten(config))["learning.pilot.period"] == 0.2
+    assert with_values(config, {"learning.goal_radius": 0.3}).section(LearningConfig).part("pilot", None)
+
+
+def test_a_world_that_is_not_there_tells_who_has_more(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("txt1.learning.worlds.entry_points", no_entry_points)
+    assert execute(["learn", "--world", "light-two-alike"]) == 2
+    assert capsys.readouterr().err.endswith(f"; more after {installs_plugin('learners')}\n")
+    assert execute(["learn", "--set", "learning.world=composed"]) == 2
+    assert capsys.readouterr().err.endswith(
+        "learning.world: the world 'composed' is in the plug-in txt1-learners, which is not installed: "
+        f"{installs_plugin('learners')}\n"
+    )

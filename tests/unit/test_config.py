@@ -559,8 +559,16 @@ def test_every_present_name_is_a_setting_and_no_former_one_is() -> None:
 def test_a_configuration_of_an_older_recording_is_read() -> None:
     assert recorded({"learning": {"gamma": 0.7, "goal_radius": 0.4}}).learning.thesis.gamma == 0.7
     assert recorded({}, {"learning.gamma": 0.6}).learning.thesis.gamma == 0.6
-    with pytest.raises(ConfigError, match=r"learning\.goal: 1\.0: unknown key \(from the recording\)"):
-        recorded({"learning": {"goal": 1.0}})
+    with pytest.raises(ConfigError, match=r"sim\.goal: 1\.0: unknown key \(from the recording\)"):
+        recorded({"sim": {"goal": 1.0}})
+
+
+def test_a_recording_keeps_the_settings_of_a_learner_that_is_not_installed() -> None:
+    config = recorded({"learning": {"absent": {"x": 1}, "goal_radius": 0.4}})
+    assert dict(flatten(config))["learning.absent.x"] == 1
+    assert config.learning.goal_radius == 0.4
+    with pytest.raises(ConfigError, match=r"learning\.absent\.x: unknown key"):
+        load(overrides=["learning.absent.x=1"])
 
 
 def test_a_renamed_setting_is_refused_with_its_present_name(write: Write) -> None:

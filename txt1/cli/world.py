@@ -17,7 +17,7 @@ from txt1.errors import ConfigError
 from txt1.file_limits import read_text
 from txt1.hal.registry import create_sim
 from txt1.kit.options import CONFIGURATION, VEHICLE
-from txt1.learning.worlds import preset, worlds
+from txt1.learning.worlds import content, worlds
 from txt1.maps.files import Map, names, read
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN
 from txt1.safe_yaml import read_yaml
@@ -77,7 +77,7 @@ def configured(arguments: argparse.Namespace) -> Config:
     if name in names() or (file is not None and file.is_file() and is_map(file)):
         settings = [f"sim.room.map={name}", *arguments.set]
         return load(arguments.config, settings, os.environ, given).config
-    world = file if file is not None and file.is_file() else preset(name, worlds()[name]) if name in worlds() else None
+    world = file if file is not None and file.is_file() else content(worlds()[name]) if name in worlds() else None
     if world is None:
         raise ConfigError(f"{name}: there is no such map or world; 'txt1 world list' names ours, or give a .yaml")
     if arguments.config:

@@ -50,12 +50,12 @@ class Section(BaseModel):
 class Brought(NamedTuple):
     """The keys that others bring to a section: additions to the configuration, learners to `learning`."""
 
+    # entry points by which packages bring them
     group: str
-    """Entry points by which packages bring them."""
+    # () -> the names of all that are installed
     names: Callable[[], Collection[str]]
-    """Return the names of all that are installed."""
+    # name -> the type of a key's value, None if it is not installed
     kind: Callable[[str], Any]
-    """Return the type of a key's value, None if it is not installed."""
 
 
 class OpenSection(Section):
@@ -66,6 +66,7 @@ class OpenSection(Section):
 
     model_config = ConfigDict(extra="allow")
     brought: ClassVar[Brought]
+    """Where its other keys come from."""
 
     @property
     def given(self) -> Collection[str]:
@@ -86,13 +87,13 @@ class OpenSection(Section):
 
 def _read(brought: Brought, name: str, value: Any, context: Any) -> Any:
     """Return the value of a key that others bring."""
-    kind = brought.kind(name)
-    if kind is not None:
+    if (kind := brought.kind(name)) is not None:
         return _reader(kind).validate_python({name: value}, context=context)[name]
     if (context or {}).get("recorded"):
         return value
-    error = PydanticCustomError("extra_forbidden", "unknown key")
-    raise ValidationError.from_exception_data("Config", [{"type": error, "loc": (name,), "input": value}])
+    raise ValidationError.from_exception_data(
+        "Config", [{"type": PydanticCustomError("extra_forbidden", "unknown key"), "loc": (name,), "input": value}]
+    )
 
 
 @cache
@@ -329,7 +330,7 @@ unread.
 class Config(OpenSection):
     """All settings: the spine's sections, and the sections of additions that are given."""
 
-    brought: ClassVar[Brought] = Brought(additions.GROUP, additions.sections, additions.settings_of)
+    brought = Brought(additions.GROUP, additions.sections, additions.settings_of)
 
     hal: Annotated[str, Field(min_length=1)] = "sim"
     """Name of the hardware layer."""

@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin, 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from txt1 import additions
-from txt1.config.schema import RECORDED, Brought, Config, OpenSection
+from txt1.config.schema import RECORDED, Config
 from txt1.errors import ConfigError
 from txt1.resources import resource
 
@@ -39,15 +39,6 @@ class Setting(NamedTuple):
     origin: str
 
 
-class Preset(NamedTuple):
-    """Settings that a package brings, in place of a file."""
-
-    name: str
-    """Where they come from, for error messages."""
-    settings: Mapping[str, Any]
-    """As in a file: sections by name."""
-
-
 class LoadedConfig(NamedTuple):
     """A configuration, and the origin of each value that is not a default, by dotted key."""
 
@@ -56,21 +47,24 @@ class LoadedConfig(NamedTuple):
 
 
 def load(
-    file: str | os.PathLike[str] | Preset | None = None,
+    file: str | os.PathLike[str] | Mapping[str, Any] | None = None,
     overrides: Sequence[str] = (),
     environment: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> LoadedConfig:
     """Return the effective configuration, from a YAML file, the environment, and `overrides` such as ``"a.b=c"``.
 
-    A package may bring a `Preset` in place of the file.
+    In place of the file its content may be given, sections by name.
 
     `options` are values of command-line options, by dotted key; the last part of the key is the option's name. They win
     over all other sources.
 
     Raises ConfigError: a line with the mistake and the remedy.
     """
-    settings = [] if file is None else _from_preset(file) if isinstance(file, Preset) else _from_file(Path(file))
+    if isinstance(file, Mapping):
+        settings = list(_walk(file, (), "the given content")) if file else []
+    else:
+        settings = [] if file is None else _from_file(Path(file))
     settings += _from_environment(environment or {})
     for text in overrides:
         settings += _from_override(text)
@@ -204,11 +198,7 @@ def _from_file(path: Path) -> list[Setting]:
     if not isinstance(tree, dict):
         kind = {list: "a list", str: "text", bool: "true or false"}.get(type(tree), "a number")
         raise ConfigError(f"{path}: expected 'key: value' lines, found {kind}")
-    return _from_preset(Preset(str(path), tree))
-
-
-def _from_preset(preset: Preset) -> list[Setting]:
-    return list(_walk(preset.settings, (), preset.name)) if preset.settings else []
+    return list(_walk(tree, (), str(path))) if tree else []
 
 
 def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:
@@ -291,7 +281,7 @@ def _check(setting: Setting) -> None:
             _refuse_renamed(key, setting.origin)
             from txt1.unknown import setting as unknown
 
-            brought = _brought(section)
+            brought = getattr(section, "brought", None)
             known = [*_keys(section), *(brought.names() if brought else ())]
             raise unknown(key, depth, known, setting.origin, brought.group if brought else "")
     # pydantic would take true and false for 1 and 0
@@ -324,13 +314,8 @@ def _below(kind: Any, name: str) -> Any:
     """Return the type of a section's value of this name; None if there is none."""
     if get_origin(kind) is dict:
         return get_args(kind)[1]
-    found, brought = _keys(kind).get(name), _brought(kind)
+    found, brought = _keys(kind).get(name), getattr(kind, "brought", None)
     return brought.kind(name) if found is None and brought is not None else found
-
-
-def _brought(kind: Any) -> Brought | None:
-    """Return what others bring to a section."""
-    return kind.brought if isinstance(kind, type) and issubclass(kind, OpenSection) else None
 
 
 def _kind_at(path: Sequence[str]) -> Any:

@@ -35,10 +35,9 @@ def asked(arguments: Namespace, config: Config) -> Learner | None:
     from txt1.learning.agents import LEARNERS, agent_of
     from txt1.learning.settings import LearningConfig, refuse_of_studies, refuse_unread
 
-    refuse_of_studies(config.section(LearningConfig), LEARNERS.names())
-
     if arguments.learn is not None:
         refuse_unread(arguments.set, arguments.learn)
+    refuse_of_studies(config.section(LearningConfig), LEARNERS.names())
     agent = agent_of(config, arguments.learn, arguments.policy)
     # one of the two options is given
     assert agent is not None

@@ -15,7 +15,6 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final
 
-from txt1.config.sources import Preset
 from txt1.errors import ConfigError
 from txt1.installing import installs_plugin
 from txt1.safe_yaml import read_yaml
@@ -44,9 +43,9 @@ def worlds() -> Mapping[str, Mapping[str, Any]]:
     return {**ours(), **{name: one for name, one in brought.items() if name not in ours()}}
 
 
-def preset(name: str, settings: Mapping[str, Any]) -> Preset:
+def content(world: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a world's settings for `txt1.config.load`."""
-    return Preset(f"the world {name}", {key: value for key, value in settings.items() if key != "about"})
+    return {key: value for key, value in world.items() if key != "about"}
 
 
 def in_world(arguments: Namespace, name: str | None) -> Namespace:
@@ -58,13 +57,13 @@ def in_world(arguments: Namespace, name: str | None) -> Namespace:
     return Namespace(**{**vars(arguments), "config": world_named(name)})
 
 
-def world_named(name: str) -> Path | Preset:
+def world_named(name: str) -> Path | Mapping[str, Any]:
     """Return a world by its name, or its file by its path; raises ConfigError: there is none."""
     if name.endswith(".yaml"):
         if Path(name).is_file():
             return Path(name)
     elif (one := worlds().get(name)) is not None:
-        return preset(name, one)
+        return content(one)
     known = ", ".join(sorted(worlds()))
     absent = missing(GROUP, entry_points(group=GROUP).names).values()
     more = "".join(f"; more after {installs_plugin(plugin)}" for plugin in absent)

@@ -13,7 +13,7 @@ from typing import Final
 
 from txt1.unknown import PLUGINS
 
-PACKAGES: Final = ("txt1", "numpy", "numba", "pydantic", "stable-baselines3", "torch")
+PACKAGES: Final = ("txt1", "numpy", "numba", "pydantic")
 SHOWS: Final = (
     "__main__.py", "bridges/", "cli/", "experiments/figures.py", "experiments/report.py", "fleet/console.py",
     "fleet/page.py", "fleet/screen.py", "gamepad/", "kit/far_end.py", "kit/options.py", "kit/remark.py",
@@ -46,10 +46,10 @@ def hash_of(root: Path, more: Mapping[str, Path] = MappingProxyType({})) -> str:
     return digest.hexdigest()[:16]
 
 
-def provenance(*more: Path) -> dict[str, str]:
-    """Return the versions on which a result depends, the platform, and the hash of the code and of more files."""
-    found = {"code": code_hash(*more), "python": sys.version.split()[0], "platform": platform.platform()}
-    for name in PACKAGES:
+def provenance(*packages: str) -> dict[str, str]:
+    """Return the versions on which a result depends, also of these packages, the platform, and the hash of the code."""
+    found = {"code": code_hash(), "python": sys.version.split()[0], "platform": platform.platform()}
+    for name in (*PACKAGES, *packages):
         try:
             found[name] = version(name)
         except PackageNotFoundError:

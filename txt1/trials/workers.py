@@ -183,7 +183,7 @@ def on_dask(work: Work, trials: Mapping[K, str], cluster: Cluster, ended: Ended)
     try:
         dask: Any = import_module("distributed")
     except ImportError:
-        raise MissingExtra("--dask", "dask") from None
+        raise MissingExtra("--dask", "dask", "learners") from None
     host = cluster.address.partition("://")[2].rpartition(":")[0]
     if not cluster.address.startswith("tls://") and host not in LOOPBACK:
         raise ConfigError(f"--dask {cluster.address}: Dask pickles, so beyond loopback over TLS only: tls://HOST:PORT")

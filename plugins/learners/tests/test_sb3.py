@@ -11,14 +11,14 @@ import pytest
 from tests.patience import LIMIT
 from txt1.config import load
 from txt1.errors import ConfigError
-from txt1.installing import installs
+from txt1.installing import installs_plugin
 from txt1.learning.trial import Start, starts
 
 
 def test_without_stable_baselines3_one_line_names_the_extra() -> None:
     program = "import sys; sys.modules['stable_baselines3'] = None; import txt1_learners.studies.sb3"
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT, check=False)
-    assert installs("sb3") in shown.stderr.splitlines()[-1]
+    assert installs_plugin("learners", "sb3") in shown.stderr.splitlines()[-1]
 
 
 class TestWithIt:

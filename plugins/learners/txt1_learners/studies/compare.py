@@ -130,7 +130,7 @@ def compare(
     refuse_others(settled(config), LOCKSTEP, "trials in lockstep")
     told = completed(config).model_dump(mode="json", exclude={"seed"})
     head = {"format": FORMAT, "version": 1, "seed": seed, "episodes": episodes, "columns": COLUMNS, "config": told}
-    rows, lines = Rows(file), _begun(file, {**head, "provenance": provenance()})
+    rows, lines = Rows(file), _begun(file, {**head, "provenance": provenance("stable-baselines3", "torch")})
     done = {(line["contender"], line["trial"]) for line in lines}
     whole = config.model_dump(mode="json")
     missing = {

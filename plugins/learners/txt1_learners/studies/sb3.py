@@ -45,7 +45,7 @@ try:
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.vec_env import VecEnv
 except ModuleNotFoundError:
-    raise MissingExtra("Stable-Baselines3's learners and their environment", "sb3") from None
+    raise MissingExtra("Stable-Baselines3's learners and their environment", "sb3", "learners") from None
 
 Observation = NDArray[np.float32]
 DECISION: Final = 0.001 * DECISION_MS  # s

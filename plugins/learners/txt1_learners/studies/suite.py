@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from txt1.commands import FAULT, OK
 from txt1.config import Config, completed, load
-from txt1.config.sources import Preset, with_values
+from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, Txt1Error
 from txt1.learning.agents import make
 from txt1.learning.best_time import DECISION_MS, Floor, known_floor
@@ -39,7 +39,7 @@ from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Episode
 from txt1.learning.world import settled, world_of
-from txt1.learning.worlds import preset
+from txt1.learning.worlds import content
 from txt1.trials.provenance import provenance
 from txt1_learners.settings import Drift
 from txt1_learners.studies.floor import MovingFloor, floor_of
@@ -88,9 +88,9 @@ def worlds(place: str, overrides: Sequence[str], names: Iterable[str] = ()) -> l
 
     Raises ConfigError: there is no such group, directory or world.
     """
-    there: Mapping[str, Path | Preset]
+    there: Mapping[str, Path | Mapping[str, Any]]
     if place in groups():
-        there = {name: preset(name, one) for name, one in groups()[place].items()}
+        there = {name: content(one) for name, one in groups()[place].items()}
     else:
         there = {path.stem: path for path in sorted(Path(place).glob("*.yaml"))}
     wanted = list(names) or list(there)
@@ -103,7 +103,7 @@ def worlds(place: str, overrides: Sequence[str], names: Iterable[str] = ()) -> l
     return [_world(name, there[name], overrides) for name in wanted]
 
 
-def _world(name: str, file: Path | Preset, overrides: Sequence[str]) -> SuiteWorld:
+def _world(name: str, file: Path | Mapping[str, Any], overrides: Sequence[str]) -> SuiteWorld:
     try:
         return SuiteWorld(name, load(file, overrides).config)
     except ConfigError as error:
@@ -375,7 +375,7 @@ def figures(result: dict[str, Any]) -> dict[str, Any]:
         found["slow"] = int(slow.sum()), int((slow & (late[..., UNFIT] <= SOON)).sum())
     second = data[:, 1:2]
     found["to_optimum_at_2"] = _ratio(second, second[..., 3] == 1.0, 4)
-    for change in result["config"]["learning"]["changes"]:
+    for change in result["config"]["learning"].get("changes", ()):
         if change["episode"] > len(curve):
             continue
         after = curve[change["episode"] - 1 :]
