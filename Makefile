@@ -19,7 +19,7 @@ DOCS := .venv-docs
 PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot
 PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
-TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --import-mode=append --numprocesses=$(JOBS) --dist=worksteal
+TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
 JOBS ?= 6
 APART_TESTS ?= tests
 RUN ?=
@@ -45,8 +45,8 @@ coverage: $(VENV)/.dev  ## the tests, and the statements of txt1 and its plug-in
 	$(BIN)/python $(PIP_INSTALL) --group coverage
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --cov=txt1 $(PLUGINS:plugins/%=--cov=plugins/%) --cov-report=term:skip-covered
 
-# The environment has the packages of $(VENV), so nothing is resolved anew. The tree comes after what is installed, so
-# its tests run against the wheels.
+# The environment has the packages of $(VENV), so nothing is resolved anew. The tree comes after what is installed: tests
+# of plug-ins run against the wheels, and those of tests/ against the sources of txt1, without a plug-in.
 test-plugins: $(VENV)/.dev  ## all other tests without any plug-in, then those of each plug-in, its wheel alone beside txt1's
 	rm -rf build plugins/*/build $(APART) && mkdir build
 	$(BIN)/python -m pip --disable-pip-version-check freeze --exclude-editable > build/packages.txt
