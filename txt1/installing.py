@@ -16,6 +16,8 @@ from shlex import quote
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from txt1.version import __version__
+
 
 def installs(extras: str) -> str:
     """Return the command that installs extras, such as "record,plots", from the current directory.
@@ -46,15 +48,14 @@ def distribution_of(plugin: str) -> str:
 def installs_plugin(name: str, extra: str = "") -> str:
     """Return the command that installs a plug-in of this repository, the folder `name` below plugins/, with an extra.
 
-    Where there is no checkout, it is the distribution of this name on an index.
+    A plug-in comes from where txt1 came: the folder of a checkout, the wheel beside txt1's, or the same address. Only
+    if txt1 came from an index, it is the distribution of this name there.
     """
-    told, path = _origin()
-    folder = os.path.join(path, "plugins", name)
-    with_extra = f"[{extra}]" if extra else ""
-    source = quote(f"{distribution_of(name)}{with_extra}")
-    if os.path.isfile(os.path.join(folder, "pyproject.toml")):
-        editable = "-e " if told.get("dir_info", {}).get("editable") else ""
-        source = editable + quote(f"{_word(_near(folder))}{with_extra}")
+    prefix = Path(sys.prefix)
+    if (prefix / "pipx_metadata.json").exists() and prefix.parent.name == "venvs":
+        # pipx runs its installer in the environment's folder
+        return f"pipx runpip {quote(prefix.name)} install {_plugin_source(name, extra, near=False)}"
+    source = _plugin_source(name, extra)
     if find_spec("pip") is None:
         return f"uv pip install --python {quote(sys.executable)} {source}"
     return f"{interpreter()} -m pip install {source}"
@@ -65,6 +66,25 @@ def needs_extra(extra: str, plugin: str = "") -> str:
     if not plugin:
         return f"needs the extra '{extra}': {installs(extra)}"
     return f"needs the extra '{extra}' of {distribution_of(plugin)}: {installs_plugin(plugin, extra)}"
+
+
+def _plugin_source(name: str, extra: str, near: bool = True) -> str:
+    """Return the requirement for pip that installs a plug-in, quoted; a path is relative if `near`."""
+    told, path = _origin()
+    named, with_extra = distribution_of(name), f"[{extra}]" if extra else ""
+    wheel = f"{named.replace('-', '_')}-{__version__}-py3-none-any.whl"
+    folder = os.path.join(path, "plugins", name)
+    if path.endswith(".whl"):
+        return quote(f"{_place(os.path.join(os.path.dirname(path), wheel), near)}{with_extra}")
+    if not path and str(told["url"]).endswith(".whl"):
+        return quote(f"{named}{with_extra} @ {str(told['url']).rpartition('/')[0]}/{wheel}")
+    if not path and "vcs_info" in told:
+        address = f"{told['vcs_info']['vcs']}+{told['url']}#subdirectory=plugins/{name}"
+        return quote(f"{named}{with_extra} @ {address}")
+    if path and os.path.isfile(os.path.join(folder, "pyproject.toml")):
+        editable = "-e " if told.get("dir_info", {}).get("editable") else ""
+        return editable + quote(f"{_place(folder, near)}{with_extra}")
+    return quote(f"{named}{with_extra}")
 
 
 def interpreter() -> str:
@@ -91,7 +111,7 @@ def _source(extras: str, near: bool = True) -> str:
     if not path:
         return quote(f"txt1[{extras}] @ {told['url']}")
     if os.path.isfile(path) or os.path.isfile(os.path.join(path, "pyproject.toml")):
-        place = _word(_near(path) if near else path)
+        place = _place(path, near)
         return f"{'-e ' if told.get('dir_info', {}).get('editable') else ''}{quote(f'{place}[{extras}]')}"
     try:
         requires = distribution("txt1").requires or []
@@ -115,6 +135,11 @@ def _origin() -> tuple[dict[str, Any], str]:
 def _word(place: str) -> str:
     """Return a path that pip does not take for the name of a package."""
     return place if place == "." or os.path.isabs(place) else f"./{place}"
+
+
+def _place(path: str, near: bool) -> str:
+    """Return a path for pip, relative to the current directory if `near`."""
+    return _word(_near(path)) if near else path
 
 
 def _packages(extra: str, requires: list[str]) -> list[str]:

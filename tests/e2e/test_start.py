@@ -26,7 +26,8 @@ from txt1.commands import USAGE, need
 from txt1.errors import NotCapable
 from txt1.hal.base import Capabilities, Hal
 from txt1.hal.sim import SimHal
-from txt1.installing import installs
+from txt1.installing import installs, installs_plugin
+from txt1.version import __version__
 
 ROOT = Path(__file__).parents[2]
 SIM = ["run", "--json", "--speed", "max", "--duration"]
@@ -367,6 +368,27 @@ def test_an_extra_is_installed_from_where_txt1_came_by_the_python_that_lacks_it(
     assert installs("record") == "pipx run --spec 'txt1[record] @ https://example.org/txt1.whl' txt1"
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "uv" / "archive-v0" / "1234"))
     assert installs("record") == "uvx --from 'txt1[record] @ https://example.org/txt1.whl' txt1"
+
+
+def test_a_plugin_is_installed_from_where_txt1_came(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("txt1.installing.shutil.which", lambda name: sys.executable)
+    came: dict[str, object] = {"url": (tmp_path / "wheels" / "txt1-0.2.0-py3-none-any.whl").as_uri()}
+    monkeypatch.setattr("txt1.installing.distribution", lambda name: Installed(came))
+    pip, wheel = "python -m pip install", f"txt1_ros1-{__version__}-py3-none-any.whl"
+    assert installs_plugin("ros1") == f"{pip} ./wheels/{wheel}"
+    assert installs_plugin("ros1", "more") == f"{pip} './wheels/{wheel}[more]'"
+    came = {"url": "https://example.org/files/txt1-0.2.0-py3-none-any.whl"}
+    assert installs_plugin("ros1") == f"{pip} 'txt1-ros1 @ https://example.org/files/{wheel}'"
+    came = {"url": "https://example.org/lab/txt1.git", "vcs_info": {"vcs": "git"}}
+    assert installs_plugin("lerobot") == (
+        f"{pip} 'lerobot_robot_txt1 @ git+https://example.org/lab/txt1.git#subdirectory=plugins/lerobot'"
+    )
+    (tmp_path / "pipx" / "venvs" / "txt1").mkdir(parents=True)
+    (tmp_path / "pipx" / "venvs" / "txt1" / "pipx_metadata.json").touch()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "pipx" / "venvs" / "txt1"))
+    came = {"url": (tmp_path / "txt1-0.2.0-py3-none-any.whl").as_uri()}
+    assert installs_plugin("ros1") == f"pipx runpip txt1 install {tmp_path / wheel}"
 
 
 @pytest.mark.long  # pip takes its time
