@@ -138,7 +138,7 @@ def shoot_learner(browser: Any) -> None:
     """A learner at its sixteenth episode, eight times as fast as in reality."""
     room = ("sim.room.length=6", "sim.room.width=6")
     settings = [word for setting in room for word in ("--set", setting)]
-    with command("run", "--hal", "sim", "--learn", "thesis", "--seed", "1", "--speed", "8", *settings) as url:
+    with command("run", "--hal", "sim", "--learn", "sweeps", "--seed", "1", "--speed", "8", *settings) as url:
         page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme="light")
         arrive(page, url)
         page.locator("[data-tab=learner]").click()

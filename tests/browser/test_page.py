@@ -536,7 +536,8 @@ def test_robots_of_processes_of_their_own_are_one_choice_on_their_console_s_page
 
 
 def test_a_learner_s_progress_is_two_curves(browser: Any) -> None:
-    with command("run", "--hal", "sim", "--learn", "thesis", "--seed", "1", "--speed", "6") as url:
+    soon = ("--set", "learning.time_limit=10", "--set", "learning.boundary=3")
+    with command("run", "--hal", "sim", "--learn", "thesis", "--seed", "1", "--speed", "6", *soon) as url:
         page = fresh(browser)
         arrive(page, url)
         page.locator("[data-tab=learner]").click()

@@ -603,8 +603,7 @@ def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
 @pytest.mark.parametrize(
     ("setting", "agent"),
     [
-        ("learning.pilot.period=1", "thesis"),
-        ("learning.ppo.learning_rate=0.5", "thesis"),
+        ("learning.options.period=1", "thesis"),
         ("learning.thesis.gamma=0.9", "pilot"),
     ],
 )

@@ -74,3 +74,27 @@ def test_a_learners_module_says_which_way_it_drives_and_whether_its_table_is_sho
         "sweeps": True,
         "pilot": False,
     }
+
+
+@pytest.mark.parametrize(
+    "setting", ["learning.pilot.period=1", "learning.ppo.learning_rate=0.5", "learning.drift.x=[0,1]"]
+)
+@pytest.mark.parametrize("learner", ["thesis", "sweeps"])
+def test_a_setting_that_the_learner_does_not_read_is_refused(
+    setting: str, learner: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = f"--set {setting.partition('=')[0]}: the learner '{learner}' does not read it"
+    assert execute(["learn", "--agent", learner, "--set", setting, "--out", str(tmp_path / "out")]) == 2
+    assert told in capsys.readouterr().err
+    assert execute(["run", "--headless", "--duration", "1", "--learn", learner, "--set", setting]) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_no_running_robot_takes_a_world_that_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["learn", "--world", "change-slip", "--out", str(tmp_path / "out")]) == 2
+    assert "learning.changes: no running robot reads it, only studies do" in capsys.readouterr().err
+
+
+def test_a_wrong_change_of_the_world_is_told_by_its_key(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["config", "show", "--set", "learning.changes=[{episode: 0, set: {}}]"]) == 2
+    assert "learning.changes.0.episode: 0: input should be greater than 0" in capsys.readouterr().err
