@@ -1,0 +1,188 @@
+"""Connections before aiohttp sees them: how many there may be, who goes first, that nobody keeps it busy."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import ssl
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+import pytest
+
+from tests.patience import LIMIT
+from txt1.web import budgets, connections
+from txt1.web.connections import PACE, REFUSALS, WAITING, Connections
+
+TURNS = 50
+"""Turns of the event loop in which whatever is due has happened, on however slow a computer."""
+
+
+class Server:
+    """A server on loopback, and its clients: bare sockets."""
+
+    def __init__(self, context: ssl.SSLContext | None = None) -> None:
+        self.connections = Connections(asyncio.Protocol, context, lambda: 100.0)
+        self.clients: list[socket.socket] = []
+        self._stopped = False
+
+    async def open(self) -> None:
+        await self.connections.listen("127.0.0.1", 0)
+
+    def connect(self) -> socket.socket:
+        """A client; the system answers for the server, which need not have accepted it."""
+        client = socket.create_connection(("127.0.0.1", self.connections.port))
+        client.setblocking(False)
+        self.clients.append(client)
+        return client
+
+    def closed(self) -> list[socket.socket]:
+        """The clients that the server has closed."""
+        return [each for each in self.clients if _ended(each)]
+
+    async def until(self, condition: Callable[[], object]) -> None:
+        async with asyncio.timeout(LIMIT):
+            while not condition():
+                await asyncio.sleep(0)
+        for _ in range(TURNS):
+            await asyncio.sleep(0)
+
+    def stop(self) -> None:
+        if not self._stopped:
+            self._stopped = True
+            self.connections.close()
+
+    def close(self) -> None:
+        self.stop()
+        for each in self.clients:
+            each.close()
+
+
+def _ended(client: socket.socket) -> bool:
+    try:
+        return client.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
+
+
+@pytest.fixture
+async def server() -> AsyncIterator[Server]:
+    made = Server()
+    await made.open()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+async def secure() -> AsyncIterator[Server]:
+    """A server that waits for handshakes, which its clients do not begin."""
+    made = Server(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER))
+    await made.open()
+    yield made
+    made.close()
+
+
+async def test_of_a_flood_of_connections_a_few_are_refused_at_once_and_then_none_for_a_while(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "REFUSED", 1e6)
+    monkeypatch.setattr(budgets.Budgets, "admits", lambda *_: False)
+    for _ in range(REFUSALS + 5):
+        server.connect()
+    await server.until(lambda: len(server.closed()) >= REFUSALS)
+    assert len(server.closed()) == REFUSALS
+
+
+async def test_without_descriptors_it_is_not_tried_again_for_a_while(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[int] = []
+    failed: list[Any] = []
+    asyncio.get_running_loop().set_exception_handler(lambda loop, context: failed.append(context))
+
+    def none_left(listening: socket.socket) -> Any:
+        tried.append(1)
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(connections, "EXHAUSTED", 1e6)
+    monkeypatch.setattr(socket.socket, "accept", none_left)
+    server.connect()
+    await server.until(lambda: tried)
+    assert len(tried) == 1
+    assert failed == []
+
+
+async def test_no_connection_holds_the_server_up_or_has_more_waiting_than_is_paid_for(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[tuple[bool, int]] = []
+    loop = asyncio.get_running_loop()
+
+    async def accepted(protocol: object, sock: socket.socket, **_: object) -> None:
+        seen.append((sock.getblocking(), sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)))
+        sock.close()
+
+    monkeypatch.setattr(loop, "connect_accepted_socket", accepted)
+    server.connect()
+    await server.until(lambda: seen)
+    blocks, waiting = seen[0]
+    assert not blocks
+    assert waiting <= 2 * WAITING, "the system doubles it"
+
+
+async def test_the_oldest_handshake_makes_room_for_a_new_one(secure: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "CONNECTIONS_MAX", 2)
+    first, second = secure.connect(), secure.connect()
+    for _ in range(TURNS):
+        await asyncio.sleep(0)
+    assert secure.closed() == []
+    third = secure.connect()
+    await secure.until(secure.closed)
+    assert secure.closed() == [first]
+    assert second in secure.clients
+    assert third in secure.clients
+
+
+async def test_pages_make_no_room_for_others(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "CONNECTIONS_MAX", 1)
+    server.connect()
+    await server.until(lambda: server.connections.open)
+    next(iter(server.connections.open)).page = True
+    refused = server.connect()
+    await server.until(server.closed)
+    assert server.closed() == [refused]
+
+
+async def test_a_server_that_closes_closes_its_connections(server: Server) -> None:
+    client = server.connect()
+    await server.until(lambda: server.connections.open)
+    server.stop()
+    await server.until(server.closed)
+    assert server.closed() == [client]
+
+
+async def test_a_server_that_closes_waits_for_no_handshake(secure: Server) -> None:
+    client = secure.connect()
+    for _ in range(TURNS):
+        await asyncio.sleep(0)
+    secure.stop()
+    await secure.until(secure.closed)
+    assert secure.closed() == [client]
+
+
+async def test_of_connections_over_their_budget_one_piece_is_read_at_a_time(server: Server) -> None:
+    pace = server.connections.pace
+    assert [pace(), pace(), pace()] == pytest.approx([PACE, 2.0 * PACE, 3.0 * PACE])
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this computer has no IPv6")
+async def test_the_same_port_of_the_other_family_is_free() -> None:
+    made = Connections(asyncio.Protocol, None, lambda: 100.0)
+    await made.listen("::", 0)
+    try:
+        with socket.socket(socket.AF_INET) as other:
+            other.bind(("0.0.0.0", made.port))
+    finally:
+        made.close()
