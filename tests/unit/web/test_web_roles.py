@@ -166,3 +166,98 @@ async def test_a_visitor_who_keeps_the_wheel_with_zeros_keeps_it_from_no_operato
     assert wheel(operator) == [] and visitor.car.wheel.holder == operator.number
     assert desk.ask(visitor, "take") == []
     assert told(visitor) == [f"page {operator.number} is an operator's, and has the wheel until it gives it up"]
+
+
+def drives(desk: Desk, page: Page, **given: Any) -> bool:
+    """Whether a page's held stick moves the robot."""
+    asked = desk.ask(page, "drive", v=0.4, omega=0.0, **given)
+    return ("drive", {"v": 0.4, "omega": 0.0, "age": 0.0, "held": True}) in asked
+
+
+async def test_a_hold_that_was_refused_drives_only_after_it_was_let_go(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(requests, "now", lambda: NOW)
+    desk = Desk(tmp_path)
+    operator, visitor = desk.join(), desk.join("visitor")
+    assert drives(desk, operator) and not drives(desk, visitor)
+    assert visitor.counts["refused"] == 1
+    assert told(visitor) == [], "a hold asks 20 times a second"
+    desk.ask(operator, "give")
+    assert not drives(desk, visitor), "the press is older than the free wheel"
+    desk.ask(visitor, "take")
+    assert drives(desk, visitor), "the button was pressed"
+
+
+async def test_a_hold_that_was_overruled_meanwhile_drives_only_after_it_was_let_go(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(requests, "now", lambda: NOW)
+    desk = Desk(tmp_path)
+    operator, visitor = desk.join(), desk.join("visitor")
+    assert drives(desk, visitor)
+    # the visitor's messages are on their way
+    desk.ask(operator, "take")
+    desk.ask(operator, "give")
+    assert not drives(desk, visitor)
+    desk.ask(visitor, "release")
+    assert drives(desk, visitor)
+
+
+async def test_who_takes_over_with_a_hold_is_told_to_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(requests, "now", lambda: NOW)
+    desk = Desk(tmp_path)
+    operator, visitor = desk.join(), desk.join("visitor")
+    assert drives(desk, visitor)
+    assert "you have the wheel now: let go, then drive" not in operator.outbox
+    assert not drives(desk, operator)
+    assert any("you have the wheel now: let go, then drive" in each for each in operator.outbox)
+    desk.ask(operator, "give")
+    desk.ask(visitor, "release")
+    assert drives(desk, visitor)
+    operator.outbox.clear()
+    desk.ask(operator, "take")
+    assert not any("let go, then drive" in each for each in operator.outbox), "a button is not held"
+
+
+@pytest.mark.parametrize("do", ["drive", "go", "hold", "here"])
+async def test_who_drives_keeps_the_wheel_from_an_equal(
+    do: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    present = NOW
+    monkeypatch.setattr(requests, "now", lambda: present)
+    desk = Desk(tmp_path)
+    driver, other = desk.join(), desk.join()
+    desk.ask(driver, "take")
+    for _ in range(5):
+        present += 0.6 * IDLE
+        driver.clock.answered(present, present, present)
+        desk.ask(driver, do, t=present, **FIELDS.get(do, {}))
+        assert driver.car.wheel.holder == driver.number
+    present += 0.6 * IDLE
+    desk.ask(other, "take")
+    assert driver.car.wheel.holder == driver.number
+    present += 0.6 * IDLE
+    desk.ask(other, "take")
+    assert driver.car.wheel.holder == other.number, "it was idle"
+
+
+async def test_what_a_role_may_not_do_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(requests, "now", lambda: NOW)
+    desk = Desk(tmp_path)
+    visitor = desk.join("visitor")
+    for count in (1, 2):
+        desk.ask(visitor, "arm")
+        assert visitor.counts["refused"] == count
+
+
+async def test_a_lower_limit_halts_a_visitor_and_an_equal_one_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(requests, "now", lambda: NOW)
+    desk = Desk(tmp_path)
+    operator, visitor = desk.join(), desk.join("visitor")
+    desk.ask(operator, "limit", speed=1.0)
+    assert drives(desk, visitor)
+    assert desk.ask(operator, "limit", speed=1.0) == []
+    assert desk.ask(operator, "limit", speed=0.9) != []
