@@ -277,7 +277,7 @@ def test_a_calibrated_circle_is_judged_by_the_one_that_it_truly_drives() -> None
 
 @pytest.mark.long
 @pytest.mark.parametrize("height", [0.3, 0.35])
-def test_the_roll_guard_that_knows_the_springs_keeps_a_tall_car_s_wheels_on_the_floor(height: float) -> None:
+def test_a_roll_guard_that_knows_the_springs_keeps_a_tall_car_s_wheels_down(height: float) -> None:
     tall = PhysicsSettings(gravity_height=height)
 
     def highest(gradient: float) -> float:

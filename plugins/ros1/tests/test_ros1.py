@@ -261,7 +261,7 @@ LAUNCH = """<launch>
 </launch>"""
 
 
-def test_a_launch_file_as_the_original_s_starts_the_robot_with_the_package_s_node_and_gains(
+def test_a_launch_file_as_the_original_s_starts_the_robot_with_its_gains(
     ros: Ros, package: Path, tmp_path: Path
 ) -> None:
     if shutil.which("roslaunch") is None:
@@ -308,7 +308,7 @@ def test_a_master_that_was_restarted_finds_the_node_again(ros: Ros) -> None:
         assert ros.peer("alive") is True
 
 
-def test_a_network_interface_that_was_away_delays_the_robot_and_its_programs_no_longer_than_it_was(
+def test_an_interface_that_was_away_delays_robot_and_programs_no_longer(
     package: Path,
 ) -> None:
     with two_computers():
