@@ -9,10 +9,10 @@ from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from math import inf, log
+from random import Random
 from typing import Any, Final
 
 import numpy as np
-from numpy.random import Generator
 
 from rigs.ros_ends import ROS_ENDS
 from torture.visitors import Web
@@ -42,6 +42,7 @@ from txt1.protocol.layout import Role
 from txt1.protocol.messages import HostMessage, PwmTest, Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.parameters import LineFaults, VehicleParameters
+from txt1.sim.random_streams import random_stream
 from txt1.sim.serial_line import Arrival, SerialLine
 from txt1.sim.vehicle import Vehicle
 
@@ -76,7 +77,7 @@ class Way:
 
     ends = inf
 
-    def __init__(self, rng: Generator) -> None:
+    def __init__(self, rng: Random) -> None:
         self._rng = rng
         self._line: SerialLine | None = None
         self._last = 0.0
@@ -553,7 +554,7 @@ async def on_the_desk(
 ) -> Desk:
     """Drive a robot for so many s while `strikes` does things to it; raises what broke."""
     config = configuration(kind, seed, physics)
-    rng = np.random.default_rng([seed, 7])
+    rng = random_stream(seed, "ways")
     ways = Way(rng), Way(rng)
     hal, port = hardware(kind, config, lambda end: Through(end, lambda now: ways))
     held = False

@@ -16,6 +16,9 @@ Share = Annotated[float, Ge(0.0), Le(1.0)]
 new: Final = tuple.__new__
 """Makes a NamedTuple without its class's `__new__`, which stays interpreted in a compiled wheel."""
 
+# acceleration of free fall, m/s^2
+GRAVITY: Final = 9.81
+
 # wire counts per m, m/s, rad, rad/s, V, or 1 of a gain
 PER_UNIT: Final = 1000
 

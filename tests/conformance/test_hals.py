@@ -569,7 +569,7 @@ class Untroubled(VescHal):
 ON_BAD_LINES = [
     ("tears", "txt1.cars.vesc.driver.Unpacker", Forgetful, "BoardLink.ready comes true"),
     ("merges", "txt1.cars.vesc.driver.Unpacker", OneAtATime, "BoardLink.ready comes true"),
-    ("corrupts", "txt1.cars.vesc.driver.VescHal", Frightened, "has firmware 0.02"),
+    ("corrupts", "txt1.cars.vesc.driver.VescHal", Frightened, "has firmware 0"),
     ("is_late", "txt1.hal.line.LOST", 0.05, "it leapt by"),
     ("loses_and_doubles", "txt1.hal.line.LOST", 0.03, "BoardLink.ready comes true"),
     ("is_cut", "txt1.cars.vesc.driver.VescHal", Untroubled, "counts a line that is cut"),
@@ -589,8 +589,11 @@ def test_a_promise_that_a_bad_line_breaks_is_noticed(
     (name,) = (each for each in promises(HalConformance) if f"_line_that_{line}_" in each)
     assert Vesc  # its own unpacker stays sound: it is imported before
     monkeypatch.setattr(what, broken)
+    # a line of few faults may spare the bytes that matter; one of so many does not
     with pytest.raises((AssertionError, HalError), match=message):
-        getattr(TestVesc(), name)()
+        for seed in range(1, 9):
+            monkeypatch.setattr(TestVesc, "seed", seed)
+            getattr(TestVesc(), name)()
 
 
 def test_every_promise_that_a_simulated_hal_can_break_has_a_mutant() -> None:
@@ -737,11 +740,13 @@ class TestSerialOverANoisyLine(HalConformance):
 class TestVesc(HalConformance):
     """A VESC with a car behind a line in memory; it says itself when nothing moves it."""
 
+    seed = 0
+
     def make(self) -> Hal:
         return create(on_a_line("vesc", "f1tenth"))
 
     def over(self, faults: LineFaults) -> Hal:
-        return create(on_a_line("vesc", "f1tenth", faults))
+        return create(on_a_line("vesc", "f1tenth", faults).model_copy(update={"seed": self.seed}))
 
 
 @pytest.mark.long

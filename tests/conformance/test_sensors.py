@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,7 @@ class TestSimulatedLight(SensorConformance):
 
 class TestImpaired(SensorConformance):
     def make(self) -> Sensor[Any]:
-        return Impaired(Thermometer(), 0.3, 0.1, np.random.default_rng(1))
+        return Impaired(Thermometer(), 0.3, 0.1, Random(1))
 
 
 def mutant(**methods: Any) -> type[Thermometer]:

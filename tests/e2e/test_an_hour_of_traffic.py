@@ -80,7 +80,7 @@ async def test_an_hour_of_traffic(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(board_module, "encode", note)
     monkeypatch.setattr(SerialLine, "carry", carried)
     config = load(None, [*ENDLESS, "sim.battery.used_1=null"]).config  # a pack is empty after 50 minutes
-    hal = SerialHal(VirtualPort(config), lambda end: faulty(end, FAULTS, 1, injected), simulated=True)
+    hal = SerialHal(VirtualPort(config), lambda end: faulty(end, FAULTS, 1, on_fault=injected), simulated=True)
     hal.receiver.take = partial(listen, hal.receiver.take)
     async with Robot.open(hal, config=config, patience=0.0) as robot:
         board = hal.port.board  # type: ignore[attr-defined]

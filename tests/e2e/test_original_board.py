@@ -142,7 +142,8 @@ async def test_without_a_link_neutral_follows_a_pwm_test_at_once(tests: int, per
 async def test_both_packs_are_there() -> None:
     async with original() as (_, _, host):
         levels = [message for _, message in host.heard if isinstance(message, BatteryLevels)]
-        assert levels[-1].battery1 == levels[-1].battery2 > 5.0
+        assert levels[-1].battery1 > 5.0
+        assert levels[-1].battery2 == pytest.approx(levels[-1].battery1, abs=0.05), "but for the converter's noise"
 
 
 async def test_a_bad_pid_set_gets_silence_and_a_good_one_its_answer() -> None:

@@ -46,6 +46,29 @@ def test_opening_a_simulated_robot_loads_no_addition() -> None:
     assert sum(map(size.statements, size.loaded())) <= 6800
 
 
+PLAIN_RUN = """
+import runpy, sys
+sys.argv = ["txt1", "run", "--hal", "sim", "--headless", "--speed", "max", "--duration", "0.1"]
+try:
+    runpy.run_module("txt1", run_name="__main__")
+except SystemExit as ended:
+    assert not ended.code
+"""
+SERIAL = """
+import sys, txt1.runtime, txt1.robot
+from txt1.config import load
+from txt1.hal.registry import create
+create(load(None, ["hal=serial", "serial.port=/dev/ttyUSB0", "serial.fault.drop=0.1"], {}, {}).config)
+"""
+
+
+@pytest.mark.parametrize("program", [PLAIN_RUN, SERIAL], ids=["run --hal sim", "--hal serial"])
+def test_a_plain_robot_loads_no_numpy(program: str) -> None:
+    told = program + "print([each for each in ('numpy', 'txt1.hal.base') if each in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "['txt1.hal.base']"
+
+
 def test_a_section_alone_starts_no_recorder_and_no_learner_but_the_filter() -> None:
     given = ["record.rotate_size=7", "learning.goal_period=0.1", "estimation.preset=gyro"]
     config = load(None, given, {}, {}).config

@@ -96,8 +96,6 @@ PORTS: Final = Registry("serial port", "txt1.ports", {})
 # simulated I2C buses, by the HAL whose `hal_options.bus` is DESK
 BUSES: Final = Registry("bus", "txt1.buses", {})
 DESK: Final = "desk"
-# distinguishes the random values of the line at the host's end
-HOST_LINE: Final = 1
 
 
 def create(config: Config, world: World | None = None) -> Hal:
@@ -129,12 +127,9 @@ def port_of(config: Config, baud: int | None = None, behind: str | None = None) 
 
 def faults_of(config: Config) -> Callable[[End], End]:
     """Return the function that puts the configured faults on the host's end of a line."""
-    from numpy.random import SeedSequence
-
     from txt1.link.impairments import faulty
 
-    seed = SeedSequence([config.own_seed, HOST_LINE])
-    return lambda end: faulty(end, config.serial.fault, seed)
+    return lambda end: faulty(end, config.serial.fault, config.own_seed, "the host's line")
 
 
 def is_on_a_line(hal: str) -> bool:

@@ -5,11 +5,9 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 
-import numpy as np
-from numpy.random import SeedSequence
-
 from txt1.link.base import BACKLOG, End, Link
 from txt1.sim.parameters import LineFaults
+from txt1.sim.random_streams import random_stream
 from txt1.sim.serial_line import Arrival, LineFault, Pace, SerialLine
 
 # decides which bytes arrive, and when
@@ -153,17 +151,20 @@ def paced(end: End, baud: int) -> End:
 
 
 def faulty(
-    end: End, faults: LineFaults, seed: int | SeedSequence, on_fault: Callable[[LineFault, bytes], None] | None = None
+    end: End,
+    faults: LineFaults,
+    seed: int,
+    name: str = "line",
+    on_fault: Callable[[LineFault, bytes], None] | None = None,
 ) -> End:
     """Return an end with a bad line between it and its links, in both directions; the same end if the line has
     no faults.
 
-    Each connection is a new line: `cut` counts from its start. The seed makes the faults of all connections repeat.
+    Each connection is a new line: `cut` counts from its start. Seed and name make the faults of all connections repeat.
     `on_fault` (see `SerialLine`) is called for both directions.
     """
     if faults.harmless:
         return end
-    seeds = SeedSequence(seed) if isinstance(seed, int) else seed
-    outgoing, incoming = (np.random.default_rng(child) for child in seeds.spawn(2))
+    outgoing, incoming = (random_stream(seed, name, way) for way in ("outgoing", "incoming"))
     line = partial(SerialLine, faults, on_fault=on_fault)
     return Through(end, lambda now: (line(rng=outgoing, start=now), line(rng=incoming, start=now)))

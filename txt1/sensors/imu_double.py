@@ -12,11 +12,12 @@ from txt1.sensors.imu_3dmgx2 import (
     MAGNETIC,
     PLAIN,
     TICKS,
+    UNIT,
     checksum,
     matrix_of,
     pack,
 )
-from txt1.sensors.readings import GRAVITY, ImuReading
+from txt1.sensors.readings import ImuReading
 
 STOP: Final = 0xFA
 # by the requested type
@@ -72,7 +73,7 @@ class FakeImu(Double):
             return b""
         value = self._now.value
         (ax, ay, az), (p, q, r) = value.acceleration, value.rates
-        numbers = [ax / GRAVITY, -ay / GRAVITY, -az / GRAVITY, p, -q, -r]
+        numbers = [ax / UNIT, -ay / UNIT, -az / UNIT, p, -q, -r]
         if command == MAGNETIC:
             x, y, z = value.magnetic or (0.0, 0.0, 0.0)
             numbers += x / GAUSS, -y / GAUSS, -z / GAUSS

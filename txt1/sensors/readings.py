@@ -23,8 +23,6 @@ Vector = tuple[float, float, float]
 # x, y, z, w
 Quaternion = tuple[float, float, float, float]
 
-GRAVITY: Final = 9.80665  # m/s^2
-
 
 class Mount(NamedTuple):
     """A device's place: its origin on the vehicle, in m and rad; the vehicle's own origin is on the floor below the

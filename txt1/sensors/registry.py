@@ -9,19 +9,16 @@ where ``create(setup: txt1.sensors.Setup) -> txt1.sensors.Sensor``; ``setup.opti
 """
 
 from collections import deque
+from random import Random
 from typing import Any, Final, Generic, TypeVar
-
-from numpy.random import Generator, SeedSequence, default_rng
 
 from txt1.config.schema import SensorConfig
 from txt1.errors import HalError
 from txt1.plugins import Registry
 from txt1.sensors.base import Reading, Sensor, Setup
+from txt1.sim.random_streams import random_stream
 
 T = TypeVar("T")
-
-# distinguishes the random values of a sensor's drop-outs
-DROP_OUTS: Final = 5
 
 DRIVERS: Final = Registry(
     "sensor driver",
@@ -52,15 +49,15 @@ def create(given: SensorConfig, setup: Setup) -> Sensor[Any]:
     """Return a sensor as configured, not opened yet; raises as `Registry.make`."""
     sensor: Sensor[Any] = DRIVERS.make(f"sensors.{setup.name}.driver", given.driver, setup)
     if given.delay or given.drop_out:
-        seed = SeedSequence([setup.config.own_seed, DROP_OUTS, *setup.name.encode()])
-        return Impaired(sensor, given.delay, given.drop_out, default_rng(seed))
+        rng = random_stream(setup.config.own_seed, "drop-outs", setup.name)
+        return Impaired(sensor, given.delay, given.drop_out, rng)
     return sensor
 
 
 class Impaired(Generic[T]):
     """A sensor whose readings are delayed (s) or lost (a share); they keep the times at which they were taken."""
 
-    def __init__(self, sensor: Sensor[T], delay: float, drop_out: float, rng: Generator) -> None:
+    def __init__(self, sensor: Sensor[T], delay: float, drop_out: float, rng: Random) -> None:
         self.topic, self.period, self.simulated = sensor.topic, sensor.period, sensor.simulated
         self.close = sensor.close
         self._sensor, self._delay, self._drop_out, self._rng = sensor, delay, drop_out, rng

@@ -3,8 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan2, cos, exp, hypot, inf, sin, sqrt
-
-from numpy.random import Generator
+from random import Random
 
 from txt1.config.sources import checked
 from txt1.model.kinematics import wrap_angle
@@ -48,13 +47,13 @@ class SimulatedGps(Twin[FixReading]):
         name: str,
         pose: Callable[[], Pose | None],
         errors: GpsErrors,
-        rng: Generator,
+        rng: Random,
         mount: Mount = GPS_MOUNT,
     ) -> None:
         super().__init__(fix_topic(name), 0.2, pose)
         self._errors, self._rng, self._mount = errors, rng, mount
         self._grid = UtmGrid(*errors.datum)
-        self._slow = [errors.slow * each for each in rng.standard_normal(2).tolist()]
+        self._slow = [errors.slow * rng.gauss(), errors.slow * rng.gauss()]
         self._outages = Absences(errors.outages, errors.outage_every, errors.outage_length, rng)
         # the last place, m
         self._place = 0.0, 0.0
@@ -65,7 +64,7 @@ class SimulatedGps(Twin[FixReading]):
         # place of the antenna, and its velocity since the last reading
         x, y = pose[0] + self._mount.x * cos(pose[2]), pose[1] + self._mount.x * sin(pose[2])
         self._place = x, y
-        one, two, three, four, five, six = self._rng.standard_normal(6).tolist()
+        one, two, three, four, five, six = (self._rng.gauss() for _ in range(6))
         decay = exp(-dt / errors.slow_time)
         step = errors.slow * sqrt(1.0 - decay * decay)
         self._slow = [decay * self._slow[0] + step * one, decay * self._slow[1] + step * two]

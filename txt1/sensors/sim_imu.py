@@ -3,15 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import cos, exp, hypot, inf, sin, sqrt
-
-from numpy.random import Generator
+from random import Random
 
 from txt1.config.sources import checked
 from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Pose, Reading, Setup
-from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, ImuSigma, Mount, Quaternion, Vector, imu_topic
+from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Quaternion, Vector, imu_topic
 from txt1.sensors.twin import Twin, random_of, true_pose
-from txt1.units import NotNegative, Positive
+from txt1.units import GRAVITY, NotNegative, Positive
 
 # m/s: a faster vehicle was carried
 JUMP = 5.0
@@ -77,7 +76,7 @@ class SimulatedImu(Twin[ImuReading]):
         name: str,
         pose: Callable[[], Pose | None],
         errors: ImuErrors,
-        rng: Generator,
+        rng: Random,
         period: float = 0.01,
         mount: Mount = IMU_MOUNT,
         attitude: Attitude = level,
@@ -85,12 +84,10 @@ class SimulatedImu(Twin[ImuReading]):
         super().__init__(imu_topic(name), period, pose)
         self._attitude, self._errors, self._rng, self._mount = attitude, errors, rng, mount
         self._sigma = errors.sigma
-        biases = rng.standard_normal(6).tolist()
-        self._rate_bias = [errors.rate_bias * each for each in biases[:3]]
-        self._bias = [errors.bias * each for each in biases[3:]]
-        self._heading = errors.heading * float(rng.standard_normal())
+        self._rate_bias = [errors.rate_bias * rng.gauss() for _ in range(3)]
+        self._bias = [errors.bias * rng.gauss() for _ in range(3)]
+        self._heading = errors.heading * rng.gauss()
         self._poses: list[tuple[float, float, float, float, float, float]] = []
-        self._draws: list[float] = []
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[ImuReading] | None:
         """Return the reading of a period ago; None for the first two calls, and after the vehicle was carried."""
@@ -125,18 +122,16 @@ class SimulatedImu(Twin[ImuReading]):
 
     def _measured(self, force: Vector, rates: Sequence[float], angles: Vector, speed: float, dt: float) -> ImuReading:
         """Return the device's reading for the true forces, rates and angles."""
-        errors, draws = self._errors, self._draws
-        if len(draws) < 12:
-            draws = self._draws = self._rng.standard_normal(1200).tolist()
+        errors, draw = self._errors, self._rng.gauss
         shake = hypot(errors.noise, errors.vibration * speed)
         walk = errors.rate_walk * sqrt(dt)
-        bias = self._rate_bias = [each + walk * draws.pop() for each in self._rate_bias]
-        fx, fy, fz = (f + b + shake * draws.pop() for f, b in zip(force, self._bias, strict=True))
-        wx, wy, wz = (w + b + errors.rate_noise * draws.pop() for w, b in zip(rates, bias, strict=True))
+        bias = self._rate_bias = [each + walk * draw() for each in self._rate_bias]
+        fx, fy, fz = (f + b + shake * draw() for f, b in zip(force, self._bias, strict=True))
+        wx, wy, wz = (w + b + errors.rate_noise * draw() for w, b in zip(rates, bias, strict=True))
         decay = exp(-dt / errors.heading_time)
-        self._heading = decay * self._heading + sqrt(1.0 - decay * decay) * errors.heading * draws.pop()
+        self._heading = decay * self._heading + sqrt(1.0 - decay * decay) * errors.heading * draw()
         roll, pitch, yaw = angles
-        roll, pitch = roll + errors.attitude * draws.pop(), pitch + errors.attitude * draws.pop()
+        roll, pitch = roll + errors.attitude * draw(), pitch + errors.attitude * draw()
         seen = quaternion(roll, pitch, yaw + self._heading)
         return ImuReading((fx, fy, fz), (wx, wy, wz), seen, None, self._mount, self._sigma)
 

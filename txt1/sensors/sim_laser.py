@@ -125,4 +125,5 @@ def simulated(setup: Setup) -> SimulatedLaser:
     """Make the driver ``sim_laser``; options: those of `LaserParameters`."""
     parameters = checked(LaserParameters, setup.options, f"sensors.{setup.name}.options")
     shapes, body = standing(setup.config), setup.config.geometry
-    return SimulatedLaser(setup.name, true_pose(setup), shapes, parameters, random_of(setup), others_of(setup), body)
+    rng = np.random.default_rng(random_of(setup).getrandbits(128))
+    return SimulatedLaser(setup.name, true_pose(setup), shapes, parameters, rng, others_of(setup), body)

@@ -3,8 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, inf, sin
-
-from numpy.random import Generator
+from random import Random
 
 from txt1.config.sources import checked
 from txt1.sensors.base import Pose, Reading, Setup
@@ -38,7 +37,7 @@ class SimulatedTracker(Twin[TrackerReading]):
         name: str,
         pose: Callable[[], Pose | None],
         errors: TrackerErrors,
-        rng: Generator,
+        rng: Random,
         subject: str = "",
         mount: Mount = TRACKER_MOUNT,
     ) -> None:
@@ -46,18 +45,15 @@ class SimulatedTracker(Twin[TrackerReading]):
         self._errors, self._rng, self._subject, self._mount = errors, rng, subject, mount
         self._occlusions = Absences(errors.occlusions, errors.occlusion_every, errors.occlusion_length, rng)
         self._differentiator = Differentiator()
-        self._draws: list[float] = []
 
     def see(self, pose: Pose, now: float, before: float) -> Reading[TrackerReading] | None:
         """Return the pose at `now`; None during an occlusion."""
-        errors, draws = self._errors, self._draws
+        errors, draw = self._errors, self._rng.gauss
         if before == -inf:
             self._differentiator = Differentiator()
-        if not draws:
-            draws = self._draws = self._rng.standard_normal(400).tolist()
         noise, mount = errors.noise, self._mount
-        x, y, z = pose[0] + noise * draws.pop(), pose[1] + noise * draws.pop(), mount.z + noise * draws.pop()
-        theta = pose[2] + errors.angle_noise * draws.pop()
+        x, y, z = pose[0] + noise * draw(), pose[1] + noise * draw(), mount.z + noise * draw()
+        theta = pose[2] + errors.angle_noise * draw()
         if self._occlusions.at(now):
             return None
         v, omega = self._differentiator.step(now, x, y, theta)

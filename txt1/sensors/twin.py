@@ -2,19 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from math import inf
+from random import Random
 from typing import Generic, TypeVar
-
-from numpy.random import Generator, SeedSequence, default_rng
 
 from txt1.errors import HalError
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sim.parameters import Box
+from txt1.sim.random_streams import random_stream
 from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 Others = Callable[[], Sequence[Pose | Box]]
-# distinguishes the random values of simulated sensors
-STREAM = 7
 
 
 class Twin(Generic[T]):
@@ -65,9 +63,9 @@ def true_pose(setup: Setup) -> Callable[[], Pose | None]:
     return setup.pose
 
 
-def random_of(setup: Setup) -> Generator:
+def random_of(setup: Setup) -> Random:
     """Return random values that the run's seed and the sensor's name repeat."""
-    return default_rng(SeedSequence([setup.config.own_seed, STREAM, *setup.name.encode()]))
+    return random_stream(setup.config.own_seed, "sensor", setup.name)
 
 
 class Absences:
@@ -81,14 +79,16 @@ class Absences:
 
     """
 
-    def __init__(self, given: tuple[tuple[float, float], ...], every: float, length: float, rng: Generator) -> None:
+    def __init__(self, given: tuple[tuple[float, float], ...], every: float, length: float, rng: Random) -> None:
         self._given, self._every, self._length, self._rng = given, every, length, rng
-        self._begins = float(rng.exponential(every)) if every else float("inf")
-        self._ends = self._begins + (float(rng.exponential(length)) if every else 0.0)
+        self._begins = self._ends = inf
+        if every:
+            self._begins = rng.expovariate(1.0 / every)
+            self._ends = self._begins + rng.expovariate(1.0 / length)
 
     def at(self, now: float) -> bool:
         """Return whether the sensor sees nothing now; `now` must not decrease."""
-        while now >= self._ends and self._every:
-            self._begins = self._ends + float(self._rng.exponential(self._every))
-            self._ends = self._begins + float(self._rng.exponential(self._length))
+        while now >= self._ends:
+            self._begins = self._ends + self._rng.expovariate(1.0 / self._every)
+            self._ends = self._begins + self._rng.expovariate(1.0 / self._length)
         return self._begins <= now < self._ends or any(begin <= now < end for begin, end in self._given)

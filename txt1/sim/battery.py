@@ -1,9 +1,8 @@
 """Two LiPo packs behind diodes, and the cut-off circuit (thesis 3.6)."""
 
 from math import sqrt
+from random import Random
 from typing import Final, NamedTuple
-
-import numpy as np
 
 from txt1.model.battery import CUT_OFF_V, FULL_LOAD_SPEED, FULL_LOAD_W, pack_voltage
 from txt1.sim.parameters import Batteries, VehicleParameters
@@ -104,11 +103,11 @@ class Supply:
     Args:
         batteries: their charge, and the load of the electronics.
         noise: standard deviation of a reading, V.
-        seed: repeats the noise.
+        rng: draws the noise.
 
     """
 
-    def __init__(self, batteries: Batteries, noise: float, seed: np.random.SeedSequence) -> None:
+    def __init__(self, batteries: Batteries, noise: float, rng: Random) -> None:
         self.batteries = batteries
         self.packs = Packs(batteries.used_1, batteries.used_2)
         self.voltages = self.packs.voltages()
@@ -123,7 +122,7 @@ class Supply:
         """Readings of the two packs' voltages, V, with noise; 0 for a pack that is not connected."""
         self.read_until = 0.0
         """Time of the next `read`, s."""
-        self._noise, self._rng = noise, np.random.default_rng(seed)
+        self._noise, self._rng = noise, rng
         self._noise_now = (0.0, 0.0)
 
     def settle(self, now: float, broken: float | None) -> None:
@@ -143,8 +142,7 @@ class Supply:
     def read(self, now: float, broken: float | None) -> None:
         """Take new readings, as many as were due since the last call."""
         while now >= self.read_until:
-            one, two = self._rng.standard_normal(2).tolist()
-            self._noise_now = one * self._noise, two * self._noise
+            self._noise_now = self._noise * self._rng.gauss(), self._noise * self._rng.gauss()
             self.read_until += NOISE_PERIOD
             self._keep_readings(broken)
 

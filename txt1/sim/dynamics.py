@@ -28,12 +28,12 @@ from typing import Final, NamedTuple
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sim.parameters import VehicleParameters
+from txt1.units import GRAVITY
 
 VERSION: Final = (
     # version of these equations: raised with every change, so that results of other versions are not reused
     2
 )
-GRAVITY: Final = 9.81  # m/s^2
 # shares of the tyres' limit: a vehicle that demands less, and is slower, is computed without the circle
 CALM_ALONG: Final = 0.62
 CALM_ACROSS: Final = 0.5

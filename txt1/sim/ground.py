@@ -7,6 +7,7 @@ import numpy as np
 
 from txt1.model.vehicle import Geometry
 from txt1.sim.parameters import Roughness
+from txt1.sim.random_streams import random_stream
 
 # waves of random direction, length and phase that make the ground
 WAVES: Final = 24
@@ -16,7 +17,7 @@ class Ground:
     """The ground of a seed, around the room's origin."""
 
     def __init__(self, parameters: Roughness, body: Geometry, seed: int) -> None:
-        rng = np.random.default_rng(np.random.SeedSequence([seed, WAVES]))
+        rng = np.random.default_rng(random_stream(seed, "ground").getrandbits(128))
         lengths = np.exp(rng.uniform(np.log(parameters.shortest), np.log(parameters.longest), WAVES))
         directions = rng.uniform(-pi, pi, WAVES)
         self.flat = parameters.height == 0.0

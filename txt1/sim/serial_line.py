@@ -4,15 +4,17 @@
 """
 
 from collections.abc import Callable
-from math import ceil
+from math import ceil, log, log1p
+from random import Random
 from typing import Final, Literal, get_args
-
-from numpy.random import Generator
 
 from txt1.sim.parameters import LineFaults
 
 BITS_PER_BYTE: Final = 10
 """Bits on the line for a byte: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
+
+# more bits than any line ever carries
+ENDLESS: Final = 1e18
 
 LineFault = Literal["drop", "tear", "flip", "duplicate", "stall", "cut"]
 Arrival = tuple[float, bytes]
@@ -35,7 +37,7 @@ class SerialLine:
     def __init__(
         self,
         faults: LineFaults,
-        rng: Generator,
+        rng: Random,
         on_fault: Callable[[LineFault, bytes], None] | None = None,
         start: float = 0.0,
     ) -> None:
@@ -51,7 +53,7 @@ class SerialLine:
         self._on_fault = on_fault
         self._last = start
         self._good_bits = self._gap()
-        self._stall_starts = start + rng.exponential(faults.stall_every) if faults.stall else float("inf")
+        self._stall_starts = start + rng.expovariate(1.0 / faults.stall_every) if faults.stall else float("inf")
 
     def carry(self, data: bytes, now: float) -> list[Arrival]:
         """Return the pieces that arrive for a piece sent at `now`; their times are never before those of
@@ -69,7 +71,7 @@ class SerialLine:
             arrival = self._damage(data)
         if faults.tear and data and self._rng.random() < faults.tear:
             self._report("tear", data)
-            arrival = arrival[: int(self._rng.integers(len(data)))]
+            arrival = arrival[: self._rng.randrange(len(data))]
             if not arrival:
                 return []
         pieces = [(when, arrival)]
@@ -89,7 +91,7 @@ class SerialLine:
         when = max(when, self._last)
         while when >= self._stall_starts:
             end = self._stall_starts + faults.stall
-            self._stall_starts = end + self._rng.exponential(faults.stall_every)
+            self._stall_starts = end + self._rng.expovariate(1.0 / faults.stall_every)
             if when < end:
                 self._report("stall", data)
                 when = end
@@ -117,8 +119,11 @@ class SerialLine:
         return bytes(damaged)
 
     def _gap(self) -> int:
-        """Return the number of bits that arrive intact before the next damaged bit."""
-        return int(self._rng.geometric(self.faults.flip)) - 1 if self.faults.flip else 0
+        """Return the number of bits that arrive intact before the next damaged bit: P(n or more) = (1 - flip)^n."""
+        flip = self.faults.flip
+        if flip in (0.0, 1.0):
+            return 0
+        return int(min(log(1.0 - self._rng.random()) / log1p(-flip), ENDLESS))
 
     def _report(self, fault: LineFault, data: bytes) -> None:
         self.counts[fault] += 1

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from math import cos, floor, isfinite, nan, sin, tan
 from typing import Final, Protocol
 
-import numpy as np
-
 from txt1.kernel.clock import Clock
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sim.battery import Supply, load, voltage_share
 from txt1.sim.dynamics import Motion, VehicleState, at_voltage, dynamics, move
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
+from txt1.sim.random_streams import random_stream
 from txt1.sim.room import Room
 
 # changes of the floor's drag a second
@@ -112,14 +111,12 @@ class Vehicle:
         """Least and largest x and y between which nothing is in reach."""
         self.crowded = False
         """Whether an obstacle or another vehicle may be in reach."""
-        drag_seed, battery_seed, phase_seed = np.random.SeedSequence(seed).spawn(3)
-        self._drag_rng = np.random.default_rng(drag_seed)
-        self.supply = Supply(batteries, noise.battery, battery_seed)
+        self._drag_rng = random_stream(seed, "drag")
+        self.supply = Supply(batteries, noise.battery, random_stream(seed, "battery"))
         # The wheels may stop anywhere between two edges of the encoder disc.
-        phases: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
-        self._right_counts, self._left_counts = phases[0], phases[1]
+        phases = random_stream(seed, "encoder phases")
+        self._right_counts, self._left_counts = phases.random(), phases.random()
         self._counts_per_m = 1.0 / body.count_length
-        self._drags: list[float] = []
         # present drag of the floor, as a share of the speed
         self.drag = 0.0
         self._drag_count = 0
@@ -261,9 +258,7 @@ class Vehicle:
 
     def _draw_drag(self) -> None:
         """Draw the floor's drag for the next 20 ms."""
-        if not self._drags:
-            self._drags = (self.noise.drag * self._drag_rng.standard_normal(256)).tolist()
-        self.drag = self._drags.pop()
+        self.drag = self.noise.drag * self._drag_rng.gauss()
         # whole multiples of the period, so that it does not matter how the caller divides the time; the quotient is
         # exactly the float of the scheduler's tick
         self._drag_count += 1

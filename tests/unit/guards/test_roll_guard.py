@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.guards.roll_guard.guard import GRAVITY, Guard, lean, sideways_max, tipping
+from txt1.guards.roll_guard.guard import Guard, lean, sideways_max, tipping
 from txt1.guards.roll_guard.settings import RollGuard
 from txt1.guards.roll_guard.watching import roll_of, watching
 from txt1.model.vehicle import Geometry
@@ -15,6 +15,7 @@ from txt1.sensors.readings import ImuReading
 from txt1.sim.ground import Ground
 from txt1.sim.parameters import Roughness
 from txt1.tasks.state import State
+from txt1.units import GRAVITY
 
 BODY = Geometry()
 GIVEN = RollGuard()
@@ -86,7 +87,7 @@ def test_a_curve_is_as_fast_as_the_lean_that_is_left_to_it(largest: float, roll:
 
 
 def test_the_force_on_a_car_leans_with_its_roll_and_its_turn() -> None:
-    assert lean(0.1, 2.0, 3.0) == pytest.approx(0.1 + atan(6.0 / 9.80665))
+    assert lean(0.1, 2.0, 3.0) == pytest.approx(0.1 + atan(6.0 / GRAVITY))
     assert tipping(0.25, 0.15) == pytest.approx(atan(0.25 / 0.3))
 
 
@@ -94,7 +95,7 @@ def test_a_curve_that_is_too_fast_for_the_ground_is_taken_so_that_it_is_not() ->
     one = guard(0.5)
     for v, omega in ((1.5, 2.0), (-1.5, 2.0), (1.5, -2.0)):
         slower, turning = one(v, omega, 1.0)
-        assert abs(slower) == pytest.approx(1.5 * (9.80665 * tan(ALLOWED - 0.5) / 3.0) ** 0.5)
+        assert abs(slower) == pytest.approx(1.5 * (GRAVITY * tan(ALLOWED - 0.5) / 3.0) ** 0.5)
         assert turning / slower == pytest.approx(omega / v)
     assert one(0.1, 0.1, 1.0) == (0.1, 0.1)
 

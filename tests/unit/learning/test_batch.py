@@ -19,6 +19,7 @@ from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
 from txt1.sim.lamp import PointLight, illuminances
 from txt1.sim.parameters import VehicleParameters
+from txt1.sim.random_streams import random_stream
 
 COUNT = 5
 
@@ -42,11 +43,9 @@ def held_against_the_runtime(ticks: int = 400) -> float:
     cars = [EpisodeCar(create_sim(config), config) for config in configs]
     many = robots(COUNT)
     many.place(np.ones(COUNT, bool), np.tile([1.0, 0.5, 0.3], (COUNT, 1)), np.random.default_rng(0))
-    many.robots[batch.PHASE : batch.PHASE + 2] = np.transpose(
-        [  # where the wheels stood
-            np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2]).random(2) for seed in range(COUNT)
-        ]
-    )
+    # where the wheels stood
+    phases = [random_stream(seed, "encoder phases") for seed in range(COUNT)]
+    many.robots[batch.PHASE : batch.PHASE + 2] = np.transpose([[each.random(), each.random()] for each in phases])
     rng = np.random.default_rng(3)
     worst = 0.0
     for tick in range(ticks):

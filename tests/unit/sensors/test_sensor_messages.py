@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from math import hypot
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ def message(topic: Topic[Any], value: object) -> Any:
 
 def test_an_imu_tells_the_variances_of_its_errors() -> None:
     errors = ImuErrors()
-    imu = SimulatedImu("imu", lambda: (0.0, 0.0, 0.0), errors, default_rng(1))
+    imu = SimulatedImu("imu", lambda: (0.0, 0.0, 0.0), errors, Random(1))
     reading = [imu.read(0.01 * k) for k in range(3)][-1]
     assert reading is not None
     told = message(imu.topic, reading.value)

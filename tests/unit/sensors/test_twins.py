@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, pi, sin
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from txt1.config import load
 from txt1.errors import HalError
 from txt1.sensors.base import Pose, Setup
 from txt1.sensors.depth import PlayerOptions, player
-from txt1.sensors.readings import CAMERA_MOUNT, GRAVITY, Mount, depth_topic
+from txt1.sensors.readings import CAMERA_MOUNT, Mount, depth_topic
 from txt1.sensors.registry import DRIVERS
 from txt1.sensors.sim_camera import SimulatedCamera
 from txt1.sensors.sim_gps import GpsErrors, SimulatedGps
@@ -33,6 +34,7 @@ from txt1.sim.parameters import Box, Post
 from txt1.sim.rays import cast, shapes_of, walls_of
 from txt1.sim.room import Room
 from txt1.sim.view import Camera, Scene, distances, draw
+from txt1.units import GRAVITY
 
 SOUND = ImuErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 30.0, 0.0)
 
@@ -61,7 +63,7 @@ def readings(sensor: Any, drive: Drive, seconds: float) -> list[Any]:
 def test_an_imu_on_a_circle_feels_gravity_its_rate_and_the_circle() -> None:
     drive = Drive(0.8, 0.5)
     mount = Mount(-0.1, 0.0, 0.4)
-    sensor = SimulatedImu("twin_imu", drive.pose, SOUND, default_rng(1), mount=mount)
+    sensor = SimulatedImu("twin_imu", drive.pose, SOUND, Random(1), mount=mount)
     for time, value in readings(sensor, drive, 5.0):
         assert value.rates == pytest.approx((0.0, 0.0, 0.5), abs=1e-6)
         assert value.acceleration == pytest.approx((0.5 * 0.5 * 0.1, 0.8 * 0.5, GRAVITY), abs=1e-4)
@@ -70,7 +72,7 @@ def test_an_imu_on_a_circle_feels_gravity_its_rate_and_the_circle() -> None:
 
 def test_gravity_shows_in_a_tilted_imu() -> None:
     drive = Drive(1e-9, 1e-9)
-    sensor = SimulatedImu("twin_imu", drive.pose, SOUND, default_rng(1), attitude=lambda: (0.1, 0.2))
+    sensor = SimulatedImu("twin_imu", drive.pose, SOUND, Random(1), attitude=lambda: (0.1, 0.2))
     value = readings(sensor, drive, 0.1)[-1].value
     expected = (-GRAVITY * sin(0.2), GRAVITY * cos(0.2) * sin(0.1), GRAVITY * cos(0.2) * cos(0.1))
     assert value.acceleration == pytest.approx(expected, abs=1e-6)
@@ -80,7 +82,7 @@ def test_bias_stays_and_noise_is_as_configured() -> None:
     drive = Drive(1e-9, 1e-9)
     errors = ImuErrors(rate_walk=0.0)
     for seed in range(3):
-        sensor = SimulatedImu("twin_imu", drive.pose, errors, default_rng(seed))
+        sensor = SimulatedImu("twin_imu", drive.pose, errors, Random(seed))
         omega = np.array([reading.value.rates[2] for reading in readings(sensor, drive, 20.0)])
         assert omega.std() == pytest.approx(errors.rate_noise, rel=0.1)
         assert abs(omega.mean()) < 4.0 * errors.rate_bias
@@ -90,7 +92,7 @@ def test_a_gps_has_white_and_slow_errors_and_outages() -> None:
     pytest.importorskip("utm")
     drive = Drive(1e-9, 1e-9)
     errors = GpsErrors(noise=0.5, slow=2.0, slow_time=100.0, outages=((100.0, 130.0),))
-    sensor = SimulatedGps("twin_gps", drive.pose, errors, default_rng(3), Mount())
+    sensor = SimulatedGps("twin_gps", drive.pose, errors, Random(3), Mount())
     found = readings(sensor, drive, 4000.0)
     x = np.array([reading.value.x for reading in found])
     assert np.diff(x).std() == pytest.approx(0.5 * 2**0.5, rel=0.05)  # from one to the next the slow error stays
@@ -100,11 +102,11 @@ def test_a_gps_has_white_and_slow_errors_and_outages() -> None:
 
 
 def test_a_tracker_is_occluded_now_and_then() -> None:
-    absences = Absences((), 10.0, 0.5, default_rng(2))
+    absences = Absences((), 10.0, 0.5, Random(2))
     seen = [not absences.at(0.01 * k) for k in range(1_000_000)]
     assert 1.0 - np.mean(seen) == pytest.approx(0.5 / 10.5, rel=0.15)
     drive = Drive(0.5, 0.5)
-    sensor = SimulatedTracker("twin_vicon", drive.pose, TrackerErrors(), default_rng(1))
+    sensor = SimulatedTracker("twin_vicon", drive.pose, TrackerErrors(), Random(1))
     last = readings(sensor, drive, 3.0)[-1].value
     assert (last.x, last.y) == pytest.approx(drive.pose()[:2], abs=0.005)
     assert (last.v, last.omega) == (pytest.approx(0.5, abs=0.3), pytest.approx(0.5, abs=0.6))

@@ -13,11 +13,11 @@ from sim_steps import Parameters, advance
 
 from txt1.model.kinematics import wrap_angle
 from txt1.sim.dynamics import VehicleState
+from txt1.units import GRAVITY
 
 FINE = 0.001
 """Step of the reference, s: fourth order, and never across an instant at which a servo arrives, so exact to 1e-10."""
 
-G = 9.81
 PLAIN = Parameters()
 SLIPPING = Parameters(slip=0.1, understeer=0.2)
 ICY = Parameters(grip=0.25)
@@ -93,14 +93,14 @@ def reference(segments: list[Segment], p: Parameters, fine: float = FINE, *, eul
             else:
                 free, tau, driven = -p.coast_friction * way, p.coast_time_constant, 1.0
             dv = (free - resistance) / tau
-            # The tyres hold G grip in all directions together; a wheel that they do not hold spins or locks.
-            share = min(1.0, G * p.grip / max(hypot(dv, v * v * bend), 1e-9))
+            # The tyres hold GRAVITY grip in all directions together; a wheel that they do not hold spins or locks.
+            share = min(1.0, GRAVITY * p.grip / max(hypot(dv, v * v * bend), 1e-9))
             dv, bend = share * dv, share * bend
             if share < 1.0 and v != 0.0:
                 spins = (free - tau * dv) / (1.0 + p.scrub * lock**2 + segment.drag) / v
                 driven *= spins if driven > 1.0 or abs(segment.motor) > p.dead_band else max(0.0, spins)
             # They push sideways by their slip angle, which the middle of the vehicle has, too.
-            beta += asin(-v * abs(v) * bend / (G * p.cornering))
+            beta += asin(-v * abs(v) * bend / (GRAVITY * p.cornering))
             vx, vy, omega = v * cos(beta), v * sin(beta), v * bend
             ahead, aside = cos(front), sin(front)
             wheel = [

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from math import inf, sqrt
+from random import Random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.random import default_rng
 
 from txt1.sim.parameters import LineFaults
 from txt1.sim.serial_line import Arrival, LineFault, Pace, SerialLine
@@ -64,7 +64,7 @@ def within(count: int, trials: int, probability: float) -> bool:
 
 @given(pieces, pauses)
 def test_a_good_line_delivers_every_piece_at_once_and_as_it_is(traffic: list[bytes], pauses: list[float]) -> None:
-    line = SerialLine(LineFaults(), default_rng(1))
+    line = SerialLine(LineFaults(), Random(1))
     for (now, arrivals), data in zip(carried(line, traffic, pauses), traffic, strict=True):
         assert arrivals == [(now, data)]
     assert not any(line.counts.values())
@@ -79,7 +79,7 @@ def test_nothing_is_wrong_with_a_line_unless_it_is_said() -> None:
 
 def test_a_line_that_would_always_stall_is_refused() -> None:
     with pytest.raises(ValueError, match="stall_every"):
-        SerialLine(LineFaults(stall=1.0, stall_every=0.0), default_rng(1))
+        SerialLine(LineFaults(stall=1.0, stall_every=0.0), Random(1))
 
 
 # -- time --------------------------------------------------------------------------------------------------------
@@ -89,7 +89,7 @@ def test_a_line_that_would_always_stall_is_refused() -> None:
 def test_delays_change_neither_the_bytes_nor_their_order(
     faults: LineFaults, traffic: list[bytes], pauses: list[float], seed: int
 ) -> None:
-    line, latest = SerialLine(faults, default_rng(seed)), 0.0
+    line, latest = SerialLine(faults, Random(seed)), 0.0
     got = carried(line, traffic, pauses)
     for now, arrivals in got:
         for when, piece in arrivals:
@@ -100,22 +100,22 @@ def test_delays_change_neither_the_bytes_nor_their_order(
 
 
 def test_a_delay_is_exact_and_jitter_comes_on_top_of_it() -> None:
-    assert SerialLine(LineFaults(delay=0.05), default_rng(1)).carry(FRAME, 2.0) == [(2.05, FRAME)]
-    line = SerialLine(LineFaults(delay=0.05, jitter=0.02), default_rng(1))
+    assert SerialLine(LineFaults(delay=0.05), Random(1)).carry(FRAME, 2.0) == [(2.05, FRAME)]
+    line = SerialLine(LineFaults(delay=0.05, jitter=0.02), Random(1))
     extra = [line.carry(FRAME, second)[0][0] - second - 0.05 for second in range(1000)]
     assert all(-1e-9 <= late <= 0.02 + 1e-9 for late in extra)
     assert sum(extra) / len(extra) == pytest.approx(0.01, abs=0.001)
 
 
 def test_pieces_that_merge_arrive_at_the_same_instants() -> None:
-    line = SerialLine(LineFaults(merge=0.02, delay=0.001), default_rng(1))
+    line = SerialLine(LineFaults(merge=0.02, delay=0.001), Random(1))
     came = [line.carry(FRAME, 0.005 * k)[0][0] for k in range(8)]
     assert came == pytest.approx([0.02] * 4 + [0.04] * 4)
 
 
 def test_a_stall_holds_everything_back_until_its_end_and_is_told_of_once() -> None:
     told: list[tuple[LineFault, bytes]] = []
-    line = SerialLine(LineFaults(stall=2.0, stall_every=10.0), default_rng(3), lambda *fault: told.append(fault))
+    line = SerialLine(LineFaults(stall=2.0, stall_every=10.0), Random(3), lambda *fault: told.append(fault))
     held, stalls = 0.0, set()
     for k in range(100_000):  # 1000 s
         now = 0.01 * k
@@ -132,12 +132,12 @@ def test_a_stall_holds_everything_back_until_its_end_and_is_told_of_once() -> No
 
 def test_what_would_arrive_after_the_cut_is_lost_and_told_of() -> None:
     told: list[tuple[LineFault, bytes]] = []
-    line = SerialLine(LineFaults(delay=0.5, cut=2.0), default_rng(1), lambda *fault: told.append(fault), start=10.0)
+    line = SerialLine(LineFaults(delay=0.5, cut=2.0), Random(1), lambda *fault: told.append(fault), start=10.0)
     assert line.ends == 12.0
     assert line.carry(b"in time", 11.5) == [(12.0, b"in time")]
     assert line.carry(b"too late", 11.6) == []
     assert told == [("cut", b"too late")]
-    assert SerialLine(LineFaults(), default_rng(1)).ends == inf
+    assert SerialLine(LineFaults(), Random(1)).ends == inf
 
 
 # -- damage ------------------------------------------------------------------------------------------------------
@@ -145,7 +145,7 @@ def test_what_would_arrive_after_the_cut_is_lost_and_told_of() -> None:
 
 @pytest.mark.parametrize("share", [0.01, 0.2, 0.9])
 def test_the_share_of_lost_pieces_is_the_one_asked_for(share: float) -> None:
-    line = SerialLine(LineFaults(drop=share), default_rng(1))
+    line = SerialLine(LineFaults(drop=share), Random(1))
     arrived = sum(len(line.carry(FRAME, float(k))) for k in range(20_000))
     assert within(arrived, 20_000, 1.0 - share)
     assert line.counts["drop"] == 20_000 - arrived
@@ -153,7 +153,7 @@ def test_the_share_of_lost_pieces_is_the_one_asked_for(share: float) -> None:
 
 @pytest.mark.parametrize("share", [0.01, 0.2, 1.0])
 def test_the_share_of_doubled_pieces_is_the_one_asked_for(share: float) -> None:
-    line = SerialLine(LineFaults(duplicate=share), default_rng(1))
+    line = SerialLine(LineFaults(duplicate=share), Random(1))
     for k in range(20_000):
         arrivals = line.carry(FRAME, float(k))
         assert arrivals in ([(k, FRAME)], [(k, FRAME), (k, FRAME)])
@@ -161,7 +161,7 @@ def test_the_share_of_doubled_pieces_is_the_one_asked_for(share: float) -> None:
 
 
 def test_a_torn_piece_is_its_beginning_and_the_share_is_the_one_asked_for() -> None:
-    line, torn = SerialLine(LineFaults(tear=0.2), default_rng(1)), 0
+    line, torn = SerialLine(LineFaults(tear=0.2), Random(1)), 0
     for k in range(20_000):
         arrived = b"".join(piece for _, piece in line.carry(FRAME, float(k)))
         assert FRAME.startswith(arrived)
@@ -173,7 +173,7 @@ def test_a_torn_piece_is_its_beginning_and_the_share_is_the_one_asked_for() -> N
 @pytest.mark.parametrize("share", [1e-4, 1e-3, 0.1, 0.5, 1.0])
 @pytest.mark.parametrize("size", [pytest.param(1, marks=pytest.mark.long), 26, 4096])
 def test_every_bit_is_hit_with_the_probability_asked_for_wherever_it_is(share: float, size: int) -> None:
-    line = SerialLine(LineFaults(flip=share), default_rng(1))
+    line = SerialLine(LineFaults(flip=share), Random(1))
     bits, hits, places = 400_000, 0, [0] * 8
     for k in range(bits // (8 * size) + 1):
         ((_, arrived),) = line.carry(bytes(size), float(k))
@@ -193,7 +193,7 @@ def test_whatever_does_not_arrive_as_it_was_given_is_told_of(
     faults: LineFaults, traffic: list[bytes], pauses: list[float], seed: int
 ) -> None:
     told: list[tuple[LineFault, bytes]] = []
-    line = SerialLine(faults, default_rng(seed), lambda *fault: told.append(fault))
+    line = SerialLine(faults, Random(seed), lambda *fault: told.append(fault))
     now = 0.0
     for data, pause in zip(traffic, pauses, strict=False):
         told.clear()
@@ -212,7 +212,7 @@ def test_whatever_does_not_arrive_as_it_was_given_is_told_of(
 def test_the_same_seed_repeats_every_fault(
     faults: LineFaults, traffic: list[bytes], pauses: list[float], seed: int
 ) -> None:
-    one, two = (carried(SerialLine(faults, default_rng(seed)), traffic, pauses) for _ in range(2))
+    one, two = (carried(SerialLine(faults, Random(seed)), traffic, pauses) for _ in range(2))
     assert one == two
 
 

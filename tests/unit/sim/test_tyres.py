@@ -15,10 +15,10 @@ from txt1.robot import Robot
 from txt1.sim.batch import powered
 from txt1.sim.dynamics import VERSION, VehicleState
 from txt1.sim.parameters import Batteries, VehicleParameters
+from txt1.units import GRAVITY
 
 P = Parameters()
 ICY = Parameters(grip=0.2)
-G = 9.81
 LOCK = 18000.0
 ENDLESS = ("sim.room={length: .inf, width: .inf}", "sim.noise.drag=0", "seed=1")
 IDEAL = ("sim.vehicle.grip=2", "sim.vehicle.cornering=1e9", "sim.vehicle.voltage=0")
@@ -44,22 +44,22 @@ def accelerations(states: list[VehicleState]) -> list[float]:
 @pytest.mark.parametrize("grip", [0.2, 0.5, 1.0489])
 def test_no_acceleration_leaves_the_friction_circle(motor: float, u: float, grip: float) -> None:
     start = VehicleState(v=1.5, phi_front=P.steering_max * u / LOCK, phi_rear=-P.steering_max * u / LOCK)
-    assert max(accelerations(driven(start, motor, u, 2.0, Parameters(grip=grip)))) < 1.02 * grip * G
+    assert max(accelerations(driven(start, motor, u, 2.0, Parameters(grip=grip)))) < 1.02 * grip * GRAVITY
 
 
 def test_wheels_spin_when_the_motor_asks_for_more_and_are_counted_as_they_spin() -> None:
     states = driven(VehicleState(), 6000.0, 0.0, 0.4, ICY)
-    assert states[-1].v == pytest.approx(0.4 * 0.2 * G, rel=1e-6), "the floor gives no more"
+    assert states[-1].v == pytest.approx(0.4 * 0.2 * GRAVITY, rel=1e-6), "the floor gives no more"
     assert states[-1].right > 2.0 * states[-1].x
     # the motor turns them until it pulls with what they hold: speed_gain (6000 - 300) - tau g grip
     turning = (states[1].right - states[0].right) / 0.02
-    assert turning == pytest.approx(0.00033 * 5700 - 0.3 * 0.2 * G, rel=1e-6)
+    assert turning == pytest.approx(0.00033 * 5700 - 0.3 * 0.2 * GRAVITY, rel=1e-6)
 
 
 def test_braked_wheels_slide_as_far_as_the_floor_says() -> None:
     states = driven(VehicleState(v=1.0), -6000.0, 0.0, 0.6, ICY)
     way = max(each.x for each in states)
-    assert way == pytest.approx(1.0 / (2.0 * 0.2 * G), rel=1e-3)
+    assert way == pytest.approx(1.0 / (2.0 * 0.2 * GRAVITY), rel=1e-3)
     assert states[10].right < states[10].x, "the wheels turn more slowly than the floor passes, or backwards"
 
 
@@ -69,7 +69,7 @@ def test_the_middle_slides_outwards_by_the_side_force() -> None:
     course = (two.theta + one.theta) / 2.0
     ahead, aside = two.x - one.x, two.y - one.y
     slip = atan2(aside * cos(course) - ahead * sin(course), ahead * cos(course) + aside * sin(course))
-    assert sin(slip) == pytest.approx(-two.v * two.v / 0.56 / (G * P.cornering), rel=1e-3)
+    assert sin(slip) == pytest.approx(-two.v * two.v / 0.56 / (GRAVITY * P.cornering), rel=1e-3)
 
 
 def test_an_empty_pack_turns_the_motor_more_slowly() -> None:

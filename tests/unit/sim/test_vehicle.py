@@ -356,6 +356,9 @@ def test_drag_noise_has_its_standard_deviation_and_no_bias() -> None:
     assert len(set(drags)) == 5000
     assert abs(sum(drags) / 5000) < 4 * 0.03 / 5000**0.5
     assert (sum(d * d for d in drags) / 5000) ** 0.5 == pytest.approx(0.03, rel=0.05)
+    for lag in (1, 2, 50):
+        together = sum(a * b for a, b in zip(drags[lag:], drags, strict=False)) / 5000
+        assert abs(together) < 4 * 0.03**2 / 5000**0.5, "it is white"
 
 
 def test_a_battery_reading_is_valid_for_a_second_however_often_it_is_read() -> None:

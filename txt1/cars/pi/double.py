@@ -4,10 +4,8 @@ import errno
 import os
 from collections.abc import Sequence
 from math import inf
+from random import Random
 from typing import Final
-
-import numpy as np
-from numpy.random import Generator
 
 from txt1.cars.pi.chips import Ads1115Chip, Chip, FakeBus, Ina219Chip, Pca9685Chip
 from txt1.cars.pi.driver import GuardAnswer, PiOptions, answer_of
@@ -17,11 +15,10 @@ from txt1.control.limits import Outputs
 from txt1.hal.registry import create_sim
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 from txt1.sim.parameters import LineFaults
+from txt1.sim.random_streams import random_stream
 
 # bits of a transfer of four bytes: address, register, data, each acknowledged
 TRANSFER: Final = 54
-# distinguishes the random values of a bus
-BUS: Final = 3
 # s for which the watchdog keeps the outputs on after a rising edge
 MONOSTABLE_TIME: Final = 0.2
 # s for which a cut line leaves the servo board without power
@@ -34,7 +31,7 @@ class LooseBus(FakeBus):
     Transfers that a line would lose, tear or corrupt are not acknowledged, as I2C has no checksum.
     """
 
-    def __init__(self, chips: dict[int, Chip], faults: LineFaults, rng: Generator) -> None:
+    def __init__(self, chips: dict[int, Chip], faults: LineFaults, rng: Random) -> None:
         super().__init__(chips)
         self._share = min(1.0, faults.drop + faults.tear + TRANSFER * faults.flip)
         self._rng = rng
@@ -78,7 +75,7 @@ class PiDouble:
         self.hal = create_sim(config.model_copy(update={"hal": "sim"}))
         self.vehicle = self.hal.vehicle
         self.board, self.ina219, self.ads1115 = Pca9685Chip(), Ina219Chip(), Ads1115Chip()
-        rng = np.random.default_rng(np.random.SeedSequence([config.own_seed, BUS]))
+        rng = random_stream(config.own_seed, "bus")
         self.bus = LooseBus({setup.address: self.board}, config.serial.fault, rng)
         self._cut = config.serial.fault.cut
         if setup.battery != "none":

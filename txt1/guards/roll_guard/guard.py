@@ -19,8 +19,8 @@ from typing import Final
 
 from txt1.guards.roll_guard.settings import RollGuard
 from txt1.model.kinematics import yaw_rate_max
+from txt1.units import GRAVITY
 
-GRAVITY: Final = 9.80665  # m/s^2
 # m/s, the least speed that is always allowed
 CRAWL: Final = 0.1
 
