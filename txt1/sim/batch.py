@@ -45,9 +45,9 @@ from numpy.typing import NDArray
 
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX
+from txt1.sim import dynamics
 from txt1.sim.battery import Packs, voltage_share
 from txt1.sim.dynamics import SHORT_RAMP, Dynamics
-from txt1.sim.dynamics import move as move_vehicle
 from txt1.sim.parameters import Batteries, VehicleParameters
 
 Array = NDArray[np.float64]
@@ -286,7 +286,15 @@ def _drive(
 
 _drive_compiled = compiled(_drive, reorder=True)
 
-_move_one = compiled(move_vehicle)
+# numba calls only functions that it has compiled itself
+_EQUATIONS: Final = (
+    *("servo_angle", "steer", "direction", "held", "slide", "drive", "coast"),
+    *("sideslip", "encoder_wheels", "along_arc"),
+)
+_turn_servos = {"turn_servos": compiled(dynamics.turn_servos)}
+_move_one = compiled(
+    dynamics.move, calls={name: compiled(getattr(dynamics, name), calls=_turn_servos) for name in _EQUATIONS}
+)
 
 
 def _move(

@@ -124,15 +124,7 @@ def at_voltage(motor: float, dead_band: float, share: float) -> float:
     return rest + (motor - rest) * share
 
 
-def move(
-    state: Motion,
-    motor: float,
-    front: float,
-    rear: float,
-    dt: float,
-    drag: float,
-    p: Dynamics,
-) -> Motion:
+def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag: float, p: Dynamics) -> Motion:
     """Return the vehicle's state `dt` seconds later.
 
     Args:
@@ -145,174 +137,258 @@ def move(
         p: parameters from `dynamics`.
 
     """
-    x, y, theta, v, phi_front, phi_rear, right, left = state
     # local names: in plain Python looking up an attribute takes as long as the multiplication
     (
-        wheelbase,
-        track_width,
-        steering_max,
-        speed_gain,
-        dead_band,
-        speed_time_constant,
-        coast_time_constant,
-        coast_friction,
-        servo_rate,
-        scrub,
-        slip,
-        understeer,
-        _,
-        _,
-        ramp_step,
-        steered,
-        tan_max,
-        hold,
-        sideways,
-        calm_v,
-        calm_pull,
-    ) = p
-    # front = -u, rear = +u turns left
-    if not -LOCK <= front <= LOCK:
-        front = LOCK if front > 0.0 else -LOCK
-    if not -LOCK <= rear <= LOCK:
-        rear = LOCK if rear > 0.0 else -LOCK
-    target_front = -steering_max * (front / LOCK)
-    target_rear = -steering_max * (rear / LOCK)
+        wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, coast_time_constant,
+        coast_friction, servo_rate, scrub, slip, understeer, _, _, ramp_step, steered, tan_max, hold, sideways,
+        calm_v, calm_pull,
+    ) = p  # fmt: skip
+    x, y, theta, v, phi_front, phi_rear, right, left = state
+    target_front, target_rear = servo_angle(front, steering_max), servo_angle(rear, steering_max)
     coasting = abs(motor) <= dead_band
     if coasting and v == 0.0 and phi_front == target_front and phi_rear == target_rear:
         # at rest
         return state
-    if coasting:
-        v_free, tau = 0.0, coast_time_constant
-    else:
-        v_free = speed_gain * (motor - dead_band if motor > 0.0 else motor + dead_band)
-        tau = speed_time_constant
+    tau = coast_time_constant if coasting else speed_time_constant
+    v_free = speed_gain * (motor - dead_band if motor > 0.0 else motor + dead_band)
     # whether motor and steering demand so little that the tyres certainly hold
     calm = -calm_v <= v <= calm_v and (coasting or -calm_pull <= v_free - v <= calm_pull)
-
     remaining = dt
     while remaining > 0.0:
-        # -- steering: the piece ends with the ramp step or when a servo arrives
-        if phi_front == target_front and phi_rear == target_rear:
-            h = remaining if calm or remaining < ramp_step else ramp_step
-            mean_front, mean_rear = phi_front, phi_rear
-        else:
-            gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
-            h = remaining if remaining < ramp_step else ramp_step
-            if 0.0 < abs(gap_front) < h * servo_rate:
-                h = abs(gap_front) / servo_rate
-            if 0.0 < abs(gap_rear) < h * servo_rate:
-                h = abs(gap_rear) / servo_rate
-            # a servo that arrives with this piece has arrived
-            travel = servo_rate * h * (1.0 + 1e-12)
-            next_front, next_rear = target_front, target_rear
-            if abs(gap_front) > travel:
-                next_front = phi_front + (travel if gap_front > 0.0 else -travel)
-            if abs(gap_rear) > travel:
-                next_rear = phi_rear + (travel if gap_rear > 0.0 else -travel)
-            mean_front, mean_rear = 0.5 * (phi_front + next_front), 0.5 * (phi_rear + next_rear)
-            phi_front, phi_rear = next_front, next_rear
-            if calm and h < SHORT_RAMP * ramp_step and phi_front == target_front and phi_rear == target_rear:
-                # The end of a turn, too short for a piece of its own: one arc for it and the rest, at the mean angle
-                share = h / remaining
-                mean_front = phi_front + share * (mean_front - phi_front)
-                mean_rear = phi_rear + share * (mean_rear - phi_rear)
-                h = remaining
-
-        # -- direction of motion: sideslip of the centre, 0 for opposite angles
-        tan_front = tan(mean_front)
-        tan_rear = -tan_front if mean_rear == -mean_front else tan(mean_rear)
-        if tan_rear == -tan_front:
-            cos_beta, sin_beta = 1.0, 0.0
-            turn = tans = 2.0 * tan_front
-        else:
-            beta = atan(0.5 * (tan_front + tan_rear))
-            cos_beta, sin_beta = cos(beta), sin(beta)
-            tans = tan_front - tan_rear
-            turn = cos_beta * tans
-
-        # -- speed: tau dv/dt = v_target - (1 + drag) v, exactly
+        h, mean_front, mean_rear, phi_front, phi_rear = steer(
+            phi_front, phi_rear, target_front, target_rear, remaining, calm, ramp_step, servo_rate
+        )
+        tan_front, tans, turn, sin_beta, cos_beta = direction(mean_front, mean_rear)
+        # tau dv/dt = v_free - loss v
         lock = 0.5 * tans / tan_max
         loss = 1.0 + scrub * lock * lock + drag
-        tau_h = tau / loss
-        if calm:
-            share = 1.0
-        else:
-            # -- the share of the demand that the tyres hold: at the beginning, then at the middle of the piece
-            bend = turn / wheelbase
-            friction = 0.0 if not coasting else coast_friction if v > 0.0 else -coast_friction
-            mean_v = v
-            for _ in range(2):
-                along = (v_free - friction - loss * mean_v) / tau
-                across = mean_v * mean_v * bend / (1.0 + understeer * mean_v * mean_v)
-                asked = sqrt(along * along + across * across)
-                share = hold / asked if asked > hold else 1.0
-                mean_v = v + 0.5 * h * share * along
-                if share == 1.0 or (coasting and (mean_v > 0.0) != (v > 0.0)):
-                    break
-        if share < 1.0:
-            along *= share
+        share, along = 1.0, 0.0
+        if coasting:
+            # dry friction takes the motor's place
+            v_free = -coast_friction if v > 0.0 else coast_friction
+        if not calm:
+            share, along = held(v, v_free, tau, loss, turn / wheelbase, h, coasting, hold, understeer)
             turn *= share
-            stop = -v / along if coasting and v * along < 0.0 else h
-            rolling = h if h < stop else stop
-            distance = (v + 0.5 * along * rolling) * rolling
-            wheels = (v_free - friction - tau * along) / loss
-            # a locked wheel does not turn
-            rolled = wheels * rolling * (1.0 + slip) if not coasting else wheels * rolling if wheels * v > 0.0 else 0.0
-            v = v + along * rolling if stop >= h else 0.0
+        if share < 1.0:
+            distance, rolled, v = slide(v, v_free, tau, loss, along, h, coasting, slip)
         elif coasting:
-            friction = coast_friction if v > 0.0 else -coast_friction
-            v_end = -friction / loss
-            # dry friction stops the vehicle but does not reverse it; without friction it rolls on
-            stop = 0.0 if v == 0.0 else tau_h * log(1.0 - v / v_end) if v_end != 0.0 else h + 1.0
-            rolling = h if h < stop else stop
-            decay = exp(-rolling / tau_h)
-            distance = rolled = v_end * rolling + (v - v_end) * tau_h * (1.0 - decay)
-            v = v_end + (v - v_end) * decay if stop > h else 0.0
+            distance, v = coast(v, v_free / loss, tau / loss, h)
+            rolled = distance
         else:
-            v_end = v_free / loss
-            decay = exp(-h / tau_h)
-            distance = v_end * h + (v - v_end) * tau_h * (1.0 - decay)
+            distance, v = drive(v, v_free / loss, tau / loss, h)
             rolled = distance * (1.0 + slip)
-            v = v_end + (v - v_end) * decay
-
         if distance != 0.0 or rolled != 0.0:
-            # -- curvature, thesis (2.12) for opposite angles; understeer by the piece's mean speed
-            if turn == 0.0:
-                curvature, sin_slip, cos_slip = 0.0, sin_beta, cos_beta
-            else:
-                mean_v = distance / h
-                square = mean_v * mean_v
-                curvature = turn / (wheelbase * (1.0 + understeer * square))
-                # -- the reference point slides outwards
-                sin_slip = sideways * square * curvature
-                if mean_v > 0.0:
-                    sin_slip = -sin_slip
-                cos_slip = sqrt(1.0 - sin_slip * sin_slip)
-                if sin_beta:
-                    sin_slip, cos_slip = (
-                        sin_beta * cos_slip + cos_beta * sin_slip,
-                        cos_beta * cos_slip - sin_beta * sin_slip,
-                    )
-            # -- steered encoder wheels roll along their own heading: the hub's velocity is projected on it
-            if not steered:
-                tan_front = 0.0
-            cos_front = 1.0 / sqrt(1.0 + tan_front * tan_front)
-            sin_front = tan_front * cos_front
-            forward = cos_slip * cos_front + (sin_slip + 0.5 * curvature * wheelbase) * sin_front
-            apart = 0.5 * curvature * track_width * cos_front
-            right += rolled * (forward + apart)
-            left += rolled * (forward - apart)
-            # -- the arc, (2.2) integrated over its length
-            half = 0.5 * distance * curvature
-            chord = distance * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin(half) / half)
-            ahead, aside = chord * cos_slip, chord * sin_slip
-            cos_theta, sin_theta = cos(theta + half), sin(theta + half)
-            x += ahead * cos_theta - aside * sin_theta
-            y += ahead * sin_theta + aside * cos_theta
-            theta += 2.0 * half
-            while theta > pi:
-                theta -= TWO_PI
-            while theta <= -pi:
-                theta += TWO_PI
+            curvature, sin_slip, cos_slip = sideslip(
+                turn, distance / h, sin_beta, cos_beta, wheelbase, understeer, sideways
+            )
+            along_right, along_left = encoder_wheels(
+                curvature, sin_slip, cos_slip, tan_front * steered, wheelbase, track_width
+            )
+            right += rolled * along_right
+            left += rolled * along_left
+            x, y, theta = along_arc(x, y, theta, distance, curvature, sin_slip, cos_slip)
         remaining -= h
     return x, y, theta, v, phi_front, phi_rear, right, left
+
+
+# -- servos ------------------------------------------------------------------------------------------------------
+
+
+def servo_angle(counts: float, steering_max: float) -> float:
+    """Return the steering angle for PWM counts, rad: front = -u, rear = +u turns left."""
+    if not -LOCK <= counts <= LOCK:
+        counts = LOCK if counts > 0.0 else -LOCK
+    return -steering_max * (counts / LOCK)
+
+
+def steer(
+    phi_front: float,
+    phi_rear: float,
+    target_front: float,
+    target_rear: float,
+    remaining: float,
+    calm: bool,
+    ramp_step: float,
+    rate: float,
+) -> tuple[float, float, float, float, float]:
+    """Return the length of the next piece, s, its mean steering angles, and those at its end, front and rear, rad."""
+    if phi_front == target_front and phi_rear == target_rear:
+        h = remaining if calm or remaining < ramp_step else ramp_step
+        return h, phi_front, phi_rear, phi_front, phi_rear
+    h, end_front, end_rear = turn_servos(phi_front, phi_rear, target_front, target_rear, remaining, ramp_step, rate)
+    mean_front, mean_rear = 0.5 * (phi_front + end_front), 0.5 * (phi_rear + end_rear)
+    if calm and h < SHORT_RAMP * ramp_step and end_front == target_front and end_rear == target_rear:
+        # The end of a turn, too short for a piece of its own: one arc for it and the rest, at the mean angle
+        share = h / remaining
+        mean_front = end_front + share * (mean_front - end_front)
+        mean_rear = end_rear + share * (mean_rear - end_rear)
+        h = remaining
+    return h, mean_front, mean_rear, end_front, end_rear
+
+
+def turn_servos(
+    phi_front: float,
+    phi_rear: float,
+    target_front: float,
+    target_rear: float,
+    remaining: float,
+    ramp_step: float,
+    rate: float,
+) -> tuple[float, float, float]:
+    """Return the time until the ramp step ends or a servo arrives, s, and the steering angles then, front and
+    rear, rad.
+    """
+    gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
+    h = remaining if remaining < ramp_step else ramp_step
+    if 0.0 < abs(gap_front) < h * rate:
+        h = abs(gap_front) / rate
+    if 0.0 < abs(gap_rear) < h * rate:
+        h = abs(gap_rear) / rate
+    # a servo that arrives with this piece has arrived
+    travel = rate * h * (1.0 + 1e-12)
+    end_front, end_rear = target_front, target_rear
+    if abs(gap_front) > travel:
+        end_front = phi_front + (travel if gap_front > 0.0 else -travel)
+    if abs(gap_rear) > travel:
+        end_rear = phi_rear + (travel if gap_rear > 0.0 else -travel)
+    return h, end_front, end_rear
+
+
+def direction(front: float, rear: float) -> tuple[float, float, float, float, float]:
+    """Return numbers of the motion that the steering angles, rad, demand.
+
+    They are: the tangent of the front angle; the difference of both tangents; the curvature times the wheelbase; sine
+    and cosine of beta, the sideslip of the centre, which is 0 for opposite angles.
+    """
+    tan_front = tan(front)
+    tan_rear = -tan_front if rear == -front else tan(rear)
+    if tan_rear == -tan_front:
+        return tan_front, 2.0 * tan_front, 2.0 * tan_front, 0.0, 1.0
+    beta = atan(0.5 * (tan_front + tan_rear))
+    sin_beta, cos_beta = sin(beta), cos(beta)
+    tans = tan_front - tan_rear
+    return tan_front, tans, cos_beta * tans, sin_beta, cos_beta
+
+
+# -- speed -------------------------------------------------------------------------------------------------------
+
+
+def held(
+    v: float,
+    v_free: float,
+    tau: float,
+    loss: float,
+    bend: float,
+    h: float,
+    coasting: bool,
+    hold: float,
+    understeer: float,
+) -> tuple[float, float]:
+    """Return the share of the demand that the tyres hold, and the acceleration along the car that is left of it,
+    m/s^2: at the beginning of a piece, then at its middle.
+    """
+    share, along, mean_v = 1.0, 0.0, v
+    for _ in range(2):
+        along = (v_free - loss * mean_v) / tau
+        across = mean_v * mean_v * bend / (1.0 + understeer * mean_v * mean_v)
+        asked = sqrt(along * along + across * across)
+        share = hold / asked if asked > hold else 1.0
+        mean_v = v + 0.5 * h * share * along
+        if share == 1.0 or (coasting and (mean_v > 0.0) != (v > 0.0)):
+            break
+    return share, along * share
+
+
+def slide(
+    v: float, v_free: float, tau: float, loss: float, along: float, h: float, coasting: bool, slip: float
+) -> tuple[float, float, float]:
+    """Return distance, the wheels' path and the speed after h s of an acceleration of `along` m/s^2, the most
+    that the tyres hold.
+    """
+    stop = -v / along if coasting and v * along < 0.0 else h
+    rolling = h if h < stop else stop
+    distance = (v + 0.5 * along * rolling) * rolling
+    wheels = (v_free - tau * along) / loss
+    rolled = wheels * rolling
+    if not coasting:
+        rolled *= 1.0 + slip
+    elif wheels * v <= 0.0:
+        # a locked wheel does not turn
+        rolled = 0.0
+    return distance, rolled, v + along * rolling if stop >= h else 0.0
+
+
+def drive(v: float, v_end: float, tau: float, h: float) -> tuple[float, float]:
+    """Return the distance and the speed after h s with the motor, m and m/s: the speed tends to `v_end`."""
+    decay = exp(-h / tau)
+    return v_end * h + (v - v_end) * tau * (1.0 - decay), v_end + (v - v_end) * decay
+
+
+def coast(v: float, v_end: float, tau: float, h: float) -> tuple[float, float]:
+    """Return the distance and the speed after h s without a motor, m and m/s.
+
+    Dry friction, which pulls towards `v_end`, stops the vehicle but does not reverse it; without friction it rolls on.
+    """
+    stop = h + 1.0
+    if v == 0.0:
+        stop = 0.0
+    elif v_end != 0.0:
+        stop = tau * log(1.0 - v / v_end)
+    rolling = h if h < stop else stop
+    decay = exp(-rolling / tau)
+    distance = v_end * rolling + (v - v_end) * tau * (1.0 - decay)
+    return distance, v_end + (v - v_end) * decay if stop > h else 0.0
+
+
+# -- path --------------------------------------------------------------------------------------------------------
+
+
+def sideslip(
+    turn: float, v: float, sin_beta: float, cos_beta: float, wheelbase: float, understeer: float, sideways: float
+) -> tuple[float, float, float]:
+    """Return the curvature, 1/m, by (2.12) for opposite angles, with understeer; and sine and cosine of the angle
+    at which the reference point moves: it slides outwards.
+    """
+    if turn == 0.0:
+        return 0.0, sin_beta, cos_beta
+    square = v * v
+    curvature = turn / (wheelbase * (1.0 + understeer * square))
+    sin_slip = sideways * square * curvature
+    if v > 0.0:
+        sin_slip = -sin_slip
+    cos_slip = sqrt(1.0 - sin_slip * sin_slip)
+    if sin_beta:
+        return curvature, sin_beta * cos_slip + cos_beta * sin_slip, cos_beta * cos_slip - sin_beta * sin_slip
+    return curvature, sin_slip, cos_slip
+
+
+def encoder_wheels(
+    curvature: float, sin_slip: float, cos_slip: float, tan_front: float, wheelbase: float, track_width: float
+) -> tuple[float, float]:
+    """Return the paths of the right and left encoder wheel as shares of the vehicle's.
+
+    Steered wheels roll along their own heading: the hub's velocity is projected on it.
+    """
+    cos_front = 1.0 / sqrt(1.0 + tan_front * tan_front)
+    sin_front = tan_front * cos_front
+    forward = cos_slip * cos_front + (sin_slip + 0.5 * curvature * wheelbase) * sin_front
+    apart = 0.5 * curvature * track_width * cos_front
+    return forward + apart, forward - apart
+
+
+def along_arc(
+    x: float, y: float, theta: float, distance: float, curvature: float, sin_slip: float, cos_slip: float
+) -> tuple[float, float, float]:
+    """Return the pose after an arc, (2.2) integrated over its length; m and rad."""
+    half = 0.5 * distance * curvature
+    chord = distance * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin(half) / half)
+    ahead, aside = chord * cos_slip, chord * sin_slip
+    cos_theta, sin_theta = cos(theta + half), sin(theta + half)
+    x += ahead * cos_theta - aside * sin_theta
+    y += ahead * sin_theta + aside * cos_theta
+    theta += 2.0 * half
+    while theta > pi:
+        theta -= TWO_PI
+    while theta <= -pi:
+        theta += TWO_PI
+    return x, y, theta
