@@ -53,12 +53,11 @@ from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import PWM_MAX
 from txt1.sim.batch import Array, compiled
 from txt1.sim.dynamics import Motion
+from txt1.units import GRAVITY
 from txt1_physics.foreign import Foreign, MotorDrive
 
 VEHICLE: Final = 2
 """The package's number of the BMW 320i."""
-# gravity in the models, m/s^2
-GRAVITY: Final = 9.81
 # longest step of the full-size car, s
 LONGEST: Final = 1e-3
 # largest step times the wheels' rate at rest; 2 is the limit of both methods

@@ -22,8 +22,9 @@ from txt1.errors import ConfigError
 from txt1.model.vehicle import PWM_MAX
 from txt1.sim.batch import Array
 from txt1.sim.dynamics import Motion
+from txt1.units import GRAVITY
 from txt1_physics.foreign import Foreign, MotorDrive
-from txt1_physics.mjcf import GRAVITY, STEP, WHEELS, mjcf, wheel_radius
+from txt1_physics.mjcf import STEP, WHEELS, mjcf, wheel_radius
 from txt1_physics.settings import PhysicsSettings
 
 # m/s: a slower coasting car stands

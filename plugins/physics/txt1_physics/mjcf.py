@@ -18,9 +18,9 @@ from math import pi
 from typing import Final
 
 from txt1.model.vehicle import Geometry
+from txt1.units import GRAVITY
 from txt1_physics.settings import PhysicsSettings
 
-GRAVITY: Final = 9.81  # m/s^2
 # longest step of the integration, s
 STEP: Final = 0.001
 WHEELS: Final = ("front_left", "front_right", "rear_left", "rear_right")
