@@ -71,18 +71,21 @@ def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
     yield (
         "controller",
         4,
-        0.02,
+        controller.CONTROL_PERIOD,
         partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, loops=loops),
     )
     yield "serial", 4, None, serving
-    yield "encoder", 3, 0.02, partial(encoder.encoder, state=state, hal=hal, gate=gate, geometry=geometry)
+    counting = partial(encoder.encoder, state=state, hal=hal, gate=gate, geometry=geometry)
+    yield "encoder", 3, controller.CONTROL_PERIOD, counting
     if robot.watch is not None:
         yield "standstill", 3, standstill.STANDSTILL_PERIOD, partial(standstill.standstill, watch=robot.watch)
-    yield "mode", 2, 1.0, partial(mode.mode, state=state, gate=gate)
-    yield "display", 2, 0.1, partial(panel.display, state=state, hal=hal)
-    yield "odometry", 2, 0.05, partial(encoder.odometry, state=state, send=robot.send)
-    yield "battery", 1, 1.0, partial(battery.battery, state=state, hal=hal, gate=gate, send=robot.send)
-    yield "button", 1, 0.1, partial(panel.button, presses=robot.presses, state=state, hal=hal, gate=gate)
+    yield "mode", 2, mode.MODE_PERIOD, partial(mode.mode, state=state, gate=gate)
+    yield "display", 2, panel.PANEL_PERIOD, partial(panel.display, state=state, hal=hal)
+    yield "odometry", 2, encoder.ODOMETRY_PERIOD, partial(encoder.odometry, state=state, send=robot.send)
+    watching = partial(battery.battery, state=state, hal=hal, gate=gate, send=robot.send)
+    yield "battery", 1, battery.BATTERY_PERIOD, watching
+    pressed = partial(panel.button, presses=robot.presses, state=state, hal=hal, gate=gate)
+    yield "button", 1, panel.PANEL_PERIOD, pressed
 
 
 class Runtime:

@@ -39,9 +39,11 @@ from txt1.protocol.messages import (
     PwmTest,
     Velocity,
 )
-from txt1.tasks.battery import OLD_WEIGHT, judge
+from txt1.tasks.battery import BATTERY_PERIOD, OLD_WEIGHT, judge
+from txt1.tasks.encoder import ODOMETRY_PERIOD
 from txt1.tasks.fields import Battery, Control, Encoders, GainTable, LinkState, Source
-from txt1.tasks.panel import press
+from txt1.tasks.mode import MODE_PERIOD
+from txt1.tasks.panel import PANEL_PERIOD, press
 from txt1.tasks.serial import Inbox
 from txt1.tasks.state import State
 
@@ -147,10 +149,10 @@ class OriginalFirmware:
             ("neutral", 4, NEUTRAL_PERIOD, self.neutral),
             ("serial", 4, None, self.serial),
             ("encoder", 3, ENCODER_PERIOD, self.encoder),
-            ("mode", 2, 1.0, self.mode),
-            ("odometry", 2, 0.05, self.odometry),
-            ("battery", 1, 1.0, self.battery),
-            ("button", 1, 0.1, self.button),
+            ("mode", 2, MODE_PERIOD, self.mode),
+            ("odometry", 2, ODOMETRY_PERIOD, self.odometry),
+            ("battery", 1, BATTERY_PERIOD, self.battery),
+            ("button", 1, PANEL_PERIOD, self.button),
         )
 
     def restart(self, now: float, off: float) -> None:

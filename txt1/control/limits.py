@@ -367,7 +367,7 @@ class Gate:
 
         Disarm if the car is not seen any more.
         """
-        lost = self.sight.lost(0.0, asked, dt, brakes)
+        lost = self.sight.lost(asked, dt, brakes)
         if lost:
             self.disarm(LOST, Fault.RUNAWAY)
         return lost or self.sight.doubted

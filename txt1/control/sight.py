@@ -48,6 +48,12 @@ def time_unseen(way: float, asked: float) -> float:
     return sqrt(2.0 * GAIN * way / abs(asked))
 
 
+def outer_wheel(v: float, turning: float) -> float:
+    """Return the speed of the faster wheel, m/s, signed as the speed v; `turning` is its part of the turn, m/s."""
+    part = abs(turning)
+    return v - part if v < 0.0 else v + part
+
+
 class WheelSight:
     """Notices from readings of the wheels that a car is not seen any more; `count` is m per encoder count, or 0."""
 
@@ -70,11 +76,8 @@ class WheelSight:
         """Whether it may be going on unseen, and is not lost yet."""
         return self._way > 0.0
 
-    def turns(self, v: float, turning: float, dt: float) -> None:
-        """Take a reading of wheels that turn, which came `dt` s after the last: the speed v and the outer wheel's part
-        of the turn, m/s.
-        """
-        wheel = v + turning if (v < 0.0) is (turning < 0.0) else v - turning
+    def turns(self, wheel: float, dt: float) -> None:
+        """Take a reading of wheels that turn, which came `dt` s after the last: the outer wheel's speed, m/s."""
         before = self._before = self._speed
         speed = PULL * (dt if dt < LONGEST else LONGEST)
         if before * wheel > 0.0:
@@ -83,16 +86,12 @@ class WheelSight:
         self.doubted = False
         self._gained = self._way = 0.0
 
-    def lost(self, wheel: float, asked: float, dt: float, brakes: bool = False) -> bool:
-        """Return whether the car is not seen any more.
+    def lost(self, asked: float, dt: float, brakes: bool = False) -> bool:
+        """Return whether the car is not seen any more, by a reading of wheels that do not turn.
 
-        `wheel` is the faster wheel's speed by the reading (m/s, signed as v), which came `dt` s after the last, and
-        `asked` its speed by the set-point of that time. `brakes`: the motor's output was against it, so the wheels may
-        have come to rest.
+        The reading came `dt` s after the last. `asked` is the outer wheel's speed by the set-point of that time, m/s.
+        `brakes`: the motor's output was against it, so the wheels may have come to rest.
         """
-        if wheel != 0.0:
-            self.turns(wheel, 0.0, dt)
-            return False
         if self.doubted:
             return True
         if abs(asked) < SLOWEST - 1e-9:

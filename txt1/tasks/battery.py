@@ -13,6 +13,8 @@ from txt1.tasks.fields import Battery, BatteryState
 from txt1.tasks.state import State
 from txt1.telemetry.topics import Rule, Topic, declare
 
+# s
+BATTERY_PERIOD: Final = 1.0
 # weight of the old value in the smoothed voltage (the original firmware)
 OLD_WEIGHT: Final = 0.6
 GOOD_V: Final = 9.5

@@ -5,6 +5,7 @@ from math import cos, sin
 from typing import Final
 
 from txt1.control.limits import Gate
+from txt1.control.sight import outer_wheel
 from txt1.errors import HalError
 from txt1.hal.base import BoardLink, Hal, Inputs
 from txt1.kernel.ticks import Ticks
@@ -21,7 +22,7 @@ from txt1.units import new
 # wall
 BRAKES: Final = 10.0
 # s between two odometry messages: a line may delay some of them, which then arrive in a bunch
-MESSAGES: Final = 0.05
+ODOMETRY_PERIOD: Final = 0.05
 PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
 """The numbers of a plane pose in a ROS message."""
 _ROBOT: Final = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
@@ -170,10 +171,9 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
         if gate.armed and time > looked:
             seen, given = state.odometry, state.control
             if seen.v or seen.omega:
-                gate.sight.turns(seen.v, turning * seen.omega, time - looked)
+                gate.sight.turns(outer_wheel(seen.v, turning * seen.omega), time - looked)
             elif given.v or given.omega or gate.sight.doubted:
-                part = abs(turning * given.omega)
-                wanted = given.v - part if given.v < 0.0 else given.v + part
+                wanted = outer_wheel(given.v, turning * given.omega)
                 if gate.unseen(wanted, time - looked, given.outputs.motor * wanted < 0.0):
                     neutral = gate.neutral(state.servos)
                     if hal.capabilities.halt:
@@ -218,7 +218,7 @@ def take_odometry(state: State, inputs: Inputs, now: float) -> None:
 
 def fallen(before: float, after: float, since: float) -> bool:
     """Return whether a speed, m/s, fell within `since` s faster than brakes allow, as when encoders lose power."""
-    return abs(before) - abs(after) > BRAKES * max(since, MESSAGES) + 1e-9
+    return abs(before) - abs(after) > BRAKES * max(since, ODOMETRY_PERIOD) + 1e-9
 
 
 async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:

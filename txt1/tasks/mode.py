@@ -9,6 +9,8 @@ from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
+# s
+MODE_PERIOD: Final = 1.0
 VELOCITY_MIN: Final = 1
 """The link is alive if more Velocity messages than this came in a second (the original firmware)."""
 COMBINED_MIN: Final = 2

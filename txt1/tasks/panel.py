@@ -4,12 +4,16 @@ Drawing takes longer than a controller period, so the screens are drawn elsewher
 """
 
 from collections import deque
+from typing import Final
 
 from txt1.control.limits import Gate
 from txt1.hal.base import Button, Hal, Indicators
 from txt1.kernel.ticks import Ticks
 from txt1.tasks.fields import BatteryState, Panel
 from txt1.tasks.state import State
+
+# s, of the button task and of the display task
+PANEL_PERIOD: Final = 0.1
 
 
 async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, gate: Gate) -> None:

@@ -515,7 +515,7 @@ def rolling(v: float) -> Gate:
     """A gate whose car was seen at this speed, as commanded."""
     gate = open_gate()
     for _ in range(3):
-        gate.sight.turns(v, 0.0, 0.05)
+        gate.sight.turns(v, 0.05)
     return gate
 
 
