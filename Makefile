@@ -10,7 +10,7 @@ KILTED ?= $(CURDIR)/.venv-ros2-kilted
 CYCLONEDDS := $(CURDIR)/.venv-ros2-cyclonedds
 COLCON := $(CURDIR)/.venv-ros2-colcon
 VIEWERS := .venv-viewers
-APART := .venv-apart
+APART := build/apart/env
 LEROBOT ?= $(CURDIR)/.venv-lerobot/bin/python
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag python3-roslaunch ros-std-msgs python3-genpy libroscpp-dev libtf-dev libnav-msgs-dev python3-gencpp
 FUZZ := .venv-fuzz
@@ -48,15 +48,17 @@ coverage: $(VENV)/.dev  ## the tests, and the statements of txt1 and its plug-in
 # The environment has the packages of $(VENV), so nothing is resolved anew. The tree comes after what is installed: tests
 # of plug-ins run against the wheels, and those of tests/ against the sources of txt1, without a plug-in.
 test-plugins: $(VENV)/.dev  ## all other tests without any plug-in, then those of each plug-in, its wheel alone beside txt1's
-	rm -rf build plugins/*/build $(APART) && mkdir build
-	$(BIN)/python -m pip --disable-pip-version-check freeze --exclude-editable > build/packages.txt
+	rm -rf build plugins/*/build && mkdir build
+	$(BIN)/python -m pip --disable-pip-version-check freeze --all --exclude-editable > build/packages.txt
 	$(BIN)/python $(PIP_WHEEL) --wheel-dir build/apart/txt1 .
 	@for each in $(notdir $(PLUGINS)); do $(BIN)/python $(PIP_WHEEL) --wheel-dir build/apart/$$each ./plugins/$$each || exit 1; done
 	$(PYTHON) -m venv $(APART)
-	$(APART)/bin/python $(PIP_INSTALL) --no-deps --requirement build/packages.txt build/apart/txt1/*.whl
+	$(APART)/bin/python $(PIP_INSTALL) --no-deps --requirement build/packages.txt
+	$(APART)/bin/python $(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	pwd > $$($(APART)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/tree.pth
 	rm -rf $(APART)/lib/python*/site-packages/tests  # of pyvesc-fix, which would come before the tree's
 	$(TEST_APART) $(APART_TESTS)
+	$(APART)/bin/python $(PIP_INSTALL) --no-deps --force-reinstall build/apart/txt1/*.whl
 	@for each in $(notdir $(PLUGINS)); do \
 		$(APART)/bin/python $(PIP_INSTALL) build/apart/$$each/*.whl && $(TEST_APART) plugins/$$each/tests || exit 1; \
 		$(APART)/bin/python -m pip uninstall --quiet --yes $$(basename build/apart/$$each/*.whl | cut -d- -f1) || exit 1; \
@@ -134,7 +136,7 @@ docs-links: docs  ## the links that lead out of the pages, tried one by one; nee
 	$(DOCS)/bin/python docs/links.py build/site
 
 clean:
-	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) $(VIEWERS) $(APART) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) $(VIEWERS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -11,6 +11,7 @@ import pytest
 from txt1.config import load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError
+from txt1.learning import env
 from txt1.model.light_sensors import MOUNT
 from txt1.model.odometry import Odometry
 from txt1_learners.composed import Composed
@@ -134,3 +135,16 @@ def test_actions_are_swapped_from_a_time_on_and_options_change_with_an_episode()
 def test_wrong_options_are_refused_by_their_names(options: dict[str, Any], told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         world(options)
+
+
+def test_a_world_drives_an_environment() -> None:
+    settings = [
+        "learning.world=composed",
+        "learning.world_options={odometry: {drift: 0.5}, lamps: [{}], turning: -1.0}",
+    ]
+    told, plain = env.LightSeekingEnv(load(overrides=settings).config), env.LightSeekingEnv()
+    for each in (told, plain):
+        each.reset(seed=1)
+    for _ in range(4):
+        odd, usual = told.step(np.int64(2))[0], plain.step(np.int64(2))[0]
+    assert odd[5] == pytest.approx(0.5 - usual[5], abs=0.1), "it turned the other way, and odometry drifts"

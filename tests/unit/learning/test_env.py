@@ -236,19 +236,6 @@ def test_a_start_where_something_stands_is_drawn_again() -> None:
         one.reset(seed=seed)
 
 
-def test_a_world_drives_an_environment() -> None:
-    settings = [
-        "learning.world=composed",
-        "learning.world_options={odometry: {drift: 0.5}, lamps: [{}], turning: -1.0}",
-    ]
-    told, plain = env.LightSeekingEnv(load(overrides=settings).config), env.LightSeekingEnv()
-    for each in (told, plain):
-        each.reset(seed=1)
-    for _ in range(4):
-        odd, usual = told.step(np.int64(2))[0], plain.step(np.int64(2))[0]
-    assert odd[5] == pytest.approx(0.5 - usual[5], abs=0.1), "it turned the other way, and odometry drifts"
-
-
 def test_a_picture_has_the_robot_the_light_and_posts() -> None:
     post, box = "{kind: post, x: 0.6, y: 0.4, radius: 0.1}", "{kind: box, x: -0.6, y: 0.4, length: 0.1, width: 0.2}"
     settings = [f"sim.obstacles=[{post}, {box}]"]
