@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from txt1.config import Config
 from txt1.control.limits import Gate
-from txt1.hal.base import LINK, Hal
+from txt1.hal.base import Hal
 from txt1.model.odometry import Odometry
 from txt1.sim.battery import range_left
 from txt1.sim.obstacles import outline
@@ -77,9 +77,6 @@ class Offers(NamedTuple):
         bus.offer(FAULTS, lambda: {name: count for name, count in faults().items() if count})
         bus.offer(TASKS, lambda: self.tasks.counts(self.now(), runs()))
         bus.offer(SNAPSHOT, snapshot)
-        tap_line = getattr(hal, "tap_line", None)
-        if tap_line is not None:
-            tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now()))
 
     def _range_left(self) -> float | None:
         """Return the distance (m) that the batteries last; None if it is unknown."""
@@ -97,9 +94,8 @@ class Offers(NamedTuple):
             surroundings = fields.Surroundings(room, sim.room.light, body, obstacles)
         walls = sim.room.built().walls if can.simulated else None
         lines = () if walls is None else walls.outlines
-        others = getattr(self.hal, "others", None)
-        if others is not None:
-            bus.offer(fields.VEHICLES, lambda: others() or None)
+        if can.pose:
+            bus.offer(fields.VEHICLES, lambda: self.hal.others() or None)
         bus.offer(fields.HAND, self.config.hand)
         bus.offer(fields.CAPABILITIES, lambda: can)
         bus.offer(fields.BOARD, lambda: state.board)
@@ -113,7 +109,7 @@ class Offers(NamedTuple):
         bus.offer(fields.SURROUNDINGS, lambda: surroundings)
         bus.offer(fields.WALLS, lambda: lines or None)
         standing = surroundings._replace(obstacles=(*surroundings.obstacles, *lines))
-        movers = getattr(self.hal, "movers", tuple)
+        movers = self.hal.movers
         bus.offer(fields.MOVERS, lambda: tuple(map(outline, movers())) or None)
         bus.offer(MARKERS, lambda: standing._replace(obstacles=(*standing.obstacles, *map(outline, movers()))))
         bus.offer(fields.TASK_REPORTS, self.tasks.newest)

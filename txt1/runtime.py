@@ -15,8 +15,8 @@ from txt1.control.limits import BLOCKED, LOST, WAY_BACK, Fault, Gate, Guard
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
 from txt1.control.standstill import coasting_time
-from txt1.errors import ConfigError, NotArmed
-from txt1.hal.base import Button, Hal, Inputs
+from txt1.errors import ConfigError, HalError, NotArmed
+from txt1.hal.base import LINK, Button, Hal, Inputs, lacking
 from txt1.hal.channels import rewired
 from txt1.journal import Journal
 from txt1.kernel import garbage
@@ -119,6 +119,11 @@ class Runtime:
         tasks: Callable[["Runtime"], Iterable[TaskRow]] | None = None,
         asked: Mapping[str, object] | None = None,
     ) -> None:
+        if missing := lacking(hal):
+            raise HalError(
+                f"the HAL '{config.hal}' lacks {', '.join(missing)}: derive its class from txt1.hal.plain.PlainHal, "
+                "which has plain ones (docs/your-own-hal.md)"
+            )
         self.config = config
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self.bus = Bus(config.name, begin=self._begin_sampling)
@@ -172,6 +177,8 @@ class Runtime:
         """Verifies stops, if the path from the gate to the actuators may fail to obey one."""
         offers = Offers(self.bus, self.state, self.gate, self.hal, config, self.watch, self._reports, lambda: self.now)
         offers.offer(self.faults, lambda: self._open, self._recorded_snapshot)
+        self.line_tapped = self.hal.tap_line(lambda way, data: self.bus.publish(LINK, (way, data), self.now))
+        """Whether the bytes on the line to a board are telemetry."""
 
     def _reporting(self, hal: Hal) -> Hal:
         # on the real clock only
@@ -410,8 +417,7 @@ class Runtime:
     def _gate_closed(self, reason: str) -> None:
         if self.gate.closed_by is Fault.RUNAWAY:
             # only some hardware knows, for example a simulation
-            blocked_by = getattr(self.hal, "blocked_by", None)
-            blocked = None if blocked_by is None else blocked_by()
+            blocked = self.hal.blocked_by()
             at_rest = blocked is not None and reason in (BLOCKED, LOST)
             self._ran_away = True
             # without its motor it rolls out; only the next drive shows whether its encoders count

@@ -10,7 +10,7 @@ from contextlib import suppress
 from io import StringIO
 from math import inf, isfinite
 from threading import Event, Thread
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 from unittest import SkipTest
 
 import pytest
@@ -24,15 +24,16 @@ from txt1.config import Config, load
 from txt1.config.schema import RoomConfig, SerialConfig, SimConfig
 from txt1.conformance import promises
 from txt1.errors import HalError, NotCapable
-from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
+from txt1.hal.base import Button, Capabilities, Hal, Inputs, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.conformance import HalConformance
+from txt1.hal.plain import PlainHal
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
 from txt1.model.vehicle import sides
-from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
+from txt1.protocol.messages import Switch
 from txt1.sim.parameters import LineFaults
 
 
@@ -64,7 +65,7 @@ class TestRewired(HalConformance):
         return rewired(create(config), config.channels, skids=False)
 
 
-class ToyHal:
+class ToyHal(PlainHal):
     """A stranger's simulated car that closes its own velocity loops: odometry and set-points, no ticks, no PWM."""
 
     name = "toy"
@@ -89,18 +90,6 @@ class ToyHal:
     def write(self, outputs: Outputs, now: float) -> None:
         self._advance_to(now)
         self.outputs = outputs
-
-    def switch(self, switch: Switch, on: bool, now: float) -> None:
-        raise NotCapable(self.name, "power")
-
-    def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
-        raise NotCapable(self.name, "gains")
-
-    def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
-        raise NotCapable(self.name, "combined")
-
-    def indicate(self, indicators: Indicators) -> None:
-        pass
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
         if not (isfinite(x) and isfinite(y) and isfinite(theta)):
@@ -225,6 +214,14 @@ def mutant(**methods: Any) -> Callable[[], Hal]:
     return lambda: kind(sim().vehicle)
 
 
+class Secretive(ToyHal):
+    """Does not say what moves in its world."""
+
+    @property
+    def movers(self) -> NoReturn:  # type: ignore[override]
+        raise AttributeError("movers")
+
+
 def able(**changes: bool) -> Capabilities:
     """The simulated robot's capabilities, but for these."""
     return Capabilities(**{**vars(SimHal.capabilities), **changes})
@@ -327,6 +324,19 @@ class Liar(SimHal):
 MUTANTS: list[tuple[str, Callable[[], Hal], str, str]] = [
     # what is broken, the HAL, the test that must notice, what it must say
     ("no name", mutant(name=""), "the_name_is_text", "Hal.name is text"),
+    ("a member is missing", Secretive, "it_has_every_member", "Hal.movers is there, also for a HAL that needs none"),
+    (
+        "attitude unknown",
+        mutant(attitude=lambda self: (float("nan"), 0.0)),
+        "the_optional_members_are_as_described",
+        "Hal.attitude is roll and pitch in rad",
+    ),
+    (
+        "a wall that is no text",
+        mutant(blocked_by=lambda self: True),
+        "the_optional_members_are_as_described",
+        "Hal.blocked_by is text or None",
+    ),
     (
         "capability unknown",
         mutant(capabilities=able(ticks=None)),

@@ -117,7 +117,6 @@ class OriginalFirmware:
         self.state, self.hal = state, hal
         self._inbox, self._presses, self._send = inbox, presses, send
         self._off_until = 0.0  # s of the run
-        self._blocked_by: Callable[[], str | None] = getattr(hal, "blocked_by", lambda: None)
         # the wall that was reported
         self._blocked: str | None = None
         self._forget()
@@ -268,7 +267,7 @@ class OriginalFirmware:
         """
         state = self.state
         async for now in ticks:
-            blocked = self._blocked_by() if self._outputs.motor else None
+            blocked = self.hal.blocked_by() if self._outputs.motor else None
             if blocked not in (None, self._blocked):
                 state.tell(now, f"the vehicle gets no further: it is at {blocked}")
             self._blocked = blocked

@@ -64,9 +64,7 @@ def check_hal(arguments: argparse.Namespace) -> int:
             if sys.stdin.readline().strip().lower() not in ("y", "yes"):
                 raise ConfigError(f"{moves}: nothing was moved")
 
-        hal = create(config)
-        if hasattr(hal, "line"):
-            run(_answers(hal))
+        run(_answers(create(config)))
 
     def over(faults: LineFaults) -> Hal:
         """Return the configured HAL, with these faults of its line."""

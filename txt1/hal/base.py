@@ -4,14 +4,15 @@ A hardware layer (HAL) has a few methods, and capabilities that say what it can 
 never for the HAL's name. `txt1.hal.conformance` checks any HAL against the rules in this module.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from txt1.control.limits import Outputs
 from txt1.model.odometry import Odometry
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
+from txt1.sim.parameters import Box
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -150,6 +151,9 @@ class Hal(Protocol):
 
     Times are seconds since the run started and never go backwards. An exception derived from HalError stops the
     robot and reaches the user; a method without its capability raises NotCapable, one of these.
+
+    `txt1.hal.plain.PlainHal` has all members but `open`, `close`, `read` and `write`. Those from `own_channels` on are
+    for a few layers only; the plain ones know nothing and do nothing.
     """
 
     @property
@@ -192,3 +196,33 @@ class Hal(Protocol):
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
         """Place the robot at a pose in the room, at rest; m and rad. Raises ValueError if there is no room for it."""
+
+    @property
+    def own_channels(self) -> Any:
+        """Its own settings for motor and servo, which stand in place of `channels`; None for a layer without them."""
+
+    def tap_line(self, tap: Callable[[str, bytes], None]) -> bool:
+        """Call `tap` from now on with all bytes on the line to a board, as they come ("in") and go ("out").
+
+        Return whether there is a line whose bytes are recorded.
+        """
+
+    def clear_loops(self, now: float) -> None:
+        """Clear what the hardware's own loops wound up while the robot was held: it is to stand when it may move."""
+
+    def blocked_by(self) -> str | None:
+        """Return the thing that the robot has run into, in words; None if it has room, or nobody knows."""
+
+    def attitude(self) -> tuple[float, float]:
+        """Return the true roll and pitch of the ground below the robot, rad; 0 if they are unknown."""
+
+    def others(self) -> tuple[tuple[float, float, float], ...]:
+        """Return the true poses of the other vehicles in the world, m and rad."""
+
+    def movers(self) -> Sequence[Box]:
+        """Return the boxes that move in the world, at their present places."""
+
+
+def lacking(hal: object) -> list[str]:
+    """Return the names of the members of a hardware layer that an object does not have."""
+    return [name for name in vars(Hal) if not name.startswith("_") and not hasattr(hal, name)]

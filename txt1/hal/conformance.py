@@ -22,12 +22,12 @@ from unittest import SkipTest
 from txt1.conformance import Conformance, broken, kept, named, opened, promise
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import NotCapable
-from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
+from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs, lacking
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX, outputs_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
-from txt1.sim.parameters import LineFaults
+from txt1.sim.parameters import Box, LineFaults
 
 # s between two calls: the controller's
 CALL_PERIOD: Final = 0.02
@@ -132,6 +132,26 @@ class HalConformance(Conformance[Hal]):
     async def test_every_field_of_the_capabilities_is_true_or_false(self) -> None:
         for name, value in vars(self.can).items():
             promise(isinstance(value, bool), f"Capabilities.{name}", f"is True or False, not {value!r}")
+
+    @opened
+    async def test_it_has_every_member(self) -> None:
+        told = "; txt1.hal.plain.PlainHal has plain ones"
+        for name in lacking(self.part):
+            broken(f"Hal.{name}", f"is there, also for a HAL that needs none{told}")
+
+    @opened
+    async def test_the_optional_members_are_as_described(self) -> None:
+        hal = self.part
+        promise(hal.tap_line(lambda direction, data: None) in (True, False), "Hal.tap_line", "returns True or False")
+        hal.clear_loops(self.now)
+        blocked = hal.blocked_by()
+        promise(blocked is None or isinstance(blocked, str), "Hal.blocked_by", f"is text or None, not {blocked!r}")
+        roll, pitch = hal.attitude()
+        promise(isfinite(roll + pitch), "Hal.attitude", f"is roll and pitch in rad, not ({roll}, {pitch})")
+        for x, y, theta in hal.others():
+            promise(isfinite(x + y + theta), "Hal.others", f"are poses (x, y, theta), not ({x}, {y}, {theta})")
+        for box in hal.movers():
+            promise(isinstance(box, Box), "Hal.movers", f"are boxes of txt1.sim.parameters, not {box!r}")
 
     @opened
     async def test_a_closed_hal_opens_again(self) -> None:

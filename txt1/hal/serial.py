@@ -164,9 +164,10 @@ class SerialHal(PlainHal):
         self._lossy_until = -inf
         self._lost_frames = self._refused = 0
 
-    def tap_line(self, tap: Callable[[str, bytes], None]) -> None:
+    def tap_line(self, tap: Callable[[str, bytes], None]) -> bool:
         """Call `tap` with all bytes as they come ("in") and go ("out")."""
         self.line.tap = tap
+        return True
 
     async def open(self) -> None:
         """Open the port; from then on a lost link is opened again until `close`."""

@@ -133,7 +133,7 @@ class LearningTask:
         sim = robot.config.sim
         self._touches: Callable[[], object] = lambda: False
         if sim.obstacles or sim.movers or sim.room.map is not None:
-            self._touches = getattr(robot.hal, "blocked_by", self._touches)
+            self._touches = robot.hal.blocked_by
 
     def start(self) -> None:
         """Listen to the light sensors during episodes, and add the task to the robot's tasks."""
@@ -349,7 +349,7 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None, trial: Tri
             raise ConfigError(
                 f"learning.world: {asked}: a world is simulated; take hal=sim and txt1 learn, or leave it out"
             )
-        movers = getattr(robot.hal, "movers", tuple) if robot.config.sim.movers else tuple
+        movers = robot.hal.movers if robot.config.sim.movers else tuple
         trial.world = world_of(robot.config, np.random.default_rng(np.random.SeedSequence(seed)), movers)
         light = WorldLight(trial, lambda: robot.runtime.look().pose, name)
         (await robot.add_sensor(name, light)).needed = lambda: False

@@ -87,7 +87,7 @@ class Comparison:
         """Find out which topics are compared: the robot has its sensors now."""
         runtime = self._runtime
         own = {*runtime.bus.offered, INPUT, COMMAND, fields.LOG}
-        if hasattr(runtime.hal, "tap_line"):
+        if runtime.line_tapped:
             own.add(LINK)
         if self._real:
             own.discard(diagnostics.TASKS)

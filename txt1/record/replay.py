@@ -48,6 +48,7 @@ from typing import Any, Final, NamedTuple, cast
 
 from txt1.errors import HalError, NotArmed, RecordingError
 from txt1.hal.base import Button, Capabilities, Hal, Inputs
+from txt1.hal.plain import PlainHal
 from txt1.hal.witness import CALLS
 from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
@@ -86,7 +87,7 @@ class UserError(Exception):
     """Stands for an error that a user's task raised in the recorded run."""
 
 
-class RecordedHal:
+class RecordedHal(PlainHal):
     """Hardware that repeats its recorded reports, and ignores commands."""
 
     def __init__(self, name: str, capabilities: Capabilities) -> None:

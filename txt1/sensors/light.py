@@ -112,7 +112,7 @@ def simulated(setup: Setup) -> SimulatedLight:
     pose = true_pose(setup)
     seed = options.get("seed", [setup.config.own_seed, 1, STREAM])
     try:
-        rng, movers = np.random.default_rng(np.random.SeedSequence(seed)), getattr(setup.hal, "movers", tuple)
+        rng, movers = np.random.default_rng(np.random.SeedSequence(seed)), setup.hal.movers
         see = eyes(setup.config, rng, options.get("faults"), movers)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"sensors.{setup.name}.options: {error}") from None

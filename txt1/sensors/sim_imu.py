@@ -148,5 +148,4 @@ def _tilted(forward: float, left: float, up: float, roll: float, pitch: float) -
 def simulated(setup: Setup) -> SimulatedImu:
     """Make the driver ``sim_imu``; options: those of `ImuErrors`."""
     errors = checked(ImuErrors, setup.options, f"sensors.{setup.name}.options")
-    attitude: Attitude = getattr(setup.hal, "attitude", level)
-    return SimulatedImu(setup.name, true_pose(setup), errors, random_of(setup), attitude=attitude)
+    return SimulatedImu(setup.name, true_pose(setup), errors, random_of(setup), attitude=setup.hal.attitude)

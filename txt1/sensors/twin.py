@@ -48,8 +48,7 @@ class Twin(Generic[T]):
 
 def others_of(setup: Setup) -> Others:
     """Return a function that returns the poses of the other vehicles in the world, and the boxes that move there."""
-    others: Others = getattr(setup.hal, "others", tuple)
-    movers: Callable[[], Sequence[Box]] = getattr(setup.hal, "movers", tuple)
+    others, movers = setup.hal.others, setup.hal.movers
     return (lambda: (*others(), *movers())) if setup.config.sim.movers else others
 
 

@@ -76,7 +76,6 @@ class Watch:
         self._track_width = track_width
         self.standstill = Standstill(gate.limits.runaway_speed)
         self._switch = switch
-        self._clear_loops: Callable[[float], None] = getattr(hal, "clear_loops", lambda now: None)
         self._halt_due = 0.0
         # s of the run; until then the board's loops may be wound up
         self._full_until = 0.0
@@ -136,7 +135,7 @@ class Watch:
             causes = "a wall, wheels that spun, or encoders without power"
             self.state.tell(now, f"the speed fell faster than it can: {causes}; look at the robot")
             # the loops drive on against a speed that they do not see
-            self._clear_loops(now)
+            self.hal.clear_loops(now)
         if stop in UNOBEYED:
             self.gate.disarm("the robot did not stop when told to", Fault.STOP_UNOBEYED)
         if stop is Stop.ESC_OFF and self.hal.capabilities.power:
@@ -147,7 +146,7 @@ class Watch:
         self._lost_time = now
         if self.hal.capabilities.power:
             self._switch(Switch.ESC, False, now)
-        self._clear_loops(now)
+        self.hal.clear_loops(now)
 
     def _check_obedience(self, now: float, v: float | None, outputs: Outputs) -> None:
         """Disarm if a speed was commanded for a second, everything was ready, and the robot did not move."""
@@ -166,7 +165,7 @@ class Watch:
             causes = f"battery empty, {CAUSES}" if low else CAUSES
             self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)
             # the board's loops are full: an ESC that comes back would move the robot
-            self._clear_loops(now)
+            self.hal.clear_loops(now)
             self._full_until = now + FULL
 
     def _check_slowing(self, now: float, v: float | None, asked: float) -> None:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import isfinite
 
 from txt1.config import Config
-from txt1.errors import NotCapable
-from txt1.hal.base import Capabilities, Indicators, Inputs, Outputs
+from txt1.hal.base import Capabilities, Inputs, Outputs
+from txt1.hal.plain import PlainHal
 from txt1.model.odometry import Odometry, advance
-from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 
 
-class Toy:
+class Toy(PlainHal):
     name = "toy"
     capabilities = Capabilities(place=True, pose=True, simulated=True)
 
@@ -34,17 +32,6 @@ class Toy:
     def write(self, outputs: Outputs, now: float) -> None:
         self._advance_to(now)
         self.outputs = outputs
-
-    def switch(self, switch: Switch, on: bool, now: float) -> None:
-        raise NotCapable(self.name, "power")
-
-    def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
-        raise NotCapable(self.name, "gains")
-
-    def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
-        raise NotCapable(self.name, "combined")
-
-    def indicate(self, indicators: Indicators) -> None: ...
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
         if not (isfinite(x) and isfinite(y) and isfinite(theta)):

@@ -494,7 +494,7 @@ def test_a_time_out_of_more_than_ten_minutes_is_another_layout_of_the_settings(m
 def test_the_settings_are_those_of_a_slash_unless_others_are_given() -> None:
     hal = create(config())
     assert isinstance(hal, VescHal)
-    assert hal.options == VescOptions(115200, 2, 11.82, False, 0.5, 0.4, 5.0)
+    assert hal.own_channels == VescOptions(115200, 2, 11.82, False, 0.5, 0.4, 5.0)
 
 
 class Script(Listener):
@@ -882,4 +882,4 @@ def test_the_vesc_says_what_it_can_do() -> None:
     assert (told.odometry, told.battery, told.halt, told.pwm, told.ticks, told.simulated) == (
         True, True, True, False, False, False,
     )  # fmt: skip
-    assert hal.options == VescOptions(gear=3.0)
+    assert hal.own_channels == VescOptions(gear=3.0)

@@ -233,7 +233,7 @@ class VescHal(PlainHal):
     ) -> None:
         self.capabilities = Capabilities(odometry=True, battery=True, halt=True, simulated=simulated)
         self._line = Line(port, wrap, "answers of the VESC", self._greet, self._take, hal=self.name)
-        self.options = options
+        self.own_channels = options
         """Its settings, with the directions of motor and servo."""
         self._options, self._geometry = options, geometry
         sign = -1.0 if options.backwards else 1.0

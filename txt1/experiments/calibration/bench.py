@@ -8,7 +8,6 @@ from typing import Any, Final, Protocol
 from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.errors import NotArmed
-from txt1.hal.base import Hal
 from txt1.hal.channels import Rewired
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
@@ -162,9 +161,3 @@ class Bench:
             yield hands
             hands.steer(0.0)
             await hands.wait(STAND)
-
-
-def own_settings(hal: Hal) -> Any:
-    """Return the settings of a hardware layer that has its own for motor and servo in place of channels; else None."""
-    options = getattr(hal, "options", None)
-    return options if hasattr(options, "servo_centre") else None

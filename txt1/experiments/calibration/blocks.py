@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from txt1.errors import HalError
-from txt1.experiments.calibration.bench import HAND_PERIOD, SETTLE, STAND, Bench, Hands, Operator, own_settings
+from txt1.experiments.calibration.bench import HAND_PERIOD, SETTLE, STAND, Bench, Hands, Operator
 from txt1.model.vehicle import PWM_MAX, SIDES, STEERING_MAX
 
 # counts a second by which the motor's output rises until encoders count
@@ -190,7 +190,7 @@ async def servo(bench: Bench) -> None:
     await ask.ready("blocks", "Put the vehicle on blocks: no wheel may touch the floor.")
     await ask.ready("watch", f"Watch the wheels: they are about to steer, and to turn at {v:g} m/s for six seconds.")
     async with bench.robot() as robot:
-        options = own_settings(robot.hal)
+        options = robot.hal.own_channels
         driving = asyncio.ensure_future(robot.drive(v, v / bench.config.geometry.radius_min, 6.0))
         await asyncio.sleep(1.5)
         steered = await ask.choose("front", "Which way do the front wheels point, seen from above?", ("left", "right"))

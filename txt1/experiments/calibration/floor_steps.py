@@ -6,7 +6,7 @@ from typing import Final
 
 from txt1.control.limits import clip
 from txt1.errors import HalError
-from txt1.experiments.calibration.bench import DRIVE_PATIENCE, SETTLE, STAND, Bench, Operator, own_settings
+from txt1.experiments.calibration.bench import DRIVE_PATIENCE, SETTLE, STAND, Bench, Operator
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX
 
@@ -149,7 +149,7 @@ async def scale(bench: Bench) -> None:
     for _ in range(TRIES):
         await ask.ready("line", LINE)
         async with bench.robot() as robot:
-            options = own_settings(robot.hal)
+            options = robot.hal.own_channels
             x, y = robot.odometry[:2]
             await robot.drive(v, 0.0, DISTANCE / v)
             await asyncio.sleep(STAND)

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Final, NamedTuple
 
 from txt1.config import Config
-from txt1.experiments.calibration.bench import Bench, own_settings
+from txt1.experiments.calibration.bench import Bench
 from txt1.experiments.calibration.blocks import motor, servo, steering
 from txt1.experiments.calibration.floor_steps import circle, scale, straight, turn
 from txt1.experiments.calibration.model import speeds, tune
@@ -42,10 +42,10 @@ def _counts(config: Config, hal: Hal) -> bool:
 STEPS: Final[dict[str, CalibrationStep]] = {
     "motor": CalibrationStep(motor, _by_pwm),
     "steering": CalibrationStep(steering, _steers),
-    "servo": CalibrationStep(servo, lambda config, hal: own_settings(hal) is not None),
+    "servo": CalibrationStep(servo, lambda config, hal: hal.own_channels is not None),
     "straight": CalibrationStep(straight, _by_pwm),
     "scale": CalibrationStep(scale, lambda config, hal: not hal.capabilities.pwm),
-    "circle": CalibrationStep(circle, lambda config, hal: _steers(config, hal) or own_settings(hal) is not None),
+    "circle": CalibrationStep(circle, lambda config, hal: _steers(config, hal) or hal.own_channels is not None),
     "speeds": CalibrationStep(speeds, lambda config, hal: hal.capabilities.blind),
     "turn": CalibrationStep(turn, lambda config, hal: hal.capabilities.pwm and config.geometry.steering == "skid"),
     "tune": CalibrationStep(tune, lambda config, hal: _counts(config, hal) and config.geometry.steering != "skid"),
