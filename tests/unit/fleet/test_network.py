@@ -182,6 +182,8 @@ def test_where_no_robot_is_nobody_was_stopped(team: Team) -> None:
     console.stop_all().join(20.0)
     assert standing(console) == Standing() and not standing(console).complete
     assert str(standing(console)) == "no robot of the fleet is heard"
+    says = "fleet says stop"
+    assert team.until(lambda: says not in [each.name for each in threading.enumerate()]), "it is not said for ever"
 
 
 def test_a_peer_that_hangs_does_not_hold_up_a_stop_of_the_others(team: Team) -> None:
