@@ -212,7 +212,7 @@ async def test_at_power_up_nothing_moves_before_a_pid_set_and_velocity_have_come
         assert desk.speed == pytest.approx(0.5, abs=0.05)
 
 
-async def test_odometry_comes_20_times_a_second_while_there_is_a_host_and_battery_levels_once(kind: str) -> None:
+async def test_with_a_host_odometry_comes_20_times_a_second_and_battery_levels_once(kind: str) -> None:
     async with desk_and_host(kind) as (_, host):
         await asyncio.sleep(3.0)
         assert not any(isinstance(message, EncoderOdometry) for _, message in host.heard)

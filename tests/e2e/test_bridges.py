@@ -154,7 +154,7 @@ def test_the_commands_of_a_silent_bridge_go_stale_in_time(what: str) -> None:
     run(main())
 
 
-def test_a_bridge_that_ended_is_told_on_every_screen_and_in_the_line_and_started_again(
+def test_a_bridge_that_ended_is_told_on_every_screen_and_started_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # a process that a slow machine ends late is not killed, and ends with a code of its own
@@ -268,7 +268,7 @@ def test_a_mistake_of_ours_in_a_request_is_told_and_the_bridge_lives_on() -> Non
     run(main())
 
 
-def test_a_flood_of_messages_costs_little_time_and_does_not_keep_the_keys_from_driving() -> None:
+def test_a_flood_of_messages_costs_little_time_and_the_keys_still_drive() -> None:
     async def main() -> None:
         async with Robot.open(hal="sim", seed=1) as robot:
             await robot.load_gains()

@@ -503,9 +503,7 @@ def test_a_capture_that_cannot_be_read_is_one_line(capsys: Capture, tmp_path: Pa
     assert "missing.bin" in complaint(capsys, ["decode", "--role", "host", "missing.bin"])
 
 
-def test_an_error_in_a_callback_of_the_event_loop_ends_the_run_instead_of_being_logged(
-    capsys: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_in_a_callback_of_the_loop_ends_the_run(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(self: Board, data: bytes) -> None:
         raise RuntimeError("nobody expected this")
 

@@ -113,7 +113,7 @@ async def test_a_drive_is_told_who_took_the_wheel(robot: Robot) -> None:
     await robot.drive(0.5, 0.0, 0.5)  # asked anew
 
 
-async def test_a_drive_that_stands_still_is_told_too_and_one_cannot_begin_while_another_drives(robot: Robot) -> None:
+async def test_a_drive_that_stands_is_told_and_none_begins_while_another_drives(robot: Robot) -> None:
     keys = robot.source("keys")
     driving = asyncio.ensure_future(robot.drive(0.0, 0.0, 10.0))
     await asyncio.sleep(1.0)

@@ -215,7 +215,7 @@ def in_its_state(estimator: Estimator, now: float) -> None:
         (in_its_state, "ArithmeticError: the filter's state is not finite"),
     ],
 )
-async def test_an_error_in_the_estimate_is_told_once_and_the_robot_drives_on_by_its_encoders(
+async def test_an_error_in_the_estimate_is_told_once_and_encoders_drive_on(
     fused: Robot, mistake: Any, words: str
 ) -> None:
     robot, estimator = fused, fused.runtime.part(Estimator)

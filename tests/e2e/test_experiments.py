@@ -124,7 +124,7 @@ def test_a_wall_is_told_apart_from_the_end() -> None:
         *(pytest.param(name, marks=pytest.mark.long) for name in ("angular-steps", "circle-slow", "circle-fast")),
     ],
 )
-def test_behind_the_wire_everything_comes_later_and_is_the_same_within_the_encoders_noise(name: str) -> None:
+def test_behind_the_wire_all_comes_later_and_is_the_same_within_noise(name: str) -> None:
     sim, wire = measured(name).recording.without_truth(), measured(name, *SERIAL).recording
     for channel in ("v", "omega"):
         apart = difference(sim, wire, channel)

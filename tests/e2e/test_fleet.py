@@ -329,7 +329,7 @@ async def test_stops_without_identity_are_each_obeyed_and_the_log_says_so_once()
             assert robot.runtime.gate.stopped and said() == count
 
 
-async def test_who_joins_waits_until_the_others_have_told_but_not_for_a_fleet_that_is_not_there() -> None:
+async def test_who_joins_waits_for_the_others_but_not_for_an_absent_fleet() -> None:
     async with Robot.open() as robot:
         link, alone = FleetLink(robot), FleetLink(robot)
         began = robot.now
@@ -343,7 +343,7 @@ async def test_who_joins_waits_until_the_others_have_told_but_not_for_a_fleet_th
         assert robot.now - began < 30.0
 
 
-async def test_a_robot_new_in_a_fleet_leaves_it_for_a_double_and_one_that_has_been_there_goes_on() -> None:
+async def test_a_robot_new_in_a_fleet_leaves_it_for_a_double_and_an_old_one_goes_on() -> None:
     async with Robot.open() as robot:
         link = FleetLink(robot)
         link.requests["fleet"](members=[], heard={})
@@ -377,7 +377,7 @@ async def test_a_stop_of_all_is_obeyed_once_and_one_without_identity_each_time()
         assert len(Snapshot.take(robot.runtime.bus, robot.now, "", ["/fleet_stops"])[STOPS]) == STOPS_MAX
 
 
-async def test_who_has_stopped_is_told_in_the_log_and_on_the_screen_and_that_nobody_is_reached() -> None:
+async def test_log_and_screen_tell_who_has_stopped_and_that_nobody_is_reached() -> None:
     async with Robot.open() as robot:
         link = FleetLink(robot)
         told = robot.runtime.state.events
@@ -397,7 +397,7 @@ async def test_who_has_stopped_is_told_in_the_log_and_on_the_screen_and_that_nob
 
 
 @pytest.mark.usefixtures("patient")
-def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is_wrong() -> None:
+def test_robot_and_bridge_obey_each_stop_answer_the_truth_and_bear_wrong_input() -> None:
     zenoh = pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
     fleet = f"test{uuid4().hex}"
     key = fleet_key("", None, fleet)

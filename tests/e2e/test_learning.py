@@ -180,7 +180,7 @@ async def test_keys_void_the_episode_and_it_is_done_again_when_the_robot_is_arme
     assert [one.number for one in task.trial.episodes] == [1, 2, 3]
 
 
-async def test_keys_on_the_way_to_a_start_hold_the_learner_up_until_the_robot_is_armed_anew() -> None:
+async def test_keys_on_the_way_to_a_start_hold_the_learner_up_until_armed_anew() -> None:
     made = create_sim(load(overrides=[*ENDLESS, "sim.start=[1.0, 0.5, 0.0]"]).config)
     assert isinstance(made, SimHal)
     async with Robot.open(Unliftable(made.vehicle)) as robot:
@@ -527,7 +527,7 @@ def test_a_signal_to_all_its_processes_ends_it_by_its_number_and_nothing_is_lost
 
 
 @pytest.mark.long
-def test_trials_that_were_completed_survive_the_death_of_the_program_and_its_processes_end_with_it(
+def test_completed_trials_survive_the_program_s_death_and_its_processes_do_not(
     tmp_path: Path, uninterrupted: list[list[Episode]]
 ) -> None:
     out = tmp_path / "out"

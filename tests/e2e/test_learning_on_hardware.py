@@ -152,7 +152,7 @@ async def test_over_the_wire_a_disarm_voids_the_episode_and_after_the_arm_it_is_
 
 
 @pytest.mark.long
-async def test_a_pose_source_that_loses_the_robot_stops_it_and_it_carries_on_when_the_robot_is_seen_again() -> None:
+async def test_a_lost_pose_stops_the_robot_and_it_carries_on_when_it_is_seen_again() -> None:
     async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
         assert await robot.load_gains()
         where = vehicle_of(robot)

@@ -155,9 +155,7 @@ async def test_rviz_goals_and_places_are_meant_on_the_map(flat: Robot) -> None:
     assert any("/goal_pose: no path leads to" in event.text for event in flat.runtime.state.events)
 
 
-async def test_two_taps_say_where_the_robot_is_and_where_it_looks_one_leaves_the_heading_open(
-    flat: Robot, tmp_path: Path
-) -> None:
+async def test_two_taps_tell_place_and_heading_and_one_leaves_the_heading_open(flat: Robot, tmp_path: Path) -> None:
     services, there = Services(flat, flat.config, "max", tmp_path), known(flat)
     where: list[Pose] = []
     there._sensor = SimpleNamespace(place=where.append, newest=None)  # type: ignore[assignment] # noqa: SLF001

@@ -91,7 +91,7 @@ async def test_a_dead_host_stops_it_after_one_to_two_seconds(phase: float) -> No
         assert 0.9 < desk.neutral - last <= 2.0
 
 
-async def test_manual_mode_keeps_the_last_pwm_whatever_the_host_sends_and_a_pwm_test_of_zeros_stops_it() -> None:
+async def test_manual_mode_keeps_the_last_pwm_until_a_pwm_test_of_zeros() -> None:
     async with original(driven=0.6) as (desk, board, host):
         await desk.press_centre()
         held = desk.outputs
@@ -106,7 +106,7 @@ async def test_manual_mode_keeps_the_last_pwm_whatever_the_host_sends_and_a_pwm_
         assert board.runtime.state.servos == (100, -100)
 
 
-async def test_a_host_that_gets_no_further_at_a_wall_is_told_so_once_where_the_board_stands() -> None:
+async def test_a_host_at_a_wall_is_told_once_that_it_gets_no_further() -> None:
     async with original("sim.room.length=3.0", driven=0.5) as (desk, board, host):
         await host.drive(Velocity(0.5, 0.0), 4.0)
         assert abs(desk.speed) < 0.01

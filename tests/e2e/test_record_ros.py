@@ -104,7 +104,7 @@ def test_a_message_has_the_same_bytes_in_the_recording_and_in_ros(tmp_path: Path
     assert len(told["odom"]) > 140 and len(told["~/event"]) >= 59
 
 
-def test_a_recording_that_begins_and_ends_on_the_way_costs_ros_no_message_and_repeats_none(tmp_path: Path) -> None:
+def test_a_recording_begun_on_the_way_costs_ros_no_message_and_repeats_none(tmp_path: Path) -> None:
     async def drive() -> Node:
         config = load().config
         async with Robot.open(config=config) as robot, AsyncExitStack() as stack:

@@ -167,7 +167,7 @@ def test_a_command_drives_with_view_control() -> None:
 
 
 @pytest.mark.long
-def test_a_turn_alone_is_driven_on_the_smallest_circle_as_the_teleop_panel_says_one_at_a_time() -> None:
+def test_a_turn_alone_is_driven_on_the_smallest_circle_one_at_a_time() -> None:
     with served("--view-control") as client:
         stream = messages(client, subscribed(client, "/odom"))
         advertise(client)

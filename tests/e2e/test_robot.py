@@ -53,7 +53,7 @@ def test_the_examples_run(example: Path, monkeypatch: pytest.MonkeyPatch, capsys
     assert "Odometry(" in capsys.readouterr().out
 
 
-async def test_the_garbage_collector_looks_seldom_while_a_robot_runs_and_as_before_afterwards() -> None:
+async def test_the_garbage_collector_looks_seldom_only_while_a_robot_runs() -> None:
     before = gc.get_threshold()
     async with Robot.open("sim", seed=1):
         assert gc.get_threshold()[0] > before[0]

@@ -80,7 +80,7 @@ async def insist(robot: Robot, name: str) -> float:
     ("priority", "other", "drives"),
     [(None, "keys", False), (None, "program", True), (60, "keys", True), (5, "program", False)],
 )
-async def test_ros_gives_way_to_who_has_a_higher_priority_and_keeps_the_wheel_from_a_lower_one(
+async def test_ros_gives_way_to_a_higher_priority_and_keeps_the_wheel_from_a_lower(
     name: str, desk: Desk, priority: int | None, other: str, drives: bool
 ) -> None:
     async with driven(desk, *([] if priority is None else [f"commander.priorities.{name}={priority}"])) as (robot, _):

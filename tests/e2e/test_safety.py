@@ -77,7 +77,7 @@ async def test_driving_on_after_a_stale_command_starts_with_cleared_controllers(
 
 
 @pytest.mark.parametrize("v, omega", [(nan, 0.0), (inf, 0.0), (0.5, nan)])
-async def test_a_command_that_is_not_finite_is_refused_and_does_not_keep_the_last_one_alive(
+async def test_a_command_not_finite_is_refused_and_does_not_keep_the_last_one_alive(
     robot: Robot, every_tick: Every, v: float, omega: float
 ) -> None:
     await robot.drive(0.5, 0.0, 1.0)
@@ -165,7 +165,7 @@ async def test_a_dead_encoder_stops_the_vehicle(robot: Robot, faults: Faults, v:
     robot.arm()  # it obeyed since, so it may
 
 
-async def test_a_car_with_dead_encoders_keeps_the_supply_and_the_host_that_see_it_while_it_rolls(robot: Robot) -> None:
+async def test_a_car_with_dead_encoders_keeps_its_supply_and_host_while_it_rolls(robot: Robot) -> None:
     await robot.drive(1.0, 0.0, 3.0)
     robot.hal.vehicle.faults = Faults(True, True)  # type: ignore[attr-defined]
     with pytest.raises(NotArmed):
@@ -380,7 +380,7 @@ async def test_without_encoders_the_atx_supply_is_switched_off_by_hand() -> None
             robot.switch_power(Switch.ATX, False)
 
 
-async def test_combined_odometry_that_reads_10_per_cent_high_slows_the_vehicle_by_9_and_falls_back_when_it_stops(
+async def test_combined_odometry_that_reads_10_per_cent_high_slows_the_car_by_9(
     robot: Robot, every_tick: Every
 ) -> None:
     feeding = True

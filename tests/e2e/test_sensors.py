@@ -174,7 +174,7 @@ async def test_hardware_that_does_not_answer_in_its_own_time_is_told_as_any_othe
             await robot.add_sensor("inside", Slow())
 
 
-async def test_a_sensor_that_does_not_close_is_told_and_the_hardware_is_closed_nevertheless() -> None:
+async def test_a_sensor_that_does_not_close_is_told_and_the_hardware_is_closed() -> None:
     class Stuck(Thermometer):
         async def close(self) -> None:
             await asyncio.sleep(3600.0)

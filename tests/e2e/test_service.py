@@ -156,7 +156,7 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
         yield listening
 
 
-def test_the_service_manager_hears_of_readiness_of_every_quarter_of_the_watchdog_and_of_the_end(
+def test_the_service_manager_hears_of_readiness_the_watchdog_and_the_end(
     manager: socket.socket, tmp_path: Path
 ) -> None:
     environment = os.environ | {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"}

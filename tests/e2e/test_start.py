@@ -91,9 +91,7 @@ def takes_signals(process: int) -> bool:
         pytest.param(["experiment", "linear-steps"], marks=pytest.mark.long),
     ],
 )
-def test_ctrl_c_at_any_moment_from_the_first_import_on_ends_it_with_130_and_no_traceback(
-    command: list[str], tmp_path: Path
-) -> None:
+def test_ctrl_c_at_any_moment_ends_it_with_130_and_no_traceback(command: list[str], tmp_path: Path) -> None:
     chance = random.Random(1)
     for _ in range(3):
         environment = os.environ | {"PYTHONPATH": str(ROOT)}

@@ -562,7 +562,7 @@ async def test_an_encoder_that_falls_silent_on_the_board_is_noticed_by_the_host(
         await stands_within(board, 3.0)
 
 
-async def test_an_encoder_that_counts_backwards_is_noticed_and_costs_the_esc_as_its_loops_run_away() -> None:
+async def test_an_encoder_that_counts_backwards_is_noticed_and_costs_the_esc() -> None:
     with pytest.raises(StopNotVerified, match="ESC off"):
         async with robot_and_board() as (robot, board):
             await drive(robot, 0.6, 2.0)

@@ -594,7 +594,7 @@ async def test_old_commands_do_not_make_a_line_lossy(monkeypatch: pytest.MonkeyP
         assert together.robot.faults["line_old_command"] == 50
 
 
-async def test_the_battery_levels_have_the_time_they_came_and_none_come_from_a_silent_board(
+async def test_battery_levels_have_the_time_they_came_and_a_silent_board_has_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async with wired(monkeypatch) as together:
@@ -706,7 +706,7 @@ async def test_what_the_wire_carries_agrees_on_both_screens_and_the_rest_is_unkn
         assert {host.get(topic) for topic in (ENCODERS, POSE, BACKLIGHT)} == {None}
 
 
-async def test_nothing_that_a_board_keeps_to_itself_is_recorded_and_no_odometry_before_it_has_come() -> None:
+async def test_nothing_that_a_board_keeps_to_itself_is_recorded() -> None:
     async with Robot.open("serial", settings=VIRTUAL, patience=0.0) as robot:
         bus = robot.runtime.bus
         assert {topic.name for topic in bus.offered}.isdisjoint({"/pwm", "/gains", "/encoders", "/pose"})

@@ -96,7 +96,7 @@ def test_a_program_asks_for_it_by_name(installed: None) -> None:
 # -- additions that are not there, or wrong -----------------------------------------------------------------------
 
 
-def test_a_section_without_its_addition_is_refused_in_a_file_and_kept_unread_in_a_recording() -> None:
+def test_a_section_without_its_addition_is_refused_and_kept_in_a_recording() -> None:
     with pytest.raises(ConfigError, match=r"^speed_limit\.v: unknown key .* needs the addition's package$"):
         load(overrides=["speed_limit.v=0.2"])
     with pytest.raises(ValueError, match="unknown key"):

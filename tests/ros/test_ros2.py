@@ -143,7 +143,7 @@ def test_a_left_circle_has_the_signs_of_rep_103_in_every_frame(ros: RosPython, d
     assert all(0.0 < each < 1.0 for each in told["odom_covariance"])
 
 
-def test_a_viewer_that_asks_for_reliable_topics_sees_sensors_with_the_namespaces_frames(
+def test_a_viewer_of_reliable_topics_sees_sensors_with_the_namespace_s_frames(
     ros: RosPython, domain: dict[str, str]
 ) -> None:
     with robot(domain, *SENSORS, "--ros2-namespace", "car1", "--ros2-prefix"):
@@ -177,9 +177,7 @@ def test_services_and_parameters_are_checked_as_on_the_command_line(ros: RosPyth
     assert not told["safety"][0]
 
 
-def test_combined_odometry_is_taken_as_long_as_it_comes_and_servos_stay_where_they_are_put(
-    ros: RosPython, domain: dict[str, str]
-) -> None:
+def test_combined_odometry_is_taken_while_it_comes_and_servos_stay(ros: RosPython, domain: dict[str, str]) -> None:
     with robot(domain):
         told = ask(ros, domain, "inputs")
     assert (told["before"], told["during"], told["after"]) == (False, True, False)
@@ -198,7 +196,7 @@ def test_it_drives_to_a_pose_tells_how_far_it_is_and_can_be_called_back(ros: Ros
     assert told["nowhere"][0] == aborted and "moon" in told["nowhere"][2]
 
 
-def test_stamps_from_the_past_and_the_future_and_what_is_no_number_are_refused_and_counted(
+def test_stamps_of_the_past_the_future_and_no_numbers_are_refused_and_counted(
     ros: RosPython, domain: dict[str, str]
 ) -> None:
     with robot(domain, "--ros2-stamped"):
@@ -223,7 +221,7 @@ def test_two_publishers_are_told_apart_from_one_that_stutters(ros: RosPython, do
     [((), "10", 0.25), (("--set", "commander.timeouts.ros=0.12"), "20", 0.12 + REFRESH)],
     ids=["as_it_is", "sooner"],
 )
-def test_the_death_of_who_drives_is_neutral_in_a_quarter_of_a_second_and_a_tick_or_sooner_where_that_is_configured(
+def test_the_death_of_who_drives_is_neutral_in_a_quarter_second_and_a_tick(
     ros: RosPython, domain: dict[str, str], tmp_path: Path, settings: Sequence[str], hertz: str, most: float
 ) -> None:
     file = tmp_path / "run.mcap"
@@ -268,9 +266,7 @@ def test_a_node_that_is_killed_or_stopped_comes_back_by_itself(
         assert process.poll() is None
 
 
-def test_without_its_network_interface_it_stops_and_with_a_new_one_the_node_is_back_by_itself(
-    ros: RosPython, tmp_path: Path
-) -> None:
+def test_without_its_network_it_stops_and_with_a_new_one_the_node_is_back(ros: RosPython, tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     wire = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}  # two computers have no memory in common
     domain = {"ROS_DOMAIN_ID": "3", "ROS_LOG_DIR": "/tmp/txt1-ros"} | wire
@@ -370,9 +366,7 @@ def test_a_recording_is_published_again_with_its_time_and_a_description_of_the_r
     assert "<robot" in told["description"]
 
 
-def test_a_virtual_board_tells_everything_and_obeys_who_stands_beside_it_but_takes_no_velocities(
-    ros: RosPython, domain: dict[str, str]
-) -> None:
+def test_a_virtual_board_s_panel_is_obeyed_and_takes_no_velocities(ros: RosPython, domain: dict[str, str]) -> None:
     port = free_port()
     words = ["board", "--tcp", str(port), "--ros2"]
     board = subprocess.Popen([*TXT1, *words], cwd=ROOT, env={**os.environ, **domain})

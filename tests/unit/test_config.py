@@ -167,7 +167,7 @@ def test_any_gain_that_is_loaded_given_as_text_arrives_exactly(kp: float) -> Non
     assert load(environment={"TXT1_CONTROL__LINEAR__KP": str(kp)}).config.control.linear.kp == kp
 
 
-def test_sources_of_commands_may_have_shorter_time_outs_than_the_gate_and_no_longer_ones() -> None:
+def test_sources_may_have_shorter_time_outs_than_the_gate_and_no_longer_ones() -> None:
     assert load(overrides=["commander.timeouts={gamepad: 0.1}"]).config.commander.timeouts == {"gamepad": 0.1}
     assert load(overrides=["commander.timeouts.gamepad=0.1"]).config.commander.timeouts == {"gamepad": 0.1}
     with pytest.raises(ConfigError, match=r"timeouts\.web: 0\.3 s; use at most safety\.command_timeout, 0\.25 s"):

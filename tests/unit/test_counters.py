@@ -127,3 +127,10 @@ def test_a_walk_through_the_code_is_short_and_names_files(walk: str, most: int) 
     assert told
     assert [file for file in files if not (size.ROOT / "txt1" / file).exists()] == []
     assert 5 <= len(set(files)) <= most
+
+
+def test_the_names_of_tests_are_short_enough_to_be_read() -> None:
+    files = [file for place in ("tests", "plugins") for file in (size.ROOT / place).rglob("test_*.py")]
+    names = [name for file in files for name in re.findall(r"def (test_\w+)", file.read_text("utf-8"))]
+    assert len(names) > 1000
+    assert [name for name in names if len(name) > 80] == []

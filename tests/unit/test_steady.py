@@ -28,7 +28,7 @@ def go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
     return go
 
 
-def test_the_tests_that_wait_run_twenty_times_five_of_them_beside_busy_loops_and_the_suite_five_times() -> None:
+def test_tests_that_wait_run_20_times_and_the_whole_suite_5_times() -> None:
     waiting = [each for each in ROUNDS if "waits" in " ".join(each.words[0])]
     assert (len(waiting), sum(each.busy == 4 for each in waiting)) == (20, 5)
     assert [each.words for each in ROUNDS if each not in waiting] == [(steady.SUITE, steady.BROWSER)] * 5

@@ -59,7 +59,7 @@ def test_the_discs_cover_the_body_and_little_more() -> None:
     assert room(distances(np.array([[0.255, 0.1925]])), BODY, 0.0, 0.0, 0.0) == pytest.approx(0.0, abs=0.03)
 
 
-def test_a_post_that_is_not_in_the_way_changes_nothing_and_one_in_the_way_is_driven_round() -> None:
+def test_a_post_in_the_way_is_driven_round_and_another_changes_nothing() -> None:
     aside = planned(post(1.0, 0.9))
     assert aside.time == pytest.approx(1.7 / STEP, abs=0.5)
     assert (aside.a, aside.e) == (STRAIGHT, STRAIGHT)

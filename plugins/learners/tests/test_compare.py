@@ -67,7 +67,7 @@ def test_who_never_reaches_the_light_has_no_ratio_and_comes_first_in_the_table(t
     assert rows[3].startswith("| pilot | ") and "| 100.00 % (" in rows[3] and "1.111" in rows[3]
 
 
-def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_done_without(tmp_path: Path) -> None:
+def test_a_whole_file_is_reported_on_and_a_line_cut_off_is_left_out(tmp_path: Path) -> None:
     file = raw(tmp_path / "a.jsonl", [line([QUICK] * 12), line([SLOW] * 12, number=2)])
     file.write_text(file.read_text() + '{"contender": "pil')
     lines, _ = compare.compare(file, ["pilot"], CONFIG, 2, 12, 1, here)

@@ -35,7 +35,7 @@ def test_the_quantile_is_that_of_the_tables(count: int, alarm: float, tabled: fl
 
 
 @pytest.mark.long
-def test_in_its_own_world_it_says_so_in_few_of_800_episodes_and_these_are_mostly_slow() -> None:
+def test_in_its_own_world_it_says_so_in_few_of_800_episodes() -> None:
     episodes = [one for trial in done(200, 4, 12) for one in trial.episodes]
     # after a slow one it says so at the starts of five
     said = [one.time > 1.5 * one.optimal_time for one in episodes if one.unfit]

@@ -104,6 +104,6 @@ def test_after_an_episode_that_took_too_long_the_next_begins_with_saying_so() ->
 
 
 @pytest.mark.long
-def test_without_odometry_it_drives_on_although_a_light_that_moves_might_explain_the_readings() -> None:
+def test_without_odometry_it_drives_on_though_a_moving_light_might_explain_it() -> None:
     trials = done(2, 2, 5, *options("{odometry: {missing: true}}"), "learning.time_limit=20.0")
     assert [len(trial.episodes) for trial in trials] == [2, 2]

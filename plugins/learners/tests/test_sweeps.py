@@ -39,7 +39,7 @@ def taught(order: tuple[tuple[float, float], ...] = COMMANDS) -> SweepsAgent:
     return one
 
 
-def test_its_picture_turns_to_the_light_on_either_side_and_drives_straight_on_between() -> None:
+def test_its_picture_turns_to_the_light_and_drives_straight_on_between() -> None:
     right, ahead, left = courses(taught().table(), np.array([[0.5, -2.0], [2.0, 0.0], [0.5, 2.0]]))
     assert [right, ahead, left] == pytest.approx([-TURN, 0.0, TURN], abs=0.05)
 

@@ -28,7 +28,7 @@ def test_a_world_that_there_is_not_is_refused() -> None:
         world_named("nowhere")
 
 
-def test_a_lamp_on_the_ceiling_is_as_far_as_it_hangs_and_needs_less_noise_for_the_same_jitter() -> None:
+def test_a_lamp_is_as_far_as_it_hangs_and_needs_less_noise_for_the_same_jitter() -> None:
     (below, *_) = lux_at(0.0, 0.0, 0.0, PointLight(height=2.0), ((0.0, 0.0),) * 4)
     assert below == pytest.approx(135.0 / 4.0)
     assert noise_for_jitter(height=2.0) < 0.5 * noise_for_jitter()

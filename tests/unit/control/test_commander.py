@@ -129,7 +129,7 @@ def test_of_equal_priorities_the_driver_goes_on_and_the_other_is_refused_and_cou
 # -- zeros, freshness, order -----------------------------------------------------------------------------------
 
 
-def test_zeros_of_an_idle_source_hold_nothing_and_its_first_command_takes_over_at_once() -> None:
+def test_zeros_of_an_idle_source_hold_nothing_and_its_first_command_takes_over() -> None:
     one = commander(gamepad=40, program=10)
     for step in range(20):
         now = step * 0.05
@@ -140,7 +140,7 @@ def test_zeros_of_an_idle_source_hold_nothing_and_its_first_command_takes_over_a
     assert one.command("gamepad", *SLOW, now, now)
 
 
-def test_a_driver_that_commands_zeros_stops_at_once_and_holds_the_wheel_for_no_longer_than_its_time_out() -> None:
+def test_zeros_stop_at_once_and_hold_the_wheel_no_longer_than_their_time_out() -> None:
     one = commander(a=10, b=10)
     one.command("a", *FAST, 0.0, 0.0)
     now = 0.0

@@ -139,7 +139,7 @@ def test_the_steering_limit_at_its_boundary(steering: int, passed: int, counted:
     assert gate.counts[Fault.STEERING] == 2 * counted
 
 
-def test_a_command_is_fresh_up_to_its_time_out_and_then_stale_but_the_gate_stays_armed() -> None:
+def test_a_command_is_stale_after_its_time_out_and_the_gate_stays_armed() -> None:
     gate = open_gate()
     assert gate.passes(1.0, gate.epoch, 1.25)
     assert not gate.passes(1.0, gate.epoch, 1.251)
@@ -161,7 +161,7 @@ def test_a_closed_gate_is_neutral_and_opens_by_arming_only() -> None:
     assert gate.counts[Fault.LINK] == 1
 
 
-def test_a_command_of_an_earlier_epoch_does_not_count_even_when_given_at_the_same_instant() -> None:
+def test_a_command_of_an_earlier_epoch_never_counts_even_at_the_same_instant() -> None:
     gate = Gate(LIMITS, on_close=lambda reason: None)
     before = gate.epoch
     gate.arm(1.0)
@@ -259,7 +259,7 @@ def test_a_speed_without_a_command_is_a_runaway() -> None:
     assert not gate.armed
 
 
-def test_combined_odometry_that_contradicts_the_encoders_is_a_runaway_and_a_bias_is_not() -> None:
+def test_combined_odometry_against_the_encoders_is_a_runaway_and_a_bias_is_not() -> None:
     gate = driven(3000)
     for _ in range(14):
         gate.watch(40, 40, 0.7, 0.0, 0.02)

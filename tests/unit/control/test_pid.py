@@ -118,7 +118,7 @@ def test_without_a_new_measurement_the_outputs_are_held() -> None:
     assert loops.step(0.9, 0.9, 0.0, 0.0, *LOOPS, 0.0) == first
 
 
-def test_in_reverse_the_yaw_rate_error_changes_its_sign_and_at_standstill_it_does_not() -> None:
+def test_the_yaw_rate_error_changes_sign_in_reverse_and_not_at_standstill() -> None:
     assert errors(0.5, 0.25, 0.25, 0.0) == (250.0, 250.0)
     assert errors(0.5, 0.25, 0.0, 0.0) == (500.0, 250.0)
     assert errors(-0.5, 0.25, -0.25, 0.0) == (-250.0, -250.0)

@@ -125,7 +125,7 @@ def stepped(*speeds: float | None, driven: float | None = 1.0, **how: bool) -> t
     return watch, [watch.step(round(k * PERIOD, 9), v, **means) for k, v in enumerate(speeds)]
 
 
-def test_half_a_second_after_the_stop_a_tenth_of_a_metre_a_second_too_much_is_no_stop() -> None:
+def test_half_a_second_after_a_stop_0_1_m_s_too_much_is_no_stop() -> None:
     slowest = envelope(1.0, 0.5) + 0.1
     assert stepped(1.0, *[0.9] * 9, slowest - 1e-6)[1][-1] is Stop.SLOWING
     assert stepped(1.0, *[0.9] * 9, slowest + 1e-6)[1][-1] is Stop.PWM_ZEROS
@@ -223,14 +223,14 @@ def test_the_envelope_decays_to_zero_in_its_time(v0: float) -> None:
 
 
 @given(jump=st.floats(2.0, 1e6), v=st.floats(0.12, 1.6))
-def test_a_counter_that_jumps_does_not_give_a_stop_more_time_than_the_fastest_vehicle(jump: float, v: float) -> None:
+def test_a_counter_that_jumps_gives_a_stop_no_more_time_than_the_fastest_car(jump: float, v: float) -> None:
     seen = stops_of(lambda t: jump if t < 0.1 else v, driven=v, fastest=2.0)
     assert kinds(seen) == [Stop.SLOWING, Stop.PWM_ZEROS, Stop.ESC_OFF]
     assert seen[1][0] <= coasting_time(2.0) + 0.5 + PERIOD
 
 
 @pytest.mark.parametrize("speed", [2.1, -4.4])
-def test_what_moves_by_itself_faster_than_any_command_loses_its_esc_and_what_is_pushed_keeps_it(speed: float) -> None:
+def test_what_runs_away_by_itself_loses_its_esc_and_what_is_pushed_keeps_it(speed: float) -> None:
     assert kinds(stops_of(lambda t: 0.0 if t < 1.0 else speed, driven=None, fastest=2.0)) == [
         Stop.NONE,
         Stop.STANDING,
@@ -262,7 +262,7 @@ def test_the_fastest_command_itself_is_no_race(speed: float, expected: bool) -> 
     assert (Stop.ESC_OFF in kinds(stops_of(lambda t: speed, driven=2.0, fastest=2.0, duration=0.3))) is expected
 
 
-def test_a_vehicle_that_stays_faster_than_any_command_while_commanded_is_no_failed_stop() -> None:
+def test_a_commanded_vehicle_faster_than_any_command_is_no_failed_stop() -> None:
     watch = Standstill(2.0)
     for k in range(60):
         assert watch.step(k * PERIOD, 2.5, commanded=True, armed=True, connected=True) is Stop.NONE
@@ -290,7 +290,7 @@ def test_a_vehicle_whose_speed_fell_faster_than_it_can_is_not_seen_to_stand() ->
     assert after(0.4, 0.0, fell=True) is Stop.UNSEEN
 
 
-def test_a_vehicle_that_was_never_commanded_and_whose_speed_fell_is_not_seen_to_stand() -> None:
+def test_a_vehicle_never_commanded_whose_speed_fell_is_not_seen_to_stand() -> None:
     watch = Standstill()
     for k in range(8):
         watch.step(k * PERIOD, 0.0, commanded=False, armed=False, connected=True, fell=True)

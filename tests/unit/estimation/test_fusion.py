@@ -222,7 +222,7 @@ def test_a_position_that_jumps_is_left_out_and_the_estimate_tells_both_hypothese
     assert drive.error()[0] < 0.006
 
 
-def test_a_robot_that_was_carried_unseen_is_found_where_the_only_sensor_of_the_place_has_it() -> None:
+def test_a_robot_carried_unseen_is_found_where_the_only_sensor_has_it() -> None:
     drive = Drive()
     drive.go(10.0)
     carried = lambda m: m._replace(values=(m.values[0] + 1.0, *m.values[1:])) if m.sensor == "vicon" else m  # noqa: E731
@@ -245,7 +245,7 @@ def test_a_sensor_of_the_place_is_not_dropped_for_contradicting_the_wheels(share
     assert drive.estimate.v == pytest.approx(V, abs=0.05)
 
 
-def test_a_drifting_sensor_of_the_place_is_followed_as_nothing_tells_it_from_a_car_that_slides() -> None:
+def test_a_drifting_sensor_of_the_place_is_followed_like_a_car_that_slides() -> None:
     drive = Drive()
     drive.go(10.0)
     begun = drive.cycle * 0.02
@@ -259,7 +259,7 @@ def test_a_drifting_sensor_of_the_place_is_followed_as_nothing_tells_it_from_a_c
     assert drive.error()[0] == pytest.approx(0.1, abs=0.02)
 
 
-def test_a_frame_that_moves_otherwise_than_any_car_slips_is_found_out_and_the_pose_put_back() -> None:
+def test_a_frame_that_moves_as_no_car_slips_is_found_out_and_the_pose_put_back() -> None:
     drive = Drive()
     drive.go(10.0)
     begun = drive.cycle * 0.02
@@ -324,7 +324,7 @@ def test_wheels_that_slip_are_no_frame_that_moves(share: float) -> None:
     assert not any("frame moves" in each for each in drive.fusion.changes)
 
 
-def test_a_filter_that_begins_late_waits_for_its_sensors_as_long_as_one_that_begins_at_once() -> None:
+def test_a_filter_that_begins_late_waits_for_its_sensors_just_as_long() -> None:
     drive = Drive(("imu", "encoders"))
     drive.cycle = 100
     drive.go(0.04, lambda m: None if m.sensor == "encoders" else m)
@@ -352,7 +352,7 @@ def test_a_gyro_that_errs_is_no_frame_that_moves() -> None:
     assert drive.trust("vicon") == (True, "")
 
 
-def test_a_heading_that_contradicts_the_gyro_is_taken_in_whatever_the_noise_of_the_place() -> None:
+def test_a_heading_against_the_gyro_is_taken_in_whatever_the_noise_of_the_place() -> None:
     drive = Drive()
     drive.go(10.0)
     jump = lambda m: m._replace(values=(m.values[0] + 1.0,)) if m.sensor == "imu" else m  # noqa: E731
@@ -362,7 +362,7 @@ def test_a_heading_that_contradicts_the_gyro_is_taken_in_whatever_the_noise_of_t
     assert drive.error()[1] < 0.01
 
 
-def test_a_second_sensor_of_the_place_in_a_frame_of_its_own_is_left_out_and_told_once() -> None:
+def test_a_second_sensor_in_a_frame_of_its_own_is_left_out_and_told_once() -> None:
     drive = Drive(("imu", "encoders", "vicon", "gps"))
     drive.go(10.0, lambda m: m._replace(values=(m.values[0] + 7.0, m.values[1])) if m.sensor == "gps" else m)
     assert drive.error()[0] < 0.006
@@ -370,7 +370,7 @@ def test_a_second_sensor_of_the_place_in_a_frame_of_its_own_is_left_out_and_told
     assert sum("another frame" in each for each in drive.fusion.changes) == 1
 
 
-def test_when_a_gyro_is_outvoted_the_wheels_have_turned_the_car_in_the_last_half_second() -> None:
+def test_when_a_gyro_is_outvoted_the_wheels_turned_the_car_in_the_last_0_5_s() -> None:
     drive = Drive(("imu", "encoders"))
     drive.steers = True
     drive.go(5.0)

@@ -37,7 +37,7 @@ def test_a_tracker_that_repeats_itself_is_not_taken_for_exact() -> None:
     assert min(np.divide(learned(0.0, 0.01), ASSUMED)) == pytest.approx(0.25)
 
 
-def test_a_slow_tracker_keeps_what_is_assumed_as_its_readings_differ_by_the_cars_motion() -> None:
+def test_a_slow_tracker_keeps_the_assumed_noise_for_the_car_s_own_motion() -> None:
     assert learned(0.001, 0.05) == list(ASSUMED)
 
 

@@ -130,7 +130,7 @@ def behind_a_line(late: float, jitter: float, rounded: float) -> Recording:
     return Recording(samples)
 
 
-def test_means_behind_a_line_are_taken_from_the_way_and_not_upset_by_when_readings_arrive() -> None:
+def test_means_behind_a_line_are_taken_from_the_way_not_from_arrivals() -> None:
     plain = behind_a_line(0.0, 0.0, 1e-9)
     later = behind_a_line(0.03, 0.04, 0.001)
     found = difference(plain, later, "v")

@@ -213,7 +213,7 @@ def test_nothing_moves_before_gains_and_velocity_have_come() -> None:
     assert list(without_gains.core.outputs) == list(without_host.core.outputs) == [0, 0, 0, 0, 0]
 
 
-def test_a_host_that_falls_silent_stops_the_motor_within_a_quarter_of_a_second_and_a_cycle(bench: Bench) -> None:
+def test_a_silent_host_stops_the_motor_within_a_quarter_second_and_a_cycle(bench: Bench) -> None:
     bench.run(0.2, Velocity(0.5, 0.0), wheels=(1, 1))
     assert bench.core.outputs[0] > 0
     bench.run(0.27)

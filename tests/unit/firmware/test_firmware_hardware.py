@@ -54,7 +54,7 @@ def test_direction_and_trim_turn_a_channel_round_and_shift_its_neutral() -> None
     assert pulses(3)[-1] == 1510
 
 
-def test_the_guard_puts_out_neutral_when_the_loop_stalls_and_only_the_loop_feeds_the_watchdog(hardware: Any) -> None:
+def test_the_guard_is_neutral_when_the_loop_stalls_which_feeds_the_watchdog(hardware: Any) -> None:
     core = Core()
     core.outputs[0] = 5000
     hardware.start()

@@ -119,7 +119,7 @@ def test_a_screen_that_stalls_leaves_the_outputs_neutral_after_a_tenth_of_a_seco
     assert fake_pico.Pwm.outputs[2].pulses[-1] == 1_500_000
 
 
-def test_gains_in_the_settings_are_there_at_power_up_and_nothing_moves_without_a_host(program: Any) -> None:
+def test_gains_of_the_settings_are_there_at_power_up_and_nothing_moves(program: Any) -> None:
     rows = [[11000, 18000, 250], [-150, 1000, 30000, 5], [1500, 4000, 130000, 5]]
     _, core, _ = program.build(store.check({"gains": rows}))
     assert list(core.linear_gains) == rows[0] and core.set_count == 2 and core.gains_loaded

@@ -59,7 +59,7 @@ def test_a_key_that_cannot_be_kept_is_refused_with_the_remedy(fleet_s_key: Path)
         users_key()
 
 
-def test_a_key_is_made_in_a_folder_that_is_missing_or_empty_and_one_that_is_there_is_left_alone(
+def test_a_key_is_made_where_none_is_and_one_that_is_there_is_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "none" / "yet"))

@@ -243,7 +243,7 @@ def test_no_law_fails_or_commands_what_is_no_number_whatever_the_others_tell(
         assert all(isfinite(each) for each in mine.data)
 
 
-def test_a_leader_that_leaps_makes_its_follower_s_track_no_longer_than_memory_has_room() -> None:
+def test_a_leader_that_leaps_makes_its_follower_s_track_no_longer_than_fits() -> None:
     follower = make_law("txt02", TEAM, (10.0, 8.0), {"law": "convoy"})
     for step in range(10):
         x = FAR if step % 2 else -FAR

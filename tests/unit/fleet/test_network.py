@@ -397,7 +397,7 @@ def test_a_stop_that_is_not_answered_is_said_through_one_session_after_another(
     assert sessions[0] is None and len(sessions) >= 4
 
 
-def test_a_peer_hears_and_obeys_stops_and_goes_on_while_a_message_of_its_own_cannot_be_sent(
+def test_a_peer_obeys_stops_and_goes_on_while_its_own_message_cannot_be_sent(
     team: Team, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     console, robot, put = team.join("console1", console=True), team.join("net01"), Peer.__dict__["_put"]
@@ -422,7 +422,7 @@ def test_a_peer_hears_and_obeys_stops_and_goes_on_while_a_message_of_its_own_can
     assert team.until(lambda: "net01" in console.heard())
 
 
-def test_a_stop_that_one_session_does_not_take_is_said_through_another_and_names_who_has_not_answered(
+def test_a_stop_that_one_session_does_not_take_is_said_through_another(
     team: Team, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(network, "UNANSWERED", 1.0)
@@ -548,7 +548,7 @@ def test_on_loopback_it_listens_on_that_address_alone(team: Team) -> None:
     assert set(listening()) == {"0100007F"}
 
 
-def test_on_an_interface_it_listens_there_alone_and_asks_for_the_password_of_a_file_that_nobody_else_may_read(
+def test_on_an_interface_it_listens_there_alone_and_asks_for_a_password(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     zenoh = pytest.importorskip("zenoh")
@@ -674,7 +674,7 @@ def test_a_name_that_no_other_would_hear_is_refused() -> None:
 
 
 @pytest.mark.long
-def test_a_page_of_the_fleet_shows_all_stops_all_though_messages_are_lost_and_drives_one(team: Team) -> None:
+def test_a_fleet_s_page_shows_all_stops_all_despite_losses_and_drives_one(team: Team) -> None:
     console, one, two = team.join("console1", 0.3, console=True), team.join("net01", 0.3), team.join("net02", 0.3)
     page = Network(console)
 

@@ -264,7 +264,7 @@ def test_a_stop_is_obeyed_whoever_says_it_and_one_with_an_identity_is_answered(
     assert robot.stops[-1] == ("console3", ONE)
 
 
-def test_a_console_that_hears_its_own_stop_does_not_obey_it_and_one_without_an_answer_gives_none(join: Join) -> None:
+def test_a_console_does_not_obey_its_own_stop_and_without_an_answer_gives_none(join: Join) -> None:
     console = join("console1", console=True)
     console.answer = None
     console.peer.stop_all()
@@ -294,7 +294,7 @@ def test_with_a_share_of_messages_lost_the_others_come_both_ways(join: Join) -> 
 # -- commands and clocks
 
 
-def test_a_command_carries_the_time_of_its_key_by_the_robot_s_clock_as_the_fastest_ping_told_it(join: Join) -> None:
+def test_a_command_carries_the_time_of_its_key_by_the_robot_s_clock(join: Join) -> None:
     console = join("console1", console=True)
     console.peer.drive("net07", 0.3, 0.1)
     console.comes("net07")
@@ -342,7 +342,7 @@ def test_a_ping_is_answered_and_an_answer_counts_only_to_a_ping_of_the_last_seco
     assert robot.peer.refused() == ({} if fine else {"net07": "began: that ping was never sent"})
 
 
-def test_a_peer_is_pinged_when_it_comes_and_when_a_command_waits_for_its_clock_and_then_seldom(
+def test_a_peer_is_pinged_when_it_comes_when_a_command_waits_and_then_seldom(
     join: Join, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(network, "PING", 1e6)
@@ -367,7 +367,7 @@ def test_a_peer_is_pinged_when_it_comes_and_when_a_command_waits_for_its_clock_a
 # -- who is there
 
 
-def test_a_peer_is_there_from_its_first_token_to_its_last_and_forged_tokens_say_nothing(join: Join) -> None:
+def test_a_peer_is_there_from_first_to_last_token_and_forged_ones_say_nothing(join: Join) -> None:
     robot = join()
     for who in ("net01", "net07", "net08", "net09"):
         robot.says(f"state/{who}", **{"from": who, **STATE})
@@ -449,7 +449,7 @@ def test_a_robot_that_has_been_there_for_half_a_minute_leaves_to_nobody(join: Jo
     assert robot.peer.refused() == {"net01": "another robot has this robot's name; choose another with --name"}
 
 
-def test_where_neither_of_two_namesakes_was_certainly_there_first_the_smaller_id_stays() -> None:
+def test_of_two_namesakes_that_came_together_the_smaller_id_stays() -> None:
     assert [gives_way(10.0, 10.0 + apart, "2", "1") for apart in (-2.0, -1.0, 0.0, 1.0)] == [False, True, True, True]
     assert [gives_way(10.0, 10.0 + apart, "1", "2") for apart in (-2.0, -1.0, 0.0, 1.0)] == [False, False, False, True]
 
@@ -630,7 +630,7 @@ def test_a_stop_is_said_for_its_time_and_no_longer(join: Join, answer: dict[str,
     assert last[0].stands == (("net07",) if answer and "stands" in answer else ())
 
 
-def test_a_stop_is_said_often_enough_to_arrive_in_half_a_second_though_a_third_of_the_messages_is_lost() -> None:
+def test_a_stop_arrives_in_half_a_second_though_a_third_of_messages_is_lost() -> None:
     assert 0.3 ** int(0.5 / REPEAT) < 1e-12
 
 

@@ -33,7 +33,7 @@ STANDS, SLOWS, DRIVES = (
         ({"b": None, "a": None}, Standing(silent=("a", "b")), False, False, "no answer: a, b"),
     ],
 )  # fmt: skip
-def test_a_stop_of_all_names_who_stands_who_is_stopped_who_is_not_and_who_has_not_answered(
+def test_a_stop_of_all_names_who_stands_who_does_not_and_who_has_not_answered(
     answers: dict[str, StopAnswer | None], standing: Standing, closed: bool, complete: bool, told: str
 ) -> None:
     stop = StopOfAll([], 7.0)

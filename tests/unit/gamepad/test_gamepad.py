@@ -105,7 +105,7 @@ def test_a_pad_that_is_unplugged_is_gone_at_once_and_one_more_is_found(devices: 
     second.unplug()
 
 
-def test_a_stick_that_rests_at_its_stop_tells_nothing_and_lets_go_after_three_seconds(devices: Devices) -> None:
+def test_a_stick_that_rests_at_its_stop_lets_go_after_three_seconds(devices: Devices) -> None:
     """Ten seconds, by the clock of the readings: SDL reports changes, and nothing changes."""
     pad = VirtualPad()
     soon(devices, 1)

@@ -70,7 +70,7 @@ def beside(x: float, y: float, curvature: float = 0.0) -> float:
     return free_distance(np.array([[x, y]]), curvature, 0.75, 0.5, 0.25)
 
 
-def test_what_is_within_the_margin_already_counts_with_the_bare_body_and_what_is_on_its_edge_does_not() -> None:
+def test_within_the_margin_the_bare_body_counts_and_its_edge_does_not() -> None:
     assert beside(0.625, 0.0) == 0.0
     assert beside(0.624, 0.0) == pytest.approx(0.249)
     assert beside(0.0, 0.5) == inf

@@ -147,7 +147,7 @@ def test_without_the_imu_curves_are_taken_at_a_crawl_on_whatever_ground() -> Non
     assert len(told) == 2
 
 
-def test_a_car_without_its_imu_that_still_turns_is_slowed_though_it_is_told_to_go_straight() -> None:
+def test_a_car_without_its_imu_that_turns_is_slowed_though_told_to_go_straight() -> None:
     blind = Guard(GIVEN, BODY.track_width, BODY.radius_min, lambda _: (None, 3.0))
     assert blind(1.5, 0.0, 1.0)[0] == pytest.approx(max(0.1, 1.5 * (0.01 / BODY.radius_min / 3.0) ** 0.5))
 

@@ -92,7 +92,7 @@ def test_a_link_to_a_pseudo_terminal_of_unknown_owner_is_opened_once(
     world.opens(port)
 
 
-def test_a_pseudo_terminal_of_somebody_else_is_opened_again_as_long_as_it_is_the_same(tmp_path: Path) -> None:
+def test_a_stranger_s_pseudo_terminal_is_opened_again_while_it_is_the_same(tmp_path: Path) -> None:
     place = tmp_path / "theirs"
     master, slave = os.openpty()
     place.symlink_to(os.ttyname(slave))

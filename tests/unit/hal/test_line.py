@@ -79,7 +79,7 @@ def desk() -> Iterator[Desk]:
     made.loop.close()
 
 
-def test_a_device_that_answers_for_half_a_second_gets_a_set_point_and_one_that_is_silent_for_0_3_s_is_lost(
+def test_a_device_gets_a_set_point_after_0_5_s_of_answers_and_is_lost_after_0_3_s(
     desk: Desk,
 ) -> None:
     for tenth in range(11):
@@ -93,7 +93,7 @@ def test_a_device_that_answers_for_half_a_second_gets_a_set_point_and_one_that_i
     assert not desk.at(1.65).ready, "it has to settle again"
 
 
-def test_bytes_that_nobody_understands_are_told_after_a_second_and_silence_after_three(desk: Desk) -> None:
+def test_strange_bytes_are_told_after_a_second_and_silence_after_three(desk: Desk) -> None:
     desk.hears(b'{"T":1001,"L":0,"R":0,"v":1200}\r\n', 0.5)
     assert "Waveshare" not in desk.at(0.99).text
     assert "Waveshare" in desk.at(1.01).text

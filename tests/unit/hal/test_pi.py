@@ -372,7 +372,7 @@ class Scripted:
         return answer
 
 
-def test_a_guard_that_has_ended_is_a_loss_however_soon_another_one_answers_and_its_counts_go_on() -> None:
+def test_a_guard_that_ended_is_a_loss_however_soon_another_answers() -> None:
     counts = [(0, 0), (7, 9), None, (0, 0), (2, -1)]
     guard = Scripted(
         *(HalError("their guard has ended") if each is None else GuardAnswer(True, None, each) for each in counts)
@@ -750,7 +750,7 @@ def test_the_prescaler_is_that_of_the_frequency_within_what_the_chip_takes(
     assert (0x40, 0xFE, [prescale]) in bus.written
 
 
-def test_a_servo_board_with_another_frequency_is_set_up_once_and_again_after_each_failure() -> None:
+def test_a_servo_board_of_another_frequency_is_set_up_once_and_after_failures() -> None:
     class Loose(Recorder):
         fails = False
 
@@ -811,7 +811,7 @@ def test_the_battery_is_read_every_fiftieth_time_and_its_voltage_is_never_negati
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
-def test_the_guard_answers_whether_the_pulses_are_out_and_what_its_encoders_have_counted(count: int) -> None:
+def test_the_guard_tells_whether_pulses_are_out_and_what_encoders_counted(count: int) -> None:
     encoders = [Quadrature((17,)), Quadrature((22,))][:count]
     for encoder, edges in zip(encoders, (3, 5), strict=False):
         for _ in range(edges):

@@ -187,7 +187,7 @@ def test_the_atx_supply_is_switched_once_and_at_once(desk: Desk, on: bool) -> No
     assert desk.times(Velocity, since=2.0)[:3] == [2.0, 2.06, 2.1]
 
 
-def test_the_esc_comes_on_after_silence_and_zeros_and_meanwhile_the_board_is_not_ready(desk: Desk) -> None:
+def test_the_esc_comes_on_after_silence_and_zeros_and_the_board_waits(desk: Desk) -> None:
     desk.do(lambda: desk.hal.switch(Switch.ESC, False, desk.now))
     desk.do(lambda: desk.hal.switch(Switch.ESC, True, desk.now))
     assert desk.link.text == "the ESC comes on in 3.2 s, when the board's loops are cleared"
@@ -218,7 +218,7 @@ def test_an_esc_that_is_to_be_off_after_all_does_not_come_on(desk: Desk) -> None
     assert desk.link.text == "the silence that clears the board's loops is over"
 
 
-def test_loops_are_cleared_by_zeros_then_silence_then_zeros_and_meanwhile_the_board_is_not_ready(desk: Desk) -> None:
+def test_loops_are_cleared_by_zeros_then_silence_then_zeros(desk: Desk) -> None:
     desk.runs(1.0, DRIVE)
     desk.do(lambda: desk.hal.clear_loops(desk.now))
     assert desk.link.text == "silence clears the board's loops; that takes 3.4 s"
@@ -252,7 +252,7 @@ def test_an_esc_that_is_off_is_told_so_with_each_pwm_test_of_zeros(desk: Desk) -
     assert [message for _, message in desk.sent[-10:]] == [PwmTest(0, 0, 0, 0, 0), off] * 5
 
 
-def test_an_esc_that_is_to_come_on_while_loops_are_cleared_comes_on_after_a_silence_of_its_own(desk: Desk) -> None:
+def test_an_esc_asked_for_while_loops_are_cleared_gets_a_silence_of_its_own(desk: Desk) -> None:
     desk.do(lambda: desk.hal.clear_loops(desk.now))
     desk.runs(1.0)
     desk.do(lambda: desk.hal.switch(Switch.ESC, True, desk.now))

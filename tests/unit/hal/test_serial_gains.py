@@ -38,7 +38,7 @@ def test_an_answer_before_anything_was_ever_asked_says_nothing(desk: Desk) -> No
     assert desk.runs(11.0).times(PidSet) == []
 
 
-def test_a_board_that_is_found_for_the_first_time_gets_its_gains_before_any_set_point(
+def test_a_board_found_for_the_first_time_gets_its_gains_before_any_set_point(
     make: Callable[..., Desk],
 ) -> None:
     desk = make()
@@ -131,9 +131,7 @@ def test_acknowledged_gains_are_sent_again_after_10_s_while_the_robot_is_not_to_
 
 
 @pytest.mark.parametrize("answered", [False, True])
-def test_a_board_that_was_found_again_gets_its_gains_first_and_stands_until_it_has_them(
-    desk: Desk, answered: bool
-) -> None:
+def test_a_board_found_again_gets_its_gains_first_and_stands_until_it_has_them(desk: Desk, answered: bool) -> None:
     answers = desk.loads()
     desk.runs(0.1)
     desk.tells(PidResponse(False))

@@ -80,7 +80,7 @@ def test_a_board_that_is_silent_for_0_45_s_is_lost(desk: Desk) -> None:
     assert desk.sent[-1][1] == HALF
 
 
-def test_a_host_that_was_held_up_notices_by_the_next_odometry_that_the_board_was_lost(desk: Desk) -> None:
+def test_a_host_held_up_notices_by_the_next_odometry_that_the_board_was_lost(desk: Desk) -> None:
     for pause, losses in ((0.35, 0), (0.5, 1)):  # since the last odometry: 50 ms more than the pause
         desk.says = None
         desk.runs(pause, held_up=True)

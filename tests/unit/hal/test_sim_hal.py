@@ -61,7 +61,7 @@ def test_without_encoders_it_reports_no_counts() -> None:
     assert hal.read(0.02).ticks is None
 
 
-def test_it_moves_from_the_instant_on_at_which_it_is_told_and_stops_being_driven_when_it_is_told() -> None:
+def test_it_moves_from_when_it_is_told_until_it_is_told_to_stop() -> None:
     hal = opened()
     hal.write(DRIVE, 1.0)
     assert where(hal, 1.0) == where(opened(), 0.0), "not a millimetre before"

@@ -651,7 +651,7 @@ def test_closing_leaves_the_motor_without_power(brake: float, rest: tuple[Packet
     scripted(look, brake=brake)
 
 
-def test_values_are_asked_for_each_time_and_firmware_and_settings_each_second_until_they_are_known() -> None:
+def test_firmware_and_settings_are_asked_for_each_second_until_known() -> None:
     values, firmware, settings = b"\x04", b"\x00", b"\x11"
 
     async def look(hal: VescHal, script: Script) -> None:

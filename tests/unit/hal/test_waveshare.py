@@ -520,7 +520,7 @@ RESTS, NO_POWER = {"T": 1, "L": 0.0, "R": 0.0}, {"T": 11, "L": 0, "R": 0}
         (Outputs(motor=-24000, rear=18000), False, {"T": 11, "L": -255, "R": -191}),
     ],
 )
-def test_the_board_is_sent_what_is_commanded_and_rests_until_it_has_answered_for_a_while(
+def test_the_board_is_sent_commands_after_it_has_answered_for_a_while(
     outputs: Outputs, encoders: bool, expected: dict[str, float]
 ) -> None:
     rests = RESTS if encoders else NO_POWER

@@ -202,7 +202,7 @@ def test_a_scheduler_is_told_that_the_computer_slept_before_any_task_runs() -> N
     assert seen.count("tick") == len(seen) - 2
 
 
-def test_a_thread_that_computes_has_the_interpreter_for_half_a_millisecond_while_the_loop_is_open() -> None:
+def test_a_thread_has_the_interpreter_for_half_a_ms_while_the_loop_is_open() -> None:
     before = sys.getswitchinterval()
 
     async def interval() -> float:

@@ -232,7 +232,7 @@ def test_a_task_may_add_another_one() -> None:
     st.integers(0, 8),
     st.integers(0, 60),
 )
-def test_a_task_added_while_others_wait_or_are_late_falls_in_by_priority_and_disturbs_no_deadline(
+def test_a_task_added_later_falls_in_by_priority_and_disturbs_no_deadline(
     specs: list[tuple[int, int]], early: int, stall: int
 ) -> None:
     async def main() -> Log:

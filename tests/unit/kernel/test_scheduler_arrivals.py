@@ -52,7 +52,7 @@ def test_a_sporadic_task_has_no_period() -> None:
     run(main(), speed="max")
 
 
-def test_an_arrival_announced_by_another_task_is_served_at_the_same_instant_by_priority() -> None:
+def test_an_arrival_that_a_task_announces_is_served_at_once_by_priority() -> None:
     async def main() -> Log:
         log: Log = []
         scheduler = Scheduler(no_fault)

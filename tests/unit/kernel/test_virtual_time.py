@@ -105,7 +105,7 @@ def test_many_short_sleeps_do_not_drift() -> None:
     assert run(main(), speed="max") == 5000 * 20_000_000
 
 
-def test_a_coroutine_that_sleeps_for_the_remaining_time_arrives_also_between_two_nanoseconds() -> None:
+def test_a_sleep_for_the_remaining_time_ends_also_between_two_nanoseconds() -> None:
     async def main() -> int:
         loop, turns = asyncio.get_running_loop(), 0
         for k in range(1, 100):

@@ -30,7 +30,7 @@ LUX = st.floats(1.0, 1000.0)
 # -- direction ---------------------------------------------------------------------------------------------------
 
 
-def test_the_direction_is_that_of_the_summed_vectors_from_the_centre_through_the_sensors() -> None:
+def test_the_direction_is_that_of_the_sum_of_the_sensors_vectors() -> None:
     # by hand: x = 0.2286 (40 + 30 - 20 - 10), y = 0.127 (40 + 20 - 30 - 10)
     assert direction(Readings(40.0, 30.0, 20.0, 10.0)) == pytest.approx(np.arctan2(0.127 * 20, 0.2286 * 40))
     assert corrected_direction(Readings(40.0, 30.0, 20.0, 10.0)) == pytest.approx(np.arctan2(20 / 0.127, 40 / 0.2286))
@@ -245,7 +245,7 @@ def test_a_frozen_sensor_is_refused_within_two_seconds(which: int, noise: float 
     assert watched(SensorFault.FROZEN, which, noise=noise) <= 2 * FROZEN_SAMPLES * 0.016
 
 
-def test_a_sensor_dead_from_the_start_gives_no_direction_and_is_refused_when_the_filter_has_settled() -> None:
+def test_a_sensor_dead_from_the_start_is_refused_when_the_filter_has_settled() -> None:
     seen = LightSensors(PointLight(), noise_for_jitter(), np.random.default_rng(3))
     seen.faults = (SensorFault.NONE, SensorFault.NONE, SensorFault.DEAD, SensorFault.NONE)
     sense = LightFilter()

@@ -11,7 +11,7 @@ CONFIG = load().config
 
 
 @pytest.mark.long
-def test_who_is_watched_does_what_he_does_unwatched_and_all_of_his_time_is_accounted_for() -> None:
+def test_who_is_watched_does_the_same_and_all_its_time_is_accounted_for() -> None:
     episodes, decisions = watched(1, CONFIG, 1, 12)
     assert episodes == trial(1, "thesis", CONFIG, 1, 12, permute=False)
     found = where(decisions)
@@ -25,6 +25,6 @@ def test_who_is_watched_does_what_he_does_unwatched_and_all_of_his_time_is_accou
             assert sum(shares) == pytest.approx(1.0, abs=0.005)
 
 
-def test_the_right_action_turns_to_the_lights_side_and_goes_straight_only_when_it_is_ahead() -> None:
+def test_the_right_action_turns_to_the_light_and_goes_straight_when_ahead() -> None:
     right = {state: [action for action in range(3) if is_right(action, state)] for state in range(8)}
     assert right == {0: [0, 2], 1: [0], 2: [0], 3: [0], 4: [1], 5: [2], 6: [2], 7: [2]}

@@ -63,9 +63,7 @@ def test_it_decides_twice_a_second() -> None:
 
 
 @pytest.mark.parametrize(("remedy", "updated"), [("sensed", 2), ("none", None)])
-def test_remedy_2_updates_the_action_that_was_sensed_and_none_the_one_that_was_commanded(
-    remedy: str, updated: int | None
-) -> None:
+def test_remedy_2_updates_the_action_sensed_and_none_the_one_commanded(remedy: str, updated: int | None) -> None:
     one = agent(remedy=remedy)
     show(one, REAR_LEFT)
     commanded = one.act(0.0, STRAIGHT)
@@ -85,7 +83,7 @@ def test_a_sensed_yaw_rate_is_one_of_three_actions(omega: float, action: int) ->
     assert agent().sensed(Odometry(omega=omega)) == action
 
 
-def test_remedy_1_holds_until_the_command_is_reached_then_reads_the_state_and_lets_the_interval_run() -> None:
+def test_remedy_1_holds_until_the_command_is_reached_then_reads_the_state() -> None:
     one = agent(remedy="hold", temperature=0.05)
     one.q[:] = (0.0, 0.0, 9.0)  # left it is
     show(one, REAR_LEFT)
@@ -102,9 +100,7 @@ def test_remedy_1_holds_until_the_command_is_reached_then_reads_the_state_and_le
 
 
 @pytest.mark.parametrize(("way", "seen"), [("summed", 4), ("corrected", 5)])
-def test_a_light_at_45_degrees_is_ahead_by_the_sum_and_front_left_by_the_corrected_direction(
-    way: str, seen: int
-) -> None:
+def test_a_light_at_45_degrees_is_ahead_by_the_sum_and_front_left_if_corrected(way: str, seen: int) -> None:
     one = agent(direction=way)
     sensors = LightSensors(PointLight(), 0.0, np.random.default_rng(1))
     for _ in range(22):
@@ -152,7 +148,7 @@ def test_a_void_episode_leaves_no_trace_in_the_table() -> None:
     assert one.episode == 0
 
 
-def test_exploration_ends_with_the_temperature_and_learning_may_end_with_the_training() -> None:
+def test_exploration_ends_with_the_temperature_learning_with_the_training() -> None:
     one = agent()
     one.q[:] = (0.0, 0.5, 0.0)
     show(one, AHEAD)

@@ -40,7 +40,7 @@ def test_fewer_liars_than_half_move_no_value_beyond_those_of_the_honest(
 
 
 @given(NUMBERS, st.lists(st.tuples(NUMBERS, st.integers(0, 3)), max_size=6), st.integers(0, 3))
-def test_a_row_is_taken_over_only_from_those_who_know_it_and_when_they_can_outvote_liars(
+def test_a_row_is_taken_only_from_who_knows_it_and_can_outvote_liars(
     own: float, others: list[tuple[float, int]], liars: int
 ) -> None:
     merged, taken = merge(learned(own), [learned(value, visits) for value, visits in others], liars)

@@ -70,7 +70,7 @@ def begun(agent: Recorder, task: Task | None = None, episodes: int = 2) -> Trial
     return trial
 
 
-def test_every_start_is_as_far_from_the_light_as_the_thesis_has_it_and_in_a_random_direction() -> None:
+def test_every_start_is_as_far_from_the_light_as_the_thesis_s() -> None:
     task = Task(light=(0.5, -1.0))
     poses = [start.pose(task) for start in starts(1, 1, 2000)]
     assert all(hypot(x - 0.5, y + 1.0) == pytest.approx(1.25) for x, y, _ in poses)

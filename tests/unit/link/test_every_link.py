@@ -115,9 +115,7 @@ def test_a_host_is_told_once_in_words_that_the_board_has_closed(pair: Pair, kind
     run_quietly(main())
 
 
-def test_a_board_is_told_that_the_host_has_closed_except_on_a_serial_line_where_nobody_can_tell(
-    pair: Pair, kind: str
-) -> None:
+def test_a_board_is_told_that_the_host_has_closed_except_on_a_serial_line(pair: Pair, kind: str) -> None:
     async def main() -> None:
         host, board = End(), End()
         async with pair(host, board):

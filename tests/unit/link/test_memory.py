@@ -116,7 +116,7 @@ def test_whatever_delays_them_the_bytes_keep_their_order(seed: int, traffic: lis
 
 
 @pytest.mark.long
-def test_the_same_seed_repeats_the_faults_of_all_connections_and_the_directions_differ() -> None:
+def test_a_seed_repeats_the_faults_of_all_connections_and_directions_differ() -> None:
     def traffic(seed: int, name: str = "line") -> list[list[bytes]]:
         host, board = End(), End()
 

@@ -70,7 +70,7 @@ def test_a_host_that_only_looks_in_leaves_nothing_to_the_next_one(path: str, sai
     run_quietly(main())
 
 
-def test_a_pseudo_terminal_is_raw_for_a_host_that_sets_nothing_even_after_one_that_did(path: str) -> None:
+def test_a_pseudo_terminal_is_raw_for_a_host_that_sets_nothing_even_later(path: str) -> None:
     async def main() -> None:
         board = End()
         with closing(listen_pty(path, board)):

@@ -159,7 +159,7 @@ def test_the_room_turned_or_mirrored_takes_as_long() -> None:
     assert np.max(np.abs(optimal_time(x, -y, -theta) - times)) < 1e-6
 
 
-def test_inside_the_goal_circle_it_has_arrived_and_twice_the_speed_takes_half_the_time() -> None:
+def test_inside_the_goal_it_has_arrived_and_twice_the_speed_takes_half_the_time() -> None:
     assert float(optimal_time(0.3, -0.4, 1.0)) == 0.0
     assert float(optimal_time(0.0, 0.0, 0.0)) == 0.0
     assert isclose(float(optimal_time(1.0, 2.0, 3.0, speed=0.6)), float(optimal_time(1.0, 2.0, 3.0)) / 2)

@@ -78,7 +78,7 @@ def test_the_step_between_two_poses_is_the_arc_that_joins_them(theta: float, dis
     assert turn == pytest.approx(distance * curvature, abs=1e-9)
 
 
-def test_the_steering_follows_closely_forward_and_loosely_backward_with_the_thesis_gains() -> None:
+def test_with_the_thesis_gains_steering_is_close_forward_and_loose_backward() -> None:
     assert steering_distance(0.3, THESIS, GEOMETRY) < FOLLOWS_WITHIN < steering_distance(-0.3, THESIS, GEOMETRY)
     assert curve_speed(0.4, 1.0, THESIS, GEOMETRY) == 0.4
     assert curve_speed(0.4, -1.0, THESIS, GEOMETRY) == pytest.approx(0.12)

@@ -44,7 +44,7 @@ def test_numbers_of_no_message_are_refused(name: str, count: int) -> None:
         from_numbers(name, [0.0] * count)
 
 
-def test_a_command_and_length_that_the_receiver_knows_are_refused_and_those_of_the_other_end_are_not(
+def test_only_a_known_command_and_length_of_the_receiver_s_own_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("txt1.protocol.layout.LAYOUTS", LAYOUTS.copy())

@@ -109,7 +109,7 @@ def test_an_array_takes_as_many_values_as_it_has() -> None:
         MessageBuffer("txt1_msgs/Light", {"lux": [1.0, 2.0, 3.0]})
 
 
-def test_numbers_put_into_a_template_are_a_message_written_field_by_field_in_whatever_order_they_are_named() -> None:
+def test_numbers_in_a_template_are_the_message_written_field_by_field() -> None:
     estimate = Estimate(1.0, 2.0, 0.5, 0.3, 0.1, tuple(float(number) for number in range(25)), 0.0, 0.0, True)
     backwards = replace(FILTERED, paths=FILTERED.paths[::-1], make=lambda value: FILTERED.make(value)[::-1])
     for topic in (FILTERED, backwards):

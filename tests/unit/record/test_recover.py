@@ -40,7 +40,7 @@ def recording(path: Path) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize(("off", "complete"), [(0, True), (None, False), (5, False)])
-def test_all_that_is_whole_is_recovered_in_order_with_its_times_and_nothing_is_made_up(
+def test_all_that_is_whole_is_recovered_in_order_and_nothing_is_made_up(
     tmp_path: Path, off: int | None, complete: bool
 ) -> None:
     path, target = tmp_path / "run.mcap", tmp_path / "saved.mcap"
@@ -73,7 +73,7 @@ def test_all_that_is_whole_is_recovered_in_order_with_its_times_and_nothing_is_m
     assert recover(target, again) == Recovered(kept, 0, 0, True) and again.read_bytes() == target.read_bytes()
 
 
-def test_of_a_recording_that_broke_off_at_once_an_empty_one_is_made_and_of_none_nothing(tmp_path: Path) -> None:
+def test_a_recording_that_broke_off_at_once_becomes_an_empty_one(tmp_path: Path) -> None:
     path, target = tmp_path / "run.mcap", tmp_path / "saved.mcap"
     with pytest.raises(RecordingError, match="cannot read it: No such file"):
         recover(path, target)

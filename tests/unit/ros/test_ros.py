@@ -43,9 +43,7 @@ STALE = 0.25
 
 
 @given(offset=st.floats(-50.0, 50.0), delays=st.lists(st.floats(0.0, 0.2), min_size=2, max_size=50))
-def test_a_stamped_command_is_as_old_as_its_delay_beyond_the_shortest_whatever_the_clocks_say(
-    offset: float, delays: list[float]
-) -> None:
+def test_a_stamped_command_is_as_old_as_its_delay_beyond_the_shortest(offset: float, delays: list[float]) -> None:
     stamps = Stamps(STALE)
     shortest = 1.0
     for k, delay in enumerate(delays):
@@ -178,7 +176,7 @@ BROKEN = Topic(
 )
 
 
-def test_a_value_that_is_no_message_is_told_once_and_costs_no_other_topic_its_message() -> None:
+def test_a_value_that_is_no_message_is_told_once_and_costs_no_other_topic() -> None:
     said: list[str] = []
     names: set[str] = set()
 
@@ -207,7 +205,7 @@ def test_a_recording_is_published_under_the_names_of_a_run() -> None:
     assert recorded("/sensors/rear", "sensor_msgs/LaserScan", {"scan"}) == ("~/sensors/rear", "sensor")
 
 
-def test_the_ros_2_of_the_shell_comes_before_all_others_and_one_that_is_too_old_is_told(
+def test_the_ros_2_of_the_shell_comes_first_and_one_too_old_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("TXT1_ROS2_HOME", str(tmp_path))
@@ -300,7 +298,7 @@ def frames(
     return found, names, said
 
 
-def test_odom_stands_in_the_map_that_the_robot_knows_its_place_on_and_in_nothing_while_it_is_lost() -> None:
+def test_odom_stands_in_the_map_while_the_robot_knows_its_place_on_it() -> None:
     assert frames(Told("auto"), *ESTIMATE, lost=False)[0]["odom"] == "map"
     assert "odom" not in frames(Told("auto"), *ESTIMATE, lost=True)[0]
     assert "odom" not in frames(Told("odom"), lost=False)[0]
@@ -342,7 +340,7 @@ def test_what_odom_stands_in_is_told_as_asked(
     assert found.get("base_footprint") == (None if transforms == "none" else "odom")
 
 
-def test_the_robot_gives_way_to_another_program_that_tells_where_odom_is_and_says_so_once() -> None:
+def test_the_robot_gives_way_to_a_program_that_tells_where_odom_is() -> None:
     found, _, said = frames(PLAIN, other=True)
     assert "odom" not in found and found["base_footprint"] == "odom"
     assert said == [": slam_toolbox tells map -> odom, so the robot tells no frame above odom now"]

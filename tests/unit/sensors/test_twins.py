@@ -159,7 +159,7 @@ def test_the_picture_shows_what_the_depth_measures() -> None:
     assert picture[30, 40, 2] > picture[30, 40, 0]  # which is blue
 
 
-async def test_a_picture_that_takes_long_comes_when_it_is_ready_and_the_thread_ends_with_the_sensor() -> None:
+async def test_a_slow_picture_comes_when_it_is_ready_and_its_thread_ends_with_it() -> None:
     may_draw = threading.Event()
 
     def expose(eye: Pose, others: Sequence[Pose]) -> Any:

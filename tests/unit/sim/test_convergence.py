@@ -215,7 +215,7 @@ def test_with_the_steering_at_rest_a_step_is_exact_however_it_is_split(motor: fl
             assert -pi < whole.theta <= pi
 
 
-def test_while_a_servo_turns_splitting_a_step_changes_no_more_than_the_integration_error() -> None:
+def test_splitting_a_step_of_a_turning_servo_costs_only_the_integration_error() -> None:
     state = VehicleState(v=1.0)
     whole = advance(state, 4000.0, -18000.0, 18000.0, 0.02, 0.0, PLAIN)
     parts = advance(state, 4000.0, -18000.0, 18000.0, 0.013, 0.0, PLAIN)

@@ -59,7 +59,7 @@ def test_readings_stay_within_the_sensors_range(x: float, y: float, theta: float
     assert all(1.0 <= lux <= 1000.0 for lux in sensors(0.6, seed).read(x, y, theta))
 
 
-def test_between_walls_at_8_m_no_sensor_falls_silent_and_none_saturates_before_the_last_decimetres() -> None:
+def test_between_walls_at_8_m_no_sensor_is_silent_or_saturates_too_soon() -> None:
     assert min(illuminances(8.0, 8.0, pi / 4, LIGHT)) > 1.0
     assert max(illuminances(-0.63, 0.0, np.arctan2(SENSOR_Y, SENSOR_X), LIGHT)) < 1000.0
     assert sensors(light=PointLight(exponent=4.0)).read(5.0, 0.0, 0.0) == (1.0, 1.0, 1.0, 1.0), "dark for 1 / d^4"
@@ -102,7 +102,7 @@ def test_the_filter_makes_7_degrees_of_45() -> None:
     assert 6.0 < degrees(np.quantile(np.abs(directions[200:]), 0.95)) < 8.0
 
 
-def test_noise_is_a_share_of_the_reading_independent_from_sensor_to_sensor_and_sample_to_sample() -> None:
+def test_noise_is_a_share_of_the_reading_and_independent_by_sensor_and_sample() -> None:
     seen = sensors(0.1, seed=2)
     truth = np.array(illuminances(-1.0, 0.4, 0.3, LIGHT))
     z = np.array([seen.read(-1.0, 0.4, 0.3) for _ in range(20_000)]) / truth - 1.0
@@ -142,7 +142,7 @@ def test_a_light_at_53_degrees_reads_23_at_1_25_m() -> None:
 
 @pytest.mark.parametrize("exponent", [2.0, 4.0])
 @given(bearing=HEADING, theta=HEADING)
-def test_far_away_the_direction_has_0_31_of_the_bearings_tangent_and_the_corrected_one_all_of_it(
+def test_far_away_the_direction_has_0_31_of_the_bearing_s_tangent(
     exponent: float, bearing: float, theta: float
 ) -> None:
     x, y = -50.0 * cos(theta + bearing), -50.0 * sin(theta + bearing)

@@ -131,7 +131,7 @@ def test_at_0_3_to_0_5_m_s_the_txt_1_s_figures_change_by_less_than_a_per_cent(v:
         assert one == pytest.approx(other, rel=0.01, abs=1e-4)
 
 
-def test_as_in_others_physics_an_f1tenth_spins_its_wheels_with_the_txt_1_s_loop_and_not_with_its_own() -> None:
+def test_an_f1tenth_spins_its_wheels_with_the_txt_1_s_loop_not_with_its_own() -> None:
     def spun(*settings: str) -> float:
         """How far the wheels slid along their way to either side, m, in three seconds at 0.5 m/s."""
 

@@ -322,7 +322,7 @@ def test_the_result_does_not_depend_on_how_the_time_is_cut_up(extra_period: floa
 
 
 @pytest.mark.parametrize("extra_period", [0.016, 0.007])
-def test_with_the_usual_ramp_step_cutting_up_the_time_costs_less_than_a_tenth_of_a_millimetre(
+def test_with_the_usual_ramp_step_cutting_time_up_costs_less_than_0_1_mm(
     extra_period: float,
 ) -> None:
     plain = manoeuvre(simulator(noise=Noise()))

@@ -51,9 +51,7 @@ def corners(box: Box) -> list[tuple[float, float]]:
 
 
 @given(boxes, boxes)
-def test_a_corner_of_one_box_in_another_is_an_overlap_and_the_gap_is_no_more_than_their_distance(
-    one: Box, other: Box
-) -> None:
+def test_a_corner_in_another_box_overlaps_and_the_gap_is_at_most_their_distance(one: Box, other: Box) -> None:
     found = gap(one, other)
     nearest = min([distance(one, *at) for at in corners(other)] + [distance(other, *at) for at in corners(one)])
     assert found <= nearest + 1e-9

@@ -156,7 +156,7 @@ def test_odometry_of_half_a_second_ago_is_lost_and_a_little_younger_is_not() -> 
     assert desk.written[-1].motor == 0
 
 
-def test_combined_odometry_counts_while_it_is_selected_and_a_tenth_of_a_second_old_at_most() -> None:
+def test_combined_odometry_counts_while_selected_and_at_most_0_1_s_old() -> None:
     desk = Desk()
     desk.state.combined = CombinedSample(0.3, 0.0, TICK)
     assert desk.step(0.5, 0.0, ROLLING).motor == 4000, "not selected"
@@ -168,7 +168,7 @@ def test_combined_odometry_counts_while_it_is_selected_and_a_tenth_of_a_second_o
     assert desk.state.control.source is Source.ENCODER
 
 
-def test_combined_odometry_that_contradicts_the_encoders_disarms_only_while_it_counts() -> None:
+def test_combined_odometry_against_the_encoders_disarms_only_while_it_counts() -> None:
     for selected in (False, True):
         desk = Desk()
         desk.state.encoders = Encoders(40, 40)
@@ -206,7 +206,7 @@ def test_missed_ticks_disarm() -> None:
     assert desk.gate.counts[Fault.MISSED] == 1
 
 
-def test_where_there_are_no_encoders_the_loops_step_with_the_odometry_over_a_tenth_of_a_second_at_most() -> None:
+def test_without_encoders_loops_step_with_odometry_over_at_most_0_1_s() -> None:
     desk = Desk(ticks=False)
     desk.state.gains = desk.state.gains._replace(linear=Gains(0.0, 10.0, 0.0))
     desk.step(0.5, 0.0, ROLLING)
@@ -228,7 +228,7 @@ def test_where_there_are_no_encoders_the_odometry_s_speeds_are_watched_as_ticks(
     assert desk.gate.counts[Fault.RUNAWAY] == 1
 
 
-def test_wheels_that_turn_against_each_other_are_noticed_by_odometry_of_every_other_tick() -> None:
+def test_wheels_against_each_other_are_noticed_by_odometry_of_every_other_tick() -> None:
     desk = Desk(ticks=False)
     for _ in range(10):
         desk.step(0.5, 0.0, Odometry(omega=5.0))
@@ -236,7 +236,7 @@ def test_wheels_that_turn_against_each_other_are_noticed_by_odometry_of_every_ot
     assert "against each other" in desk.gate.reason
 
 
-def test_a_hardware_layer_with_loops_of_its_own_gets_set_points_and_is_not_watched_by_ticks_it_has_not() -> None:
+def test_a_layer_with_its_own_loops_gets_set_points_and_no_watch_by_ticks() -> None:
     desk = Desk(ticks=False, pwm=False)
     for _ in range(30):
         out = desk.step(0.5, 0.2, AT_REST)
@@ -246,9 +246,7 @@ def test_a_hardware_layer_with_loops_of_its_own_gets_set_points_and_is_not_watch
 
 
 @pytest.mark.parametrize("v, omega", [(0.05, 0.4), (-0.05, 0.4), (0.05, -0.4)])
-def test_a_board_s_wheels_are_watched_from_a_tenth_of_a_metre_a_second_of_the_faster_one(
-    v: float, omega: float
-) -> None:
+def test_a_board_s_wheels_are_watched_from_0_1_m_s_of_the_faster_one(v: float, omega: float) -> None:
     for share, armed in ((0.999, True), (1.0, False)):
         desk = Desk(ticks=False, pwm=False)
         for _ in range(60):
@@ -278,7 +276,7 @@ def test_where_nothing_is_measured_the_velocities_are_said_to_be_reckoned() -> N
     assert desk.state.control.v == 0.5
 
 
-def test_what_the_controller_tells_beside_the_set_point_is_not_said_again_in_snapshots() -> None:
+def test_what_the_controller_tells_is_not_said_again_in_snapshots() -> None:
     control = Control(Outputs(1, 2, 3, 4, 5, 0.5, 0.25), 0.5, 0.25, Source.ENCODER, Gains())
     assert (SETPOINT.make(control), PWM.make(control)) == ((0.5, 0.25), (1, 2, 3, 4, 5))
     assert GAINS.make((Gains(1.0, 2.0, 3.0), Gains(4.0, 5.0, 6.0))) == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
@@ -310,7 +308,7 @@ def without_gains() -> Desk:
     return desk
 
 
-def test_commands_that_move_nothing_are_explained_after_half_a_second_once_an_attempt() -> None:
+def test_commands_that_move_nothing_are_explained_once_an_attempt() -> None:
     desk = without_gains()
     for _ in range(25):
         desk.step(0.5, 0.0, AT_REST)

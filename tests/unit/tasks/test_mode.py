@@ -34,9 +34,7 @@ def test_a_board_that_is_lost_in_the_instant_of_the_mode_task_is_named_as_the_ca
 
 
 @pytest.mark.parametrize("velocities, combined", [(1, 2), (2, 3)])
-def test_the_link_is_alive_with_more_than_1_velocity_and_combined_odometry_selected_with_more_than_2_a_second(
-    velocities: int, combined: int
-) -> None:
+def test_the_link_lives_by_1_velocity_and_combined_odometry_by_2_a_second(velocities: int, combined: int) -> None:
     state, gate = State(), Gate(Limits(), on_close=lambda reason: None)
     task = mode(Ticks(1.0), state, gate)
     task.send(None)

@@ -163,7 +163,7 @@ def test_a_robot_that_stands_adds_no_points() -> None:
     assert viewer.path == [(1.0, 1.0)]
 
 
-def test_obstacles_and_the_other_robots_are_drawn_and_come_through_the_snapshots_text() -> None:
+def test_obstacles_and_other_robots_are_drawn_and_come_through_snapshots() -> None:
     bare = full().replaced({SURROUNDINGS: Surroundings((5.0, 5.0))})
     post = outline(Post(-1.5, 1.5, 0.3))
     told = bare.replaced({SURROUNDINGS: Surroundings((5.0, 5.0), obstacles=(post,)), VEHICLES: ((1.5, -1.5, 0.0),)})

@@ -59,7 +59,7 @@ def test_all_addresses_together_spend_no_more_than_the_total() -> None:
     assert sum(spent(there.account(str(k))) - int(OWN[1]) for k in range(100)) == TOTAL[1]
 
 
-def test_connections_are_limited_by_address_and_one_that_was_exceeded_makes_the_next_dearer() -> None:
+def test_connections_are_limited_by_address_and_an_excess_makes_the_next_dearer() -> None:
     there = Budgets()
     assert [there.admits("a", 0.0) for _ in range(int(CONNECTS[1]) + 1)] == [True] * int(CONNECTS[1]) + [False]
     assert there.admits("b", 0.0)

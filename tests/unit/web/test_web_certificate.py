@@ -11,7 +11,7 @@ from txt1.errors import ConfigError
 from txt1.web.certificate import addresses, fingerprint, own_certificate, tls
 
 
-def test_it_is_made_once_for_its_owner_s_eyes_and_a_browser_that_trusts_it_is_content(tmp_path: Path) -> None:
+def test_it_is_made_once_for_its_owner_s_eyes_and_a_browser_trusts_it(tmp_path: Path) -> None:
     certificate, key = own_certificate(tmp_path, "0.0.0.0")
     before = fingerprint(certificate)
     assert own_certificate(tmp_path, "0.0.0.0") == (certificate, key)

@@ -95,9 +95,7 @@ async def listed(page: Page) -> None:
 
 
 @pytest.mark.parametrize("do", COMMANDS)
-async def test_the_robot_does_what_the_page_with_the_wheel_asks_for_and_nothing_for_another_page(
-    do: str, desk: Desk
-) -> None:
+async def test_the_robot_obeys_the_page_with_the_wheel_and_no_other_page(do: str, desk: Desk) -> None:
     driving, other = desk.join(), desk.join()
     assert driving.car.wheel.take(driving.number, True, NOW)
     fields, asked = COMMANDS[do]
@@ -296,9 +294,7 @@ async def test_every_page_may_disarm_and_stop_however_late(desk: Desk) -> None:
 # -- what a page shows -------------------------------------------------------------------------------------------------
 
 
-async def test_a_page_that_chooses_another_robot_lets_the_present_one_stand_and_drives_the_other(
-    desk: Desk, tmp_path: Path
-) -> None:
+async def test_a_page_that_chooses_another_robot_lets_the_present_one_stand(desk: Desk, tmp_path: Path) -> None:
     desk = Desk(tmp_path, "a", "b")
     page = desk.join()
     here, there = desk.pages.cars.values()

@@ -84,7 +84,7 @@ async def secure() -> AsyncIterator[Server]:
     made.close()
 
 
-async def test_of_a_flood_of_connections_a_few_are_refused_at_once_and_then_none_for_a_while(
+async def test_of_a_flood_of_connections_a_few_are_refused_and_then_none_for_a_while(
     server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(connections, "REFUSED", 1e6)

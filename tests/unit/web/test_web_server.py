@@ -196,7 +196,7 @@ async def browser(served: Served, scheme: str = "http", **options: Any) -> Async
 
 
 @pytest.mark.parametrize("files", [1, 2])
-async def test_with_a_certificate_the_page_is_encrypted_and_with_a_token_the_operator_invites(
+async def test_a_certificate_encrypts_the_page_and_a_token_is_the_operator_s_invitation(
     files: int, clock: Clock, port: int, tmp_path: Path
 ) -> None:
     token = tmp_path / "token"
@@ -231,7 +231,7 @@ async def test_a_port_that_another_program_has_taken_ends_it_with_the_reason(por
 # -- connections -------------------------------------------------------------------------------------------------------
 
 
-async def test_a_connection_more_than_there_may_be_takes_the_place_of_the_oldest_that_is_no_page(
+async def test_one_connection_too_many_takes_the_place_of_the_oldest_that_is_no_page(
     clock: Clock, port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(connections, "CONNECTIONS_MAX", 3)
