@@ -107,6 +107,7 @@ async def test_without_descriptors_it_is_not_tried_again_for_a_while(
         raise OSError(24, "Too many open files")
 
     monkeypatch.setattr(connections, "EXHAUSTED", 1e6)
+    monkeypatch.setattr(connections, "REFUSED", 0.0)
     monkeypatch.setattr(socket.socket, "accept", none_left)
     server.connect()
     await server.until(lambda: tried)
@@ -163,7 +164,8 @@ async def test_a_server_that_closes_closes_its_connections(server: Server) -> No
     assert server.closed() == [client]
 
 
-async def test_a_server_that_closes_waits_for_no_handshake(secure: Server) -> None:
+async def test_a_server_that_closes_waits_for_no_handshake(secure: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "STRANGER", 1e6)
     client = secure.connect()
     for _ in range(TURNS):
         await asyncio.sleep(0)
