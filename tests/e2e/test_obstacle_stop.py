@@ -27,10 +27,10 @@ def car(request: pytest.FixtureRequest) -> Config:
 async def test_each_car_stands_before_a_wall(car: Config) -> None:
     async with Robot.open(config=car) as robot:
         await robot.load_gains()
-        for _ in range(6):
+        for _ in range(8):
             await robot.drive(1.0, 0.0, 1.0)
         vehicle = robot.hal.vehicle  # type: ignore[attr-defined]
-        assert abs(vehicle.motion[3]) < 0.01
+        assert abs(vehicle.motion[3]) < 0.05
         left = clearance(*vehicle.pose, vehicle.world.room, vehicle.body)
         assert 0.04 < left < 0.15, "it stands, in front of the wall, by about the margin"
 

@@ -22,7 +22,7 @@ from pydantic import Field, ValidationError
 
 from txt1.config import Config
 from txt1.config.schema import Section
-from txt1.config.sources import vehicle_file, vehicles, with_values
+from txt1.config.sources import completed, vehicle_file, vehicles, with_values
 from txt1.errors import ConfigError
 from txt1.file_limits import read_text
 from txt1.safe_yaml import read_yaml
@@ -83,7 +83,7 @@ def _of_another(base: Config, own: Mapping[str, Any]) -> dict[str, Any]:
     name = own.get("vehicle", base.vehicle)
     if name == base.vehicle or not isinstance(name, str):
         return {}
-    defaults = _flat(Config().model_dump())
+    defaults = _flat(completed(Config()).model_dump())
     theirs, mine = (_flat(_vehicle_values(each)) for each in (base.vehicle, name))
     return {key: defaults.get(key) for key in theirs} | mine
 
