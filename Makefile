@@ -35,7 +35,7 @@ MIKE ?=
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN) || test $$? = 130  # Ctrl-C ends a drive, and is no error
 
-test: $(VENV)/.dev  ## the tests, six at a time; less than four minutes on two cores
+test: $(VENV)/.dev  ## the tests, six at a time; three to nine minutes on two cores
 	$(BIN)/python -m pytest --numprocesses=6 --dist=worksteal
 
 test-long: $(VENV)/.dev  ## the long tests, too: many repetitions, long runs, and the compiled wheel
