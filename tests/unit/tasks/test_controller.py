@@ -255,6 +255,14 @@ def test_a_board_s_wheels_are_watched_from_0_1_m_s_of_the_faster_one(v: float, o
         assert armed or "encoder is silent" in desk.gate.reason
 
 
+def test_where_there_are_encoders_their_counts_are_watched_and_not_the_odometry() -> None:
+    desk = Desk()
+    for _ in range(10):
+        desk.state.encoders = Encoders(30, -30)
+        desk.step(0.5, 0.0, ROLLING)
+    assert "against each other" in desk.gate.reason
+
+
 def test_one_encoder_alone_is_not_watched() -> None:
     desk = Desk()
     desk.state.encoders = Encoders(3, None)
