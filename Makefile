@@ -23,6 +23,7 @@ TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --numprocesses=$(JOB
 JOBS ?= 6
 APART_TESTS ?= tests
 RUN ?=
+WEB ?= tests/browser
 # the last release: its tag, or the commit that made the version
 BEFORE ?= $(shell git describe --tags --abbrev=0 2>/dev/null || git log -1 --format=%h --grep='^Version [0-9]')
 BARE ?=
@@ -64,10 +65,10 @@ test-plugins: $(VENV)/.dev  ## all other tests without any plug-in, then those o
 		$(APART)/bin/python -m pip uninstall --quiet --yes $$(basename build/apart/$$each/*.whl | cut -d- -f1) || exit 1; \
 	done
 
-test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
+test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; one to six minutes; WEB= is a part of it
 	$(BIN)/python $(PIP_INSTALL) --group browser
 	@command -v chromium >/dev/null || (apt-get update && apt-get install --yes chromium) >/dev/null 2>&1 || true
-	$(BIN)/python -m pytest -m browser -rs tests/browser
+	$(BIN)/python -m pytest -m browser -rs $(WEB)
 
 test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from wheels, ROS 1 from Debian, installed where possible
 	@command -v rosmaster >/dev/null && test -e /usr/include/ros/ros.h || (apt-get update && apt-get install --yes --no-install-recommends $(ROS1)) >/dev/null 2>&1 || true
