@@ -7,6 +7,8 @@ import errno
 import json
 import os
 import re
+import subprocess
+import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -418,3 +420,9 @@ def test_a_command_on_a_recording_names_the_extra_that_it_lacks(
     told = capsys.readouterr().err
     assert told.startswith("txt1: reading a recording needs the extra 'record': ") and told.count("\n") == 1
     assert told.endswith(f"{installs('record')}\n")
+
+
+def test_nothing_large_is_imported_while_a_recorded_robot_runs() -> None:
+    """An import within a tick misses cycles: numpy takes a third of a second on a slow computer."""
+    code = "import sys; import txt1.record.recorder; print('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "True\n"

@@ -18,6 +18,9 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.record.encoder import Block, Encoder, Message, TopicChannel
 from txt1.runtime import Runtime
 from txt1.tasks.controller import CONTROL_PERIOD
+
+# with it comes numpy, for 0.3 s on a slow computer: before the first tick, and not at the first report within one
+from txt1.telemetry import exact  # noqa: F401
 from txt1.telemetry.topics import Rule, Topic
 
 BATCH: Final = 0.5
