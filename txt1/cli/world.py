@@ -19,7 +19,7 @@ from txt1.hal.registry import create_sim
 from txt1.kit.options import CONFIGURATION, VEHICLE
 from txt1.learning.worlds import content, worlds
 from txt1.maps.files import Map, names, read
-from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN
+from txt1.maps.grid import FREE, OCCUPIED_FROM
 from txt1.safe_yaml import read_yaml
 from txt1.sim.movers import Moving
 from txt1.sim.obstacles import Outline, outline
@@ -123,8 +123,9 @@ def describe(config: Config, found: Map | None) -> list[str]:
     else:
         grid = found.grid
         rows, columns = grid.cells.shape
-        shares = [np.mean(grid.cells == value) for value in (FREE, OCCUPIED, UNKNOWN)]
-        area = grid.resolution**2 * np.sum(grid.cells == FREE)
+        unknown, solid = grid.cells < FREE, grid.cells >= OCCUPIED_FROM
+        shares = [np.mean(each) for each in (~unknown & ~solid, solid, unknown)]
+        area = grid.resolution**2 * np.sum(~unknown & ~solid)
         low = ", ".join(f"{value:g}" for value in grid.origin)
         lines.append(
             f"map:   {found.file}, {columns * grid.resolution:g} m x {rows * grid.resolution:g} m, cells of "
@@ -134,6 +135,7 @@ def describe(config: Config, found: Map | None) -> list[str]:
             f"floor: {area:.1f} m^2; free {shares[0]:.0%}, walls {shares[1]:.0%}, unknown {shares[2]:.0%}; "
             f"SHA-256 {found.digest[:12]}"
         )
+        lines += [f"note:  {remark}" for remark in found.remarks]
     lines.append(f"start: ({x:g}, {y:g}, {theta:g}), light: ({room.light[0]:g}, {room.light[1]:g})")
     for name, things in (("obstacles", config.sim.obstacles), ("movers", config.sim.movers)):
         if things:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from txt1.additions import Options
-from txt1.commands import busy, need, number
+from txt1.commands import busy, need, number, say
 
 if TYPE_CHECKING:
     from txt1.config import Config
@@ -53,9 +53,12 @@ def asked(arguments: Namespace, config: Config) -> object | None:
         return None
     need("--in" if settings.make is None else "--map", "fast", "numba", "scipy")
     from txt1.mapping.placing import checked
-    from txt1.mapping.works import warm
+    from txt1.mapping.works import map_of, warm
 
     checked(settings)
+    if settings.room is not None:
+        for remark in map_of(settings.room).remarks:
+            say(remark)
     with busy("compiling for the map"):
         # the process of the map finds the results on the disk
         warm()

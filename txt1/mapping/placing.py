@@ -94,7 +94,7 @@ def checked(settings: MappingConfig) -> None:
     if settings.at is not None:
         if settings.room is None:
             raise ConfigError("mapping.at (--at) is a place on a map: give the map, with --in MAP")
-        if not may_stand(map_of(settings.room), *settings.at[:2]):
+        if not may_stand(map_of(settings.room).grid, *settings.at[:2]):
             x, y, _ = settings.at
             raise ConfigError(
                 f"mapping.at: ({x:g}, {y:g}) is no free floor on the map {settings.room}: see its picture"

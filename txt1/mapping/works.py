@@ -211,12 +211,12 @@ def _news(
 
 def locating(room: str, seed: int) -> Locating:
     """Return the work that locates a robot on a map of this name; raises ConfigError: there is no such map."""
-    return Locating(map_of(room), seed)
+    return Locating(map_of(room).grid, seed)
 
 
-def map_of(room: str) -> Grid:
+def map_of(room: str) -> files.Map:
     """Return a map by its .yaml, the name without it, or the name of a map of the package; raises ConfigError."""
-    return files.read(f"{room}.yaml" if Path(f"{room}.yaml").exists() else room).grid
+    return files.read(f"{room}.yaml" if Path(f"{room}.yaml").exists() else room)
 
 
 def warm() -> None:

@@ -1,10 +1,25 @@
-"""A map's files, as of map_server: a .yaml, which defines how to read the picture, and a .pgm or .png.
+"""A map's files, as of map_server: a .yaml, which defines how to read the picture, and a .pgm, .png or .bmp.
 
 The fields are those of ROS (https://docs.nav2.org/configuration/packages/configuring-map-server.html): image,
-resolution, origin, negate, occupied_thresh, free_thresh, mode. A pixel p of 0 to 255 is occupied with probability (255
-- p) / 255, or p / 255 if negate is 1. Above occupied_thresh it is a wall, below free_thresh it is free, else unknown.
+resolution, origin, negate, occupied_thresh, free_thresh, mode. The shade of a pixel is the mean of its colours, 0 for
+black to 1 for white. It is occupied with probability 1 - shade, or shade if negate is 1.
+
+====================  ================================================================================================
+mode                  the cell of a pixel
+====================  ================================================================================================
+trinary, the default  above occupied_thresh a wall, else below free_thresh free, else unknown; transparency counts as
+                      one more colour, as in nav2
+scale                 the same, but in between a share of the way from free_thresh to occupied_thresh, in per cent; a
+                      pixel that is not opaque is unknown
+raw                   the pixel of 0 to 255 itself: 0 to 100 per cent, more is unknown
+====================  ================================================================================================
+
+The savers of maps write an unknown cell as grey 205, which is occupied with probability 0.196. From ROS 2 Galactic to
+Humble they wrote free_thresh 0.25 beside it, by which map_server takes the cell for free. It is unknown here, as the
+saver meant it.
 """
 
+import os
 import re
 import reprlib as short
 import struct
@@ -13,10 +28,9 @@ from collections.abc import Iterator
 from functools import lru_cache
 from hashlib import sha256
 from itertools import islice
-from math import inf
-from os import fstat
+from math import isfinite
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeGuard
+from typing import Any, Final, NamedTuple
 from warnings import catch_warnings
 
 import numpy as np
@@ -34,8 +48,13 @@ MAPS: Final = "config/maps"
 CELLS_MAX: Final = 16_000_000
 # bytes of a picture that contain its size
 HEAD: Final = 1000
-PICTURES: Final = (".pgm", ".png")
-KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
+PICTURES: Final = (".pgm", ".png", ".bmp")
+MODES: Final = ("trinary", "scale", "raw")
+# of a pixel of 0 to 255: how savers of maps write an unknown cell
+UNKNOWN_GREY: Final = 205
+# a number in quotes, or one that YAML 1.1 takes for a word, such as 5e-2; ROS's YAML takes it for a number
+_NUMBER: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_TRUTHS: Final = {"0": 0, "1": 1, "false": 0, "true": 1, "no": 0, "yes": 1, "off": 0, "on": 1, "n": 0, "y": 1}
 # map_server's default
 FREE_BELOW: Final = 0.196
 # map_server's default
@@ -52,6 +71,27 @@ class Map(NamedTuple):
     grid: Grid
     digest: str
     """SHA-256 of its cells, resolution and origin: equal for files of equal meaning."""
+    remarks: tuple[str, ...] = ()
+    """What was read otherwise than the letter of the .yaml says, a line each, with the remedy."""
+
+
+class _Fields(NamedTuple):
+    """The checked fields of a .yaml."""
+
+    image: str
+    resolution: float
+    origin: tuple[float, float, float]
+    negate: bool
+    mode: str
+    free_thresh: float
+    occupied_thresh: float
+
+
+class _Picture(NamedTuple):
+    """The shades of a picture, (rows, columns), 0 for black to 1 for white; `alpha` likewise, 1 for opaque."""
+
+    shade: NDArray[np.float64]
+    alpha: NDArray[np.float64] | None = None
 
 
 def names() -> list[str]:
@@ -84,36 +124,80 @@ def read(name: str) -> Map:
     except UnicodeDecodeError:
         raise ConfigError(f"{file}: not a text file in UTF-8; see config/maps for maps") from None
     fields = _fields(file, text)
-    picture = file.parent / fields["image"]
+    picture, moved = _picture_of(file, fields.image)
     data = _bytes_of(picture)
     # kept, so that the robots of a team and all sensors share the arrays
-    return Map(name, file, *_read(file, text, picture, data))
+    grid, digest, remarks = _read(file, text, picture, data)
+    return Map(name, file, grid, digest, (*moved, *remarks))
+
+
+def _picture_of(file: Path, image: str) -> tuple[Path, tuple[str, ...]]:
+    """Return the file of a map's picture, and what to remark of it.
+
+    A .yaml often names the place of the picture on the computer that made it.
+    """
+    named = file.parent / os.path.expanduser(image)
+    beside = file.parent / named.name
+    if named == beside or os.path.lexists(named) or not os.path.lexists(beside):
+        return named, ()
+    return beside, (f"{file}: image: {image} is not there, so {named.name} beside the .yaml is read",)
 
 
 @lru_cache(maxsize=4)
-def _read(file: Path, text: str, picture: Path, data: bytes) -> tuple[Grid, str]:
+def _read(file: Path, text: str, picture: Path, data: bytes) -> tuple[Grid, str, tuple[str, ...]]:
     fields = _fields(file, text)
-    pixels, full = _png(picture, data) if data.startswith(_PNG) else _pgm(picture, data)
-    share = pixels / full
-    occupied = share if fields["negate"] else 1.0 - share
-    free = occupied < fields["free_thresh"]
-    cells = np.where(free, FREE, np.where(occupied > fields["occupied_thresh"], OCCUPIED, UNKNOWN)).astype(np.int8)
-    if not free.any():
+    cells, remarks = _cells(file, fields, _pixels(picture, data))
+    if not ((cells >= FREE) & (cells < OCCUPIED_FROM)).any():
         what = "unknown everywhere" if (cells == UNKNOWN).all() else "nowhere free"
         raise ConfigError(
-            f"{file}: free_thresh: {fields['free_thresh']:g}: with it the map is {what}; raise it, or is negate wrong?"
+            f"{file}: free_thresh: {fields.free_thresh:g}: with it the map is {what}; raise it, or is negate wrong?"
         )
     cells = np.ascontiguousarray(cells[::-1])
-    grid = Grid(cells, fields["resolution"], fields["origin"])
+    grid = Grid(cells, fields.resolution, fields.origin)
     told = repr((cells.shape, grid.resolution, grid.origin)).encode()
-    return grid, sha256(told + cells.tobytes()).hexdigest()
+    return grid, sha256(told + cells.tobytes()).hexdigest(), remarks
+
+
+def _cells(file: Path, fields: _Fields, picture: _Picture) -> tuple[NDArray[np.int8], tuple[str, ...]]:
+    """Return the cells of a picture, the top row first, and what to remark of them."""
+    shade, alpha = picture
+    free, occupied = fields.free_thresh, fields.occupied_thresh
+    if fields.mode == "raw":
+        value = np.rint(shade * 255.0)
+        return np.where(value <= OCCUPIED, value, UNKNOWN).astype(np.int8), ()
+    if alpha is not None and fields.mode == "trinary":
+        shade = (3.0 * shade + alpha) / 4.0
+    probability = shade if fields.negate else 1.0 - shade
+    between = np.full(shade.shape, UNKNOWN, np.int8)
+    if fields.mode == "scale" and occupied > free:
+        share = np.clip((probability - free) / (occupied - free), 0.0, 1.0)
+        between = np.rint(OCCUPIED * share).astype(np.int8)
+    below = np.where(probability < free, FREE, between)
+    cells = np.where(probability > occupied, OCCUPIED, below).astype(np.int8)
+    remarks = []
+    if free > occupied:
+        remarks.append(
+            f"{file}: free_thresh {free:g} is above occupied_thresh {occupied:g}: as in map_server, a cell above "
+            "occupied_thresh is a wall and every other one is free"
+        )
+    if fields.mode == "scale" and alpha is not None:
+        cells[alpha < 1.0] = UNKNOWN
+    if fields.mode == "trinary" and alpha is None and not fields.negate and free > 1.0 - UNKNOWN_GREY / 255:
+        meant = (cells == FREE) & (np.abs(255.0 * shade - UNKNOWN_GREY) < 0.01)
+        if meant.any():
+            cells[meant] = UNKNOWN
+            remarks.append(
+                f"{file}: grey {UNKNOWN_GREY} is unknown, {meant.mean():.0%} of the map, as its saver meant it, though "
+                f"by free_thresh {free:g} it would be free; {FREE_BELOW:g} says the same everywhere"
+            )
+    return cells, tuple(remarks)
 
 
 def _bytes_of(file: Path) -> bytes:
     """Return the content of a picture's file."""
     try:
         with open_file(file) as opened:
-            size = fstat(opened.fileno()).st_size
+            size = os.fstat(opened.fileno()).st_size
             header = _HEADER.match(opened.read(HEAD)) if size > PICTURE_MAX else None
         if header is not None:
             _check_size(file, int(header[2]), int(header[3]))
@@ -126,7 +210,7 @@ def _bytes_of(file: Path) -> bytes:
         raise ConfigError(f"{file}: cannot read the map: {error.strerror}; put the file there") from None
 
 
-def _fields(file: Path, text: str) -> dict[str, Any]:
+def _fields(file: Path, text: str) -> _Fields:
     """Return the checked fields of a .yaml."""
     try:
         tree = read_yaml(text)
@@ -139,42 +223,45 @@ def _fields(file: Path, text: str) -> dict[str, Any]:
         given = f"{field}: {short.repr(tree[field])}" if field in tree else f"{field}: not there"
         return ConfigError(f"{file}: {given}; give {takes}")
 
-    image, negate, mode = tree.get("image"), tree.get("negate", 0), tree.get("mode", "trinary")
+    image, mode = tree.get("image"), tree.get("mode", MODES[0])
     if not isinstance(image, str) or not image or "\0" in image:
-        raise wrong("image", "the file of the picture, a .pgm or .png")
-    resolution = tree.get("resolution")
-    if not _is_number(resolution) or not 0.001 <= resolution <= 1.0:
+        raise wrong("image", "the file of the picture, a .pgm, .png or .bmp")
+    resolution = _number(tree.get("resolution"))
+    if resolution is None or not 0.001 <= resolution <= 1.0:
         raise wrong("resolution", "the side of a pixel in m, 0.001 to 1")
-    origin = tree.get("origin")
-    if (
-        not isinstance(origin, list)
-        or len(origin) != 3
-        or not all(_is_number(each) and abs(each) < 1e6 for each in origin)
-    ):
+    given = tree.get("origin")
+    origin = [number for each in given if (number := _number(each)) is not None] if isinstance(given, list) else []
+    if not isinstance(given, list) or not len(given) == len(origin) == 3 or max(map(abs, origin)) >= 1e6:
         raise wrong("origin", "x and y in m and yaw in rad of the lower left pixel, [0, 0, 0] for none")
-    if negate not in (0, 1, False, True):
+    negate = tree.get("negate", 0)
+    if isinstance(negate, str):
+        negate = _TRUTHS.get(negate.lower())
+    if negate not in (0, 1):
         raise wrong("negate", "0: white is free; 1: black is free")
-    if mode not in ("trinary", "scale"):
-        raise wrong("mode", "trinary or scale; in a raw map it is unknown which values are walls")
-    shares = {}
+    if not isinstance(mode, str) or mode.lower() not in MODES:
+        raise wrong("mode", f"one of {', '.join(MODES)}")
+    shares = []
     for field, usual in (("free_thresh", FREE_BELOW), ("occupied_thresh", OCCUPIED_ABOVE)):
-        shares[field] = tree.get(field, usual)
-        if not _is_number(shares[field]) or not 0.0 < shares[field] <= 1.0:
-            raise wrong(field, "a share, more than 0 and at most 1")
-    if shares["free_thresh"] > shares["occupied_thresh"]:
-        raise wrong("free_thresh", f"at most occupied_thresh, {shares['occupied_thresh']:g}")
-    return {
-        "image": image,
-        "resolution": float(resolution),
-        "origin": tuple(map(float, origin)),
-        "negate": bool(negate),
-        **shares,
-    }
+        share = _number(tree.get(field, usual))
+        if share is None or not 0.0 <= share <= 1.0:
+            raise wrong(field, "a share, 0 to 1")
+        shares.append(share)
+    x, y, yaw = origin
+    return _Fields(image, resolution, (x, y, yaw), bool(negate), mode.lower(), *shares)
 
 
-def _is_number(value: Any) -> TypeGuard[float]:
-    # an integer may have more digits than a float can have
-    return isinstance(value, int | float) and not isinstance(value, bool) and -inf < value < inf
+def _number(value: Any) -> float | None:
+    """Return a value of a .yaml as ROS's YAML reads it, also in quotes; None if it is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    if isinstance(value, str) and not _NUMBER.fullmatch(value.strip()):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        # an integer may have more digits than a float can have
+        return None
+    return number if isfinite(number) else None
 
 
 def _check_size(file: Path, width: int, height: int) -> None:
@@ -188,6 +275,7 @@ def _check_size(file: Path, width: int, height: int) -> None:
 
 
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
+_BMP: Final = b"BM"
 # head of a PNG: eight bits, grey, not interlaced
 _GREY: Final = bytes((8, 0, 0, 0, 0))
 # separates the numbers in a PGM's head; a comment goes to the end of its line
@@ -195,11 +283,22 @@ _GAP: Final = rb"(?:\s|#[^\n]*\n)+"
 _HEADER: Final = re.compile(rb"(P[25])" + 3 * (_GAP + rb"(\d{1,9})") + rb"\s")
 
 
-def _pgm(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
-    """Return the grey pixels of a PGM (netpbm), and the value of white."""
+def _pixels(file: Path, data: bytes) -> _Picture:
+    """Return the shades of a picture."""
+    if data.startswith(_PNG):
+        return _png(file, data)
+    if data.startswith(_BMP):
+        # the height is negative if the top row comes first
+        _check_size(file, *(abs(int.from_bytes(data[at : at + 4], "little", signed=True)) for at in (18, 22)))
+        return _unpacked(file, data, "BMP")
+    return _pgm(file, data)
+
+
+def _pgm(file: Path, data: bytes) -> _Picture:
+    """Return the shades of a PGM (netpbm)."""
     header = _HEADER.match(data)
     if header is None:
-        raise ConfigError(f"{file}: neither a PGM nor a PNG: give a grey picture as map_saver writes it")
+        raise ConfigError(f"{file}: neither a PGM, a PNG nor a BMP: give a grey picture as map_saver writes it")
     kind, width, height, white = header.groups()
     columns, rows, full = int(width), int(height), int(white)
     _check_size(file, columns, rows)
@@ -219,7 +318,7 @@ def _pgm(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
         pixels = np.frombuffer(rest[: len(rest) // wide.itemsize * wide.itemsize], wide).astype(np.int64)
     if len(pixels) < rows * columns:
         raise ConfigError(f"{file}: ends after {len(pixels)} of {rows * columns} pixels: copy the whole file")
-    return np.clip(pixels[: rows * columns].reshape(rows, columns), 0, full).astype(np.uint16), full
+    return _Picture(np.clip(pixels[: rows * columns].reshape(rows, columns), 0, full) / full)
 
 
 def write(grid: Grid, file: Path) -> None:
@@ -240,7 +339,7 @@ def write(grid: Grid, file: Path) -> None:
     file.write_text(f"{text}negate: 0\noccupied_thresh: {OCCUPIED_ABOVE}\nfree_thresh: {FREE_BELOW}\n")
 
 
-def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint16] | None:
+def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint8] | None:
     """Return the pixels of a PNG as written by `write`; None for any other, or a damaged file."""
     if data[24:29] != _GREY:
         return None
@@ -252,7 +351,7 @@ def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint16] | Non
     if len(lines) != rows * (columns + 1):
         return None
     table = np.frombuffer(lines, np.uint8).reshape(rows, columns + 1)
-    return None if table[:, 0].any() else table[:, 1:].astype(np.uint16)
+    return None if table[:, 0].any() else table[:, 1:]
 
 
 def _pieces(data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -264,24 +363,36 @@ def _pieces(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         at += 12 + size
 
 
-def _png(file: Path, data: bytes) -> tuple[NDArray[np.uint16], int]:
-    """Return the grey pixels of a PNG, and the value of white."""
+def _png(file: Path, data: bytes) -> _Picture:
+    """Return the shades of a PNG."""
     # the size is in the head: a picture that is too large is not unpacked
     columns, rows = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     _check_size(file, columns, rows)
     if next(islice(_pieces(data), PNG_PIECES_MAX, None), None) is not None:
         raise ConfigError(f"{file}: a PNG of more than {PNG_PIECES_MAX} pieces; save it again")
     if (pixels := _plain_png(data, rows, columns)) is not None:
-        return pixels, 255
+        return _Picture(pixels / 255)
+    return _unpacked(file, data, "PNG")
+
+
+def _unpacked(file: Path, data: bytes, kind: str) -> _Picture:
+    """Return the shades of a picture that Pillow unpacks; raises MissingExtra without it."""
     try:
         from PIL import Image
     except ImportError:
-        raise MissingExtra(f"a map from a PNG, {file} (a .pgm needs nothing),", "camera") from None
+        raise MissingExtra(f"a map from a {kind}, {file} (a .pgm needs nothing),", "camera") from None
     from io import BytesIO
 
     try:
-        with Image.open(BytesIO(data), formats=["PNG"]) as picture:
-            grey = np.asarray(picture.convert("L"))
-    except (OSError, ValueError, SyntaxError, EOFError) as error:
+        # a picture that Pillow warns of is too large for a map
+        with catch_warnings(action="ignore"), Image.open(BytesIO(data), formats=[kind]) as picture:
+            _check_size(file, *picture.size)
+            if picture.mode.startswith("I"):
+                # grey of 16 bits
+                return _Picture(np.asarray(picture).astype(np.float64) / 65535)
+            opaque = picture.mode in ("1", "L", "P", "RGB") and "transparency" not in picture.info
+            table = np.asarray(picture.convert("RGB" if opaque else "RGBA"))
+    except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
         raise ConfigError(f"{file}: cannot read the picture: {error}; save it again as a grey PNG or a PGM") from None
-    return grey.astype(np.uint16), 255
+    shade = table[:, :, :3].sum(axis=2, dtype=np.uint16) / 765
+    return _Picture(shade, None if opaque else table[:, :, 3] / 255)
