@@ -40,6 +40,16 @@ def installs(extras: str) -> str:
     return f"{interpreter()} -m pip install {_source(extras)}"
 
 
+def installs_package(name: str) -> str:
+    """Return the command that installs a package of the index into this environment, as `installs` does an extra."""
+    prefix = Path(sys.prefix)
+    if (prefix / "pipx_metadata.json").exists() and prefix.parent.name == "venvs":
+        return f"pipx inject {quote(prefix.name)} {quote(name)}"
+    if find_spec("pip") is None:
+        return f"uv pip install --python {quote(sys.executable)} {quote(name)}"
+    return f"{interpreter()} -m pip install {quote(name)}"
+
+
 def distribution_of(plugin: str) -> str:
     """Return the name of a plug-in's distribution; LeRobot finds its plug-ins by the beginning of theirs."""
     return "lerobot_robot_txt1" if plugin == "lerobot" else f"txt1-{plugin}"

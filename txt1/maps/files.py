@@ -328,15 +328,20 @@ def write(grid: Grid, file: Path) -> None:
     """
     solid = grid.cells >= OCCUPIED_FROM
     pixels = np.where(solid, 0, np.where(grid.cells < FREE, 205, 254)).astype(np.uint8)[::-1]
-    rows, columns = pixels.shape
-    lines = np.hstack((np.zeros((rows, 1), np.uint8), pixels)).tobytes()
-    chunks = ((b"IHDR", struct.pack(">II", columns, rows) + _GREY), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b""))
     picture = file.with_suffix(".png")
-    picture.write_bytes(
-        _PNG + b"".join(struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in chunks)
-    )
+    picture.write_bytes(png(pixels))
     text = f"image: {picture.name}\nresolution: {grid.resolution:g}\norigin: {list(grid.origin)}\n"
     file.write_text(f"{text}negate: 0\noccupied_thresh: {OCCUPIED_ABOVE}\nfree_thresh: {FREE_BELOW}\n")
+
+
+def png(pixels: NDArray[np.unsignedinteger[Any]]) -> bytes:
+    """Return a grey picture of 8 or 16 bits, (rows, columns), as a PNG; its rows are not filtered."""
+    rows, columns = pixels.shape
+    wide = pixels.astype(f">u{pixels.itemsize}").view(np.uint8).reshape(rows, -1)
+    lines = np.hstack((np.zeros((rows, 1), np.uint8), wide)).tobytes()
+    head = struct.pack(">II", columns, rows) + bytes((8 * pixels.itemsize,)) + _GREY[1:]
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b""))
+    return _PNG + b"".join(struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in chunks)
 
 
 def _plain_png(data: bytes, rows: int, columns: int) -> NDArray[np.uint8] | None:

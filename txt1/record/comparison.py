@@ -78,6 +78,8 @@ class Comparison:
         self._over = False
         self.compared: Counter[str] = Counter()
         """The messages that were compared, by topic."""
+        self.uncompared: Counter[str] = Counter()
+        """The messages of the recording that were not compared, by topic."""
         self.left_out: set[str] = set()
         """The topics of the recording that were not."""
         self.difference: Difference | None = None
@@ -126,12 +128,16 @@ class Comparison:
         del dropped
         if self.difference is None and not self._over and (item := next(self._recorded, None)) is not None:
             self.difference = Difference(self._reading.run_time(item), item.name, "", "a message", "none")
+        if self.difference is None:
+            # those behind the end of the run
+            self.uncompared.update(item.name for item in self._recorded)
 
     def _own_items(self) -> Iterator[Item]:
         for item in self._reading:
             if item.name in self._own:
                 yield item
             else:
+                self.uncompared[item.name] += 1
                 self.left_out.add(item.name)
 
     def _explain(self, item: Item, topic: str, time: int, data: bytes) -> Difference | None:

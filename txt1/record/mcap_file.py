@@ -4,6 +4,7 @@ The records are the mcap library's. Its writer is not used: it takes one call of
 full it leaves half a chunk behind. Here a chunk that does not fit is taken back, and the file stays readable.
 """
 
+import json
 import os
 import struct
 import zlib
@@ -23,6 +24,7 @@ from mcap.writer import MCAP0_MAGIC
 from txt1.errors import ConfigError
 from txt1.record.encoder import Block
 from txt1.telemetry.messages import schema_name, schema_text
+from txt1.telemetry.topics import Rule
 from txt1.version import __version__
 
 # counts up when a reader has to treat files otherwise than before; a new topic or field is no reason
@@ -31,6 +33,24 @@ FORMAT: Final = 2
 FOOTER_UP_TO_CRC: Final = 25
 MESSAGE_INDEX: Final = struct.Struct("<BQHI")
 """The head of a message index record: opcode, length, channel, bytes of entries."""
+
+# rosbag2's numbers of qualities of service, as all its versions up to 8 of the metadata have them
+KEEP_LAST, RELIABLE, TRANSIENT_LOCAL, VOLATILE, AUTOMATIC = 1, 1, 1, 2, 1
+FOREVER: Final = {"sec": 9223372036, "nsec": 854775807}
+ROSBAG2: Final = json.dumps(
+    {
+        "version": 4,
+        "storage_identifier": "mcap",
+        "relative_file_paths": [],
+        "duration": {"nanoseconds": 0},
+        "starting_time": {"nanoseconds_since_epoch": 0},
+        "message_count": 0,
+        "topics_with_message_count": [],
+        "compression_format": "",
+        "compression_mode": "",
+    }
+)
+"""Metadata of rosbag2: their version, by which it reads the qualities of service. It takes the counts from the file."""
 
 Compression = Literal["zstd", "lz4", "none"]
 
@@ -69,6 +89,7 @@ class McapFile:
         self._counts: Counter[int] = Counter()
         head = MCAP0_MAGIC + _bytes(mcap.Header("ros2", f"txt1 {__version__}"))
         about = self._metadata_record("txt1", {"format": str(FORMAT)} | dict(metadata), len(head))
+        about += self._metadata_record("rosbag2", {"serialized_metadata": ROSBAG2}, len(head) + len(about))
         try:
             self._write(head + about)
         except OSError as error:
@@ -149,6 +170,7 @@ class McapFile:
                     name=schema_name(topic.message),
                 )
             about = {"topic": topic.name, "about": topic.about, "units": topic.units, "rule": topic.rule.value}
+            about |= {"own": str(topic.own), "offered_qos_profiles": offered_qos(topic.rule)}
             channels[number] = mcap.Channel(
                 id=number, topic=name, message_encoding="cdr", metadata=about, schema_id=schema.id
             )
@@ -218,6 +240,29 @@ class McapFile:
         summary += _bytes(*offsets)
         footer.summary_crc = zlib.crc32(_bytes(footer)[:FOOTER_UP_TO_CRC], zlib.crc32(summary))
         return summary + _bytes(footer) + MCAP0_MAGIC
+
+
+def offered_qos(rule: Rule) -> str:
+    """Return the quality of service of a topic's publisher in ROS 2, as rosbag2 writes it: `ros2 bag play` offers it.
+
+    Values that are told on change are kept for late subscribers.
+    """
+    kept = rule in (Rule.CHANGE, Rule.SECOND)
+    return json.dumps(
+        [
+            {
+                "history": KEEP_LAST,
+                "depth": 1 if kept else 10,
+                "reliability": RELIABLE,
+                "durability": TRANSIENT_LOCAL if kept else VOLATILE,
+                "deadline": FOREVER,
+                "lifespan": FOREVER,
+                "liveliness": AUTOMATIC,
+                "liveliness_lease_duration": FOREVER,
+                "avoid_ros_namespace_conventions": False,
+            }
+        ]
+    )
 
 
 def _bytes(*records: mcap.McapRecord) -> bytes:

@@ -23,6 +23,10 @@ from txt1.file_limits import CHUNK_MAX, UNPACKED_MAX, UNPACKED_SHARE, open_file
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 
 HEAD: Final = struct.Struct("<BQ")
+OWN: Final = ("/input", "/reports", "/steps", "/snapshot")
+"""Topics of older recordings that are for txt1 alone."""
+# of channels whose messages have no definition in the file
+NO_SCHEMA: Final = Schema(id=0, data=b"", encoding="", name="")
 _KINDS: Final[dict[int, Any]] = {
     Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
@@ -49,6 +53,17 @@ class Item(NamedTuple):
     def robot(self) -> str:
         """The name of its robot; empty for a single robot."""
         return self.topic.removesuffix(self.name).strip("/")
+
+    @property
+    def own(self) -> bool:
+        """Whether its topic is for txt1's own replay and screens alone."""
+        # older recordings do not say so
+        return self.channel.metadata.get("own", str(self.name in OWN)) == str(True)
+
+    @property
+    def kind(self) -> str:
+        """The type of its messages, or their encoding if the file does not define them."""
+        return self.schema.name or f"({self.channel.message_encoding}, without a schema)"
 
     @property
     def time(self) -> float:
@@ -80,7 +95,10 @@ class FilePass:
         for record in self.records():
             if isinstance(record, Message):
                 channel = self.channels.get(record.channel_id)
-                if channel is not None and (schema := self.schemas.get(channel.schema_id)) is not None:
+                if channel is None:
+                    continue
+                schema = NO_SCHEMA if channel.schema_id == 0 else self.schemas.get(channel.schema_id)
+                if schema is not None:
                     item = Item(channel.topic, schema, channel, record)
                     if self.robot is None or item.robot == self.robot:
                         yield item
@@ -247,9 +265,9 @@ class Decoding:
         Raises RecordingError: it is in another encoding than ROS 2's, or it or its definition is damaged.
         """
         try:
-            decoder = self._decoders.get(item.schema.id)
+            decoder = self._decoders.get(item.channel.id)
             if decoder is None:
-                decoder = self._decoders[item.schema.id] = self._factory.decoder_for(
+                decoder = self._decoders[item.channel.id] = self._factory.decoder_for(
                     item.channel.message_encoding, item.schema
                 )
             if decoder is not None:
@@ -262,21 +280,28 @@ class Decoding:
             ) from error
         raise RecordingError(
             f"{item.topic}: its messages are encoded as {item.channel.message_encoding!r}, "
-            "and only ROS 2's 'cdr' is read here"
+            "and only ROS 2's 'cdr' with a schema, and 'json', are read here; choose other topics with --topic"
         )
 
-    def values(self, item: Item) -> dict[str, Any]:
-        """The message as nested dictionaries and lists."""
-        return cast(dict[str, Any], _plain(self.message(item)))
+    def values(self, item: Item, as_bytes: bool = False) -> dict[str, Any]:
+        """The message as nested dictionaries and lists; bytes as such, or as hexadecimal digits.
+
+        A message in JSON may have no definition. Raises RecordingError as `message`.
+        """
+        if item.channel.message_encoding == "json":
+            with suppress(ValueError, RecursionError):
+                found = json.loads(item.message.data)
+                return found if isinstance(found, dict) else {"data": found}
+        return cast(dict[str, Any], _plain(self.message(item), as_bytes))
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, as_bytes: bool) -> Any:
     if hasattr(value, "__slots__") and not isinstance(value, str | bytes | int | float):
-        return {name: _plain(getattr(value, name)) for name in value.__slots__}
+        return {name: _plain(getattr(value, name), as_bytes) for name in value.__slots__}
     if isinstance(value, bytes | bytearray | memoryview):
-        return bytes(value).hex(" ")
+        return bytes(value) if as_bytes else bytes(value).hex(" ")
     if isinstance(value, list | tuple) or hasattr(value, "tolist"):
-        return [_plain(each) for each in value]
+        return [_plain(each, as_bytes) for each in value]
     return value
 
 

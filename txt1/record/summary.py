@@ -1,18 +1,14 @@
-"""A recording in words and numbers: its topics with counts, rates and gaps; its messages as lines; as CSV."""
+"""A recording in words and numbers: its topics with counts, rates and gaps; its messages as lines."""
 
-import csv
 import json
-from collections import Counter
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.reading import Decoding, FilePass, Item, flat
+from txt1.record.reading import Decoding, FilePass, Item
 
 RECOVER: Final = "'txt1 log recover' makes a complete file of it"
 # of the metadata, what `info` prints
@@ -21,9 +17,12 @@ SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")
 
 @dataclass
 class TopicSummary:
-    """A topic's message type, number of messages, first and last time and longest gap in ns, and number lost."""
+    """A topic's message type, whether it is for txt1 alone, its number of messages, first and last time and longest gap
+    in ns, and number lost.
+    """
 
     schema: str
+    own: bool = False
     count: int = 0
     first: int = 0
     last: int = 0
@@ -51,7 +50,8 @@ def summarise(reading: FilePass) -> dict[str, TopicSummary]:
     """Every topic of a recording, in the order of its channels."""
     found: dict[str, TopicSummary] = {}
     for item in reading:
-        found.setdefault(item.topic, TopicSummary(item.schema.name)).add(item.message.log_time, item.message.sequence)
+        told = found.setdefault(item.topic, TopicSummary(item.kind, item.own))
+        told.add(item.message.log_time, item.message.sequence)
     order = [channel.topic for _, channel in sorted(reading.channels.items())]
     return {topic: found[topic] for topic in order if topic in found}
 
@@ -75,7 +75,10 @@ def info(path: Path) -> Iterator[str]:
     yield f"{'topic':<16}{'messages':>9}{'rate/Hz':>9}{'longest gap/s':>15}{'lost':>6}  type"
     for topic, each in summaries.items():
         gap = each.gap / NS_PER_S
-        yield f"{topic:<16}{each.count:>9}{each.rate:>9.2f}{gap:>15.3f}{each.lost:>6}  {each.schema}"
+        mark = "  *" if each.own else ""
+        yield f"{topic:<16}{each.count:>9}{each.rate:>9.2f}{gap:>15.3f}{each.lost:>6}  {each.schema}{mark}"
+    if any(each.own for each in summaries.values()):
+        yield "* for txt1's own replay and screens; exports leave it out unless --topic names it"
 
 
 def ending_of(reading: FilePass) -> str:
@@ -106,32 +109,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list):
         return [_finite(each) for each in value]
     return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def export(items: Iterable[Item], directory: Path) -> dict[Path, int]:
-    """Write a CSV file per topic, a row per message, a column per number or text; return the rows of each file.
-
-    Raises RecordingError: the directory or a file cannot be written.
-    """
-    decoding = Decoding()
-    writers: dict[str, csv.DictWriter[str]] = {}
-    rows: Counter[Path] = Counter()
-    try:
-        with ExitStack() as files:
-            directory.mkdir(parents=True, exist_ok=True)
-            for item in items:
-                values = {"time": item.time, **{name: _cell(value) for name, value in flat(decoding.values(item))}}
-                path = directory / f"{item.topic.strip('/').replace('/', '_')}.csv"
-                if item.topic not in writers:
-                    file = files.enter_context(path.open("w", newline="", encoding="utf-8"))
-                    writers[item.topic] = csv.DictWriter(file, list(values))
-                    writers[item.topic].writeheader()
-                writers[item.topic].writerow(values)
-                rows[path] += 1
-    except OSError as error:
-        raise RecordingError(f"{error.filename or directory}: cannot write it: {error.strerror}") from None
-    return rows
-
-
-def _cell(value: Any) -> Any:
-    return json.dumps(value) if isinstance(value, list) else value

@@ -80,6 +80,8 @@ class Verdict(NamedTuple):
     """The first; None if there is none."""
     topics: dict[str, int] = {}  # noqa: RUF012
     """Counts of compared messages, by topic."""
+    uncompared: dict[str, int] = {}  # noqa: RUF012
+    """Counts of recorded messages that were not compared, by topic; after a difference only those before it."""
     left_out: tuple[str, ...] = ()
     """Recorded topics that were not compared, and topics in snapshots that were not."""
     exact: bool = True
@@ -108,11 +110,13 @@ def verify(path: Path, robot: str | None = None, attach: Attach = lambda runtime
     chosen = [each for each in found if robot in (None, each.robot)]
     differences = [each.difference for each in chosen if each.difference is not None]
     topics: Counter[str] = sum((each.compared for each in chosen), Counter())
+    uncompared: Counter[str] = sum((each.uncompared for each in chosen), Counter())
     left_out = sorted({name for each in chosen for name in each.left_out})
     return Verdict(
         topics.total(),
         min(differences, default=None, key=lambda each: each.time),
         dict(sorted(topics.items())),
+        dict(sorted(uncompared.items())),
         tuple(left_out),
         robots[0].alike,
         robots[0].lacks,

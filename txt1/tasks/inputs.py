@@ -35,6 +35,7 @@ INPUT: Final = declare(
         Rule.EVENT,
         "everything given to the tasks from outside",
         make=lambda given: given,
+        own=True,
     )
 )
 
@@ -85,6 +86,7 @@ REPORT: Final = declare(
         "every reading of a sensor, and on real hardware what it reported, exactly",
         {"header": {"frame_id": ""}},
         make=_report,
+        own=True,
     )
 )
 STEP: Final = declare(
@@ -98,6 +100,7 @@ STEP: Final = declare(
         {},
         ("task", "time", "missed"),
         lambda step: step,
+        own=True,
     )
 )
 COMMAND: Final = declare(

@@ -121,6 +121,7 @@ SNAPSHOT: Final = declare(
         "everything the robot tells, as one line of JSON",
         make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")},
         in_snapshots=False,
+        own=True,
     )
 )
 

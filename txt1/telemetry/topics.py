@@ -44,6 +44,7 @@ class Topic(Generic[T]):
             Without paths it returns the message's fields as a nested mapping, or all fields after the header as a named
             tuple.
         in_snapshots: False for topics that are slow to read or that repeat another one.
+        own: True for topics that only txt1's own replay and screens read; exports leave them out.
 
     The writer of the message fills in its first time stamp.
 
@@ -59,6 +60,7 @@ class Topic(Generic[T]):
     paths: tuple[str, ...] = ()
     make: Callable[[T], tuple[Any, ...] | Mapping[str, Any]] = lambda value: {"data": str(value)}
     in_snapshots: bool = True
+    own: bool = False
 
 
 Take = Callable[[Topic[Any], Any, float], None]

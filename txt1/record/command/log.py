@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
 from txt1.commands import OK, add_actions, busy, count, flag, need, path, takes
 from txt1.errors import ConfigError
+from txt1.installing import installs_package
 from txt1.plugins import Registry
 from txt1.record.options import RECORDING
 
@@ -26,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--to": takes("S", "only up to this time stamp", float, dest="end"),
     }
     folder = {
-        "-o --output": takes("DIR", "where to; FILE's name without .mcap", path),
+        "-o --output": takes("DIR", "where to; FILE's name without .mcap; of one topic a FILE.csv or .parquet", path),
+        "--parquet": flag("a Parquet file for each topic, in place of CSV files"),
         "--rosbag1": flag("one bag of ROS 1, FILE's name with .bag, in place of CSV files"),
         "--lerobot": takes("DIR", "its episodes as a LeRobot dataset in DIR, a new one, in place of CSV files", path),
         "--fps": takes("N", "frames a second of --lerobot; 10 by default", count, default=10),
@@ -69,8 +72,8 @@ def print_messages(arguments: argparse.Namespace) -> int:
 
 
 def export_csv(arguments: argparse.Namespace) -> int:
-    """Write one CSV file per topic, a bag of ROS 1, or a LeRobot dataset."""
-    from txt1.record import summary
+    """Write a table for each topic, a bag of ROS 1, or a LeRobot dataset."""
+    from txt1.record import tables
 
     if arguments.lerobot:
         export, _ = EXPORTERS.find("--lerobot", "lerobot")
@@ -82,15 +85,29 @@ def export_csv(arguments: argparse.Namespace) -> int:
         export, _ = EXPORTERS.find("--rosbag1", "rosbag1")
         bag = arguments.output or arguments.file.with_suffix(".bag")
         with busy(f"writing {bag}"):
-            messages = export(_chosen(arguments), bag)
+            messages = export(_for_others(arguments), bag)
         print(f"{bag}: {messages} messages")
         return OK
-    directory = arguments.output or arguments.file.with_suffix("")
-    with busy(f"writing {directory}"):
-        written = summary.export(_chosen(arguments), directory)
+    place = arguments.output or arguments.file.with_suffix("")
+    if place.suffix in tables.TABLES and len(arguments.topic) != 1:
+        raise ConfigError(f"-o {place}: a single table holds one topic: name it with --topic, or give a folder")
+    suffix = ".parquet" if arguments.parquet or place.suffix == ".parquet" else ".csv"
+    if place.suffix in tables.TABLES and place.suffix != suffix:
+        raise ConfigError(f"-o {place}: --parquet writes Parquet; name it {place.stem}.parquet")
+    if suffix == ".parquet" and find_spec("pyarrow") is None:
+        raise ConfigError(f"--parquet: needs pyarrow: {installs_package('pyarrow')}")
+    with busy(f"writing {place}"):
+        written = tables.export(_for_others(arguments), place, suffix)
     for table, rows in written.items():
         print(f"{table}: {rows} rows")
     return OK
+
+
+def _for_others(arguments: argparse.Namespace) -> Iterator[Item]:
+    """Return the messages that were asked for, and of none only those that are for other programs, too."""
+    from txt1.record.tables import without_own
+
+    return without_own(_chosen(arguments), frozenset(arguments.topic))
 
 
 def _chosen(arguments: argparse.Namespace) -> Iterator[Item]:

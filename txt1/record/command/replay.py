@@ -47,7 +47,11 @@ def main(arguments: argparse.Namespace) -> int:
     with busy(f"running {arguments.file} again"):
         verdict = verify(arguments.file, arguments.robot)
     within = "" if verdict.exact else f", numbers compared within {CLOSE:g}: recorded with another processor or library"
-    print(f"{arguments.file}: {verdict.difference or f'no difference in {verdict.compared} messages'}{within}")
+    left = sum(verdict.uncompared.values())
+    same = f"no difference in {verdict.compared} of {verdict.compared + left} messages"
+    print(f"{arguments.file}: {verdict.difference or same}{within}")
+    if verdict.difference is None and left:
+        print(f"not compared: {', '.join(f'{topic} {count}' for topic, count in verdict.uncompared.items())}")
     if verdict.lacks:
         print(f"{arguments.file}: {verdict.lacks}")
     return OK if verdict.difference is None else FAULT
