@@ -84,7 +84,6 @@ class Vehicle:
         self.dynamics = dynamics(parameters, body)
         # function (motion, motor, front, rear, s, drag) -> the motion after s; None: the package's own physics
         self.physics: Callable[[Motion, float, float, float, float, float], Motion] | None = None
-        self._dead_band = parameters.dead_band
         self.parameters = parameters
         self.skids = body.steering == "skid"
         """Whether its sides run at two speeds."""
@@ -126,6 +125,7 @@ class Vehicle:
         self.supply.settle(0.0, None)
         # the motor's voltage, as a share of the voltage for which its parameters hold
         self._strength = voltage_share(parameters, self.supply.voltages)
+        # the 29th attribute: CPython finds those of an object with more of them slowly
         self.motion: Motion = VehicleState()
         self._put_down(*start)
         world.add(self)
@@ -221,7 +221,7 @@ class Vehicle:
         # this saves 5 % of an idle simulation
         if stands and (motor, front, rear, before[4], before[5]) == self._rest:
             return before
-        driven = motor if self._strength == 1.0 else at_voltage(motor, self._dead_band, self._strength)
+        driven = motor if self._strength == 1.0 else at_voltage(motor, self.parameters.dead_band, self._strength)
         if self.physics is not None:
             after = self.physics(before, driven, front, rear, dt, self.drag)
         elif self.skids:
@@ -245,7 +245,7 @@ class Vehicle:
                 self._right_counts += (after[6] - before[6]) * counts_per_m
             if not faults.left_encoder:
                 self._left_counts += (after[7] - before[7]) * counts_per_m
-        if powered and self.esc_on and abs(self._outputs[0]) > self._dead_band:
+        if powered and self.esc_on and abs(self._outputs[0]) > self.parameters.dead_band:
             supply.drawn += dt * (self._load(after) if supply.batteries.by_speed else 1.0)
         else:
             supply.drawn += dt * (supply.batteries.idle_load if self.atx_on else supply.batteries.standby_load)

@@ -375,3 +375,8 @@ def test_a_battery_reading_is_valid_for_a_second_however_often_it_is_read() -> N
 def test_quiet_sensors_tell_the_truth() -> None:
     sim = simulator(batteries=Batteries(5.0, 6.0))
     assert sim.battery_readings() == (pack_voltage(5.0), pack_voltage(6.0))
+
+
+def test_python_finds_a_vehicles_attributes_quickly() -> None:
+    # CPython keeps up to 29 attributes in an object itself, and more in a dict: each of them is found slower then
+    assert len(vars(simulator())) <= 29
