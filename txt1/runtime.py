@@ -291,12 +291,10 @@ class Runtime:
 
     def post(self, message: Message, time: float) -> None:
         """Give the serial task a message; `time` (s of the run) is when its author made it."""
-        if self.bus.heard:
+        if self.bus.wanted(inputs.INPUT) or self.bus.wanted(inputs.COMMAND):
+            now = self._begin(type(message).__name__, "", numbers(message), time)
             if type(message) is Velocity:
-                now = self._begin("Velocity", "", (message.v, message.omega), time)
                 self.bus.publish(inputs.COMMAND, message, now)
-            else:
-                self._begin(type(message).__name__, "", numbers(message), time)
         self.put(message, time)
 
     def answer(self, accepted: bool) -> None:

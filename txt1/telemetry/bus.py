@@ -108,11 +108,6 @@ class Bus:
         for take in self._takers(topic):
             take(topic, value, time)
 
-    @property
-    def heard(self) -> bool:
-        """Whether the bus has a subscriber."""
-        return bool(self._subscribers)
-
     def wanted(self, topic: Topic[Any]) -> bool:
         """Return whether a topic has a subscriber. A part asks before it makes a value that is expensive."""
         return bool(self._takers(topic))
