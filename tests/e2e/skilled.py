@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.table_5_3 import TABLE_5_3
 from txt1.config import Config
 from txt1.learning.agent import Agent
-from txt1.learning.agents import make
+from txt1.learning.registry import make
 
 EPISODES = 40
 """After as many the thesis's learner explores next to nothing."""

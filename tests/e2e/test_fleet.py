@@ -40,7 +40,7 @@ from txt1.fleet.selection import Selection
 from txt1.fleet.stopping import Standing
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
-from txt1.learning.learned import FORGET, LEARNED, TOLD, Learned, learned_of
+from txt1.learning.shared_knowledge import FORGET, LEARNED, TOLD, Learned, learned_of
 from txt1.record.reading import robots_in
 from txt1.record.snapshots import Snapshots
 from txt1.robot import Robot

@@ -30,10 +30,10 @@ from txt1.hal.sim import SimHal
 from txt1.installing import installs
 from txt1.learning import experiment, qtable
 from txt1.learning.agent import Agent
-from txt1.learning.agents import make
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
 from txt1.learning.qtable import StoredTable
+from txt1.learning.registry import make
 from txt1.learning.task import EPISODES, LearningTask
 from txt1.learning.trial import Episode, Phase, Trial, starts, task_of
 from txt1.navigation import wheel_pose

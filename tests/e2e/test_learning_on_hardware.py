@@ -27,7 +27,7 @@ from txt1.errors import HalError, LightFault, TaskFault
 from txt1.learning import qtable
 from txt1.learning import task as learning
 from txt1.learning.agent import Agent
-from txt1.learning.agents import agent_of, make
+from txt1.learning.registry import agent_of, make
 from txt1.learning.task import LearningTask
 from txt1.learning.trial import Phase, Pose, Trial, starts, task_of
 from txt1.model.kinematics import wrap_angle

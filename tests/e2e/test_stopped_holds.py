@@ -12,7 +12,7 @@ import pytest
 from benchmarks.board_faults import BOARDS, GAPS, Hold, disturb, on_board, through_a_gap, watch
 from tests.e2e.conftest import ENDLESS
 from txt1.errors import NotArmed, Overruled
-from txt1.learning.agents import agent_of
+from txt1.learning.registry import agent_of
 from txt1.learning.task import LearningTask, need_light, start
 from txt1.learning.trial import Phase
 from txt1.robot import Robot

@@ -17,7 +17,7 @@ from txt1.fleet.plan import FleetPlan
 from txt1.hal.base import Button
 from txt1.kernel.loop import Speed, run
 from txt1.learning import task as learning
-from txt1.learning.agents import agent_of
+from txt1.learning.registry import agent_of
 from txt1.navigation import fused_pose, go_to, true_pose
 from txt1.protocol.messages import Switch
 from txt1.record.session import recording, recording_together

@@ -15,8 +15,8 @@ from txt1.config import flatten
 from txt1.config.sources import recorded, with_values
 from txt1.errors import MissingPlugin
 from txt1.installing import installs_plugin
-from txt1.learning.agents import LEARNERS
 from txt1.learning.qtable import StoredTable, save
+from txt1.learning.registry import LEARNERS
 from txt1.learning.settings import LearningConfig
 from txt1.unknown import brought, missing
 
@@ -109,7 +109,7 @@ def test_a_recording_keeps_what_only_a_plugin_reads(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_world_that_is_not_there_tells_who_has_more(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("txt1.learning.worlds.entry_points", no_entry_points)
+    monkeypatch.setattr("txt1.learning.world_presets.entry_points", no_entry_points)
     assert execute(["learn", "--world", "light-two-alike"]) == 2
     assert capsys.readouterr().err.endswith(f"; more after {installs_plugin('learners')}\n")
     assert execute(["learn", "--set", "learning.world=composed"]) == 2

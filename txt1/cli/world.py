@@ -17,7 +17,7 @@ from txt1.errors import ConfigError
 from txt1.file_limits import read_text
 from txt1.hal.registry import create_sim
 from txt1.kit.options import CONFIGURATION, VEHICLE
-from txt1.learning.worlds import content, worlds
+from txt1.learning.world_presets import content, worlds
 from txt1.maps.files import Map, names, read
 from txt1.maps.grid import FREE, OCCUPIED_FROM
 from txt1.safe_yaml import read_yaml

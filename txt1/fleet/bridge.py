@@ -22,7 +22,7 @@ from txt1.fleet.network import Hooks, Peer
 from txt1.fleet.radio import SILENCE
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock
-from txt1.learning.learned import learned_of
+from txt1.learning.shared_knowledge import learned_of
 from txt1.sidecar import LINE_MAX, Connection
 
 FLEET_RATE: Final = 20.0  # Hz

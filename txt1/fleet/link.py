@@ -14,7 +14,7 @@ from txt1.fleet.cooperation import Cooperation, body_of, pose_in_room, see_simul
 from txt1.fleet.law import make_law
 from txt1.fleet.members import FLEET, FLEET_STOP, NEW, Member, member_of
 from txt1.fleet.radio import Said
-from txt1.learning.learned import FORGET, LEARNED, TOLD, Learned, learned_of
+from txt1.learning.shared_knowledge import FORGET, LEARNED, TOLD, Learned, learned_of
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.learning.learned import Learned
 from txt1.learning.qtable import StoredTable
+from txt1.learning.shared_knowledge import Learned
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 

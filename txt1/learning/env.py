@@ -14,7 +14,7 @@ A step is a decision of the thesis's learner, 0.5 s.
 
 ``make_vec(..., vectorization_mode="vector_entry_point")`` gives many robots at once (`txt1.learning.batch`), quick with
 the extra `fast`. It does not model a delay, a world or dead sensors; with these settings it gives single environments
-side by side. `txt1.learning.parallel` has several robots in one room.
+side by side. `txt1.learning.parallel_env` has several robots in one room.
 """
 
 from contextlib import suppress
@@ -35,10 +35,10 @@ from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
 from txt1.learning.batch import TICK_MS, Batch, only_ours
 from txt1.learning.light_direction import LightFilter, direction, reward, sector
-from txt1.learning.modelled import BATCH, ONE, refuse_others
+from txt1.learning.modelled_settings import BATCH, ONE, refuse_others
 from txt1.learning.picture import Overview, picture
 from txt1.learning.settings import LearningConfig
-from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import Start, ready_to_learn, task_of
 from txt1.learning.world import LightWorld, settled, world_of
 from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y, Readings

@@ -32,7 +32,7 @@ def asked(arguments: Namespace, config: Config) -> Learner | None:
     steering = [name for name in ("learn", "policy", "drive", "source") if getattr(arguments, name) is not None]
     if len(steering) > 1:
         raise ConfigError(f"--{steering[0]}: --{steering[1]} drives already; leave one of them out")
-    from txt1.learning.agents import LEARNERS, agent_of
+    from txt1.learning.registry import LEARNERS, agent_of
     from txt1.learning.settings import LearningConfig, refuse_of_studies, refuse_unread
 
     if arguments.learn is not None:

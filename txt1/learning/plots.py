@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from txt1.errors import MissingExtra
-from txt1.learning.agents import of_module
 from txt1.learning.best_time import Floor
 from txt1.learning.qtable import ACTIONS, StoredTable
+from txt1.learning.registry import of_module
 from txt1.learning.trial import Task, TrialResult
 from txt1.model.light_sensors import MOUNT, SENSORS
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from txt1.errors import ConfigError
 from txt1.learning.agent import Rows, Sharer
-from txt1.learning.learned import Learned, learned_of
+from txt1.learning.shared_knowledge import Learned, learned_of
 from txt1.learning.trial import Episode, Trial
 
 LIARS: Final = 1

@@ -11,12 +11,12 @@ import pytest
 from txt1.config import Config, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError
-from txt1.learning.agents import make
-from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.registry import make
+from txt1.learning.solvability import refuse_unsolvable
 from txt1.trials.run import run
 from txt1_learners.studies import obstacles, suite
 from txt1_learners.studies.lockstep import trials
-from txt1_learners.studies.modelled import LOCKSTEP, refuse_others
+from txt1_learners.studies.modelled_settings import LOCKSTEP, refuse_others
 
 
 def test_a_seed_draws_the_same_worlds_again_and_all_can_be_solved() -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from txt1.config import load
-from txt1.learning.agents import make
+from txt1.learning.registry import make
 from txt1.learning.trial import Trial
-from txt1.learning.worlds import world_named
+from txt1.learning.world_presets import world_named
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1_learners.pilot import PilotAgent, chi_square, create

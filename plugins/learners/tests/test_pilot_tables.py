@@ -11,8 +11,8 @@ import pytest
 
 from txt1.config import Config
 from txt1.errors import QTableError
-from txt1.learning.agents import from_table, make
 from txt1.learning.qtable import save
+from txt1.learning.registry import from_table, make
 from txt1_learners.sensor_map import HEIGHT, POWER
 
 

@@ -13,8 +13,8 @@ import pytest
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
-from txt1.learning.agents import LEARNERS, from_table, make, of_module
 from txt1.learning.qtable import StoredTable, save
+from txt1.learning.registry import LEARNERS, from_table, make, of_module
 from txt1.learning.sharing import sharer
 from txt1.unknown import missing
 from txt1_learners import pilot, sweeps

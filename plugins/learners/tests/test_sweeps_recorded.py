@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.e2e.test_record_learn import CONFIG, OVER, episodes, messages, recorded
-from txt1.learning.agents import make
+from txt1.learning.registry import make
 
 
 @pytest.mark.long

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from txt1.config import load
-from txt1.learning.agents import make
+from txt1.learning.registry import make
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1_learners import taxis

@@ -9,7 +9,7 @@ import pytest
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.learning.settings import LearningConfig
-from txt1.learning.worlds import world_named
+from txt1.learning.world_presets import world_named
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
 from txt1.trials.run import run
 from txt1_learners.studies import thesis

@@ -13,20 +13,20 @@ import pytest
 from txt1.config import Config, completed, load
 from txt1.errors import ConfigError
 from txt1.learning import thesis
-from txt1.learning.agents import make
 from txt1.learning.best_time import Floor
 from txt1.learning.experiment import KEPT
 from txt1.learning.qtable import StoredTable
+from txt1.learning.registry import make
 from txt1.learning.settings import TURN, LearningConfig
-from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import Start, Trial, starts, task_of
-from txt1.learning.worlds import ours, world_named, worlds
+from txt1.learning.world_presets import ours, world_named, worlds
 from txt1.trials.provenance import provenance
 from txt1_learners import pilot
 from txt1_learners.studies import suite
 from txt1_learners.studies.floor import MovingFloor, floor_of
 from txt1_learners.studies.lockstep import trials, world_at
-from txt1_learners.worlds import every, groups
+from txt1_learners.world_presets import every, groups
 
 
 def raw(times: list[list[float]], won: list[list[int]]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import pytest
 from tests.plugins.test_worlds_of_others import SHORT, SITE, check_one_that_moves_the_goal
 from txt1.config import Config, load
 from txt1.errors import Txt1Error
-from txt1.learning.agents import make
+from txt1.learning.registry import make
 from txt1.learning.trial import Episode
 from txt1_learners.studies.__main__ import main
 from txt1_learners.studies.lockstep import trials

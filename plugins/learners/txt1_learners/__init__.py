@@ -1,1 +1,1 @@
-"""Learners that txt1 finds by their entry points (`txt1.learning.agents`)."""
+"""Learners that txt1 finds by their entry points (`txt1.learning.registry`)."""

@@ -6,7 +6,7 @@ how far the robot went and how much it turned (perhaps with a wrong scale). Leng
 
     z     <- log of the mean of the readings since the last decision
     d, h  <- distance and turn since then, by odometry
-    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action in force (`effects.Effects`)
+    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action in force (`action_effects.Effects`)
     Q     <- places of the light in the robot's frame that z allows, at first; then each is moved by d, h and
              corrected by z (Kalman filters), and unlikely places are dropped (`sensor_map`)
     if lost, or late, or at an episode's end:
@@ -40,8 +40,8 @@ first and when it is late it tries each action before that. A survey that led to
 it fits the latest readings as well as the new one (`_taken_again`).
 
 Where a laser has seen something near, the plan is "a for m decisions, b for n, then e", and costs more where the body
-comes near to what was seen (`clearance`). While it is lost it takes only actions after which it can still keep clear,
-by odometry's own turns: a survey that never led to the goal may turn the map.
+comes near to what was seen (`clear_course`). While it is lost it takes only actions after which it can still keep
+clear, by odometry's own turns: a survey that never led to the goal may turn the map.
 
 Every half second it judges itself by the last 5 s (`_judge`). It says that its model does not fit if
 
@@ -55,8 +55,8 @@ would have made at its start, had it known where the light was (`_wasted`); afte
 episodes, and so on.
 
 It makes the second of these tests at each decision. Where that fails, it goes on by what the actions did before they
-last changed, or learns them anew, and plans anew (`effects.MotionModel`). An action that does then what another one did
-may have changed places with it, so it tries the other, too.
+last changed, or learns them anew, and plans anew (`action_effects.MotionModel`). An action that does then what another
+one did may have changed places with it, so it tries the other, too.
 
 Here chi^2 is the quantile that noise of the stated size exceeds with the probability `alarm`: the global test of an
 adjustment (W. Baarda, A Testing Procedure for Use in Geodetic Networks, 1968), and the test of innovations (Y.
@@ -75,14 +75,15 @@ from pydantic import Field
 
 from txt1.config import Config
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
-from txt1.learning.learned import Learned
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
+from txt1.learning.shared_knowledge import Learned
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import NotNegative, Positive, PositiveInt, Share
-from txt1_learners.clearance import (
+from txt1_learners.action_effects import Effects, MotionModel, steady
+from txt1_learners.clear_course import (
     MARGIN,
     ActionPlan,
     Discs,
@@ -92,7 +93,6 @@ from txt1_learners.clearance import (
     distances,
     quickest_clear,
 )
-from txt1_learners.effects import Effects, MotionModel, steady
 from txt1_learners.planner import Array, Belief, Place, quickest
 from txt1_learners.sensor_map import (
     DRIFT,

@@ -1,4 +1,4 @@
-"""The quickest course to the light, by the effects of each action as observed (`effects`).
+"""The quickest course to the light, by the effects of each action as observed (`action_effects`).
 
     d' = k d + c(a),  (h/d)' = l (h/d) + e(a)        a: the action in force, d and h: distance and turn in a decision
 

@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 from txt1.learning import plots, thesis
-from txt1.learning.agents import LEARNERS, of_module
+from txt1.learning.registry import LEARNERS, of_module
 from txt1.unknown import brought
 
 

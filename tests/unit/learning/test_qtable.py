@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from benchmarks.table_5_3 import TABLE_5_3
 from txt1.config import Config
 from txt1.errors import QTableError
-from txt1.learning.agents import from_table
 from txt1.learning.light_direction import SECTORS
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, initial, load, save, update
+from txt1.learning.registry import from_table
 from txt1.learning.thesis import greedy_action
 
 # -- table and update --------------------------------------------------------------------------------------------

@@ -11,13 +11,13 @@ from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.installing import installs_plugin
 from txt1.kit.options import ARM, ROBOT, loaded, robot_speed
 from txt1.learning import experiment, plots
-from txt1.learning.agents import LEARNERS, make
 from txt1.learning.best_time import known_floor
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import THESIS_MEAN, Plan
+from txt1.learning.registry import LEARNERS, make
 from txt1.learning.settings import refuse_unread
 from txt1.learning.trial import Episode, task_of
-from txt1.learning.worlds import OWN, in_world
+from txt1.learning.world_presets import OWN, in_world
 from txt1.record.options import LOG
 from txt1.trials.run import progress
 from txt1.trials.workers import OPTIONS, workers_of

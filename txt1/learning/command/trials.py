@@ -13,7 +13,6 @@ from txt1.config import Config
 from txt1.errors import ConfigError, NotArmed, Overruled, Txt1Error
 from txt1.kit.app import App, get_ready
 from txt1.learning.agent import Agent
-from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import (
     Plan,
     Watch,
@@ -25,8 +24,9 @@ from txt1.learning.experiment import (
     save_result,
 )
 from txt1.learning.qtable import replace_file
+from txt1.learning.registry import LEARNERS, make
 from txt1.learning.settings import LearningConfig, refuse_of_studies
-from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import (
     AGENT,

@@ -11,9 +11,9 @@ import numpy as np
 from txt1 import cli
 from txt1.commands import OK, add_actions, busy, count, flag, names, path, say, takes, unused
 from txt1.kit.options import CONFIGURATION, SEED, VEHICLE, loaded
-from txt1.learning.agents import LEARNERS, make
+from txt1.learning.registry import LEARNERS, make
 from txt1.learning.trial import starts, task_of
-from txt1.learning.worlds import in_world
+from txt1.learning.world_presets import in_world
 from txt1.trials.run import run
 from txt1.trials.workers import OPTIONS, workers_of
 from txt1_learners.studies import compare, contenders, suite, thesis

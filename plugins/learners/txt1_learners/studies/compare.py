@@ -6,9 +6,9 @@
 
 All have the same starts and the same simulated robot, and one rule holds for all: ten times a second it is looked
 whether the robot is at the goal or has left the boundary (`asked_alike`), whatever the learner's own rate. Those that
-learn while they drive (`txt1.learning.agents`) are judged by the episodes in which they learn. PPO and DQN are trained
-by several robots at once and judged at checkpoints, apart, by their best actions: the seconds of these tests are not
-counted.
+learn while they drive (`txt1.learning.registry`) are judged by the episodes in which they learn. PPO and DQN are
+trained by several robots at once and judged at checkpoints, apart, by their best actions: the seconds of these tests
+are not counted.
 
 Failures are counted apart and are in no ratio; the time they took is among the seconds driven.
 """
@@ -26,9 +26,9 @@ from txt1.config.schema import RECORDED
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
 from txt1.learning.agent import Agent
-from txt1.learning.agents import LEARNERS, make
 from txt1.learning.qtable import replace_file
-from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.registry import LEARNERS, make
+from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import starts, stream, task_of
 from txt1.learning.world import settled
 from txt1.trials.provenance import provenance
@@ -36,7 +36,7 @@ from txt1.trials.run import Rows
 from txt1_learners.studies import homing
 from txt1_learners.studies.contenders import COLUMNS, TRAINED, Line, draw, table
 from txt1_learners.studies.lockstep import asked_alike, trials
-from txt1_learners.studies.modelled import LOCKSTEP, refuse_others
+from txt1_learners.studies.modelled_settings import LOCKSTEP, refuse_others
 from txt1_learners.studies.suite import Each, floors, leaves_out
 
 FORMAT: Final = "txt1 comparison"

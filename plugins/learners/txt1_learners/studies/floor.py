@@ -31,7 +31,7 @@ from txt1.learning.trial import Start, task_of
 from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1_learners.studies.lockstep import Loops, Wheels, loops_of, wheels_of
-from txt1_learners.studies.modelled import FLOOR, refuse_others
+from txt1_learners.studies.modelled_settings import FLOOR, refuse_others
 
 TICKS: Final = DECISION_MS // TICK_MS
 

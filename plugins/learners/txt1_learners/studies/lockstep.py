@@ -28,7 +28,7 @@ from txt1.learning.agent import Agent, Looker
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode, only_ours
 from txt1.learning.best_time import DECISION_MS
 from txt1.learning.settings import LearningConfig
-from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import AGENT, SENSORS, Phase, Trial, starts, stream, task_of
 from txt1.learning.world import CheckedWorld, LightWorld, settled, touches, world_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
@@ -40,7 +40,7 @@ from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
 from txt1.sim.rays import shapes_of, walls_of
 from txt1_learners.settings import Changes, Drift
-from txt1_learners.studies.modelled import LOCKSTEP, lasers, refuse_others
+from txt1_learners.studies.modelled_settings import LOCKSTEP, lasers, refuse_others
 
 LIGHT_MS: Final = 16  # between two samples of the light
 REST_MS: Final = 500  # on the start, before the first decision: 31 samples, which settle the filters

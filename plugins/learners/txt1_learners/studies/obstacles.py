@@ -24,16 +24,16 @@ from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError
 from txt1.learning.agent import Agent
-from txt1.learning.agents import make
 from txt1.learning.experiment import LEARNED
 from txt1.learning.qtable import replace_file
+from txt1.learning.registry import make
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, Task, starts, task_of
 from txt1.model.odometry import Odometry
 from txt1.sim.obstacles import outline
 from txt1.trials.provenance import provenance
 from txt1.trials.run import Rows
-from txt1_learners.clearance import body_of
+from txt1_learners.clear_course import body_of
 from txt1_learners.pilot import SETTINGS, PilotAgent
 from txt1_learners.planner import Array
 from txt1_learners.studies.lockstep import asked_alike, trials

@@ -29,14 +29,14 @@ from txt1.errors import ConfigError, MissingExtra
 from txt1.learning.batch import SENSED, TICK_MS
 from txt1.learning.best_time import DECISION_MS
 from txt1.learning.settings import LearningConfig
-from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import Start, stream, task_of
 from txt1.learning.world import settled
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1_learners.settings import OfStableBaselines
 from txt1_learners.studies.lockstep import LIGHT_MS, REST_MS, Lockstep
-from txt1_learners.studies.modelled import STEPS, refuse_others
+from txt1_learners.studies.modelled_settings import STEPS, refuse_others
 
 try:
     import torch

@@ -10,9 +10,9 @@ is computed beside the trials, once for each world that a process meets; a world
 
 All learners are asked for the goal ten times a second.
 
-Worlds are those of `txt1_learners.worlds`, or files of a directory; four more are drawn from `RANGES` by a seed. One
-that is wrong, that cannot be solved, or whose class raises (`txt1.learning.world`) is told in the table, and the others
-go on.
+Worlds are those of `txt1_learners.world_presets`, or files of a directory; four more are drawn from `RANGES` by a seed.
+One that is wrong, that cannot be solved, or whose class raises (`txt1.learning.world`) is told in the table, and the
+others go on.
 
 Floors know where the light goes, and how a world changes commands. They know no obstacles: the ratio is to the floor
 without them, and the result says so (`floor_leaves_out`).
@@ -32,20 +32,20 @@ from txt1.commands import FAULT, OK
 from txt1.config import Config, completed, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, Txt1Error
-from txt1.learning.agents import make
 from txt1.learning.best_time import DECISION_MS, Floor, known_floor
 from txt1.learning.experiment import LEARNED
 from txt1.learning.qtable import replace_file
+from txt1.learning.registry import make
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Episode
 from txt1.learning.world import settled, world_of
-from txt1.learning.worlds import content
+from txt1.learning.world_presets import content
 from txt1.trials.provenance import provenance
 from txt1_learners.settings import Drift
 from txt1_learners.studies.floor import MovingFloor, floor_of
 from txt1_learners.studies.lockstep import REST_MS, asked_alike, trials, world_at
-from txt1_learners.studies.modelled import lasers
-from txt1_learners.worlds import groups
+from txt1_learners.studies.modelled_settings import lasers
+from txt1_learners.world_presets import groups
 
 FORMAT: Final = "txt1 world result"
 DRAWN: Final = 4  # worlds drawn by a seed
@@ -84,7 +84,7 @@ class SuiteWorld(NamedTuple):
 
 
 def worlds(place: str, overrides: Sequence[str], names: Iterable[str] = ()) -> list[SuiteWorld]:
-    """The worlds of a group (`txt1_learners.worlds`) or of a directory, or some of them.
+    """The worlds of a group (`txt1_learners.world_presets`) or of a directory, or some of them.
 
     Raises ConfigError: there is no such group, directory or world.
     """

@@ -18,10 +18,10 @@ import numpy as np
 from txt1.config import Config, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError
-from txt1.learning.agents import make
 from txt1.learning.experiment import LEARNED, THESIS_MEAN
 from txt1.learning.qtable import replace_file
-from txt1.learning.worlds import world_named
+from txt1.learning.registry import make
+from txt1.learning.world_presets import world_named
 from txt1.trials.provenance import provenance
 from txt1.trials.run import Rows
 from txt1_learners.studies.lockstep import trials

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from txt1.learning.worlds import in_file, ours
+from txt1.learning.world_presets import in_file, ours
 
 Worlds = Mapping[str, Mapping[str, Any]]
 

@@ -14,7 +14,7 @@ pytest.importorskip("pettingzoo")
 
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-from txt1.learning.parallel import LightSeekingParallelEnv
+from txt1.learning.parallel_env import LightSeekingParallelEnv
 
 
 def test_pettingzoos_own_tests_pass() -> None:

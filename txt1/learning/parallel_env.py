@@ -1,6 +1,6 @@
 """Several robots in one room search the light: a parallel environment of PettingZoo (extra `gym`).
 
-    from txt1.learning.parallel import LightSeekingParallelEnv
+    from txt1.learning.parallel_env import LightSeekingParallelEnv
     env = LightSeekingParallelEnv(robots=3)
 
 Observations, actions, rewards and ends are each robot's as in `txt1.learning.env`. They share the room: who touches
@@ -24,7 +24,7 @@ try:
     from gymnasium.spaces import Discrete
     from pettingzoo import ParallelEnv
 except ModuleNotFoundError:
-    raise MissingExtra("txt1.learning.parallel", "gym") from None
+    raise MissingExtra("txt1.learning.parallel_env", "gym") from None
 
 ROBOTS: Final = 3
 Told = dict[str, Any]

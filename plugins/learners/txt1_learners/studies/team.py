@@ -6,7 +6,7 @@ from contextlib import AsyncExitStack
 
 from txt1.config import Config
 from txt1.learning.agent import Sharer
-from txt1.learning.agents import make
+from txt1.learning.registry import make
 from txt1.learning.settings import LearningConfig
 from txt1.learning.sharing import Sharing, sharer
 from txt1.learning.task import LearningTask, need_light

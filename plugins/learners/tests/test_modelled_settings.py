@@ -11,14 +11,14 @@ import pytest
 from txt1.config import Config, completed, flatten, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, Txt1Error
-from txt1.learning.agents import make
-from txt1.learning.solvable import refuse_unsolvable
+from txt1.learning.registry import make
+from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.world import settled
 from txt1_learners.studies import suite
 from txt1_learners.studies.floor import TICKS, Search, floor_of
 from txt1_learners.studies.lockstep import shown, trials, world_at
-from txt1_learners.studies.modelled import LOCKSTEP, refuse_others
-from txt1_learners.worlds import groups
+from txt1_learners.studies.modelled_settings import LOCKSTEP, refuse_others
+from txt1_learners.world_presets import groups
 
 BASE = {"learning.time_limit": 4.0, "car.known": True}  # short, and with loops that have a use for their settings
 WITH = {  # what a key has no use without

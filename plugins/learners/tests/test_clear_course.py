@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.patience import LIMIT
-from txt1_learners.clearance import (
+from txt1_learners.clear_course import (
     MARGIN,
     ActionPlan,
     SeenPoints,

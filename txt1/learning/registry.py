@@ -21,9 +21,9 @@ from txt1.config import Config
 from txt1.errors import ConfigError, MissingPlugin, QTableError
 from txt1.learning import thesis
 from txt1.learning.agent import Agent
+from txt1.learning.checked_learner import checked
 from txt1.learning.qtable import RELEARN, StoredTable, load
 from txt1.learning.settings import LearningConfig
-from txt1.learning.strangers import checked
 from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
 from txt1.unknown import brought

@@ -6,8 +6,8 @@ import pytest
 
 from txt1.config import load
 from txt1.errors import ConfigError
-from txt1.learning.solvable import refuse_unsolvable
-from txt1.learning.worlds import ours, world_named
+from txt1.learning.solvability import refuse_unsolvable
+from txt1.learning.world_presets import ours, world_named
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from txt1_learners.effects import SECOND, MotionModel, steady
+from txt1_learners.action_effects import SECOND, MotionModel, steady
 
 # distance in a decision, m, and the share of distance and curvature that stays from one decision to the next
 STEP, STAYS = 0.05, 0.7

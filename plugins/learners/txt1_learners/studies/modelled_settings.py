@@ -1,6 +1,6 @@
 """The settings that trials in lockstep, floors and environments of Stable-Baselines3 model.
 
-Any other is refused by its name, as `txt1.learning.modelled` says.
+Any other is refused by its name, as `txt1.learning.modelled_settings` says.
 """
 
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ from importlib.metadata import entry_points
 from typing import Final
 
 from txt1.config import Config
-from txt1.learning import modelled
-from txt1.learning.modelled import CAR, LOOPS, NAMES, SHOWN, TASK, VEHICLE, WHEELS
+from txt1.learning import modelled_settings
+from txt1.learning.modelled_settings import CAR, LOOPS, NAMES, SHOWN, TASK, VEHICLE, WHEELS
 from txt1.learning.settings import GROUP, LearningConfig
 
 CHANGING: Final = ("learning.changes", "learning.drift")
@@ -27,7 +27,7 @@ STEPS: Final = (*FLOOR, *SHOWN)
 
 def refuse_others(config: Config, known: Sequence[str], who: str) -> None:
     """Refuse the settings that `who`, a simulation in words, does not model; ConfigError names the key."""
-    modelled.refuse_others(config, known, who, partial(_unseen, config, known is LOCKSTEP))
+    modelled_settings.refuse_others(config, known, who, partial(_unseen, config, known is LOCKSTEP))
 
 
 def lasers(config: Config) -> list[str]:
