@@ -150,7 +150,7 @@ $(VENV)/.dev: $(VENV)/.installed $(PLUGINS:%=%/pyproject.toml)
 	$(BIN)/python $(PIP_INSTALL) --upgrade 'pip>=25.1'  # knows groups, which a Python's own may not
 	$(BIN)/python $(PIP_INSTALL) --group dev --editable . $(PLUGINS:%=--editable %)
 	$(BIN)/python -m compileall -q txt1 $(PLUGINS)  # as pip does with all others: each process of the tests loads them
-	$(BIN)/python -c 'from txt1.mapping.works import warm; warm()'  # numba's loops, half a minute, which tests of maps use
+	$(BIN)/python -c 'from txt1.mapping.scan_work import warm; warm()'  # numba's loops, half a minute, which tests of maps use
 	@$(BIN)/python -m pytest --collect-only >/dev/null || true  # compiles the tests, or six processes would do it at once
 	@touch $@
 

@@ -22,7 +22,7 @@ from time import process_time
 import numpy as np
 
 from rigs.laser_logs import drifted
-from txt1.mapping.locate import COUNT, RAYS, Array, Locator
+from txt1.mapping.particle_filter import COUNT, RAYS, Array, Locator
 from txt1.mapping.poses import composed, difference
 from txt1.maps import files
 from txt1.maps.grid import FREE, OCCUPIED, Grid

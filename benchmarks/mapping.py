@@ -26,7 +26,7 @@ from benchmarks.peers import mrpt
 from rigs.laser_logs import drifted
 from rigs.laser_logs import read as read_log
 from txt1.errors import Txt1Error
-from txt1.mapping import drawing, logs
+from txt1.mapping import carmen_logs, grid_files
 from txt1.mapping.mapper import Mapper
 from txt1.mapping.poses import trajectory_error
 from txt1.maps.grid import OCCUPIED
@@ -46,18 +46,18 @@ class Result(NamedTuple):
     """Processor time of a scan, s."""
 
 
-def ours(log: logs.Log, odometry: logs.Array) -> tuple[Result, Mapper]:
+def ours(log: carmen_logs.Log, odometry: carmen_logs.Array) -> tuple[Result, Mapper]:
     """Map a log."""
     mapper, longest = Mapper(), log.longest
     begin = process_time()
     for scan, pose in zip(log.scans, odometry, strict=True):
-        mapper.add(scan.time, logs.points_of(scan.ranges, scan.angles, longest, scan.swept), pose)
+        mapper.add(scan.time, carmen_logs.points_of(scan.ranges, scan.angles, longest, scan.swept), pose)
     mapper.finish()
     spent = (process_time() - begin) / len(log.scans)
     return Result(_error(mapper.poses, log), spent), mapper
 
 
-def _error(poses: logs.Array, log: logs.Log) -> float:
+def _error(poses: carmen_logs.Array, log: carmen_logs.Log) -> float:
     return float("nan") if log.reference is None else trajectory_error(poses, log.reference)
 
 
@@ -79,7 +79,7 @@ def environment(version: str) -> Path | None:
     return python
 
 
-def yag(python: Path, log: logs.Log, odometry: logs.Array) -> Result | None:
+def yag(python: Path, log: carmen_logs.Log, odometry: carmen_logs.Array) -> Result | None:
     """Have yag-slam map a log; None: it failed, which is told."""
     if any(scan.ranges.shape != log.scans[0].ranges.shape for scan in log.scans):
         print(f"{log.name}: yag-slam takes no scans whose number of beams changes, so it did not run")
@@ -103,7 +103,7 @@ def yag(python: Path, log: logs.Log, odometry: logs.Array) -> Result | None:
         return Result(_error(result["poses"], log), float(result["spent"]) / len(log.scans))
 
 
-def told(log: logs.Log, seeds: int, python: Path | None, picture: Path | None) -> list[list[Result]]:
+def told(log: carmen_logs.Log, seeds: int, python: Path | None, picture: Path | None) -> list[list[Result]]:
     """Map a log with each seed, print its row, and return our results and theirs."""
     wheels, mine, theirs = [], [], []
     for seed in range(seeds):
@@ -128,18 +128,18 @@ def told(log: logs.Log, seeds: int, python: Path | None, picture: Path | None) -
     return [mine, theirs]
 
 
-def draw(mapper: Mapper, odometry: logs.Array, name: Path) -> None:
+def draw(mapper: Mapper, odometry: carmen_logs.Array, name: Path) -> None:
     """Write the map as NAME.pgm, NAME.svg and NAME.yaml, and beside it the map by wheels alone as NAME.png."""
     from matplotlib.figure import Figure
 
     clouds = [key.cloud for key in mapper.keys]
-    grid = drawing.grid_of(clouds, mapper.graph.poses, mapper.loops)
-    drawing.save(grid, name, [("#d04010", mapper.poses)])
+    grid = grid_files.grid_of(clouds, mapper.graph.poses, mapper.loops)
+    grid_files.save(grid, name, [("#d04010", mapper.poses)])
     figure = Figure(figsize=(7.5, 4.6), layout="constrained")
     axes = figure.subplots(1, 2)
     maps = ("by the wheels alone", revisits.by_wheels(mapper, odometry)), ("matched, loops closed", mapper.graph.poses)
     for each, (title, poses) in zip(axes, maps, strict=True):
-        walls = drawing.grid_of(clouds, poses, mapper.loops)
+        walls = grid_files.grid_of(clouds, poses, mapper.loops)
         rows, columns = np.nonzero(walls.cells >= OCCUPIED // 2)
         x, y = ((cells + 0.5) * walls.resolution for cells in (columns, rows))
         x, y = x + walls.origin[0], y + walls.origin[1]
@@ -150,7 +150,7 @@ def draw(mapper: Mapper, odometry: logs.Array, name: Path) -> None:
     figure.savefig(name.with_name(f"{name.name}.png"), dpi=110)
 
 
-def show_revisits(log: logs.Log) -> None:
+def show_revisits(log: carmen_logs.Log) -> None:
     """Print how well the map of a log fits at places passed twice, by our map and by the wheels alone."""
     _, mapper = ours(log, log.odometry)
     wheels = revisits.by_wheels(mapper, log.odometry)
@@ -168,7 +168,7 @@ def show_revisits(log: logs.Log) -> None:
         )
 
 
-def beside(log: logs.Log) -> None:
+def beside(log: carmen_logs.Log) -> None:
     """Have Debian's programs map a log with the first seed, and print what comes of it."""
     odometry = drifted(log.odometry, 0) if log.reference is not None else log.odometry
     for program in mrpt.PROGRAMS:

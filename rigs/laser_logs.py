@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from txt1.mapping import logs
-from txt1.mapping.logs import GZIP, Array, LaserScan, Log, LogError
+from txt1.mapping import carmen_logs
+from txt1.mapping.carmen_logs import GZIP, Array, LaserScan, Log, LogError
 from txt1.mapping.poses import accumulated, composed, difference
 
 TICKS: Final = 2000
@@ -48,7 +48,7 @@ def read(path: Path) -> Log:
                 except (ValueError, IndexError) as error:
                     raise LogError(f"{path}: line {number} cannot be read: {error}") from error
     scans = list(rover.scans())
-    return Log(path.name.split(".")[0], scans) if scans else logs.read(path)
+    return Log(path.name.split(".")[0], scans) if scans else carmen_logs.read(path)
 
 
 class Rover:

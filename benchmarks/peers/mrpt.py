@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.mapping.logs import Array, Log
+from txt1.mapping.carmen_logs import Array, Log
 
 SETTINGS: Final = Path("/usr/share/mrpt/config_files")
 PROGRAMS: Final = {

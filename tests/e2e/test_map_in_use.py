@@ -14,10 +14,10 @@ import pytest
 from txt1.bridges.services import Services
 from txt1.errors import CommandRefused
 from txt1.kernel.ticks import Ticks
-from txt1.mapping.drive import Sweep
-from txt1.mapping.placing import OnMap
+from txt1.mapping.map_sensors import OnMap
 from txt1.mapping.poses import composed, difference, placed
-from txt1.mapping.telling import MapNews, sheet_of
+from txt1.mapping.sweeps import Sweep
+from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.files import read
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation import go_to, map_pose, plan

@@ -346,7 +346,7 @@ def test_a_panel_of_the_layout_is_configured_as_foxglove_does(panel: str) -> Non
 
 def test_the_layout_shows_values_that_there_are() -> None:
     # declares the topics of maps
-    import_module("txt1.mapping.telling")
+    import_module("txt1.mapping.topics")
     messages = {topic.name: topic.message for topic in TOPICS.values()}
     named = set(re.findall(r'"(/[^"]+)"', json.dumps(LAYOUT)))
     assert {path.partition(".")[0] for path in named} == {

@@ -27,7 +27,7 @@ from txt1.experiments.profile import load_profile
 from txt1.file_limits import CHUNK_MAX, FileRefused, open_file, read_bytes, read_text
 from txt1.fleet.plan import plan_of
 from txt1.learning import qtable
-from txt1.mapping import stored
+from txt1.mapping import graph_file
 from txt1.maps import files as maps
 from txt1.record import reading
 from txt1.record.reading import FilePass
@@ -41,7 +41,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "profile.yaml": lambda path: load_profile(str(path)),
     "qtable.json": qtable.load,
     "policy.onnx": policy.load,
-    "map.graph": stored.load,
+    "map.graph": graph_file.load,
     "run.mcap": lambda path: list(FilePass(path).records()),
     "lesson.mcap": sha256_of,
     "run": run_folder.read,
@@ -228,7 +228,7 @@ def test_a_plain_pgm_with_text_behind_its_pixels_takes_no_object_for_each_number
 
 def graph(tmp_path: Path, **parts: Any) -> Path:
     told = np.frombuffer(b'{"version": 1}', np.uint8)
-    given = {name: np.zeros((2, *shape), kind) for name, (kind, shape) in stored.PARTS.items()} | {"about": told}
+    given = {name: np.zeros((2, *shape), kind) for name, (kind, shape) in graph_file.PARTS.items()} | {"about": told}
     with (tmp_path / "floor.graph").open("wb") as file:
         np.savez(file, **(given | parts))
     return tmp_path / "floor.graph"
@@ -249,4 +249,4 @@ def graph(tmp_path: Path, **parts: Any) -> Path:
 )
 def test_a_graph_with_values_of_another_type_is_told_with_its_name(name: str, value: Any, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"floor\.graph: no graph of a map, or a damaged one"):
-        stored.load(graph(tmp_path, **{name: value}))
+        graph_file.load(graph(tmp_path, **{name: value}))

@@ -6,9 +6,11 @@ ADDITION = Addition(
     name="mapping",
     order=5,
     settings="txt1.mapping.settings:MappingConfig",
-    watch="txt1.mapping.placing:watch",
-    prepare="txt1.mapping.placing:prepare",
+    watch="txt1.mapping.map_sensors:watch",
+    prepare="txt1.mapping.map_sensors:prepare",
     options="txt1.mapping.options:OPTIONS",
-    parts={"txt1.sensors": {"map": "txt1.mapping.placing:create", "map_news": "txt1.mapping.placing:create_news"}},
+    parts={
+        "txt1.sensors": {"map": "txt1.mapping.map_sensors:create", "map_news": "txt1.mapping.map_sensors:create_news"}
+    },
     commands={"map": ("txt1.mapping.command", "make a map of a room from a recorded drive with a laser")},
 )

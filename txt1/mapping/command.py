@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from txt1.mapping.drive import Sweep
     from txt1.mapping.mapper import Mapper
+    from txt1.mapping.sweeps import Sweep
 
 T = TypeVar("T")
 
@@ -55,7 +55,7 @@ class ScanLog(NamedTuple):
 def main(arguments: argparse.Namespace) -> int:
     """Make a map, or extend a map, and describe it."""
     need("txt1 map", "fast", "numba", "scipy")
-    from txt1.mapping import stored
+    from txt1.mapping import graph_file
 
     if not 0.01 <= arguments.resolution <= 1.0:
         raise ConfigError(f"--resolution {arguments.resolution:g}: a cell's side is 0.01 to 1 m")
@@ -69,7 +69,7 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError(
             f"{arguments.file}: this drive fits nowhere on the map {output}.yaml, which stays; --new begins a new one"
         )
-    files = stored.files_of(mapper, output, arguments.resolution, [*drives, arguments.file.name])
+    files = graph_file.files_of(mapper, output, arguments.resolution, [*drives, arguments.file.name])
     if arguments.again:
         return compared(files)
     write(files)
@@ -80,28 +80,28 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _source(arguments: argparse.Namespace) -> ScanLog:
     """Return the scans of a recording or a log; raises RecordingError, LogError, ConfigError."""
-    from txt1.mapping import drive, logs
+    from txt1.mapping import carmen_logs, sweeps
 
     if arguments.file.suffix == ".mcap":
         from txt1.record.reading import robot_in
 
-        read = drive.read(arguments.file, robot_in(arguments.file, arguments.robot), arguments.sensor)
+        read = sweeps.read(arguments.file, robot_in(arguments.file, arguments.robot), arguments.sensor)
         mount = read.mount
         return ScanLog(read.sweeps, f"sensors.{read.sensor} at {mount.x:g}, {mount.y:g} m, {mount.yaw:g} rad")
     import numpy as np
 
-    log = logs.read(arguments.file)
+    log = carmen_logs.read(arguments.file)
     longest = log.longest
     sweeps = []
     for scan in log.scans:
-        points, pose = logs.points_of(scan.ranges, scan.angles, longest, scan.swept), np.array(scan.odometry)
-        sweeps.append(drive.Sweep(scan.time, points, pose, pose))
+        points, pose = carmen_logs.points_of(scan.ranges, scan.angles, longest, scan.swept), np.array(scan.odometry)
+        sweeps.append(sweeps.Sweep(scan.time, points, pose, pose))
     return ScanLog(sweeps, "the log's laser")
 
 
 def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[str]]:
     """Return a new mapper, or the mapper of an existing map, and the drives in it."""
-    from txt1.mapping import stored
+    from txt1.mapping import graph_file
     from txt1.mapping.mapper import Mapper
 
     there = output.with_name(output.name + ".graph")
@@ -109,13 +109,13 @@ def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[st
         if arguments.again:
             if not there.exists():
                 raise ConfigError(f"{there}: not there, so there is nothing to compare with; make it without --again")
-            _, told = stored.load(there)
+            _, told = graph_file.load(there)
             if len(told.get("drives", [])) > 1:
                 raise ConfigError(
                     f"{there}: of several drives ({', '.join(told['drives'])}); --again takes one of one drive"
                 )
         return Mapper(), []
-    mapper, told = stored.load(there)
+    mapper, told = graph_file.load(there)
     return mapper, list(told.get("drives", []))
 
 
@@ -141,7 +141,7 @@ def _shown(items: list[T], text: str) -> Iterable[T]:
 
 def write(files: dict[Path, bytes]) -> None:
     """Write a map's files; raises ConfigError if a file cannot be written, and then the old files stay."""
-    from txt1.mapping.drawing import put
+    from txt1.mapping.grid_files import put
 
     try:
         put(files)
@@ -161,7 +161,7 @@ def compared(files: dict[Path, bytes]) -> int:
 
 
 def _tell(mapper: Mapper, source: ScanLog, closed: int, odometry: Any) -> None:
-    from txt1.mapping.drive import AWRY, awry
+    from txt1.mapping.sweeps import AWRY, awry
 
     scans, keys = len(mapper.poses), len(mapper.keys)
     print(f"{scans} scans, {keys} keyframes, {closed} loops closed")

@@ -52,8 +52,8 @@ def asked(arguments: Namespace, config: Config) -> object | None:
     if (settings.room, settings.make, settings.at) == (None, None, None):
         return None
     need("--in" if settings.make is None else "--map", "fast", "numba", "scipy")
-    from txt1.mapping.placing import checked
-    from txt1.mapping.works import map_of, warm
+    from txt1.mapping.map_sensors import checked
+    from txt1.mapping.scan_work import map_of, warm
 
     checked(settings)
     if settings.room is not None:

@@ -33,9 +33,9 @@ from typing import Any, Final, NamedTuple
 
 from txt1.errors import HalError, Txt1Error
 from txt1.kernel import timeslice
-from txt1.mapping import works
-from txt1.mapping.telling import MapNews
-from txt1.mapping.works import ScanTask, Work
+from txt1.mapping import scan_work
+from txt1.mapping.scan_work import ScanTask, Work
+from txt1.mapping.topics import MapNews
 from txt1.sidecar import NICENESS, end_beside, start_beside
 from txt1.telemetry import exact
 
@@ -225,8 +225,8 @@ def _bytes(line: socket.socket, count: int) -> bytes | None:
 def made(options: Mapping[str, Any]) -> Work:
     """Return the requested work; raises Txt1Error."""
     if "room" in options:
-        return works.locating(options["room"], options["seed"])
-    return works.Mapping(Path(options["make"]), options["resolution"], saves=True)
+        return scan_work.locating(options["room"], options["seed"])
+    return scan_work.Mapping(Path(options["make"]), options["resolution"], saves=True)
 
 
 def main(fd: str, options: str) -> None:
@@ -237,7 +237,7 @@ def main(fd: str, options: str) -> None:
     with socket.socket(fileno=int(fd)) as line:
         asked = json.loads(options)
         try:
-            works.warm()
+            scan_work.warm()
             work = made(asked)
         except (Txt1Error, ImportError) as error:
             send(line, Ready(str(error)))

@@ -9,8 +9,8 @@ import pytest
 from txt1.cli import execute
 from txt1.errors import ConfigError
 from txt1.mapping import command
-from txt1.mapping.drive import Sweep, Sweeper, awry
 from txt1.mapping.poses import accumulated, composed, difference
+from txt1.mapping.sweeps import Sweep, Sweeper, awry
 from txt1.maps import files
 from txt1.sensors.readings import Mount, Scan
 

@@ -11,11 +11,11 @@ import pytest
 from tests.unit.mapping.rooms import drive, room, scan
 from txt1.cli import execute
 from txt1.errors import HalError
-from txt1.mapping import drawing, stored, works
-from txt1.mapping.drive import Sweep
-from txt1.mapping.growing import GrowingGrid
+from txt1.mapping import graph_file, grid_files, scan_work
+from txt1.mapping.growing_grid import GrowingGrid
+from txt1.mapping.map_sensors import NewsSensor
 from txt1.mapping.mapper import Mapper
-from txt1.mapping.placing import NewsSensor
+from txt1.mapping.sweeps import Sweep
 from txt1.mapping.worker import Far
 from txt1.maps import files
 from txt1.record.command.view import viewable
@@ -28,10 +28,10 @@ RUN = (
 MOUNT = (0.0, 0.0, 0.0)
 
 
-def tasks(count: int) -> list[works.ScanTask]:
+def tasks(count: int) -> list[scan_work.ScanTask]:
     rng, there = np.random.default_rng(1), room()
     return [
-        works.ScanTask(Sweep(0.1 * k, scan(there, pose, rng), np.array(pose), np.array(pose)), MOUNT)
+        scan_work.ScanTask(Sweep(0.1 * k, scan(there, pose, rng), np.array(pose), np.array(pose)), MOUNT)
         for k, pose in enumerate(drive(1.0)[:count])
     ]
 
@@ -40,7 +40,7 @@ def test_a_map_is_made_while_driving_and_the_run_verifies(tmp_path, capsys):
     file, name = tmp_path / "drive.mcap", tmp_path / "room"
     assert execute([*RUN, "--duration", "4", "--seed", "1", "--map", str(name), "--log", str(file)]) == 0
     assert "keyframes" in capsys.readouterr().err
-    assert {each.suffix for each in tmp_path.glob("room.*")} == set(stored.SUFFIXES)
+    assert {each.suffix for each in tmp_path.glob("room.*")} == set(graph_file.SUFFIXES)
     assert files.read(f"{name}.yaml").grid.is_free(1.0, 0.0)
     topics = {item.name for item in FilePass(file)}
     assert {"/map", "/tf_map", "/tf_room_below", "/sensors/map", "/sensors/mapping"} <= topics
@@ -97,7 +97,7 @@ def test_a_map_that_grows_is_that_of_all_scans_at_once():
             growing.update(mapper)
     grown = growing.update(mapper)
     assert grown is not None
-    whole = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops)
+    whole = grid_files.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops)
     x, y = np.meshgrid(np.arange(-3.9, 3.9, 0.1) + 0.02, np.arange(-2.9, 2.9, 0.1) + 0.02)
     assert np.array_equal(grown.is_free(x, y), whole.is_free(x, y))
 
@@ -105,15 +105,15 @@ def test_a_map_that_grows_is_that_of_all_scans_at_once():
 def test_a_full_disk_keeps_the_map_elsewhere(tmp_path, monkeypatch):
     other = tmp_path / "other"
     other.mkdir()
-    monkeypatch.setattr(works, "gettempdir", lambda: str(other))
-    making, put = works.Mapping(tmp_path / "room", 0.05), drawing.put
+    monkeypatch.setattr(scan_work, "gettempdir", lambda: str(other))
+    making, put = scan_work.Mapping(tmp_path / "room", 0.05), grid_files.put
 
     def full(files):
         if next(iter(files)).parent == tmp_path:
             raise OSError(28, "No space left on device")
         put(files)
 
-    monkeypatch.setattr(drawing, "put", full)
+    monkeypatch.setattr(grid_files, "put", full)
     for each in tasks(4):
         making.take(each)
     lines = " ".join(making.finish())
@@ -122,12 +122,12 @@ def test_a_full_disk_keeps_the_map_elsewhere(tmp_path, monkeypatch):
 
 
 def test_a_map_is_extended_and_a_drive_without_its_place_leaves_it(tmp_path):
-    first = works.Mapping(tmp_path / "room", 0.05)
+    first = scan_work.Mapping(tmp_path / "room", 0.05)
     for each in tasks(30):
         first.take(each)
     first.finish()
     before = (tmp_path / "room.graph").read_bytes()
-    again = works.Mapping(tmp_path / "room", 0.05)
+    again = scan_work.Mapping(tmp_path / "room", 0.05)
     assert again.take(tasks(1)[0]).lost
     assert "fits nowhere" in again.finish()[0]
     assert (tmp_path / "room.graph").read_bytes() == before
@@ -196,12 +196,12 @@ def test_who_leaves_the_finishing_of_a_map_to_its_process_does_not_wait_for_it()
 
 
 def test_news_go_through_the_line_whole():
-    from txt1.mapping.telling import MapNews
+    from txt1.mapping.topics import MapNews
     from txt1.telemetry import exact
 
-    making = works.Mapping(Path("nowhere/room"), 0.05)
+    making = scan_work.Mapping(Path("nowhere/room"), 0.05)
     for each in tasks(3):
-        again = exact.decode(works.ScanTask, exact.encode(each))
+        again = exact.decode(scan_work.ScanTask, exact.encode(each))
         assert np.array_equal(again.sweep.points, each.sweep.points) and again.mount == each.mount
         news = making.take(again)
         assert exact.decode(MapNews, exact.encode(news)) == news

@@ -7,7 +7,7 @@ import pytest
 
 from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import drive, room, scan
-from txt1.mapping import drawing
+from txt1.mapping import grid_files
 from txt1.mapping.mapper import Mapper
 from txt1.mapping.matcher import LocalMap, cloud_of, compiled_kernels, joined
 from txt1.mapping.poses import difference, trajectory_error
@@ -38,7 +38,7 @@ def test_a_room_is_mapped_in_spite_of_wrong_wheels():
 def test_a_map_has_its_walls_where_the_room_has_them():
     poses = drive(0.6)
     mapper, _ = mapped(poses, poses)
-    grid = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops)
+    grid = grid_files.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops)
     there = room()
     rows, columns = np.nonzero(grid.cells == OCCUPIED)
     x, y = grid.to_room(columns + 1.5, rows + 1.5)

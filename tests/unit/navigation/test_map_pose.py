@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from txt1.errors import CommandRefused, NotCapable
-from txt1.mapping.placing import OnMap
-from txt1.mapping.telling import MapNews
+from txt1.mapping.map_sensors import OnMap
+from txt1.mapping.topics import MapNews
 from txt1.model.odometry import Odometry
 from txt1.navigation import map_pose
 from txt1.telemetry.bus import Bus

@@ -20,8 +20,8 @@ from urdf_parser_py.urdf import URDF
 
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
-from txt1.mapping.placing import OnMap
-from txt1.mapping.telling import MapNews, sheet_of
+from txt1.mapping.map_sensors import OnMap
+from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.grid import Grid
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.record.layout import MessageBuffer

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from txt1.mapping.drawing import CELLS_MAX, MARGIN, RESOLUTION, occupancy
+from txt1.mapping.grid_files import CELLS_MAX, MARGIN, RESOLUTION, occupancy
 from txt1.mapping.mapper import Mapper
 from txt1.mapping.poses import Array, difference, placed
 from txt1.maps.grid import Grid

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from txt1.mapping.placing import may_stand
-from txt1.mapping.seen import SeenFloor
+from txt1.mapping.map_sensors import may_stand
+from txt1.mapping.seen_floor import SeenFloor
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 from txt1.model.vehicle import Geometry
 

@@ -14,13 +14,13 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 
 from txt1.errors import ConfigError
-from txt1.mapping import drawing, stored
-from txt1.mapping.drive import Sweep
-from txt1.mapping.growing import GrowingGrid
-from txt1.mapping.locate import Locator
+from txt1.mapping import graph_file, grid_files
+from txt1.mapping.growing_grid import GrowingGrid
 from txt1.mapping.mapper import Mapper
+from txt1.mapping.particle_filter import Locator
 from txt1.mapping.poses import Array, composed, difference, placed
-from txt1.mapping.telling import MapNews, MapSheet, Pose, sheet_of
+from txt1.mapping.sweeps import Sweep
+from txt1.mapping.topics import MapNews, MapSheet, Pose, sheet_of
 from txt1.maps import files
 from txt1.maps.grid import Grid
 
@@ -103,7 +103,7 @@ class Mapping:
         self.drives: list[str] = []
         self.mapper = Mapper()
         if graph.exists():
-            self.mapper, told = stored.load(graph)
+            self.mapper, told = graph_file.load(graph)
             self.drives = list(told.get("drives", []))
         self._grid = GrowingGrid(resolution)
         self._closed = 0
@@ -145,7 +145,7 @@ class Mapping:
         if not self.mapper.placed:
             return False
         try:
-            drawing.put(stored.files_of(self.mapper, self._output, self._resolution, [*self.drives, "live"]))
+            grid_files.put(graph_file.files_of(self.mapper, self._output, self._resolution, [*self.drives, "live"]))
         except (OSError, ConfigError) as error:
             self._trouble = f"the map {self._output} cannot be saved: {_reason(error)}; it is kept, and tried again"
             return False

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from txt1.cli import execute
-from txt1.mapping import drawing, placing, works
-from txt1.mapping.locate import Locator
+from txt1.mapping import grid_files, map_sensors, scan_work
+from txt1.mapping.particle_filter import Locator
 from txt1.maps.grid import FREE, OCCUPIED, Grid
 from txt1.record.reading import Decoding, FilePass
 
@@ -29,8 +29,8 @@ def quick(monkeypatch):
         def __init__(self, grid, seed=0, count=150):
             super().__init__(grid, seed, min(count, 150))
 
-    monkeypatch.setattr(works, "Locator", Few)
-    monkeypatch.setattr(works, "warm", lambda: None)
+    monkeypatch.setattr(scan_work, "Locator", Few)
+    monkeypatch.setattr(scan_work, "warm", lambda: None)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def room(tmp_path_factory) -> Path:
     # from x = 2.0 and y = -1.8 on
     cells[16:24, 92:100] = OCCUPIED
     name = tmp_path_factory.mktemp("map") / "room"
-    drawing.save(Grid(cells, 0.05, (-2.6, -2.6, 0.0)), name)
+    grid_files.save(Grid(cells, 0.05, (-2.6, -2.6, 0.0)), name)
     return name
 
 
@@ -85,7 +85,7 @@ def test_from_a_given_pose_it_knows_at_once(room, tmp_path):
 
 def test_a_first_goal_does_not_import_what_takes_cycles(room, monkeypatch):
     imported = []
-    monkeypatch.setattr(placing, "import_module", imported.append)
+    monkeypatch.setattr(map_sensors, "import_module", imported.append)
     assert execute([*RUN, "--duration", "0.1", "--in", str(room)]) == 0
     assert imported == ["scipy.ndimage"]
 

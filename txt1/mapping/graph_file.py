@@ -16,7 +16,7 @@ import numpy as np
 
 from txt1.errors import ConfigError
 from txt1.file_limits import GRAPH_MAX, read_bytes
-from txt1.mapping import drawing
+from txt1.mapping import grid_files
 from txt1.mapping.graph import EDGE
 from txt1.mapping.mapper import KeyScan, Mapper
 from txt1.mapping.matcher import Cloud
@@ -110,9 +110,9 @@ def load(path: Path) -> tuple[Mapper, dict[str, Any]]:
 def files_of(mapper: Mapper, output: Path, resolution: float, drives: list[str]) -> dict[Path, bytes]:
     """Return the contents of a map's files, whose names begin with `output`; raises ConfigError: it is too large."""
     try:
-        grid = drawing.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
+        grid = grid_files.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
     except ValueError as error:
         raise ConfigError(f"a map of cells of {resolution:g} m: {error}") from None
-    contents = drawing.contents(grid, output.name, [("#d04010", mapper.poses)])
+    contents = grid_files.contents(grid, output.name, [("#d04010", mapper.poses)])
     contents[".graph"] = content(mapper, {"drives": drives})
     return {output.with_name(output.name + suffix): contents[suffix] for suffix in SUFFIXES}

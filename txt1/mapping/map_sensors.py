@@ -30,11 +30,12 @@ from txt1.commands import say
 from txt1.config.schema import SensorConfig
 from txt1.errors import CommandRefused, ConfigError, HalError, MissingExtra
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.mapping.drive import Sweep, Sweeper
 from txt1.mapping.poses import composed, difference, placed
-from txt1.mapping.seen import OFF_WALLS, SeenFloor
+from txt1.mapping.scan_work import Mapping, ScanTask, Work, locating, map_of
+from txt1.mapping.seen_floor import OFF_WALLS, SeenFloor
 from txt1.mapping.settings import MappingConfig
-from txt1.mapping.telling import (
+from txt1.mapping.sweeps import Sweep, Sweeper
+from txt1.mapping.topics import (
     MAP,
     MAP_TRANSFORM,
     PARTICLES,
@@ -45,7 +46,6 @@ from txt1.mapping.telling import (
     news_topic,
 )
 from txt1.mapping.worker import Far, Near
-from txt1.mapping.works import Mapping, ScanTask, Work, locating, map_of
 from txt1.maps.files import Map
 from txt1.maps.grid import OCCUPIED_FROM, Grid
 from txt1.model.odometry import Odometry

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from txt1.mapping import drawing
+from txt1.mapping import grid_files
 from txt1.maps import files
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 
@@ -18,7 +18,7 @@ def grid() -> Grid:
 
 
 def test_files_are_read_back(tmp_path):
-    drawing.save(grid(), tmp_path / "room", [("#f00", np.zeros((2, 3)))])
+    grid_files.save(grid(), tmp_path / "room", [("#f00", np.zeros((2, 3)))])
     read = files.read(str(tmp_path / "room.yaml")).grid
     assert np.array_equal(read.cells, grid().cells)
     assert read.resolution == 0.05 and read.origin == (-1.25, 0.5, 0.0)
@@ -28,7 +28,7 @@ def test_files_are_read_back(tmp_path):
 
 
 def test_a_full_disk_keeps_the_old_map(tmp_path, monkeypatch):
-    drawing.save(grid(), tmp_path / "room")
+    grid_files.save(grid(), tmp_path / "room")
     before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
 
     def full(self, content):
@@ -36,7 +36,7 @@ def test_a_full_disk_keeps_the_old_map(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError, match="No space"):
-        drawing.save(grid(), tmp_path / "room")
+        grid_files.save(grid(), tmp_path / "room")
     monkeypatch.undo()
     assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
 
@@ -46,4 +46,4 @@ def test_a_map_too_large_is_refused():
 
     far = Cloud(np.array([[500.0, 500.0]]), np.zeros((1, 2)))
     with pytest.raises(ValueError, match="larger cells"):
-        drawing.grid_of([far], np.zeros((1, 3)), compiled_kernels())
+        grid_files.grid_of([far], np.zeros((1, 3)), compiled_kernels())

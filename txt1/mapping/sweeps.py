@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import ConfigError, RecordingError
-from txt1.mapping.logs import points_of
+from txt1.mapping.carmen_logs import points_of
 from txt1.mapping.poses import composed, difference
 from txt1.sensors.readings import ImuReading, Mount, Scan
 

@@ -7,7 +7,7 @@ import pytest
 
 from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import drive, room, scan
-from txt1.mapping.locate import Located, Locator
+from txt1.mapping.particle_filter import Located, Locator
 from txt1.mapping.poses import composed, difference
 from txt1.maps.grid import FREE, OCCUPIED, Grid
 

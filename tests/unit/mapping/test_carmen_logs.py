@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rigs import laser_logs
-from txt1.mapping import logs
+from txt1.mapping import carmen_logs
 from txt1.mapping.poses import accumulated, composed, difference, trajectory_error
 
 FLASER = "FLASER 4 1.0 2.0 nan 81.9 {x} 0.5 0.1 {x} 0.6 0.2 {time} host {time}\n"
@@ -19,19 +19,19 @@ ROBOTLASER = "ROBOTLASER1 0 -1.57 3.14 0.5 80 0.01 0 3 1 2 3 1 0 1 2 0.3 1 2 0.3
 def test_carmen(tmp_path, packed):
     file = tmp_path / ("a.log.gz" if packed else "a.log")
     file.write_bytes(gzip.compress(TEXT.encode()) if packed else TEXT.encode())
-    log = logs.read(file)
+    log = carmen_logs.read(file)
     assert log.name == "a" and len(log.scans) == 3 and log.longest == 81.9
     assert np.allclose(log.odometry[2], (2.0, 0.6, 0.2)) and np.allclose(log.reference[2], (2.0, 0.5, 0.1))
     first = log.scans[0]
     assert np.allclose(np.degrees(first.angles), (-90, -45, 0, 45))
-    points = logs.points_of(first.ranges, first.angles, log.longest)
+    points = carmen_logs.points_of(first.ranges, first.angles, log.longest)
     assert np.allclose(points, [(0, -1), (np.sqrt(2), -np.sqrt(2))])
 
 
 def test_robotlaser(tmp_path):
     file = tmp_path / "b.log"
     file.write_text(ROBOTLASER)
-    scan = logs.read(file).scans[0]
+    scan = carmen_logs.read(file).scans[0]
     assert scan.time == 12.5 and scan.odometry == (1.0, 2.0, 0.3)
     assert np.allclose(scan.angles, (-1.57, -1.07, -0.57)) and np.allclose(scan.ranges, (1, 2, 3))
 
@@ -70,14 +70,14 @@ def test_the_rovers_laser_turns_evenly_whenever_its_lines_are_written(tmp_path):
 def test_broken_logs_are_named(tmp_path, content, told):
     file = tmp_path / "d.log"
     file.write_bytes(content)
-    with pytest.raises(logs.LogError, match=told) as caught:
-        logs.read(file)
+    with pytest.raises(carmen_logs.LogError, match=told) as caught:
+        carmen_logs.read(file)
     assert str(file) in str(caught.value)
 
 
 def test_a_missing_log_is_named(tmp_path):
-    with pytest.raises(logs.LogError, match="No such file"):
-        logs.read(tmp_path / "none.log")
+    with pytest.raises(carmen_logs.LogError, match="No such file"):
+        carmen_logs.read(tmp_path / "none.log")
 
 
 def test_drift_repeats_and_bends():
@@ -121,5 +121,5 @@ DATA = Path("/work/shared/data/laser/intel.log.gz")
 
 @pytest.mark.skipif(not DATA.exists(), reason="the logs of other people are not there")
 def test_a_log_of_others():
-    log = logs.read(DATA)
+    log = carmen_logs.read(DATA)
     assert len(log.scans) == 910 and log.reference is not None
