@@ -24,9 +24,9 @@ from typing import Any, Final
 
 from rigs import page_parts
 from txt1.cars.pi.chips import pulse_of
-from txt1.cars.pi.double import Monostable
-from txt1.cars.vesc.double import Vesc
-from txt1.cars.waveshare.double import Waveshare
+from txt1.cars.pi.virtual_pi import Monostable
+from txt1.cars.vesc.virtual_vesc import Vesc
+from txt1.cars.waveshare.virtual_rover import Waveshare
 from txt1.config import load
 from txt1.kernel.loop import run
 from txt1.link.pty import listen_pty

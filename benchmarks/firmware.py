@@ -15,8 +15,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
-from txt1.cars.pico.double import interpreter
 from txt1.cars.pico.installer import folder
+from txt1.cars.pico.virtual_pico import interpreter
 
 HOUR = 180_000
 CLOCK = 133 / 125  # MHz of the chip's data sheet by those at which the published times were measured

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from txt1.cars.pi.double import MONOSTABLE_TIME
+from txt1.cars.pi.virtual_pi import MONOSTABLE_TIME
 
 FILE: Final = Path(__file__).parent / "hal-pi-watchdog.svg"
 FACTOR: Final = 0.5

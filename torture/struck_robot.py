@@ -18,22 +18,22 @@ from rigs.ros_ends import ROS_ENDS
 from torture.visitors import Web
 from txt1.board.board import Board, BoardEvent, VirtualPort
 from txt1.bridges.registry import RobotEnd
-from txt1.cars.pico.double import port as pico_port
-from txt1.cars.vesc.double import VESC_TIMEOUT
-from txt1.cars.vesc.double import port as vesc_port
+from txt1.cars.pico.virtual_pico import port as pico_port
 from txt1.cars.vesc.driver import SCALES, PacketId, Unpacker, VescHal, VescOptions
-from txt1.cars.waveshare.double import HEARTBEAT_MS
-from txt1.cars.waveshare.double import port as waveshare_port
+from txt1.cars.vesc.virtual_vesc import VESC_TIMEOUT
+from txt1.cars.vesc.virtual_vesc import port as vesc_port
 from txt1.cars.waveshare.driver import PWM, SPEED, Lines, WaveshareHal, WaveshareOptions
+from txt1.cars.waveshare.virtual_rover import HEARTBEAT_MS
+from txt1.cars.waveshare.virtual_rover import port as waveshare_port
 from txt1.config import Config, checked, load
 from txt1.control.commander import PRIORITIES
 from txt1.control.standstill import Stop
 from txt1.errors import CommandRefused, NotArmed, NotCapable, StopNotVerified
 from txt1.fleet.link import FleetLink
 from txt1.hal.base import Button, Hal, Inputs, Outputs
-from txt1.hal.double import Controller, DoublePort
 from txt1.hal.registry import create
 from txt1.hal.serial import SerialHal
+from txt1.hal.simulated_controller import Controller, ControllerPort
 from txt1.link.base import End
 from txt1.link.impairments import Through
 from txt1.model.vehicle import STEERING_MAX
@@ -158,7 +158,7 @@ class Desk:
     @property
     def device(self) -> Any:
         """What is at the far end of the line, or holds the outputs of a Raspberry Pi; None: there is nothing else."""
-        if isinstance(self._port, DoublePort):
+        if isinstance(self._port, ControllerPort):
             return self._port.device
         return self.board or getattr(self.robot.hal, "_keeper", None)
 
@@ -522,7 +522,7 @@ def configuration(kind: str, seed: int, physics: str = "plain") -> Config:
         # a car of other people's physics rolls over, from lock to lock at full speed, without its guard
         hal, chosen = "sim", [*chosen, *(() if physics == "plain" else (f"sim.physics={physics}", *UPRIGHT))]
     elif kind == "pi":
-        chosen += ["hal_options.bus=desk", f"hal_options.watchdog={WATCHDOG}"]
+        chosen += ["hal_options.bus=virtual", f"hal_options.watchdog={WATCHDOG}"]
     elif kind in ("ours", "original"):
         chosen += ["serial.port=virtual", f"board.habits={kind}"]
     else:

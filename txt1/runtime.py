@@ -121,7 +121,7 @@ class Runtime:
     ) -> None:
         if missing := lacking(hal):
             raise HalError(
-                f"the HAL '{config.hal}' lacks {', '.join(missing)}: derive its class from txt1.hal.plain.PlainHal, "
+                f"the HAL '{config.hal}' lacks {', '.join(missing)}: derive its class from txt1.hal.PlainHal, "
                 "which has plain ones (docs/your-own-hal.md)"
             )
         self.config = config
@@ -182,7 +182,7 @@ class Runtime:
 
     def _reporting(self, hal: Hal) -> Hal:
         # on the real clock only
-        from txt1.hal.witness import witnessed
+        from txt1.hal.recorded_hal import witnessed
 
         return witnessed(hal, partial(self.journal.report, "hal"))
 

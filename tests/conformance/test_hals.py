@@ -16,8 +16,8 @@ from unittest import SkipTest
 import pytest
 
 from tests.patience import S
-from txt1.cars.vesc.double import Vesc
 from txt1.cars.vesc.driver import Unpacker, VescHal
+from txt1.cars.vesc.virtual_vesc import Vesc
 from txt1.cli import execute
 from txt1.commands import FAULT
 from txt1.config import Config, load
@@ -27,7 +27,7 @@ from txt1.errors import HalError, NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Inputs, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.conformance import HalConformance
-from txt1.hal.plain import PlainHal
+from txt1.hal.plain_hal import PlainHal
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.model.channels import Channel, Channels
@@ -797,7 +797,7 @@ def on_a_pi(vehicle: str, fault: LineFaults = CLEAN, **options: Any) -> Config:
     settings = [f"vehicle={vehicle}", "sim.room.length=.inf", "sim.room.width=.inf"]
     config = load(None, settings, {}, {"hal": "pi"}).config
     serial = config.serial.model_copy(update={"fault": fault})
-    return config.model_copy(update={"hal_options": {"bus": "desk"} | options, "serial": serial})
+    return config.model_copy(update={"hal_options": {"bus": "virtual"} | options, "serial": serial})
 
 
 class TestPi(HalConformance):

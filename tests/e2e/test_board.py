@@ -15,7 +15,7 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
 from txt1.board.board import Board
-from txt1.cars.pico.double import Pico, interpreter
+from txt1.cars.pico.virtual_pico import Pico, interpreter
 from txt1.config import load
 from txt1.config.schema import ControlConfig
 from txt1.errors import MissingExtra
@@ -170,7 +170,7 @@ def kind(request: pytest.FixtureRequest, blocking_calls_fail: BlockBuster) -> st
             interpreter()
         except MissingExtra:
             pytest.skip("MicroPython's unix port is not installed")
-        may_block(blocking_calls_fail, "txt1/cars/pico/double.py", "_exchange", "_read")
+        may_block(blocking_calls_fail, "txt1/cars/pico/virtual_pico.py", "_exchange", "_read")
     return str(request.param)
 
 

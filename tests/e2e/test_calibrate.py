@@ -17,8 +17,8 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
 from tests.patience import TXT1
-from txt1.cars.vesc.double import Vesc
 from txt1.cars.vesc.driver import VescHal, VescOptions
+from txt1.cars.vesc.virtual_vesc import Vesc
 from txt1.cli import execute
 from txt1.commands import FAULT, OK, USAGE
 from txt1.config import Config, checked, load
@@ -30,9 +30,9 @@ from txt1.experiments.calibration.simulated_operator import SimulatedOperator, j
 from txt1.experiments.calibration.steps import calibrate, steps
 from txt1.experiments.command.calibrate import changes
 from txt1.hal.channels import rewired
-from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
+from txt1.hal.simulated_controller import ControllerPort
 from txt1.kernel.loop import run
 from txt1.kit.app import App
 from txt1.robot import Robot
@@ -380,7 +380,7 @@ def test_a_car_with_a_vesc_that_runs_backwards_and_steers_the_wrong_way() -> Non
 
     def made(config: Config) -> VescHal:
         options = checked(VescOptions, config.hal_options, "hal_options")
-        port = DoublePort("vesc", lambda: vesc)
+        port = ControllerPort("vesc", lambda: vesc)
         return VescHal(port, options, config.geometry, lambda end: end, simulated=True)
 
     @asynccontextmanager

@@ -11,15 +11,15 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
-from txt1.cars.pico.double import Pico, interpreter
+from txt1.cars.pico.virtual_pico import Pico, interpreter
 from txt1.config import Config, load
 from txt1.control.limits import Fault
 from txt1.errors import MissingExtra, NotArmed, StopNotVerified
 from txt1.experiments.identify import identify, try_out
 from txt1.hal.base import Button
-from txt1.hal.double import DoublePort
 from txt1.hal.serial import SerialHal
 from txt1.hal.serial import create as create_serial
+from txt1.hal.simulated_controller import ControllerPort
 from txt1.link.base import Link, connect
 from txt1.link.impairments import paced
 from txt1.protocol.layout import encode
@@ -38,7 +38,7 @@ SMALL_GAINS = "control.angular=[{v_max: 1.5, kp: 4, ki: 130, kd: 0.005}]"
 @pytest.fixture(autouse=True)
 def the_device_waits_for_its_firmware(blocking_calls_fail: BlockBuster) -> None:
     """It is a program of its own as a rule; here its clock is the host's, so it waits a tenth of a millisecond."""
-    may_block(blocking_calls_fail, "txt1/cars/pico/double.py", "_exchange", "_read")
+    may_block(blocking_calls_fail, "txt1/cars/pico/virtual_pico.py", "_exchange", "_read")
 
 
 @asynccontextmanager
@@ -48,7 +48,7 @@ async def robot_and_pico(*settings: str) -> AsyncIterator[tuple[Robot, Pico]]:
     hal = create_serial(config)
     async with Robot.open(hal, config=config) as robot:
         assert await robot.load_gains(timeout=60.0)
-        assert isinstance(hal, SerialHal) and isinstance(hal.port, DoublePort) and hal.port.device is not None
+        assert isinstance(hal, SerialHal) and isinstance(hal.port, ControllerPort) and hal.port.device is not None
         yield robot, hal.port.device
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from rigs.ports import free_port
 from tests.patience import TXT1
-from txt1.cars.pico.double import interpreter
 from txt1.cars.pico.installer import folder
+from txt1.cars.pico.virtual_pico import interpreter
 from txt1.errors import MissingExtra
 
 FIRMWARE = """

@@ -18,8 +18,8 @@ from txt1.cli import execute
 from txt1.config import Config, load
 from txt1.hal import Hal, Inputs, Outputs
 from txt1.hal.conformance import HalConformance
-from txt1.hal.double import SimulatedCar
 from txt1.hal.registry import HALS
+from txt1.hal.simulated_controller import SimulatedCar
 from txt1.model.vehicle import PWM_MAX
 from txt1.robot import Robot
 

@@ -6,8 +6,8 @@ import pytest
 
 from torture.campaign import once, plan, shortest
 from torture.strikes import KINDS, STRIKES, Strike, names
-from txt1.cars.pi.double import Monostable
-from txt1.cars.pico.double import interpreter
+from txt1.cars.pi.virtual_pi import Monostable
+from txt1.cars.pico.virtual_pico import interpreter
 from txt1.cars.vesc.driver import VescHal
 from txt1.cars.waveshare.driver import WaveshareHal
 from txt1.control.limits import Gate

@@ -1,1 +1,1 @@
-"""Kinds of car, a folder each: the driver, its double, its command. Each is an addition."""
+"""Kinds of car, a folder each: the driver, the virtual device, the command. Each is an addition."""

@@ -20,8 +20,8 @@ from txt1.kit.options import CONFIGURATION
 from txt1.kit.verdicts import print_verdicts
 from txt1.sensors.base import Reading, Sensor, Setup
 from txt1.sensors.conformance import SensorConformance
-from txt1.sensors.double import Double
 from txt1.sensors.registry import DRIVERS, create
+from txt1.sensors.virtual_sensor import VirtualSensor
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     name = {"name": takes("NAME", "a configured sensor, or a driver that needs no options")}
     kind = {
         "kind": {
-            "choices": tuple(FAKES),
+            "choices": tuple(VIRTUAL),
             "help": "imu: 3DM-GX2; gps: NMEA at --pty, gpsd's JSON at --tcp; "
             "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19",
         },
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         {
             "list": (list_sensors, CONFIGURATION),
             "check": (check_sensor, name | CONFIGURATION),
-            "fake": (fake_sensor, kind | CONFIGURATION),
+            "virtual": (virtual_sensor, kind | CONFIGURATION),
         },
     )
 
@@ -70,7 +70,7 @@ def check_sensor(arguments: argparse.Namespace) -> int:
     return print_verdicts(verdicts(SensorConformance, make, speed="max" if make().simulated else None))
 
 
-class Fake(NamedTuple):
+class VirtualKind(NamedTuple):
     """A virtual device: the driver of its simulated readings, with options, and the function that makes its far end."""
 
     driver: str
@@ -79,29 +79,37 @@ class Fake(NamedTuple):
     at_pty: str
 
 
-FAKES: Final = {
-    "imu": Fake("sim_imu", {}, "txt1.sensors.imu_double:FakeImu", "txt1.sensors.imu_double:FakeImu"),
-    "gps": Fake("sim_gps", {}, "txt1.sensors.gps_double:FakeGpsd", "txt1.sensors.gps_double:receiver"),
-    "vicon": Fake("sim_vicon", {}, "txt1.sensors.mocap_double:FakeVicon", "txt1.sensors.mocap_double:FakeVicon"),
-    "laser": Fake(
-        "sim_laser", {"range_max": 5.6}, "txt1.sensors.laser_double:FakeScip", "txt1.sensors.laser_double:FakeScip"
+VIRTUAL: Final = {
+    "imu": VirtualKind("sim_imu", {}, "txt1.sensors.virtual_imu:VirtualImu", "txt1.sensors.virtual_imu:VirtualImu"),
+    "gps": VirtualKind("sim_gps", {}, "txt1.sensors.virtual_gps:VirtualGpsd", "txt1.sensors.virtual_gps:receiver"),
+    "vicon": VirtualKind(
+        "sim_vicon",
+        {},
+        "txt1.sensors.virtual_mocap:VirtualVicon",
+        "txt1.sensors.virtual_mocap:VirtualVicon",
     ),
-    "ld19": Fake(
+    "laser": VirtualKind(
+        "sim_laser",
+        {"range_max": 5.6},
+        "txt1.sensors.virtual_lasers:VirtualScip",
+        "txt1.sensors.virtual_lasers:VirtualScip",
+    ),
+    "ld19": VirtualKind(
         "sim_laser",
         {"steps": 450, "beams": 450, "range_max": 12.0},
-        "txt1.sensors.laser_double:ld19",
-        "txt1.sensors.laser_double:ld19",
+        "txt1.sensors.virtual_lasers:ld19",
+        "txt1.sensors.virtual_lasers:ld19",
     ),
 }
 # m/s and rad/s of the robot that carries a virtual device, a circle of 1 m
 WALK: Final = (0.3, 0.3)
 
 
-def fake_sensor(arguments: argparse.Namespace) -> int:
+def virtual_sensor(arguments: argparse.Namespace) -> int:
     """Be a virtual device: the far end of its protocol, fed by a simulated robot that drives in its world."""
     if (arguments.pty is None) == (arguments.tcp is None):
-        raise ConfigError("sensor fake: say where, with one of --pty PATH and --tcp PORT")
-    chosen = FAKES[arguments.kind]
+        raise ConfigError("sensor virtual: say where, with one of --pty PATH and --tcp PORT")
+    chosen = VIRTUAL[arguments.kind]
     config = load(arguments.config, arguments.set, os.environ).config
     if config.hal != "sim":
         raise ConfigError(f"hal: '{config.hal}' is no simulation, which feeds the devices on the desk; use sim")
@@ -111,9 +119,9 @@ def fake_sensor(arguments: argparse.Namespace) -> int:
     return app.run(_serve(app, config, arguments, chosen))
 
 
-async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen: Fake) -> None:
+async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen: VirtualKind) -> None:
     where = chosen.at_tcp if arguments.pty is None else chosen.at_pty
-    device: Double = EntryPoint(arguments.kind, where, "").load()()
+    device: VirtualSensor = EntryPoint(arguments.kind, where, "").load()()
     v, omega = arguments.drive or WALK
     async with app.robot(config) as robot:
         await get_ready(robot, True)

@@ -152,8 +152,8 @@ class Hal(Protocol):
     Times are seconds since the run started and never go backwards. An exception derived from HalError stops the
     robot and reaches the user; a method without its capability raises NotCapable, one of these.
 
-    `txt1.hal.plain.PlainHal` has all members but `open`, `close`, `read` and `write`. Those from `own_channels` on are
-    for a few layers only; the plain ones know nothing and do nothing.
+    `txt1.hal.PlainHal` has all members but `open`, `close`, `read` and `write`. Those from `own_channels` on are for a
+    few layers only; the plain ones know nothing and do nothing.
     """
 
     @property

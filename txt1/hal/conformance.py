@@ -135,7 +135,7 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_it_has_every_member(self) -> None:
-        told = "; txt1.hal.plain.PlainHal has plain ones"
+        told = "; txt1.hal.PlainHal has plain ones"
         for name in lacking(self.part):
             broken(f"Hal.{name}", f"is there, also for a HAL that needs none{told}")
 

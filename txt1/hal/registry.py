@@ -12,7 +12,7 @@ The simulation takes values instead of a configuration; the function here makes 
 is a text, and is imported when it is used. So a simulated robot imports no line, and a board imports no simulation.
 
 An addition brings a HAL, its virtual device, or both. With a HAL at `serial.port`, the HAL's name is the port of its
-virtual device; with a HAL at an I2C bus, `hal_options.bus` is DESK.
+virtual device; with a HAL at an I2C bus, `hal_options.bus` is VIRTUAL.
 """
 
 from __future__ import annotations
@@ -93,9 +93,9 @@ HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": "txt1.ha
 PHYSICS: Final = Registry("physics", "txt1.sim.physics", {"plain": lambda config: None})
 # simulated ports by name; any other name is a device
 PORTS: Final = Registry("serial port", "txt1.ports", {})
-# simulated I2C buses, by the HAL whose `hal_options.bus` is DESK
+# simulated I2C buses, by the HAL whose `hal_options.bus` is VIRTUAL
 BUSES: Final = Registry("bus", "txt1.buses", {})
-DESK: Final = "desk"
+VIRTUAL: Final = "virtual"
 
 
 def create(config: Config, world: World | None = None) -> Hal:
@@ -143,4 +143,4 @@ def is_simulated(config: Config) -> bool:
     """Return whether the configured hardware is simulated, as far as this is known before it is made."""
     if is_on_a_line(config.hal):
         return config.serial.port in PORTS.ours
-    return config.hal == "sim" or (config.hal in BUSES.ours and config.hal_options.get("bus") == DESK)
+    return config.hal == "sim" or (config.hal in BUSES.ours and config.hal_options.get("bus") == VIRTUAL)

@@ -14,8 +14,8 @@ and an answer comes to each PID set.
 *Sending.* `write` is called at every tick, 50 times a second, and sends what is due: Velocity 20 times a second, at
 once on a stop, and at every tick while the line loses frames. Servo positions and "ESC off" are sent once a second, as
 a board may have missed them; while the robot does not stop, "ESC off" goes with each PWM test of zeros. Gains are sent
-once a second until the board acknowledges them (`txt1.hal.acknowledged`). The command "ESC on" and the commands of the
-ATX supply are sent only once: a command that can move the robot is not repeated.
+once a second until the board acknowledges them (`txt1.hal.acknowledged_gains`). The command "ESC on" and the commands
+of the ATX supply are sent only once: a command that can move the robot is not repeated.
 
 *When the board has been away.* It may have restarted, and then it has no gains. `txt1.hal.restarts` recognises a
 restart. Each loss disarms the robot. A board that was found again gets zeros until it has SETTLED, and until it has
@@ -38,10 +38,10 @@ from typing import Final, Literal
 
 from txt1.config import Config
 from txt1.errors import EncodeError
-from txt1.hal.acknowledged import AcknowledgedGains
+from txt1.hal.acknowledged_gains import AcknowledgedGains
 from txt1.hal.base import Capabilities, Inputs, Outputs
 from txt1.hal.line import Line
-from txt1.hal.plain import PlainHal
+from txt1.hal.plain_hal import PlainHal
 from txt1.hal.registry import faults_of, is_simulated, port_of
 from txt1.hal.restarts import restarted, started_again
 from txt1.link.base import End, Port

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
-from txt1.hal.plain import PlainHal
+from txt1.hal.plain_hal import PlainHal
 from txt1.kernel.loop import clock_of
 from txt1.model.channels import STRAIGHT, Channels
 from txt1.protocol.messages import Switch

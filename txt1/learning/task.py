@@ -26,7 +26,7 @@ from txt1.robot import Robot
 from txt1.sensors.base import Reading
 from txt1.sensors.light import topic_of
 from txt1.sensors.readings import Scan, TrackerReading, heading
-from txt1.sensors.twin import Twin
+from txt1.sensors.simulated_sensor import SimulatedSensor
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -322,7 +322,7 @@ def start(
     return task
 
 
-class WorldLight(Twin[Readings]):
+class WorldLight(SimulatedSensor[Readings]):
     """The four light sensors of a trial in a world of its own."""
 
     def __init__(self, trial: Trial, pose: Callable[[], tuple[float, float, float] | None], name: str) -> None:

@@ -92,11 +92,11 @@ def _source(arguments: argparse.Namespace) -> ScanLog:
 
     log = carmen_logs.read(arguments.file)
     longest = log.longest
-    sweeps = []
+    taken = []
     for scan in log.scans:
         points, pose = carmen_logs.points_of(scan.ranges, scan.angles, longest, scan.swept), np.array(scan.odometry)
-        sweeps.append(sweeps.Sweep(scan.time, points, pose, pose))
-    return ScanLog(sweeps, "the log's laser")
+        taken.append(sweeps.Sweep(scan.time, points, pose, pose))
+    return ScanLog(taken, "the log's laser")
 
 
 def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[str]]:

@@ -48,8 +48,8 @@ from typing import Any, Final, NamedTuple, cast
 
 from txt1.errors import HalError, NotArmed, RecordingError
 from txt1.hal.base import Button, Capabilities, Hal, Inputs
-from txt1.hal.plain import PlainHal
-from txt1.hal.witness import CALLS
+from txt1.hal.plain_hal import PlainHal
+from txt1.hal.recorded_hal import CALLS
 from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.ticks import Ticks

@@ -31,7 +31,7 @@ from txt1.ros.topics import (
 )
 from txt1.ros.urdf import robot_description
 from txt1.runtime import Runtime
-from txt1.sensors.links import fixed, links_of
+from txt1.sensors.mounts import fixed, links_of
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY, POSE, TRANSFORM, origin
 from txt1.tasks.on_map import MapInUse

@@ -7,7 +7,7 @@ from typing import Final
 
 from txt1.model.vehicle import Geometry
 from txt1.ros.topics import AXLES, WHEELS
-from txt1.sensors.links import Links
+from txt1.sensors.mounts import Links
 from txt1.sensors.readings import BASE, OPTICAL
 
 _SIZES: Final = {

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from txt1.config.sources import checked
 from txt1.errors import HalError, MissingExtra
 from txt1.sensors.base import Setup
-from txt1.sensors.frames import Frames
+from txt1.sensors.frame_grabber import Frames
 from txt1.sensors.readings import CAMERA_MOUNT, Image, Mount, image_topic
 from txt1.units import NotNegative, Positive, PositiveInt
 

@@ -12,7 +12,7 @@ from annotated_types import Gt, Lt, MinLen
 from txt1.config.sources import checked
 from txt1.errors import HalError, MissingExtra
 from txt1.sensors.base import Setup
-from txt1.sensors.frames import Frames
+from txt1.sensors.frame_grabber import Frames
 from txt1.sensors.readings import CAMERA_MOUNT, DepthImage, Mount, depth_topic
 from txt1.units import NotNegative, Positive, PositiveInt
 

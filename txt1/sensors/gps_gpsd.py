@@ -173,5 +173,10 @@ def create(setup: Setup) -> Streamed[FixReading]:
         return last
 
     return Streamed(
-        fix_topic(setup.name), 0.1, given.address, codec, latency=given.latency, fake="gpsd or `txt1 sensor fake gps"
+        fix_topic(setup.name),
+        0.1,
+        given.address,
+        codec,
+        latency=given.latency,
+        server="gpsd or `txt1 sensor virtual gps",
     )

@@ -175,5 +175,5 @@ def create(setup: Setup) -> Streamed[ImuReading]:
         lambda: ImuDecoder(given.model, given.magnetic, given.mount, given.sigma),
         given.baud,
         given.latency,
-        "txt1 sensor fake imu",
+        "txt1 sensor virtual imu",
     )

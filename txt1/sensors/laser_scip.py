@@ -181,5 +181,5 @@ def create(setup: Setup) -> Streamed[Scan]:
         lambda: ScipDecoder(given.cluster, given.mount),
         given.baud,
         given.latency,
-        "txt1 sensor fake laser",
+        "txt1 sensor virtual laser",
     )

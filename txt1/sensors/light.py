@@ -14,7 +14,7 @@ from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD, SENSOR_X, SENSOR_Y, SENSORS, Readings
 from txt1.sensors.base import Pose, Reading, Setup, reading_topic
-from txt1.sensors.twin import Twin, true_pose
+from txt1.sensors.simulated_sensor import SimulatedSensor, true_pose
 from txt1.sim.lamp import LightSensors, PointLight, noise_for_jitter
 from txt1.sim.parameters import Box
 from txt1.telemetry.messages import define
@@ -94,7 +94,7 @@ def compass(light: tuple[float, float]) -> See:
     return see
 
 
-class SimulatedLight(Twin[Readings]):
+class SimulatedLight(SimulatedSensor[Readings]):
     """The four sensors of a simulated robot, which see from its true pose (`pose`)."""
 
     def __init__(self, see: See, pose: Callable[[], Pose | None], name: str = "light") -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 from annotated_types import MinLen
 
 from txt1.config.sources import checked
-from txt1.sensors import vrpn
+from txt1.sensors import vrpn_protocol
 from txt1.sensors.base import Setup
 from txt1.sensors.differentiator import Differentiator
 from txt1.sensors.readings import TRACKER_MOUNT, Mount, TrackerReading, tracker_topic
@@ -23,25 +23,25 @@ class VrpnDecoder(Codec[TrackerReading]):
 
     def __init__(self, subject: str, scale: float = MILLIMETRE, mount: Mount = TRACKER_MOUNT) -> None:
         # and no farewell: a VRPN client leaves without a message
-        super().__init__(vrpn.COOKIE)
-        self.names = vrpn.Names()
+        super().__init__(vrpn_protocol.COOKIE)
+        self.names = vrpn_protocol.Names()
         """Names of the server's senders (subjects) and types."""
         self._subject, self._scale, self._mount = subject, scale, mount
-        self._splitter = vrpn.Splitter()
+        self._splitter = vrpn_protocol.Splitter()
         self._differentiator = Differentiator()
 
     def feed(self, data: bytes) -> list[Measured[TrackerReading]]:
         """Take bytes; return the poses that they complete. Raises HalError if it is no VRPN server of version 7."""
         found = []
         for message in self._splitter.feed(data):
-            if self.names.note(message) or self.names.types.get(message.type) != vrpn.POSE_TYPE:
+            if self.names.note(message) or self.names.types.get(message.type) != vrpn_protocol.POSE_TYPE:
                 continue
             if self.names.senders.get(message.sender) != self._subject:
                 continue
-            if len(message.body) != vrpn.POSE.size:
+            if len(message.body) != vrpn_protocol.POSE.size:
                 self.faults += 1
                 continue
-            _, _, x, y, z, *quaternion = vrpn.POSE.unpack(message.body)
+            _, _, x, y, z, *quaternion = vrpn_protocol.POSE.unpack(message.body)
             norm = hypot(*quaternion)
             # an occluded subject may read 0 0 0 0
             if not (isfinite(x + y + z) and isfinite(norm) and norm > 0.5):
@@ -61,7 +61,7 @@ class VrpnDecoder(Codec[TrackerReading]):
 class TrackerOptions:
     """The server, and the tracked body."""
 
-    address: Annotated[str, MinLen(1)] = f"socket://127.0.0.1:{vrpn.PORT}"
+    address: Annotated[str, MinLen(1)] = f"socket://127.0.0.1:{vrpn_protocol.PORT}"
     """Address of the VRPN server."""
     subject: str | None = None
     """Name of the tracked body; null: the robot's name, or txt01."""
@@ -83,5 +83,5 @@ def create(setup: Setup) -> Streamed[TrackerReading]:
         given.address,
         lambda: VrpnDecoder(subject, given.scale, given.mount),
         latency=given.latency,
-        fake="txt1 sensor fake vicon",
+        server="txt1 sensor virtual vicon",
     )

@@ -16,7 +16,7 @@ from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.camera import jpeg
 from txt1.sensors.readings import CAMERA_MOUNT, DepthImage, Image, depth_topic, image_topic
 from txt1.sensors.sim_laser import bodies
-from txt1.sensors.twin import Others, others_of, true_pose
+from txt1.sensors.simulated_sensor import Others, others_of, true_pose
 from txt1.sim.parameters import Box
 from txt1.sim.rays import shapes_of, walls_of
 from txt1.sim.view import Camera, Scene, distances, draw

@@ -10,7 +10,7 @@ from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
-from txt1.sensors.twin import Absences, Twin, random_of, true_pose
+from txt1.sensors.simulated_sensor import Absences, SimulatedSensor, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
 # m/s: below this speed it has no direction
@@ -39,7 +39,7 @@ class GpsErrors:
     """Latitude and longitude of the room's origin, degrees; x is east and y is north on the grid."""
 
 
-class SimulatedGps(Twin[FixReading]):
+class SimulatedGps(SimulatedSensor[FixReading]):
     """A GPS on a vehicle whose true pose is `pose`."""
 
     def __init__(

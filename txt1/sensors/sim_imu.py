@@ -9,7 +9,7 @@ from txt1.config.sources import checked
 from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Quaternion, Vector, imu_topic
-from txt1.sensors.twin import Twin, random_of, true_pose
+from txt1.sensors.simulated_sensor import SimulatedSensor, random_of, true_pose
 from txt1.units import GRAVITY, NotNegative, Positive
 
 # m/s: a faster vehicle was carried
@@ -64,7 +64,7 @@ def level() -> tuple[float, float]:
     return 0.0, 0.0
 
 
-class SimulatedImu(Twin[ImuReading]):
+class SimulatedImu(SimulatedSensor[ImuReading]):
     """An IMU on a vehicle whose true pose is `pose` and whose roll and pitch (rad) are `attitude`.
 
     A reading belongs to the middle of three poses, a period before its arrival. Rates and accelerations are first and

@@ -14,7 +14,7 @@ from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
-from txt1.sensors.twin import Others, Twin, others_of, random_of, true_pose
+from txt1.sensors.simulated_sensor import Others, SimulatedSensor, others_of, random_of, true_pose
 from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Box
 from txt1.sim.rays import Shapes, cast, edges_of, shapes_of, walls_of
@@ -52,7 +52,7 @@ def bodies(others: Sequence[Pose | Box], body: Geometry) -> Shapes:
     return edges_of(map(outline, boxes))
 
 
-class SimulatedLaser(Twin[Scan]):
+class SimulatedLaser(SimulatedSensor[Scan]):
     """A scanner on a vehicle with the true pose `pose`, among fixed shapes and other vehicles at the poses `others`.
 
     A sweep starts at the pose of the last sweep's end and ends at the present pose. Each beam starts from a pose

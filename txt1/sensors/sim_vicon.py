@@ -9,7 +9,7 @@ from txt1.config.sources import checked
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.differentiator import Differentiator
 from txt1.sensors.readings import TRACKER_MOUNT, Mount, TrackerReading, tracker_topic
-from txt1.sensors.twin import Absences, Twin, random_of, true_pose
+from txt1.sensors.simulated_sensor import Absences, SimulatedSensor, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
 
@@ -29,7 +29,7 @@ class TrackerErrors:
     """Mean length of a random occlusion, s."""
 
 
-class SimulatedTracker(Twin[TrackerReading]):
+class SimulatedTracker(SimulatedSensor[TrackerReading]):
     """A tracker that sees a vehicle whose true pose is `pose`."""
 
     def __init__(

@@ -139,7 +139,7 @@ class Streamed(Generic[T]):
         codec: makes a codec for a new connection.
         baud: baud rate of a serial device.
         latency: time from measuring to sending, s.
-        fake: the command that serves a virtual device of this kind.
+        server: the command that serves a virtual device of this kind.
 
     """
 
@@ -153,10 +153,10 @@ class Streamed(Generic[T]):
         codec: Callable[[], Codec[T]],
         baud: int = 115200,
         latency: float = 0.0,
-        fake: str = "txt1 sensor fake",
+        server: str = "txt1 sensor virtual",
     ) -> None:
         self.topic, self.period = topic, period
-        self._address, self._make, self._baud, self._latency, self._fake = address, codec, baud, latency, fake
+        self._address, self._make, self._baud, self._latency, self._server = address, codec, baud, latency, server
         self._codec = codec()
         self._link: Link | None = None
         self._failure = ""
@@ -241,7 +241,7 @@ class Streamed(Generic[T]):
 
     async def _connect(self) -> None:
         try:
-            await open_link(self._address, self, self._baud, behind=self._fake)
+            await open_link(self._address, self, self._baud, behind=self._server)
         except LinkLost as error:
             raise HalError(str(error)) from None
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from txt1.kernel.clock import NS_PER_S
 from txt1.ros.topics import sensor
 from txt1.runtime import Runtime
-from txt1.sensors.links import fixed, links_of
+from txt1.sensors.mounts import fixed, links_of
 from txt1.telemetry.topics import Topic
 
 # messages that wait for the node; the oldest are dropped

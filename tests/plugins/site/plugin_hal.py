@@ -6,7 +6,7 @@ from math import isfinite
 
 from txt1.config import Config
 from txt1.hal.base import Capabilities, Inputs, Outputs
-from txt1.hal.plain import PlainHal
+from txt1.hal.plain_hal import PlainHal
 from txt1.model.odometry import Odometry, advance
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from txt1.cars.pico.double import interpreter
 from txt1.cars.pico.installer import digest, digests, files, folder, frame, identities, install
+from txt1.cars.pico.virtual_pico import interpreter
 from txt1.errors import HalError, MissingExtra
 
 try:

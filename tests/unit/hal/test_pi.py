@@ -25,10 +25,10 @@ from hypothesis import strategies as st
 from tests.patience import LIMIT, wait_until
 from txt1.cars.pi import driver
 from txt1.cars.pi import guard as pi_guard
-from txt1.cars.pi.chips import FakeBus, FileBus, Pca9685Chip, pulse_of
-from txt1.cars.pi.double import PiDouble
+from txt1.cars.pi.chips import FileBus, Pca9685Chip, VirtualBus, pulse_of
 from txt1.cars.pi.driver import GuardAnswer, PiHal, PiOptions, Process, pulses_of, setup_of
 from txt1.cars.pi.guard import Ads1115, Guarded, GuardSetup, Pca9685, Quadrature, guarded, ina219_voltage, pulses_in
+from txt1.cars.pi.virtual_pi import VirtualPi
 from txt1.config import Config, checked, load
 from txt1.control.limits import Outputs
 from txt1.errors import ConfigError, HalError, Txt1Error
@@ -297,7 +297,7 @@ def test_gpiozero_makes_the_same_pulses_of_a_share_of_the_range(gpiozero: Any, h
 
 
 def config(vehicle: str, *words: str) -> Config:
-    settings = [f"vehicle={vehicle}", "hal_options.bus=desk", "sim.room.length=.inf", "sim.room.width=.inf", *words]
+    settings = [f"vehicle={vehicle}", "hal_options.bus=virtual", "sim.room.length=.inf", "sim.room.width=.inf", *words]
     return load(None, settings, {}, {"hal": "pi"}).config
 
 
@@ -313,7 +313,7 @@ def config(vehicle: str, *words: str) -> Config:
 def test_it_drives_as_asked(vehicle: str, words: tuple[str, ...]) -> None:
     made = config(vehicle, *words)
     options = checked(PiOptions, made.hal_options, "x")
-    desk = PiDouble(made, setup_of(options, made.geometry))
+    desk = VirtualPi(made, setup_of(options, made.geometry))
     hal = PiHal(desk, options, made.geometry, simulated=True)
 
     async def drive() -> None:
@@ -333,7 +333,7 @@ def test_it_drives_as_asked(vehicle: str, words: tuple[str, ...]) -> None:
 def test_a_servo_board_that_loses_its_power_disarms_and_is_set_up_again() -> None:
     made = config("donkeycar")
     options = checked(PiOptions, made.hal_options, "x")
-    desk = PiDouble(made, setup_of(options, made.geometry))
+    desk = VirtualPi(made, setup_of(options, made.geometry))
     hal = PiHal(desk, options, made.geometry, simulated=True)
 
     async def drive() -> None:
@@ -513,7 +513,7 @@ def test_closed_outputs_are_neutral_even_if_their_guard_was_killed_or_hangs(
 
 def test_outputs_that_cannot_be_made_neutral_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     registers = tmp_path / "registers"
-    monkeypatch.setattr(pi_guard, "open_bus", lambda _: FakeBus({}))  # nothing answers there
+    monkeypatch.setattr(pi_guard, "open_bus", lambda _: VirtualBus({}))  # nothing answers there
 
     async def body() -> None:
         process = Process(setup(bus=str(registers)))
@@ -630,7 +630,7 @@ print(guard.pid, flush=True)
 
 def test_a_watchdog_is_fed_by_pulses_that_were_put_out_and_by_nothing_else() -> None:
     levels: list[int] = []
-    bus = FakeBus({0x40: Pca9685Chip()})
+    bus = VirtualBus({0x40: Pca9685Chip()})
     made = setup(watchdog=22)
     guard = Guarded(made, bus, Pca9685(bus, made), feed=levels.append)
     guard.neutral()
@@ -644,7 +644,7 @@ def test_a_watchdog_is_fed_by_pulses_that_were_put_out_and_by_nothing_else() -> 
 
 
 def test_the_pin_of_a_watchdog_is_an_output_of_the_header(header: Header, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pi_guard, "open_bus", lambda _: FakeBus({0x40: Pca9685Chip()}))
+    monkeypatch.setattr(pi_guard, "open_bus", lambda _: VirtualBus({0x40: Pca9685Chip()}))
     guard = guarded(setup(watchdog=22))
     guard.answer(guard.setup.neutral)
     guard.answer(guard.setup.neutral)
@@ -656,7 +656,7 @@ def test_the_pin_of_a_watchdog_is_an_output_of_the_header(header: Header, monkey
 @pytest.mark.parametrize("watched", [True, False])
 def test_a_car_whose_guard_hangs_in_the_bus_stands_if_it_has_a_watchdog(watched: bool) -> None:
     made = config("donkeycar", *["hal_options.watchdog=22"] * watched)
-    desk = PiDouble(made, setup_of(checked(PiOptions, made.hal_options, "x"), made.geometry))
+    desk = VirtualPi(made, setup_of(checked(PiOptions, made.hal_options, "x"), made.geometry))
     hal = PiHal(desk, checked(PiOptions, made.hal_options, "x"), made.geometry, simulated=True)
 
     async def drive() -> None:
@@ -862,7 +862,7 @@ def opened() -> int:
     return len(os.listdir("/proc/self/fd"))
 
 
-class SMBus(FakeBus):
+class SMBus(VirtualBus):
     """The bus of smbus2."""
 
     fd = 77
@@ -994,7 +994,7 @@ def test_pins_are_low_until_they_have_pulses_and_encoders_are_pulled_up(
     assert header.alerts == [(4, 17, 3, 32), (4, 27, 3, 32)]
     assert header.called == [(4, 17, 3), (4, 27, 3)]
     header.outputs.clear()
-    monkeypatch.setattr(pi_guard, "open_bus", lambda _: FakeBus({0x40: Pca9685Chip()}))
+    monkeypatch.setattr(pi_guard, "open_bus", lambda _: VirtualBus({0x40: Pca9685Chip()}))
     guard = guarded(setup(watchdog=22, motor=(0, 1), encoders=((17, 27), (22, 23)), geometry=SKID))
     assert header.outputs == [(4, 22, 0)]
     for pin in (17, 27, 17, 22):
@@ -1015,7 +1015,7 @@ def test_a_servo_board_alone_needs_no_pins_and_its_watchdog_on_the_desk_is_a_fil
         guard.answer((1600.0, 1400.0))
         levels.append(Path(f"{bus}.watchdog").read_bytes())
     assert (levels, motor_pulse(Path(bus))) == ([b"\1", b"\0", b"\1"], pytest.approx(1600.0, abs=5.0))
-    monkeypatch.setattr(pi_guard, "open_bus", lambda _: FakeBus({0x40: Pca9685Chip()}))
+    monkeypatch.setattr(pi_guard, "open_bus", lambda _: VirtualBus({0x40: Pca9685Chip()}))
     guarded(setup()).answer((1500.0, 1500.0))
     for options in ({"watchdog": 22}, {"encoders": ((17, 27),)}):
         with pytest.raises(ImportError):
@@ -1028,7 +1028,7 @@ def test_neutral_in_place_of_a_guard_leaves_nothing_open_and_says_whether_it_is_
     bus = str(tmp_path / "registers")
     made = setup(bus=bus)
     closed: list[bool] = []
-    monkeypatch.setattr(FakeBus, "close", lambda _: closed.append(True))
+    monkeypatch.setattr(VirtualBus, "close", lambda _: closed.append(True))
     before = opened()
     assert pi_guard.neutral_without_guard(made)
     assert (motor_pulse(Path(bus)), closed, opened()) == (pytest.approx(1500.0, abs=5.0), [True], before)
@@ -1036,7 +1036,7 @@ def test_neutral_in_place_of_a_guard_leaves_nothing_open_and_says_whether_it_is_
     assert not pi_guard.neutral_without_guard(made), "a guard lives"
     os.close(held)
     with monkeypatch.context() as patch:
-        patch.setattr(pi_guard, "open_bus", lambda _: FakeBus({}))
+        patch.setattr(pi_guard, "open_bus", lambda _: VirtualBus({}))
         assert not pi_guard.neutral_without_guard(made), "nothing answers"
     assert (closed, opened()) == ([True, True], before)
     with monkeypatch.context() as patch:
@@ -1261,7 +1261,7 @@ PINS = ("hal_options.output=gpio", "hal_options.motor=[12]", "hal_options.steeri
         (("bus=FILE", "battery=ina219"), set()),
         (("bus=FILE", "encoders=[[17, 27]]"), {"lgpio"}),
         (("bus=FILE", "output=gpio"), {"lgpio"}),
-        (("bus=desk", "encoders=[[17, 27]]", "watchdog=22"), set()),
+        (("bus=virtual", "encoders=[[17, 27]]", "watchdog=22"), set()),
     ],
 )
 def test_a_library_that_the_hardware_needs_and_that_is_missing_is_named(
@@ -1270,7 +1270,7 @@ def test_a_library_that_the_hardware_needs_and_that_is_missing_is_named(
     made = config("f1tenth", *(f"hal_options.{each}" for each in words))
     monkeypatch.setattr(driver, "find_spec", {"smbus2": 1, "lgpio": 1}.get)
     hal = create(made)
-    assert hal.capabilities.simulated == ("bus=desk" in words)
+    assert hal.capabilities.simulated == ("bus=virtual" in words)
     for library, text in MISSING.items():
         present = {each: 1 for each in MISSING if each != library}
         monkeypatch.setattr(driver, "find_spec", present.get)

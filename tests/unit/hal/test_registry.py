@@ -152,13 +152,13 @@ def test_a_hal_may_refuse_its_settings_itself(install: Install) -> None:
         (["hal=serial", "serial.port=/dev/ttyUSB0"], False),
         (["hal=serial"], False),
         (["hal=vesc", "serial.port=vesc"], True),
-        (["hal=vesc", "hal_options.bus=desk"], False),
+        (["hal=vesc", "hal_options.bus=virtual"], False),
         (["hal=waveshare", "serial.port=waveshare"], True),
         (["hal=waveshare", "serial.port=/dev/ttyAMA0"], False),
-        (["hal=pi", "hal_options.bus=desk"], True),
+        (["hal=pi", "hal_options.bus=virtual"], True),
         (["hal=pi", "hal_options.bus=1"], False),
         (["hal=pi", "serial.port=virtual"], False),
-        (["hal=mycar", "serial.port=virtual", "hal_options.bus=desk"], False),
+        (["hal=mycar", "serial.port=virtual", "hal_options.bus=virtual"], False),
     ],
 )
 def test_a_configuration_says_whether_its_hardware_is_simulated(settings: list[str], simulated: bool) -> None:

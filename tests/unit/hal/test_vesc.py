@@ -14,13 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.cars.vesc import driver as vesc
-from txt1.cars.vesc.double import Vesc
 from txt1.cars.vesc.driver import PacketId, Unpacker, VescHal, VescOptions, packet
+from txt1.cars.vesc.virtual_vesc import Vesc
 from txt1.config import Config, load
 from txt1.control.limits import Outputs
 from txt1.errors import ConfigError, HalError, TaskFault
-from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
+from txt1.hal.simulated_controller import ControllerPort
 from txt1.kernel.loop import run
 from txt1.link.base import End, Link, connect
 from txt1.model.odometry import Odometry
@@ -251,10 +251,10 @@ def config(*words: str) -> Config:
 
 def on_the_desk(
     *words: str, firmware: tuple[int, int] = (6, 5), timeout: float = 1.0
-) -> tuple[VescHal, DoublePort[Vesc]]:
+) -> tuple[VescHal, ControllerPort[Vesc]]:
     """The HAL, and the port with a VESC that it drives."""
     made = config(*words)
-    port = DoublePort("vesc", lambda: Vesc(made, firmware, timeout))
+    port = ControllerPort("vesc", lambda: Vesc(made, firmware, timeout))
     return VescHal(port, vesc.checked(VescOptions, made.hal_options, "x"), made.geometry, lambda end: end, True), port
 
 

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.cars.waveshare import driver as waveshare
-from txt1.cars.waveshare.double import Waveshare
 from txt1.cars.waveshare.driver import (
     BoardReport,
     Lines,
@@ -22,12 +21,13 @@ from txt1.cars.waveshare.driver import (
     report_of,
     rolls_on,
 )
+from txt1.cars.waveshare.virtual_rover import Waveshare
 from txt1.config import Config, checked, load
 from txt1.control.limits import Outputs
 from txt1.errors import ConfigError
 from txt1.hal.base import Inputs
-from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
+from txt1.hal.simulated_controller import ControllerPort
 from txt1.kernel.loop import run
 from txt1.link.base import End, Link, connect
 from txt1.model.kinematics import move_along_arc
@@ -116,9 +116,9 @@ def config(*words: str) -> Config:
     return load(None, settings, {}, {"hal": "waveshare"}).config
 
 
-def on_the_desk(made: Config) -> tuple[WaveshareHal, DoublePort[Waveshare]]:
+def on_the_desk(made: Config) -> tuple[WaveshareHal, ControllerPort[Waveshare]]:
     """The HAL, and the port with a board that it drives."""
-    port = DoublePort("waveshare", lambda: Waveshare(made))
+    port = ControllerPort("waveshare", lambda: Waveshare(made))
     return WaveshareHal(
         port, checked(WaveshareOptions, made.hal_options, "x"), made.geometry, lambda end: end, True
     ), port

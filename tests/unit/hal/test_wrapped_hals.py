@@ -9,8 +9,8 @@ import pytest
 from txt1.errors import NotCapable
 from txt1.hal.base import Capabilities, Indicators, Inputs, Outputs
 from txt1.hal.channels import Rewired, rewired
-from txt1.hal.plain import PlainHal
-from txt1.hal.witness import CALLS, Witnessed, witnessed
+from txt1.hal.plain_hal import PlainHal
+from txt1.hal.recorded_hal import CALLS, Witnessed, witnessed
 from txt1.model.channels import STRAIGHT, Channel, Channels
 
 DRIVE = Outputs(motor=1000, front=200, rear=-200, pwm4=7)

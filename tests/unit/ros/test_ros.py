@@ -34,7 +34,7 @@ from txt1.ros.stamps import Publishers, Stamps
 from txt1.ros.topics import JOINTS, recorded, turned
 from txt1.ros.urdf import robot_description
 from txt1.sensors.base import Reading
-from txt1.sensors.links import MOUNTS, TO_OPTICAL, links_of
+from txt1.sensors.mounts import MOUNTS, TO_OPTICAL, links_of
 from txt1.sensors.readings import OPTICAL, FixReading, Image, ImuReading, Scan
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic

@@ -18,7 +18,7 @@ from urdf_parser_py.urdf import URDF
 
 from txt1.cli import run
 from txt1.config import Config
-from txt1.sensors.links import links_of
+from txt1.sensors.mounts import links_of
 from txt1.sensors.readings import Scan
 from txt1.sensors.sim_laser import LaserParameters
 

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from tests.examples import examples
 from txt1.errors import HalError
 from txt1.link.base import Link
-from txt1.sensors import gps_gpsd, imu_3dmgx2, laser_ld19, laser_scip, mocap_vrpn, vrpn
+from txt1.sensors import gps_gpsd, imu_3dmgx2, laser_ld19, laser_scip, mocap_vrpn, vrpn_protocol
 from txt1.sensors.base import Reading
-from txt1.sensors.gps_double import nmea, sentence
-from txt1.sensors.imu_double import FakeImu
-from txt1.sensors.laser_double import FakeScip, turn
-from txt1.sensors.mocap_double import FakeVicon
 from txt1.sensors.readings import FixReading, ImuReading, Scan, TrackerReading, heading
+from txt1.sensors.virtual_gps import nmea, sentence
+from txt1.sensors.virtual_imu import VirtualImu
+from txt1.sensors.virtual_lasers import VirtualScip, turn
+from txt1.sensors.virtual_mocap import VirtualVicon
 
 AT_REST = bytes.fromhex(
     "C8"
@@ -349,7 +349,7 @@ def test_foreign_bytes_make_no_readings_and_no_errors_but_hal_errors(name: str, 
         assert name == "vrpn"
 
 
-@pytest.mark.parametrize("make", [FakeImu, FakeScip, FakeVicon])
+@pytest.mark.parametrize("make", [VirtualImu, VirtualScip, VirtualVicon])
 @given(pieces=st.lists(st.binary(max_size=100), max_size=10))
 def test_a_device_on_the_desk_takes_any_bytes(make: Callable[[], Any], pieces: list[bytes]) -> None:
     device = make()
@@ -376,7 +376,7 @@ def through(device: Any, decoder: Any, readings: list[Reading[Any]]) -> list[Any
 
 def test_a_virtual_imu_sends_the_readings_it_is_given() -> None:
     shown = ImuReading((0.1, -0.2, 9.8), (0.01, 0.02, -0.3), (0.0, 0.0, 0.6, 0.8))
-    ((reading, time, _),) = through(FakeImu(), imu_3dmgx2.ImuDecoder(), [Reading(2.0, shown)])
+    ((reading, time, _),) = through(VirtualImu(), imu_3dmgx2.ImuDecoder(), [Reading(2.0, shown)])
     assert time == 2.0
     for before, after in zip(shown[:3], reading[:3], strict=True):
         assert after == pytest.approx(before, abs=1e-6)
@@ -384,16 +384,16 @@ def test_a_virtual_imu_sends_the_readings_it_is_given() -> None:
 
 def test_a_virtual_tracker_sends_the_readings_it_is_given() -> None:
     shown = TrackerReading(1.0, -2.0, 0.1, (0.0, 0.0, 0.6, 0.8))
-    ((reading, time, _),) = through(FakeVicon(), mocap_vrpn.VrpnDecoder("txt01"), [Reading(2.0, shown)])
+    ((reading, time, _),) = through(VirtualVicon(), mocap_vrpn.VrpnDecoder("txt01"), [Reading(2.0, shown)])
     assert time == 2.0
     assert reading[:4] == (pytest.approx(1.0), -2.0, pytest.approx(0.1), pytest.approx((0.0, 0.0, 0.6, 0.8)))
-    assert vrpn.PORT == 3883
+    assert vrpn_protocol.PORT == 3883
 
 
 def test_a_virtual_scanner_sends_the_readings_it_is_given() -> None:
     ranges = np.linspace(0.1, 5.0, 682).astype(np.float32)
     shown = Scan(-341 * tau / 1024, tau / 1024, 0.1 / 1024, ranges, 0.02, 5.6)
-    found = through(FakeScip(), laser_scip.ScipDecoder(), [Reading(0.1 * k, shown) for k in range(1, 4)])
+    found = through(VirtualScip(), laser_scip.ScipDecoder(), [Reading(0.1 * k, shown) for k in range(1, 4)])
     assert len(found) == 2  # the first one was over when it was asked for
     for scan, _, _ in found:
         assert scan.angles[0] == pytest.approx(-340 * tau / 1024)

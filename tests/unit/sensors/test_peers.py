@@ -19,11 +19,11 @@ from rigs.ports import free_port
 from tests.patience import LIMIT, until
 from txt1.link.tcp import listen_tcp
 from txt1.sensors.base import Reading
-from txt1.sensors.gps_double import nmea
 from txt1.sensors.gps_gpsd import GpsdDecoder
-from txt1.sensors.mocap_double import FakeVicon
 from txt1.sensors.readings import FixReading, TrackerReading, fix_topic
 from txt1.sensors.stream import Streamed
+from txt1.sensors.virtual_gps import nmea
+from txt1.sensors.virtual_mocap import VirtualVicon
 
 GPSFAKE = shutil.which("gpsfake")
 GPSD = shutil.which("gpsd", path="/usr/sbin:/usr/local/sbin:/usr/bin")
@@ -109,7 +109,7 @@ async def test_vrpns_own_client_reads_our_vicon() -> None:
         socket.getprotobyname("tcp")
     except OSError:
         pytest.skip("VRPN's client looks up tcp in /etc/protocols: apt install netbase")
-    device = FakeVicon("txt01")
+    device = VirtualVicon("txt01")
     listener = await listen_tcp("127.0.0.1", 0, device)
     theta = 0.7
     pose = TrackerReading(*TRACKED, (0.0, 0.0, sin(0.5 * theta), cos(0.5 * theta)))

@@ -18,10 +18,10 @@ from txt1.record.encoder import Encoder
 from txt1.sensors import laser_ld19, laser_scip
 from txt1.sensors.base import Reading
 from txt1.sensors.imu_3dmgx2 import ImuDecoder, ImuOptions, checksum
-from txt1.sensors.laser_double import turn
 from txt1.sensors.readings import ImuReading, Scan, imu_topic, scan_topic
 from txt1.sensors.sim_imu import ImuErrors, SimulatedImu
 from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
+from txt1.sensors.virtual_lasers import turn
 from txt1.sim.rays import walls_of
 from txt1.sim.room import Room
 from txt1.telemetry.messages import schema_name

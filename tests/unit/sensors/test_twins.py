@@ -28,7 +28,7 @@ from txt1.sensors.sim_gps import GpsErrors, SimulatedGps
 from txt1.sensors.sim_imu import ImuErrors, SimulatedImu
 from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
 from txt1.sensors.sim_vicon import SimulatedTracker, TrackerErrors
-from txt1.sensors.twin import Absences
+from txt1.sensors.simulated_sensor import Absences
 from txt1.sim.obstacles import distance
 from txt1.sim.parameters import Box, Post
 from txt1.sim.rays import cast, shapes_of, walls_of

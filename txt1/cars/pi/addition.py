@@ -6,7 +6,7 @@ ADDITION = Addition(
     name="pi",
     parts={
         "txt1.hal": {"pi": "txt1.cars.pi.driver:create"},
-        "txt1.buses": {"pi": "txt1.cars.pi.double:desk"},
+        "txt1.buses": {"pi": "txt1.cars.pi.virtual_pi:virtual_bus"},
         "txt1.doctors": {"pi": "txt1.cars.pi.command:remarks"},
     },
 )

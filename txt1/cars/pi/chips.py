@@ -1,4 +1,4 @@
-"""A fake I2C bus with a servo board (PCA9685) and battery sensors (INA219, ADS1115), register by register.
+"""A virtual I2C bus with a servo board (PCA9685) and battery sensors (INA219, ADS1115), register by register.
 
 The registers in use follow the data sheets. They are not the guard's, so that a wrong number there shows. The servo
 board has no time-out, takes a prescaler only while it sleeps, and repeats its last output for ever. A missing chip does
@@ -119,7 +119,7 @@ class Ads1115Chip(WordChip):
             self.words[0x00] = min(round(volts / 0.000125), 0x7FFF)
 
 
-class FakeBus:
+class VirtualBus:
     """The bus; `chips` by address."""
 
     def __init__(self, chips: dict[int, Chip]) -> None:
@@ -143,7 +143,7 @@ class FakeBus:
             raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO)) from None
 
 
-class FileBus(FakeBus):
+class FileBus(VirtualBus):
     """A bus whose servo board, at 0x40, has its registers in a file, so that other programs can read them."""
 
     def __init__(self, path: str) -> None:

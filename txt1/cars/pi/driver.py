@@ -24,8 +24,8 @@ from txt1.cars.pi.guard import ANSWER, GuardSetup, pulses_in
 from txt1.config import Config, checked
 from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
-from txt1.hal.plain import PlainHal
-from txt1.hal.registry import BUSES, DESK
+from txt1.hal.plain_hal import PlainHal
+from txt1.hal.registry import BUSES, VIRTUAL
 from txt1.installing import installs
 from txt1.model.channels import STRAIGHT, Channels
 from txt1.model.odometry import Odometry, rolled
@@ -70,7 +70,7 @@ class PiOptions:
     output: Literal["pca9685", "gpio"] = "pca9685"
     """A servo board on the I2C bus, or GPIO pins."""
     bus: int | str = 1
-    """Number of the I2C bus; `desk`: a virtual servo board; or a file with the registers of a virtual one."""
+    """Number of the I2C bus; `virtual`: a virtual servo board; or a file with the registers of a virtual one."""
     address: Annotated[int, Ge(3), Le(0x77)] = 0x40
     """I2C address of the servo board."""
     frequency: Annotated[float, Ge(40.0), Le(200.0)] = 50.0
@@ -486,7 +486,7 @@ def create(config: Config) -> PiHal:
     """Make the car as configured."""
     options = checked(PiOptions, config.hal_options, "hal_options")
     setup = setup_of(options, config.geometry, config.channels)
-    if options.bus == DESK:
+    if options.bus == VIRTUAL:
         keeper: Keeper = BUSES.make("hal", "pi", config, setup)
         return PiHal(keeper, options, config.geometry, config.channels, simulated=True)
     on_file = isinstance(options.bus, str)

@@ -1,1 +1,1 @@
-"""A Raspberry Pi Pico as the board: a double that runs txt1's firmware, and the firmware's installer."""
+"""A Raspberry Pi Pico as the board: a virtual Pico that runs txt1's firmware, and the firmware's installer."""

@@ -1,12 +1,12 @@
-"""A Raspberry Pi Pico as the board, as an addition: its double as a port and as a device; `txt1 firmware`."""
+"""A Raspberry Pi Pico as the board, as an addition: a virtual device as a port and as a device; `txt1 firmware`."""
 
 from txt1.additions import Addition
 
 ADDITION = Addition(
     name="pico",
     parts={
-        "txt1.ports": {"pico": "txt1.cars.pico.double:port"},
-        "txt1.devices": {"pico": "txt1.cars.pico.double:Pico"},
+        "txt1.ports": {"pico": "txt1.cars.pico.virtual_pico:port"},
+        "txt1.devices": {"pico": "txt1.cars.pico.virtual_pico:Pico"},
     },
     commands={
         "firmware": (

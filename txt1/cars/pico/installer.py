@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, Protocol
 from txt1.errors import CommandRefused, HalError, MissingExtra
 from txt1.link.device import open_link
 from txt1.link.receiver import Receiver
-from txt1.link.station import Station
+from txt1.link.virtual_device import VirtualDevice
 from txt1.protocol.decoder import Event
 from txt1.protocol.layout import HEADER, Role, checksum
 from txt1.protocol.messages import BatteryLevels, EncoderOdometry
@@ -178,7 +178,7 @@ class Heard(NamedTuple):
     octets: int
 
 
-class _Ear(Station):
+class _Ear(VirtualDevice):
     """The end of the line that asks and listens."""
 
     def __init__(self) -> None:

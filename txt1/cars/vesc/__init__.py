@@ -1,1 +1,1 @@
-"""A VESC that drives a car: its HAL and its double."""
+"""A VESC that drives a car: its HAL and a virtual VESC."""

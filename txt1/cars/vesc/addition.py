@@ -1,4 +1,4 @@
-"""The VESC as an addition: the HAL, and its double as a port and as a device."""
+"""The VESC as an addition: the HAL, and a virtual device as a port and as a device."""
 
 from txt1.additions import Addition
 
@@ -7,7 +7,7 @@ ADDITION = Addition(
     parts={
         "txt1.hal": {"vesc": "txt1.cars.vesc.driver:create"},
         "txt1.languages": {"vesc": "txt1.cars.vesc.language:LANGUAGE"},
-        "txt1.ports": {"vesc": "txt1.cars.vesc.double:port"},
-        "txt1.devices": {"vesc": "txt1.cars.vesc.double:Vesc"},
+        "txt1.ports": {"vesc": "txt1.cars.vesc.virtual_vesc:port"},
+        "txt1.devices": {"vesc": "txt1.cars.vesc.virtual_vesc:Vesc"},
     },
 )

@@ -1,1 +1,1 @@
-"""Waveshare's rover boards: their HAL and their double."""
+"""Waveshare's rover boards: their HAL and a virtual board."""

@@ -1,4 +1,4 @@
-"""Waveshare's rover boards as an addition: the HAL, and its double as a port and as a device."""
+"""Waveshare's rover boards as an addition: the HAL, and a virtual device as a port and as a device."""
 
 from txt1.additions import Addition
 
@@ -7,7 +7,7 @@ ADDITION = Addition(
     parts={
         "txt1.hal": {"waveshare": "txt1.cars.waveshare.driver:create"},
         "txt1.languages": {"waveshare": "txt1.cars.waveshare.language:LANGUAGE"},
-        "txt1.ports": {"waveshare": "txt1.cars.waveshare.double:port"},
-        "txt1.devices": {"waveshare": "txt1.cars.waveshare.double:Waveshare"},
+        "txt1.ports": {"waveshare": "txt1.cars.waveshare.virtual_rover:port"},
+        "txt1.devices": {"waveshare": "txt1.cars.waveshare.virtual_rover:Waveshare"},
     },
 )

@@ -14,7 +14,7 @@ from txt1.config import Config, checked
 from txt1.errors import ConfigError
 from txt1.hal.base import Capabilities, Inputs, Outputs
 from txt1.hal.line import Line
-from txt1.hal.plain import PlainHal
+from txt1.hal.plain_hal import PlainHal
 from txt1.hal.registry import faults_of, is_simulated, port_of
 from txt1.link.base import End, Port
 from txt1.model.kinematics import move_along_arc

@@ -60,7 +60,7 @@ def package(arguments: argparse.Namespace) -> int:
 def urdf(arguments: argparse.Namespace) -> int:
     """Print the URDF of the configured robot, with all of the original's sensors."""
     from txt1.ros.urdf import robot_description
-    from txt1.sensors.links import links_of
+    from txt1.sensors.mounts import links_of
     from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
 
     config = loaded(arguments).config

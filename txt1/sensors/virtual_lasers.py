@@ -5,9 +5,9 @@ from typing import Final
 
 from txt1.sensors import laser_ld19
 from txt1.sensors.base import Reading
-from txt1.sensors.double import Double, Talker
 from txt1.sensors.laser_scip import BLOCK, check_character, encode
 from txt1.sensors.readings import Scan
+from txt1.sensors.virtual_sensor import Talker, VirtualSensor
 
 PARAMETERS: Final = {
     "MODL": "URG-04LX(Hokuyo Automatic Co.,Ltd.)", "DMIN": "20", "DMAX": "5600", "ARES": "1024", "AMIN": "44",
@@ -36,7 +36,7 @@ def listing(values: dict[str, str]) -> bytes:
     return b"".join(text + b";" + bytes((check_character(text),)) + b"\n" for text in texts)
 
 
-class FakeScip(Double):
+class VirtualScip(VirtualSensor):
     """The scanner's end of the line."""
 
     def __init__(self) -> None:

@@ -3,7 +3,7 @@
 from txt1.link.base import Link
 
 
-class Station:
+class VirtualDevice:
     """A virtual device, the end of its host's link. Without a host its bytes are discarded."""
 
     link: Link | None = None

@@ -21,10 +21,10 @@ from txt1.cars.pico.installer import folder
 from txt1.config import Config
 from txt1.errors import HalError, MissingExtra
 from txt1.hal.base import Button, Hal, Outputs
-from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
+from txt1.hal.simulated_controller import ControllerPort
 from txt1.link.impairments import paced
-from txt1.link.station import Station
+from txt1.link.virtual_device import VirtualDevice
 from txt1.protocol.messages import Switch
 
 CYCLE_PERIOD: Final = 0.02
@@ -74,7 +74,7 @@ def interpreter() -> str:
     return found
 
 
-class Pico(Station):
+class Pico(VirtualDevice):
     """A board with txt1's firmware, the `End` of the host's link.
 
     Args:
@@ -238,6 +238,6 @@ def _read(pipe: IO[bytes], size: int) -> bytes:
     return data
 
 
-def port(config: Config) -> DoublePort[Pico]:
+def port(config: Config) -> ControllerPort[Pico]:
     """Return a port with a Pico behind it: ``serial.port: pico``. Opening it raises MissingExtra or HalError."""
-    return DoublePort("pico", lambda: Pico(config))
+    return ControllerPort("pico", lambda: Pico(config))

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 from txt1.link.base import Link
-from txt1.link.station import Station
+from txt1.link.virtual_device import VirtualDevice
 from txt1.sensors.base import Reading
 
 
-class Double(Station):
+class VirtualSensor(VirtualDevice):
     """A virtual device: an end of a link. `show` gives it the readings of a simulated sensor."""
 
     # bytes of an incomplete command
@@ -24,7 +24,7 @@ class Double(Station):
         raise NotImplementedError
 
 
-class Talker(Double):
+class Talker(VirtualSensor):
     """A device that sends its readings unasked and has no commands; `encode` turns a reading into bytes."""
 
     def __init__(self, encode: Callable[[Reading[Any]], bytes]) -> None:

@@ -6,10 +6,10 @@ from typing import Any
 
 from txt1.link.base import Link
 from txt1.sensors.base import Reading
-from txt1.sensors.double import Double, Talker
 from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.gps_gpsd import CONFIDENCE
 from txt1.sensors.readings import FixReading
+from txt1.sensors.virtual_sensor import Talker, VirtualSensor
 
 KNOT = 1852.0 / 3600.0  # m/s
 # date at which every run begins, at midnight
@@ -100,7 +100,7 @@ def receiver() -> Talker:
     return Talker(nmea)
 
 
-class FakeGpsd(Double):
+class VirtualGpsd(VirtualSensor):
     """Gpsd's end of a connection. It sends reports to a client that watches."""
 
     def __init__(self) -> None:

@@ -9,7 +9,7 @@ from txt1.config import Config
 from txt1.control.limits import Outputs
 from txt1.hal.registry import create_sim
 from txt1.link.base import End, Link, connect
-from txt1.link.station import Station
+from txt1.link.virtual_device import VirtualDevice
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 
 # s between two steps of a controller's loops
@@ -78,7 +78,7 @@ class SimulatedCar:
         self.hal.write(Outputs(round(motor), -round(steering), round(steering)), now)
 
 
-class Controller(Station):
+class Controller(VirtualDevice):
     """A virtual motor controller, with a simulated car behind it.
 
     `step` is its loops; `received` takes the host's bytes.
@@ -141,7 +141,7 @@ class Powered(Protocol):
 D = TypeVar("D", bound=Powered)
 
 
-class DoublePort(Generic[D]):
+class ControllerPort(Generic[D]):
     """A port with a controller behind it, in the same process and on the same clock."""
 
     def __init__(self, address: str, make: Callable[[], D]) -> None:

@@ -3,7 +3,6 @@
 from typing import Final
 
 from txt1.sensors.base import Reading
-from txt1.sensors.double import Double
 from txt1.sensors.imu_3dmgx2 import (
     CONFIRMED,
     GAUSS,
@@ -18,6 +17,7 @@ from txt1.sensors.imu_3dmgx2 import (
     pack,
 )
 from txt1.sensors.readings import ImuReading
+from txt1.sensors.virtual_sensor import VirtualSensor
 
 STOP: Final = 0xFA
 # by the requested type
@@ -26,7 +26,7 @@ IDENTIFIERS: Final = {0: "6223-4220", 1: "6223-00001", 2: "3DM-GX2", 3: "5g 300d
 LONGEST: Final = {CONFIRMED: 4, IDENTIFIER: 2}
 
 
-class FakeImu(Double):
+class VirtualImu(VirtualSensor):
     """The device's end of the line."""
 
     def __init__(self) -> None:

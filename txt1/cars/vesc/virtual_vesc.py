@@ -12,7 +12,7 @@ from typing import Final
 from txt1.board.far_end import far_end
 from txt1.cars.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions, packet
 from txt1.config import Config, checked
-from txt1.hal.double import Controller, DoublePort
+from txt1.hal.simulated_controller import Controller, ControllerPort
 from txt1.link.base import Link
 from txt1.model.vehicle import PWM_MAX
 
@@ -141,6 +141,6 @@ class Vesc(Controller):
         return values + (bytes((self.timed_out,)) if self.firmware >= (6, 0) else b"")
 
 
-def port(config: Config) -> DoublePort[Vesc]:
+def port(config: Config) -> ControllerPort[Vesc]:
     """Return a port with a VESC behind it: `serial.port: vesc`."""
-    return DoublePort("vesc", lambda: Vesc(config))
+    return ControllerPort("vesc", lambda: Vesc(config))

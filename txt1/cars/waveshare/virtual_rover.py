@@ -24,7 +24,7 @@ from txt1.cars.waveshare.driver import (
     number,
 )
 from txt1.config import Config, checked
-from txt1.hal.double import Controller, DoublePort
+from txt1.hal.simulated_controller import Controller, ControllerPort
 from txt1.model.vehicle import PWM_MAX
 
 # ms of its heartbeat at power-up
@@ -141,6 +141,6 @@ class Waveshare(Controller):
         self.send(json.dumps(told, separators=(",", ":")).encode() + b"\r\n")
 
 
-def port(config: Config) -> DoublePort[Waveshare]:
+def port(config: Config) -> ControllerPort[Waveshare]:
     """Return a port with such a board behind it: `serial.port: waveshare`."""
-    return DoublePort("waveshare", lambda: Waveshare(config))
+    return ControllerPort("waveshare", lambda: Waveshare(config))

@@ -1,4 +1,4 @@
-"""A simulated car behind a Raspberry Pi: the guard drives it over the chips' doubles, with faults on the bus."""
+"""A simulated car behind a Raspberry Pi: the guard drives it over the virtual chips, with faults on the bus."""
 
 import errno
 import os
@@ -7,7 +7,7 @@ from math import inf
 from random import Random
 from typing import Final
 
-from txt1.cars.pi.chips import Ads1115Chip, Chip, FakeBus, Ina219Chip, Pca9685Chip
+from txt1.cars.pi.chips import Ads1115Chip, Chip, Ina219Chip, Pca9685Chip, VirtualBus
 from txt1.cars.pi.driver import GuardAnswer, PiOptions, answer_of
 from txt1.cars.pi.guard import Guarded, GuardSetup, Pca9685, Quadrature
 from txt1.config import Config, checked
@@ -25,7 +25,7 @@ MONOSTABLE_TIME: Final = 0.2
 AWAY: Final = 1.0
 
 
-class LooseBus(FakeBus):
+class LooseBus(VirtualBus):
     """A bus with faults.
 
     Transfers that a line would lose, tear or corrupt are not acknowledged, as I2C has no checksum.
@@ -67,7 +67,7 @@ class Monostable:
         return self.edge + MONOSTABLE_TIME
 
 
-class PiDouble:
+class VirtualPi:
     """A virtual servo board with a simulated car behind it, in the same process and on the same clock."""
 
     def __init__(self, config: Config, setup: GuardSetup) -> None:
@@ -163,6 +163,6 @@ class PiDouble:
         self.hal.write(Outputs(round(motors[0]), round(front), round(rear)), now)
 
 
-def desk(config: Config, setup: GuardSetup) -> PiDouble:
-    """Return a virtual servo board: `hal_options.bus: desk`."""
-    return PiDouble(config, setup)
+def virtual_bus(config: Config, setup: GuardSetup) -> VirtualPi:
+    """Return a virtual servo board: `hal_options.bus: virtual`."""
+    return VirtualPi(config, setup)

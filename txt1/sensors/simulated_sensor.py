@@ -15,7 +15,7 @@ T = TypeVar("T")
 Others = Callable[[], Sequence[Pose | Box]]
 
 
-class Twin(Generic[T]):
+class SimulatedSensor(Generic[T]):
     """A simulated sensor on a vehicle with the true pose `pose`; `see` makes at most a reading for each instant."""
 
     simulated = True
