@@ -16,7 +16,7 @@ from rigs import page_parts
 from txt1.learning.experiment import LEARNED
 from txt1_learners.studies import suite
 from txt1_learners.studies.__main__ import main as study
-from txt1_learners.world_presets import groups
+from txt1_learners.worlds import groups
 
 HERE: Final = Path(__file__).parent
 EVERY, THESIS = HERE.parent / "out" / "pilot-worlds", HERE.parent / "out" / "pilot-thesis"

@@ -18,7 +18,7 @@ from txt1_learners.studies import suite
 from txt1_learners.studies.floor import TICKS, Search, floor_of
 from txt1_learners.studies.lockstep import shown, trials, world_at
 from txt1_learners.studies.modelled_settings import LOCKSTEP, refuse_others
-from txt1_learners.world_presets import groups
+from txt1_learners.worlds import groups
 
 BASE = {"learning.time_limit": 4.0, "car.known": True}  # short, and with loops that have a use for their settings
 WITH = {  # what a key has no use without

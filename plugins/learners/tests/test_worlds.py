@@ -26,7 +26,7 @@ from txt1_learners import pilot
 from txt1_learners.studies import suite
 from txt1_learners.studies.floor import MovingFloor, floor_of
 from txt1_learners.studies.lockstep import trials, world_at
-from txt1_learners.world_presets import every, groups
+from txt1_learners.worlds import every, groups
 
 
 def raw(times: list[list[float]], won: list[list[int]]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ is computed beside the trials, once for each world that a process meets; a world
 
 All learners are asked for the goal ten times a second.
 
-Worlds are those of `txt1_learners.world_presets`, or files of a directory; four more are drawn from `RANGES` by a seed.
+Worlds are those of `txt1_learners.worlds`, or files of a directory; four more are drawn from `RANGES` by a seed.
 One that is wrong, that cannot be solved, or whose class raises (`txt1.learning.world`) is told in the table, and the
 others go on.
 
@@ -45,7 +45,7 @@ from txt1_learners.settings import Drift
 from txt1_learners.studies.floor import MovingFloor, floor_of
 from txt1_learners.studies.lockstep import REST_MS, asked_alike, trials, world_at
 from txt1_learners.studies.modelled_settings import lasers
-from txt1_learners.world_presets import groups
+from txt1_learners.worlds import groups
 
 FORMAT: Final = "txt1 world result"
 DRAWN: Final = 4  # worlds drawn by a seed
@@ -84,7 +84,7 @@ class SuiteWorld(NamedTuple):
 
 
 def worlds(place: str, overrides: Sequence[str], names: Iterable[str] = ()) -> list[SuiteWorld]:
-    """The worlds of a group (`txt1_learners.world_presets`) or of a directory, or some of them.
+    """The worlds of a group (`txt1_learners.worlds`) or of a directory, or some of them.
 
     Raises ConfigError: there is no such group, directory or world.
     """

@@ -14,7 +14,7 @@ from txt1.errors import ConfigError
 from txt1.learning import env
 from txt1.model.light_sensors import MOUNT
 from txt1.model.odometry import Odometry
-from txt1_learners.composed_world import Composed
+from txt1_learners.composed import Composed
 
 POSE = (1.0, 0.0, pi / 2.0)
 
