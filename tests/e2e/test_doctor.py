@@ -9,7 +9,7 @@ from pytest import approx
 
 from txt1.board.board import VirtualPort
 from txt1.cli import execute
-from txt1.cli.doctor import Findings, Remark, examine, remarks
+from txt1.cli.doctor import Finding, Findings, examine, remarks
 from txt1.config import load
 from txt1.config.schema import ControlConfig
 from txt1.errors import HalError
@@ -26,7 +26,7 @@ async def found(*settings: str) -> Findings:
     return await examine(VirtualPort(load(None, settings).config), GAINS, 5.0)
 
 
-def said(findings: Findings) -> dict[str, Remark]:
+def said(findings: Findings) -> dict[str, Finding]:
     return {remark.subject: remark for remark in remarks(findings, 57600)}
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Final, NamedTuple, Protocol
 
-from txt1.board.far_end import far_end
+from txt1.board.line_faults import far_end
 from txt1.board.original import PID_SET, Framer, OriginalFirmware
 from txt1.board.settings import BoardConfig
 from txt1.config import Config

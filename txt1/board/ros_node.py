@@ -13,10 +13,10 @@ from typing import Any
 from txt1.board.board import Board, BoardEvent
 from txt1.errors import ConfigError, Txt1Error
 from txt1.hal.base import Button
-from txt1.ros.beside import NODE, ros2_python
 from txt1.ros.calls import Calls
 from txt1.ros.node import node_beside
 from txt1.ros.publisher import Publisher
+from txt1.ros.robot_node import NODE, ros2_python
 from txt1.sidecar import Request
 
 BoardNode = Callable[[Board], AbstractAsyncContextManager[Any]]

@@ -16,8 +16,8 @@ from txt1.hal.registry import PORTS, create, is_on_a_line, is_simulated, port_of
 from txt1.hal.serial import SEND_PERIOD
 from txt1.kernel.realtime import REMEDY, grantable
 from txt1.kit.app import App
+from txt1.kit.findings import Finding, judged
 from txt1.kit.options import CONFIGURATION, HALS, LINE, VEHICLE, loaded
-from txt1.kit.remark import Remark, judged
 from txt1.link.base import Link, Port
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.receiver import Receiver
@@ -126,13 +126,13 @@ async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
     return found
 
 
-def remarks(f: Findings, baud: int) -> Iterator[Remark]:
+def remarks(f: Findings, baud: int) -> Iterator[Finding]:
     """Yield remarks on the findings: each is in order, or a fault with its likely cause."""
     if f.gone:
-        yield Remark("link", f"lost: {f.gone}", False)
+        yield Finding("link", f"lost: {f.gone}", False)
     if not f.octets:
         cause = "is the board on? is this its port? are its transmit and receive lines crossed (null-modem cable)?"
-        yield Remark("bytes", f"none came: {cause}", False)
+        yield Finding("bytes", f"none came: {cause}", False)
         return
     if f.arrivals:
         rate = len(f.arrivals) / f.duration
@@ -150,13 +150,13 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
         )
         if f.levels:
             one, two = f.levels[-1]
-            yield Remark("battery", f"{len(f.levels)} times in {f.duration:.1f} s, {one:.2f} V and {two:.2f} V")
+            yield Finding("battery", f"{len(f.levels)} times in {f.duration:.1f} s, {one:.2f} V and {two:.2f} V")
         else:
-            yield Remark("battery", "no levels came: a board sends them once a second", False)
+            yield Finding("battery", "no levels came: a board sends them once a second", False)
         if f.rejected:
-            yield Remark("PID set", f"rejected {f.rejected} times: check control.linear and control.angular", False)
+            yield Finding("PID set", f"rejected {f.rejected} times: check control.linear and control.angular", False)
         elif not f.answers:
-            yield Remark("PID set", f"sent {f.asked} times, never answered: the board does not hear all of it", False)
+            yield Finding("PID set", f"sent {f.asked} times, never answered: the board does not hear all of it", False)
         else:
             trip, share = median(f.answers), len(f.answers) / f.asked
             yield judged(
@@ -166,7 +166,7 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
                 "long frames are lost or held up on the way",
             )
     else:
-        yield Remark(
+        yield Finding(
             "odometry",
             f"none among {f.octets} bytes: the baud rate is not {baud}, this is another device, or the "
             "board does not hear this host (transmit line)",
@@ -174,27 +174,27 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
         )
     counted = ", ".join(f"{count} x {reason.value}" for reason, count in f.faults.items())
     if set(f.faults) == {Reason.OLD_COMMAND}:
-        yield Remark("faults", f"{counted}: messages of older boards, harmless")
+        yield Finding("faults", f"{counted}: messages of older boards, harmless")
     else:
         well = f.faults.total() <= max(1, 0.01 * (len(f.arrivals) + len(f.levels)))
         yield judged("faults", counted or "none", well, "noise on the line, or not the right baud rate")
 
 
-def ports() -> Iterator[Remark]:
+def ports() -> Iterator[Finding]:
     """Yield a remark on each serial port of this computer: whether this user may open it."""
     found = candidates()
     if not found:
-        yield Remark("ports", "none: plug in the USB-RS232 adapter; 'dmesg' tells whether the computer sees it", False)
+        yield Finding("ports", "none: plug in the USB-RS232 adapter; 'dmesg' tells whether the computer sees it", False)
     for port in found:
         problem = access_problem(port.device)
         text = f"{port.device} ({port.description}{', USB' if port.usb else ''})"
         yield judged("port", text, problem is None, problem or "")
 
 
-def real_time() -> Remark:
+def real_time() -> Finding:
     """Return the rights that `txt1 run --realtime` would get, and how to get all of them; no fault either way."""
     granted = grantable()
-    return Remark("real time", f"{granted}{f'; {REMEDY}' if granted.missing else ''}")
+    return Finding("real time", f"{granted}{f'; {REMEDY}' if granted.missing else ''}")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -244,14 +244,14 @@ def main(arguments: argparse.Namespace) -> int:
     return OK if all(found) else FAULT
 
 
-async def _at_line(port: Port, config: Config, duration: float) -> list[Remark]:
+async def _at_line(port: Port, config: Config, duration: float) -> list[Finding]:
     """Return the findings on a board; without a board, the device that answered when each kind was asked."""
     findings = await examine(port, config.loops().pid_set(), duration)
     found = list(remarks(findings, config.serial.baud))
     if not findings.arrivals:
         others = await answering(lambda language: port_of(config, language.baud))
         found += [
-            Remark(
+            Finding(
                 "device",
                 f"{language.device} answers at {language.baud} baud: txt1 run --hal {name} --port {port.address}; "
                 f"txt1 doctor --hal {name} --port {port.address} looks at it",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from txt1.hal.base import Hal, Outputs
-from txt1.kit.remark import Remark, judged
+from txt1.kit.findings import Finding, judged
 
 READING_PERIOD: Final = 0.02  # s
 # readings a second of a hardware layer that computes odometry, at least
@@ -22,23 +22,23 @@ THROTTLED: Final = (
 """Bits of `vcgencmd get_throttled`, their meaning, and the remedy."""
 
 
-def supply(text: str) -> Remark:
+def supply(text: str) -> Finding:
     """Return the remark on an output of `vcgencmd get_throttled`, such as throttled=0x50005."""
     try:
         bits = int(text.strip().partition("=")[2], 16)
     except ValueError:
-        return Remark("supply", f"vcgencmd says {text.strip()!r}, which is not understood", False)
+        return Finding("supply", f"vcgencmd says {text.strip()!r}, which is not understood", False)
     for bit, meaning, remedy in THROTTLED:
         if bits >> bit & 1:
-            return Remark("supply", f"{meaning}: {remedy}", False)
-    return Remark("supply", "no under-voltage since it was switched on")
+            return Finding("supply", f"{meaning}: {remedy}", False)
+    return Finding("supply", "no under-voltage since it was switched on")
 
 
-def computer() -> Iterator[Remark]:
+def computer() -> Iterator[Finding]:
     """Yield remarks on the Raspberry Pi and its supply, if this computer is a Raspberry Pi."""
     model = Path("/proc/device-tree/model")
     if model.exists():
-        yield Remark("computer", model.read_text(errors="replace").strip("\0\n "))
+        yield Finding("computer", model.read_text(errors="replace").strip("\0\n "))
     command = shutil.which("vcgencmd")
     if command is not None:
         words = [command, "get_throttled"]
@@ -46,7 +46,7 @@ def computer() -> Iterator[Remark]:
         yield supply(said.stdout or said.stderr)
 
 
-async def examined(hal: Hal, duration: float) -> list[Remark]:
+async def examined(hal: Hal, duration: float) -> list[Finding]:
     """Hold a HAL's outputs neutral for `duration` s; return remarks on its reports.
 
     Raises HalError if it cannot be opened.
@@ -81,7 +81,7 @@ async def examined(hal: Hal, duration: float) -> list[Remark]:
         text = f"{rate:.0f} a second, at most {1e3 * slowest:.0f} ms apart"
         found.append(judged("odometry", text, rate >= ODOMETRY_RATE, "the line is slow, or loses answers"))
     if can.ticks and inputs.ticks is not None:
-        found.append(Remark("encoders", f"right {inputs.ticks[0]}, left {inputs.ticks[1]} counts"))
+        found.append(Finding("encoders", f"right {inputs.ticks[0]}, left {inputs.ticks[1]} counts"))
     if can.battery:
         volts = None if inputs.batteries is None else max(inputs.batteries)
         text = "not reported" if volts is None else f"{volts:.2f} V"

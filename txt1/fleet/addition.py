@@ -5,7 +5,7 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="fleet",
     order=140,
-    beside="txt1.fleet.beside:beside",
+    beside="txt1.fleet.membership:beside",
     options="txt1.fleet.options:OPTIONS",
     sources={"fleet": 30},
     commands={

@@ -5,7 +5,7 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="ros",
     order=130,
-    beside="txt1.ros.beside:beside",
+    beside="txt1.ros.robot_node:beside",
     options="txt1.ros.options:OPTIONS",
     sources={"ros": 20},
     parts={"txt1.players": {"ros2": "txt1.ros.playback:play"}},

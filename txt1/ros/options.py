@@ -11,7 +11,7 @@ from txt1.errors import ConfigError
 
 if TYPE_CHECKING:
     from txt1.config import Config
-    from txt1.ros.beside import RosNode
+    from txt1.ros.robot_node import RosNode
 
 ROS2: Final = {
     "--ros2": flag("be a node of ROS 2: an installed one, else that of 'txt1 ros2 install'"),
@@ -39,7 +39,7 @@ def asked(arguments: Namespace, config: Config) -> RosNode | None:
         raise ConfigError("--ros2-prefix: there is no namespace; add --ros2-namespace NS")
     if not arguments.ros2:
         return None
-    from txt1.ros.beside import ros2_node
+    from txt1.ros.robot_node import ros2_node
 
     return ros2_node(arguments)
 

@@ -17,11 +17,11 @@ from txt1.kernel.loop import run
 from txt1.model.vehicle import Geometry
 from txt1.record.encoder import Encoder
 from txt1.record.reading import Decoding, FilePass, Item, metadata_of, robot_in
-from txt1.ros.beside import ros2_python
 from txt1.ros.definitions import OWNERS
 from txt1.ros.node import START
 from txt1.ros.publisher import JOINTS, WheelJoints, description, line_of
 from txt1.ros.python import RosPython
+from txt1.ros.robot_node import ros2_python
 from txt1.ros.topics import Publication, Quality, recorded
 from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
 from txt1.sidecar import Request, Sidecar

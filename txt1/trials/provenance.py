@@ -16,7 +16,7 @@ from txt1.unknown import PLUGINS
 PACKAGES: Final = ("txt1", "numpy", "numba", "pydantic")
 SHOWS: Final = (
     "__main__.py", "bridges/", "cli/", "experiments/figures.py", "experiments/report.py", "fleet/console.py",
-    "fleet/page.py", "fleet/screen.py", "gamepad/", "kit/far_end.py", "kit/options.py", "kit/remark.py",
+    "fleet/page.py", "fleet/screen.py", "gamepad/", "kit/far_end.py", "kit/options.py", "kit/findings.py",
     "kit/verdicts.py", "learning/plots.py", "record/", "ros/", "sidecar.py", "ui/", "web/",
 )  # fmt: skip
 """Code that only shows, stores or passes on the robot's behaviour, so no result depends on it.

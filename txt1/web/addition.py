@@ -5,7 +5,7 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="web",
     order=100,
-    beside="txt1.web.beside:beside",
+    beside="txt1.web.robot_end:beside",
     options="txt1.web.options:OPTIONS",
     sources={"web": 30},
     parts={"txt1.bridges": {"web": "txt1.web.server:main"}},

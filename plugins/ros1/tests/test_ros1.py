@@ -25,7 +25,7 @@ from tests.patience import LIMIT, TXT1, S, wait_until
 from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.errors import ConfigError
 from txt1.ros.python import clean
-from txt1_ros1.beside import SYSTEM, python
+from txt1_ros1.robot_node import SYSTEM, python
 from txt1_ros1.txt_driver import write_package
 
 pytestmark = pytest.mark.long

@@ -5,7 +5,7 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="ros1",
     order=130,
-    beside="txt1_ros1.beside:beside",
+    beside="txt1_ros1.robot_node:beside",
     options="txt1_ros1.options:OPTIONS",
     sources={"ros1": 20},
     commands={"ros1": ("txt1_ros1.command", "write the original's messages and services as a package of ROS 1")},

@@ -11,7 +11,7 @@ from txt1.errors import ConfigError
 
 if TYPE_CHECKING:
     from txt1.config import Config
-    from txt1_ros1.beside import Node
+    from txt1_ros1.robot_node import Node
 
 ROS1: Final = {
     "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
@@ -26,7 +26,7 @@ def asked(arguments: Namespace, config: Config) -> Node | None:
         if arguments.ros1_namespace or arguments.ros1_name:
             raise ConfigError("--ros1-namespace, --ros1-name: there is no node of ROS 1; add --ros1")
         return None
-    from txt1_ros1.beside import Node, python
+    from txt1_ros1.robot_node import Node, python
 
     namespace = (arguments.ros1_namespace or "").strip("/")
     return Node(python(namespace), namespace, arguments.ros1_name or "", arguments.speed is not None)

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.guards.roll_guard.guard import Guard, lean, sideways_max, tipping
+from txt1.guards.roll_guard.inputs import roll_of, watching
 from txt1.guards.roll_guard.settings import RollGuard
-from txt1.guards.roll_guard.watching import roll_of, watching
 from txt1.model.vehicle import Geometry
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import ImuReading

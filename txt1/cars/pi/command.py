@@ -10,7 +10,7 @@ from typing import Any, Final
 from txt1.cars.pi.driver import GET_LGPIO
 from txt1.config import Config
 from txt1.installing import installs
-from txt1.kit.remark import Remark, judged
+from txt1.kit.findings import Finding, judged
 
 CHIPS: Final = {
     0x40: "servo board (PCA9685), or an INA219",
@@ -21,7 +21,7 @@ CHIPS: Final = {
 """I2C addresses to ask, and the chips that may answer."""
 
 
-def remarks(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
+def remarks(config: Config, devices: Path = Path("/dev")) -> Iterator[Finding]:
     """Yield remarks on the Raspberry Pi below the car; the devices are in the folder `devices`."""
     options = config.hal_options
     bus = options.get("bus", 1)
@@ -47,15 +47,15 @@ def remarks(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
                 yield from chips(opened.read_byte, options.get("address", 0x40))
 
 
-def access(device: Path, group: str, absent: str) -> Remark:
+def access(device: Path, group: str, absent: str) -> Finding:
     """Return whether a device is there and may be used; `absent` is the remedy if it is not there."""
     if not device.exists():
-        return Remark(group, f"{device} does not exist: {absent}", False)
+        return Finding(group, f"{device} does not exist: {absent}", False)
     well = os.access(device, os.R_OK | os.W_OK)
     return judged(group, str(device), well, f"no permission: sudo usermod -aG {group} $USER, then log out and in again")
 
 
-def chips(read_byte: Callable[[int], Any], wanted: int) -> Iterator[Remark]:
+def chips(read_byte: Callable[[int], Any], wanted: int) -> Iterator[Finding]:
     """Yield remarks on known chips that answer on an I2C bus; the servo board at `wanted` has to answer."""
     answered = []
     for address in sorted({*CHIPS, wanted}):

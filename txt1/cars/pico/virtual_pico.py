@@ -16,7 +16,7 @@ from pathlib import Path
 from struct import Struct
 from typing import IO, Final, NamedTuple
 
-from txt1.board.far_end import far_end
+from txt1.board.line_faults import far_end
 from txt1.cars.pico.installer import folder
 from txt1.config import Config
 from txt1.errors import HalError, MissingExtra

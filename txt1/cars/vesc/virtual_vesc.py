@@ -9,7 +9,7 @@ from math import inf
 from struct import Struct, pack, unpack_from
 from typing import Final
 
-from txt1.board.far_end import far_end
+from txt1.board.line_faults import far_end
 from txt1.cars.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions, packet
 from txt1.config import Config, checked
 from txt1.hal.simulated_controller import Controller, ControllerPort

@@ -9,7 +9,7 @@ import json
 from math import inf, pi
 from typing import Any, Final
 
-from txt1.board.far_end import far_end
+from txt1.board.line_faults import far_end
 from txt1.cars.waveshare.driver import (
     ECHO,
     FEEDBACK,

@@ -6,5 +6,5 @@ ADDITION = Addition(
     name="roll_guard",
     order=30,
     settings="txt1.guards.roll_guard.settings:RollGuard",
-    prepare="txt1.guards.roll_guard.watching:prepare",
+    prepare="txt1.guards.roll_guard.inputs:prepare",
 )

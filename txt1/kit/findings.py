@@ -1,9 +1,9 @@
-"""The remarks of `txt1 doctor`."""
+"""The findings of `txt1 doctor`."""
 
 from typing import NamedTuple
 
 
-class Remark(NamedTuple):
+class Finding(NamedTuple):
     """A line of the doctor's: subject, finding, and whether all is well; if not, the finding contains the cause."""
 
     subject: str
@@ -16,6 +16,6 @@ class Remark(NamedTuple):
         return self.well
 
 
-def judged(subject: str, text: str, well: bool, cause: str) -> Remark:
-    """Return a remark, with the cause unless all is well."""
-    return Remark(subject, text if well else f"{text}: {cause}", well)
+def judged(subject: str, text: str, well: bool, cause: str) -> Finding:
+    """Return a finding, with the cause unless all is well."""
+    return Finding(subject, text if well else f"{text}: {cause}", well)
