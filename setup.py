@@ -71,7 +71,7 @@ MODULES = {
         "walk",
     ],
     "tasks": ["battery", "controller", "encoder", "panel", "serial", "state"],
-    "record": ["encoder", "recorder"],
+    "record": ["mcap_records", "recorder"],
     "telemetry": ["bus"],
     "learning": ["light_direction", "task", "thesis", "trial"],
 }

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rigs import page_parts
-from txt1.record.reading import Decoding, FilePass
+from txt1.record.reader import Decoding, FilePass
 from txt1.ros.python import RosPython, ros2
 
 ROOT: Final = Path(__file__).parents[1]

@@ -18,7 +18,7 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from txt1.cli import execute
-from txt1.record.reading import Decoding, FilePass
+from txt1.record.reader import Decoding, FilePass
 
 TARGET: Final = Path(__file__).with_name("learns.gif")
 BEGIN, END, STEP = 1.0, 24.0, 0.25  # s: what is shown, and from picture to picture

@@ -182,7 +182,7 @@ def _recording(data: bytes) -> None:
 
 def _view(data: bytes) -> None:
     """Take bytes as what a client publishes."""
-    from txt1.record.live import velocity
+    from txt1.record.live_view import velocity
 
     twist = velocity(data)
     assert twist is None or (len(twist) == 2 and all(isinstance(each, float) for each in twist))

@@ -77,7 +77,7 @@ MODULES: Final = (
     "txt1/fleet/messages.py",
     "txt1/fleet/network.py",
     "txt1/fleet/stopping.py",
-    "txt1/record/recover.py",
+    "txt1/record/recovery.py",
 )
 TESTS: Final = (
     "tests/unit/control",

@@ -29,8 +29,8 @@ from txt1.config import load
 from txt1.errors import StopNotVerified
 from txt1.kernel.loop import run
 from txt1.link.pty import listen_pty
-from txt1.record.disk import parts
-from txt1.record.reading import FilePass
+from txt1.record.file_sink import parts
+from txt1.record.reader import FilePass
 from txt1.robot import Robot
 
 ROOT: Final = Path(__file__).parents[1]

@@ -76,7 +76,7 @@ def blocking_calls_fail() -> Iterator[BlockBuster]:
         may_block(blockbuster, "txt1/kernel/loop.py", "shutdown_default_executor")  # waits for the recorder's thread
         may_block(blockbuster, "txt1/record/recorder.py", "_hand_over")  # at full speed nothing is late by it
         if not recorder_module.__file__.endswith(".py"):  # compiled, `_hand_over` has no frame
-            may_block(blockbuster, "txt1/record/disk.py", "write")
+            may_block(blockbuster, "txt1/record/file_sink.py", "write")
             may_block(blockbuster, "txt1/record/comparison.py", "write")
         may_block(blockbuster, "tests/patience.py", "lateness")
         yield blockbuster

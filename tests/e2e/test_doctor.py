@@ -9,7 +9,7 @@ from pytest import approx
 
 from txt1.board.board import VirtualPort
 from txt1.cli import execute
-from txt1.cli.doctor import Finding, Findings, examine, remarks
+from txt1.cli.doctor import Finding, Observations, examine, findings
 from txt1.config import load
 from txt1.config.schema import ControlConfig
 from txt1.errors import HalError
@@ -22,41 +22,41 @@ Capture = pytest.CaptureFixture[str]
 GAINS = ControlConfig().pid_set()
 
 
-async def found(*settings: str) -> Findings:
+async def found(*settings: str) -> Observations:
     return await examine(VirtualPort(load(None, settings).config), GAINS, 5.0)
 
 
-def said(findings: Findings) -> dict[str, Finding]:
-    return {remark.subject: remark for remark in remarks(findings, 57600)}
+def said(observed: Observations) -> dict[str, Finding]:
+    return {finding.subject: finding for finding in findings(observed, 57600)}
 
 
 async def test_a_board_on_a_clean_line_is_well() -> None:
-    findings = await found()
-    assert len(findings.arrivals) / findings.duration == approx(20.0, rel=0.02)
-    assert findings.age_max == approx(0.05, abs=0.01)
-    assert len(findings.answers) == findings.asked == 5
-    assert findings.answers[0] == approx(0.045, abs=0.005)
-    assert findings.faults == {}
-    assert all(remark.well for remark in said(findings).values())
+    observed = await found()
+    assert len(observed.arrivals) / observed.duration == approx(20.0, rel=0.02)
+    assert observed.age_max == approx(0.05, abs=0.01)
+    assert len(observed.answers) == observed.asked == 5
+    assert observed.answers[0] == approx(0.045, abs=0.005)
+    assert observed.faults == {}
+    assert all(finding.well for finding in said(observed).values())
 
 
 async def test_lost_frames_are_put_down_to_the_cable() -> None:
-    remark = said(await found("board.fault.drop=0.2"))
-    assert not remark["odometry"].well
-    assert "cable" in remark["odometry"].text
+    finding = said(await found("board.fault.drop=0.2"))
+    assert not finding["odometry"].well
+    assert "cable" in finding["odometry"].text
 
 
 async def test_flipped_bits_are_counted_and_put_down_to_noise() -> None:
-    findings = await found("board.fault.flip=0.002", "seed=2")
-    assert findings.faults[Reason.BAD_CHECKSUM] > 10
-    assert not said(findings)["faults"].well
-    assert "noise" in said(findings)["faults"].text
+    observed = await found("board.fault.flip=0.002", "seed=2")
+    assert observed.faults[Reason.BAD_CHECKSUM] > 10
+    assert not said(observed)["faults"].well
+    assert "noise" in said(observed)["faults"].text
 
 
 async def test_a_line_that_holds_up_its_bytes_is_told_from_one_that_loses_them() -> None:
-    remark = said(await found("board.fault.stall=0.3", "board.fault.stall_every=1.0"))
-    assert not remark["age"].well
-    assert "ms old" in remark["age"].text
+    finding = said(await found("board.fault.stall=0.3", "board.fault.stall_every=1.0"))
+    assert not finding["age"].well
+    assert "ms old" in finding["age"].text
 
 
 class DeafPort:
@@ -90,23 +90,23 @@ class DeafPort:
 
 
 async def test_silence_asks_for_power_port_and_crossed_lines() -> None:
-    findings = await examine(DeafPort(b""), GAINS, 5.0)
-    (remark,) = said(findings).values()
-    assert not remark.well
-    assert "null-modem" in remark.text and "on?" in remark.text
+    observed = await examine(DeafPort(b""), GAINS, 5.0)
+    (finding,) = said(observed).values()
+    assert not finding.well
+    assert "null-modem" in finding.text and "on?" in finding.text
 
 
 async def test_bytes_that_are_no_frames_point_at_the_baud_rate() -> None:
-    findings = await examine(DeafPort(b"\xfa\x00\x80\xf8\x78"), GAINS, 5.0)
-    assert not said(findings)["odometry"].well
-    assert "baud rate is not 57600" in said(findings)["odometry"].text
+    observed = await examine(DeafPort(b"\xfa\x00\x80\xf8\x78"), GAINS, 5.0)
+    assert not said(observed)["odometry"].well
+    assert "baud rate is not 57600" in said(observed)["odometry"].text
 
 
 async def test_a_board_that_rejects_the_gains_is_quoted(reject_gains: Callable[[], None]) -> None:
     reject_gains()
-    remark = said(await found())["PID set"]
-    assert not remark.well
-    assert "rejected 5 times" in remark.text
+    finding = said(await found())["PID set"]
+    assert not finding.well
+    assert "rejected 5 times" in finding.text
 
 
 def test_the_command_ends_with_0_when_all_is_well_and_with_1_when_not(capsys: Capture) -> None:
@@ -152,6 +152,6 @@ async def test_a_port_that_cannot_be_opened_is_an_error_and_not_a_finding() -> N
 
 
 async def test_a_line_that_is_lost_meanwhile_is_not_well() -> None:
-    findings = await found("board.fault.cut=4.0")
-    assert not said(findings)["link"].well
-    assert "closed" in said(findings)["link"].text
+    observed = await found("board.fault.cut=4.0")
+    assert not said(observed)["link"].well
+    assert "closed" in said(observed)["link"].text

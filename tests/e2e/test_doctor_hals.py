@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from txt1.cars.pi.command import access, chips, remarks
+from txt1.cars.pi.command import access, chips, findings
 from txt1.cli import execute
 from txt1.cli.doctor_hal import examined, supply
 from txt1.commands import FAULT
@@ -42,7 +42,7 @@ def test_chips_on_the_bus() -> None:
 
 def test_a_device_that_is_not_there_or_not_ours(tmp_path: Path) -> None:
     config = load(None, ["vehicle=donkeycar"], {}, {"hal": "pi"}).config
-    found = {remark.subject: remark for remark in remarks(config, tmp_path)}
+    found = {finding.subject: finding for finding in findings(config, tmp_path)}
     assert "raspi-config" in found["i2c"].text
     (tmp_path / "i2c-1").touch()
     assert access(tmp_path / "i2c-1", "i2c", "").well
@@ -60,7 +60,7 @@ def test_all_is_well_on_the_desk(hal: str, vehicle: str, capsys: pytest.CaptureF
 def test_a_line_that_brings_nothing_is_told() -> None:
     silent = ["vehicle=f1tenth", "serial.port=vesc", "serial.fault.drop=1"]
     hal = create(load(None, silent, {}, {"hal": "vesc"}).config)
-    found = {remark.subject: remark for remark in run(examined(hal, 2.0), speed="max")}
+    found = {finding.subject: finding for finding in run(examined(hal, 2.0), speed="max")}
     assert (found["link"].well, found["odometry"].well, found["battery"].well) == (False, False, False)
     assert "transmit and receive lines crossed" in found["link"].text
 

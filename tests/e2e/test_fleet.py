@@ -41,7 +41,7 @@ from txt1.fleet.stopping import Standing
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.learning.shared_knowledge import FORGET, LEARNED, TOLD, Learned, learned_of
-from txt1.record.reading import robots_in
+from txt1.record.reader import robots_in
 from txt1.record.snapshots import Snapshots
 from txt1.robot import Robot
 from txt1.tasks.encoder import POSE
@@ -63,7 +63,7 @@ robots:
 def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
     may_block(blocking_calls_fail, "txt1/fleet/plan.py", "plan_of")
     may_block(blocking_calls_fail, "txt1/ui/screens.py", "installed")
-    may_block(blocking_calls_fail, "txt1/record/verify.py", "_replay", "_replay_steps", "write", "close")
+    may_block(blocking_calls_fail, "txt1/record/verification.py", "_replay", "_replay_steps", "write", "close")
     may_block(blocking_calls_fail, "txt1/record/recorder.py", "_write", "_close_sinks")
     may_block(blocking_calls_fail, "txt1/ui/replay.py", "play")
 

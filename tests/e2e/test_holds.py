@@ -8,7 +8,7 @@ import pytest
 
 from tests.e2e.conftest import Sample
 from txt1.control.holding import HANDOVER, LASTS
-from txt1.record.watching import PanelHand
+from txt1.record.attached_recorder import PanelHand
 from txt1.robot import Robot
 
 TICK = 0.02

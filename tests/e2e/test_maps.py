@@ -13,7 +13,7 @@ from txt1.kernel.loop import run
 from txt1.maps.files import write
 from txt1.maps.grid import OCCUPIED, Grid
 from txt1.record.session import recording
-from txt1.record.verify import verify
+from txt1.record.verification import verify
 from txt1.robot import Robot
 
 

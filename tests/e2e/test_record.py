@@ -29,9 +29,9 @@ from txt1.commands import need
 from txt1.errors import MissingExtra
 from txt1.installing import installs
 from txt1.record import mcap_file, recorder
-from txt1.record.encoder import Encoder
-from txt1.record.reading import FilePass
-from txt1.record.recover import recover
+from txt1.record.mcap_records import Encoder
+from txt1.record.reader import FilePass
+from txt1.record.recovery import recover
 
 Capture = pytest.CaptureFixture[str]
 

@@ -26,9 +26,9 @@ from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.kernel.loop import Speed, run
 from txt1.model.odometry import Odometry
-from txt1.record.layout import MessageBuffer
+from txt1.record.cdr import MessageBuffer
 from txt1.record.session import recording
-from txt1.record.verify import verify
+from txt1.record.verification import verify
 from txt1.robot import Robot
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, reading_topic

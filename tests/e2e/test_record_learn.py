@@ -33,7 +33,7 @@ from txt1.learning.light_direction import reward
 from txt1.learning.qtable import StoredTable
 from txt1.learning.trial import Episode
 from txt1.record.session import discard, recording
-from txt1.record.verify import verify
+from txt1.record.verification import verify
 from txt1.robot import Robot
 
 Capture = pytest.CaptureFixture[str]
@@ -53,7 +53,7 @@ def clean_processes() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def a_verification_may_block(blocking_calls_fail: BlockBuster) -> None:
     """It reads its recording in the loop: nobody waits for a tick."""
-    may_block(blocking_calls_fail, "txt1/record/verify.py", "_replay", "write", "close")
+    may_block(blocking_calls_fail, "txt1/record/verification.py", "_replay", "write", "close")
 
 
 def recorded(path: Path, *words: str) -> Path:

@@ -22,8 +22,8 @@ from txt1.config import load
 from txt1.kernel.loop import run
 from txt1.record import mcap_file
 from txt1.record import recorder as record_recorder
-from txt1.record.reading import FilePass
-from txt1.record.recover import recover
+from txt1.record.reader import FilePass
+from txt1.record.recovery import recover
 from txt1.record.session import recording
 from txt1.robot import Robot
 

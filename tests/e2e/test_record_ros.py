@@ -12,7 +12,7 @@ from pathlib import Path
 from txt1.config.sources import load
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
-from txt1.record.reading import FilePass
+from txt1.record.reader import FilePass
 from txt1.record.session import recording
 from txt1.robot import Robot
 from txt1.ros.publisher import Publisher

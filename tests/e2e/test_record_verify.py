@@ -28,9 +28,9 @@ from txt1.kernel.loop import Speed, run
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.layout import from_numbers, numbers
 from txt1.protocol.messages import PidSet, PowerControl, PwmTest, Switch, Velocity
-from txt1.record.layout import MessageBuffer
+from txt1.record.cdr import MessageBuffer
 from txt1.record.session import recording
-from txt1.record.verify import verify
+from txt1.record.verification import verify
 from txt1.robot import Robot
 
 RUN = ("run", "--headless", "--speed", "max", "--json", "--seed", "1")
@@ -39,7 +39,7 @@ RUN = ("run", "--headless", "--speed", "max", "--json", "--seed", "1")
 @pytest.fixture(autouse=True)
 def a_verification_may_block(blocking_calls_fail: BlockBuster) -> None:
     """It reads its recording in the loop: nobody waits for a tick."""
-    may_block(blocking_calls_fail, "txt1/record/verify.py", "_replay", "_replay_steps", "write", "close")
+    may_block(blocking_calls_fail, "txt1/record/verification.py", "_replay", "_replay_steps", "write", "close")
     may_block(blocking_calls_fail, "txt1/record/recorder.py", "_write", "_close_sinks")
 
 

@@ -32,8 +32,8 @@ from txt1.control.hand import DEFAULT_HAND
 from txt1.errors import ConfigError
 from txt1.kernel.clock import RealClock, seconds
 from txt1.kernel.loop import run
-from txt1.record import live, options
-from txt1.record.live import LiveView, velocity
+from txt1.record import live_view, options
+from txt1.record.live_view import LiveView, velocity
 from txt1.record.session import open_view, recording
 from txt1.telemetry.messages import fields
 from txt1.telemetry.topics import TOPICS
@@ -190,7 +190,7 @@ def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is(monkeypatch: pyte
             return read[-1]
 
     clock = RealClock()
-    monkeypatch.setattr(live, "_CLOCK", Clock())
+    monkeypatch.setattr(live_view, "_CLOCK", Clock())
 
     async def body() -> float:
         loop = asyncio.get_running_loop()

@@ -13,7 +13,7 @@ import pytest
 from txt1.bridges.services import RECORDING, ROUTE, Services
 from txt1.errors import CommandRefused, ConfigError, NotArmed
 from txt1.protocol.messages import PidSet
-from txt1.record.reading import FilePass
+from txt1.record.reader import FilePass
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
 

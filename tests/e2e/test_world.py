@@ -17,7 +17,7 @@ from txt1.errors import ConfigError, NotArmed
 from txt1.hal.registry import in_world
 from txt1.kernel.loop import Speed, run
 from txt1.record.session import recording
-from txt1.record.verify import verify
+from txt1.record.verification import verify
 from txt1.robot import Robot
 from txt1.sim.obstacles import gap
 from txt1.sim.parameters import Post
@@ -158,7 +158,7 @@ async def test_obstacles_come_from_the_configuration() -> None:
 
 
 def test_each_recording_is_its_own_and_verifies(tmp_path: Path, blocking_calls_fail: BlockBuster) -> None:
-    may_block(blocking_calls_fail, "txt1/record/verify.py", "_replay", "_replay_steps", "write", "close")
+    may_block(blocking_calls_fail, "txt1/record/verification.py", "_replay", "_replay_steps", "write", "close")
     may_block(blocking_calls_fail, "txt1/record/recorder.py", "_write", "_close_sinks")
 
     async def main() -> None:

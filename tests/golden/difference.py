@@ -7,7 +7,7 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from txt1.record.reading import Decoding, FilePass, flat
+from txt1.record.reader import Decoding, FilePass, flat
 
 MEASURED = ("/diagnostics", "/steps", "/reports", "/snapshot", "/link")
 """Topics that hold what a clock measures, or that say again what others say."""

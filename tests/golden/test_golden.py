@@ -10,9 +10,9 @@ import pytest
 
 from tests.golden.recipes import RECIPES
 from txt1.record.comparison import CLOSE
-from txt1.record.reading import metadata_of
+from txt1.record.reader import metadata_of
 from txt1.record.session import machine
-from txt1.record.verify import Verdict, verify
+from txt1.record.verification import Verdict, verify
 from txt1.telemetry.topics import TOPICS, Rule
 
 FOLDER = Path(__file__).parent

@@ -23,7 +23,7 @@ from tests.patience import LIMIT, TXT1, S, wait_until
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
-from txt1.record.reading import FilePass
+from txt1.record.reader import FilePass
 from txt1.ros.install import outdated
 from txt1.ros.python import RosPython, clean, home, ros2
 

@@ -24,7 +24,7 @@ from txt1.bridges.services import Services
 from txt1.errors import CommandRefused
 from txt1.fleet.link import FleetLink
 from txt1.kernel.loop import run
-from txt1.record.live import velocity
+from txt1.record.live_view import velocity
 from txt1.robot import Robot
 from txt1.sidecar import Request
 

@@ -29,8 +29,8 @@ from txt1.fleet.plan import plan_of
 from txt1.learning import qtable
 from txt1.mapping import graph_file
 from txt1.maps import files as maps
-from txt1.record import reading
-from txt1.record.reading import FilePass
+from txt1.record import reader
+from txt1.record.reader import FilePass
 from txt1.teaching import policy
 from txt1.teaching.lessons import sha256_of
 
@@ -155,7 +155,7 @@ def test_a_small_recording_that_unpacks_to_gigabytes_takes_a_line(
 
 
 def test_many_small_chunks_may_not_unpack_to_more_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reading, "UNPACKED_MAX", 1_000_000)
+    monkeypatch.setattr(reader, "UNPACKED_MAX", 1_000_000)
     size = 500_000
     path = recording(tmp_path / "bomb.mcap", *[(size, packed_zeros(size))] * 40)
     assert size < CHUNK_MAX

@@ -34,13 +34,13 @@ ODOMETRY_RATE: Final = 20.0
 RATE_SHARE: Final = 0.95
 # s of age up to which odometry is fresh enough for driving
 AGE_MAX: Final = 0.15
-# by HAL: (Config) -> remarks on the computer
+# by HAL: (Config) -> findings on the computer
 DOCTORS: Final = Registry("doctor", "txt1.doctors", {})
 # s, a quick round trip of a PID set: 42 ms of it for the bytes at 57600 baud
 ANSWER_MAX: Final = 0.3
 
 
-class Findings:
+class Observations:
     """The host's end of a line, and its observations."""
 
     def __init__(self) -> None:
@@ -96,12 +96,12 @@ class Findings:
                 self.faults[reason] += 1
 
 
-async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
+async def examine(port: Port, gains: PidSet, duration: float) -> Observations:
     """Command standstill and send the gains for `duration` s after the first odometry; return the observations.
 
     Raises HalError: the port cannot be opened.
     """
-    loop, found = asyncio.get_running_loop(), Findings()
+    loop, found = asyncio.get_running_loop(), Observations()
     await port.open(found)
     try:
         pid_set, velocity = encode(gains), encode(Velocity(0.0, 0.0))
@@ -126,8 +126,8 @@ async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
     return found
 
 
-def remarks(f: Findings, baud: int) -> Iterator[Finding]:
-    """Yield remarks on the findings: each is in order, or a fault with its likely cause."""
+def findings(f: Observations, baud: int) -> Iterator[Finding]:
+    """Yield findings on the observations: each is in order, or a fault with its likely cause."""
     if f.gone:
         yield Finding("link", f"lost: {f.gone}", False)
     if not f.octets:
@@ -246,9 +246,9 @@ def main(arguments: argparse.Namespace) -> int:
 
 async def _at_line(port: Port, config: Config, duration: float) -> list[Finding]:
     """Return the findings on a board; without a board, the device that answered when each kind was asked."""
-    findings = await examine(port, config.loops().pid_set(), duration)
-    found = list(remarks(findings, config.serial.baud))
-    if not findings.arrivals:
+    observed = await examine(port, config.loops().pid_set(), duration)
+    found = list(findings(observed, config.serial.baud))
+    if not observed.arrivals:
         others = await answering(lambda language: port_of(config, language.baud))
         found += [
             Finding(

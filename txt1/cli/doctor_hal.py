@@ -35,7 +35,7 @@ def supply(text: str) -> Finding:
 
 
 def computer() -> Iterator[Finding]:
-    """Yield remarks on the Raspberry Pi and its supply, if this computer is a Raspberry Pi."""
+    """Yield findings on the Raspberry Pi and its supply, if this computer is a Raspberry Pi."""
     model = Path("/proc/device-tree/model")
     if model.exists():
         yield Finding("computer", model.read_text(errors="replace").strip("\0\n "))
@@ -47,7 +47,7 @@ def computer() -> Iterator[Finding]:
 
 
 async def examined(hal: Hal, duration: float) -> list[Finding]:
-    """Hold a HAL's outputs neutral for `duration` s; return remarks on its reports.
+    """Hold a HAL's outputs neutral for `duration` s; return findings on its reports.
 
     Raises HalError if it cannot be opened.
     """

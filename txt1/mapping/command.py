@@ -83,7 +83,7 @@ def _source(arguments: argparse.Namespace) -> ScanLog:
     from txt1.mapping import carmen_logs, sweeps
 
     if arguments.file.suffix == ".mcap":
-        from txt1.record.reading import robot_in
+        from txt1.record.reader import robot_in
 
         read = sweeps.read(arguments.file, robot_in(arguments.file, arguments.robot), arguments.sensor)
         mount = read.mount

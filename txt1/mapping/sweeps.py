@@ -187,7 +187,7 @@ def read(path: Path, robot: str, sensor: str | None = None) -> LaserDrive:
 
     Raises RecordingError: it has no exact scans, or cannot be read; ConfigError: there is no such laser.
     """
-    from txt1.record.reading import Decoding, FilePass, trusting
+    from txt1.record.reader import Decoding, FilePass, trusting
     from txt1.tasks.encoder import ODOMETRY
     from txt1.tasks.inputs import REPORT
     from txt1.telemetry import exact

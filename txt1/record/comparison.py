@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 
 from txt1.errors import RecordingError
 from txt1.hal.base import LINK
-from txt1.record.encoder import Block
-from txt1.record.reading import Decoding, FilePass, Item, flat
+from txt1.record.mcap_records import Block
+from txt1.record.reader import Decoding, FilePass, Item, flat
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS
 from txt1.tasks import diagnostics, fields

@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from txt1.errors import ConfigError
-from txt1.record.encoder import Block
+from txt1.record.mcap_records import Block
 from txt1.telemetry.messages import schema_name, schema_text
 from txt1.telemetry.topics import Rule
 from txt1.version import __version__

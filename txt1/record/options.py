@@ -17,7 +17,7 @@ from txt1.resources import resource
 if TYPE_CHECKING:
     from txt1.config import Config
     from txt1.kernel.loop import Speed
-    from txt1.record.live import LiveView
+    from txt1.record.live_view import LiveView
 
 # of Foxglove's panels
 LAYOUT: Final = resource("config/foxglove/txt1.foxglove-layout.json")

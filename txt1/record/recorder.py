@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol
 
 from txt1.errors import RecordingError
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.record.encoder import Block, Encoder, Message, TopicChannel
+from txt1.record.mcap_records import Block, Encoder, Message, TopicChannel
 from txt1.runtime import Runtime
 from txt1.tasks.controller import CONTROL_PERIOD
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from txt1.config import flatten, recorded
 from txt1.errors import ConfigError, RecordingError
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.reading import Decoding, FilePass, Item, robot_in, robots_in, trusting
+from txt1.record.reader import Decoding, FilePass, Item, robot_in, robots_in, trusting
 from txt1.record.summary import TopicSummary
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import PWM, SETPOINT

@@ -24,8 +24,8 @@ from txt1.runtime import Runtime
 from txt1.version import __version__
 
 if TYPE_CHECKING:
-    from txt1.record.encoder import TopicChannel
-    from txt1.record.live import LiveView
+    from txt1.record.live_view import LiveView
+    from txt1.record.mcap_records import TopicChannel
     from txt1.record.recorder import Recorder, Sink
 
 MODULES: Final = ("mcap", "mcap_ros2", "zstandard", "lz4")
@@ -203,7 +203,7 @@ def _prepare(
 ) -> tuple[Sequence[Sink], type[Recorder]]:
     """Return the sinks, the file's among them, and the function that makes a recorder for them."""
     need("recording", "record", "mcap", "zstandard", "lz4")
-    from txt1.record.disk import FileSink, Rotation
+    from txt1.record.file_sink import FileSink, Rotation
     from txt1.record.recorder import Recorder
 
     record = config.section(RecordConfig)
@@ -216,8 +216,8 @@ def _prepare(
 
 def discard(file: Path, config: Config, plan: Mapping[str, object]) -> bool:
     """Whether a file is the recording of this very run, made before; if so it is deleted, later parts and all."""
-    from txt1.record.disk import parts
-    from txt1.record.reading import metadata_of
+    from txt1.record.file_sink import parts
+    from txt1.record.reader import metadata_of
 
     told, found = metadata(config, None, plan), list(parts(file))
     abouts = [metadata_of(part, "txt1") for part in found]
@@ -231,6 +231,6 @@ def discard(file: Path, config: Config, plan: Mapping[str, object]) -> bool:
 def open_view(host: str, port: int, *, control: bool) -> LiveView:
     """Return a live view that listens; raises MissingExtra, ConfigError."""
     need("--view", "view", "foxglove", "mcap", "zstandard", "lz4")
-    from txt1.record.live import LiveView
+    from txt1.record.live_view import LiveView
 
     return LiveView(host, port, control=control)

@@ -11,7 +11,7 @@ from txt1.errors import RecordingError
 from txt1.hal.base import Outputs
 from txt1.kernel.clock import NS_PER_S
 from txt1.model.odometry import Odometry
-from txt1.record.reading import Decoding, FilePass, robot_in
+from txt1.record.reader import Decoding, FilePass, robot_in
 from txt1.tasks.controller import GAINS, PWM, SETPOINT
 from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
 from txt1.tasks.fields import EVENTS, LOG, VEHICLES, Control, Encoders, Event

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.reading import Decoding, FilePass, Item
+from txt1.record.reader import Decoding, FilePass, Item
 
 RECOVER: Final = "'txt1 log recover' makes a complete file of it"
 # of the metadata, what `info` prints

@@ -21,7 +21,7 @@ import numpy as np
 
 from txt1.errors import RecordingError
 from txt1.maps.files import png
-from txt1.record.reading import Decoding, Item, flat
+from txt1.record.reader import Decoding, Item, flat
 
 # bytes of a field that stand in a cell of a CSV table, as hexadecimal digits
 BYTES_MAX: Final = 64

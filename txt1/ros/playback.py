@@ -15,8 +15,8 @@ from txt1.errors import HalError
 from txt1.kernel.clock import NS_PER_S, RealClock, nanoseconds, seconds
 from txt1.kernel.loop import run
 from txt1.model.vehicle import Geometry
-from txt1.record.encoder import Encoder
-from txt1.record.reading import Decoding, FilePass, Item, metadata_of, robot_in
+from txt1.record.mcap_records import Encoder
+from txt1.record.reader import Decoding, FilePass, Item, metadata_of, robot_in
 from txt1.ros.definitions import OWNERS
 from txt1.ros.node import START
 from txt1.ros.publisher import JOINTS, WheelJoints, description, line_of

@@ -16,7 +16,7 @@ from txt1.kernel.clock import NS_PER_S, seconds, wall_ns
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import Geometry
-from txt1.record.encoder import Encoder, Message
+from txt1.record.mcap_records import Encoder, Message
 from txt1.record.settings import RecordConfig
 from txt1.ros.topics import (
     JOINT_STATES,

@@ -32,7 +32,7 @@ from txt1.control.commander import PRIORITIES
 from txt1.errors import ConfigError, RecordingError
 from txt1.file_limits import open_file
 from txt1.model.light_sensors import Readings
-from txt1.record.reading import Decoding, FilePass, robot_in, robots_in, trusting
+from txt1.record.reader import Decoding, FilePass, robot_in, robots_in, trusting
 from txt1.record.summary import ending_of
 from txt1.sensors.readings import Image, Scan
 from txt1.teaching.driving import POLICY

@@ -9,7 +9,7 @@ import pytest
 from pyarrow import parquet
 
 from txt1.cli import execute
-from txt1.record.reading import Decoding, FilePass
+from txt1.record.reader import Decoding, FilePass
 
 
 def test_a_dataset_has_the_learners_episodes_as_they_were_recorded(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from PIL import Image, UnidentifiedImageError
 from pyarrow import parquet
 
 from txt1.errors import ConfigError, RecordingError
-from txt1.record.reading import Decoding, FilePass
+from txt1.record.reader import Decoding, FilePass
 
 Array = NDArray[np.float64]
 VERSION: Final = "v3.0"

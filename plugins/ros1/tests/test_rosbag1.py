@@ -8,8 +8,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from txt1.cli import execute
-from txt1.record.layout import MessageBuffer
-from txt1.record.reading import OWN
+from txt1.record.cdr import MessageBuffer
+from txt1.record.reader import OWN
 from txt1.ros.definitions import own
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1_ros1.rosbag1 import Converter

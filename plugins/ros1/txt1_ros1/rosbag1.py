@@ -13,7 +13,7 @@ from rosbags.rosbag1 import Writer, WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from txt1.errors import ConfigError, RecordingError
-from txt1.record.reading import Item
+from txt1.record.reader import Item
 
 
 class Converter:

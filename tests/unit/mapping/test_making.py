@@ -19,7 +19,7 @@ from txt1.mapping.sweeps import Sweep
 from txt1.mapping.worker import Far
 from txt1.maps import files
 from txt1.record.command.view import viewable
-from txt1.record.reading import Decoding, FilePass
+from txt1.record.reader import Decoding, FilePass
 
 RUN = (
     *("run", "--hal", "sim", "--headless", "--speed", "max", "--drive", "0.5,0.45"),

@@ -11,7 +11,7 @@ from txt1.cli import execute
 from txt1.mapping import grid_files, map_sensors, scan_work
 from txt1.mapping.particle_filter import Locator
 from txt1.maps.grid import FREE, OCCUPIED, Grid
-from txt1.record.reading import Decoding, FilePass
+from txt1.record.reader import Decoding, FilePass
 
 RUN = (
     *("run", "--hal", "sim", "--headless", "--speed", "max", "--drive", "0.5,0.45"),

@@ -14,9 +14,9 @@ from mcap.writer import Writer
 
 from txt1.cli import execute
 from txt1.errors import RecordingError
-from txt1.record.reading import FilePass
-from txt1.record.recover import recover
-from txt1.record.verify import verify
+from txt1.record.reader import FilePass
+from txt1.record.recovery import recover
+from txt1.record.verification import verify
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "line.mcap"
 LONGEST = 1000  # messages of it, which are enough

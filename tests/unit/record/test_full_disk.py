@@ -13,8 +13,8 @@ from mcap.reader import make_reader
 from txt1.errors import ConfigError
 from txt1.model.odometry import Odometry
 from txt1.record import mcap_file
-from txt1.record.disk import FileSink, Rotation, parts
-from txt1.record.encoder import Block, Encoder
+from txt1.record.file_sink import FileSink, Rotation, parts
+from txt1.record.mcap_records import Block, Encoder
 from txt1.tasks.encoder import ODOMETRY
 
 BLOCKS, MESSAGES = 30, 40

@@ -16,8 +16,8 @@ import txt1.robot
 import txt1.sensors.light  # noqa: F401  # all of them declare topics
 from txt1.estimation.task import FILTERED
 from txt1.model.estimate import Estimate
-from txt1.record.encoder import Encoder
-from txt1.record.layout import MessageBuffer, encode
+from txt1.record.cdr import MessageBuffer, encode
+from txt1.record.mcap_records import Encoder
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import TOPICS
 

@@ -24,7 +24,7 @@ from txt1.mapping.map_sensors import OnMap
 from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.grid import Grid
 from txt1.model.vehicle import STEERING_MAX, Geometry
-from txt1.record.layout import MessageBuffer
+from txt1.record.cdr import MessageBuffer
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1.ros.definitions import ACTIONS, SERVICES, own, write_package

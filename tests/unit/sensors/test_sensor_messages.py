@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tests.unit.sensors.test_codecs import PARAMETERS, SCAN
 from txt1.config.sources import checked
-from txt1.record.encoder import Encoder
+from txt1.record.mcap_records import Encoder
 from txt1.sensors import laser_ld19, laser_scip
 from txt1.sensors.base import Reading
 from txt1.sensors.imu_3dmgx2 import ImuDecoder, ImuOptions, checksum

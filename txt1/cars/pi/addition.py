@@ -7,6 +7,6 @@ ADDITION = Addition(
     parts={
         "txt1.hal": {"pi": "txt1.cars.pi.driver:create"},
         "txt1.buses": {"pi": "txt1.cars.pi.virtual_pi:virtual_bus"},
-        "txt1.doctors": {"pi": "txt1.cars.pi.command:remarks"},
+        "txt1.doctors": {"pi": "txt1.cars.pi.command:findings"},
     },
 )

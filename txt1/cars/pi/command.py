@@ -21,8 +21,8 @@ CHIPS: Final = {
 """I2C addresses to ask, and the chips that may answer."""
 
 
-def remarks(config: Config, devices: Path = Path("/dev")) -> Iterator[Finding]:
-    """Yield remarks on the Raspberry Pi below the car; the devices are in the folder `devices`."""
+def findings(config: Config, devices: Path = Path("/dev")) -> Iterator[Finding]:
+    """Yield findings on the Raspberry Pi below the car; the devices are in the folder `devices`."""
     options = config.hal_options
     bus = options.get("bus", 1)
     if isinstance(bus, str):
@@ -56,7 +56,7 @@ def access(device: Path, group: str, absent: str) -> Finding:
 
 
 def chips(read_byte: Callable[[int], Any], wanted: int) -> Iterator[Finding]:
-    """Yield remarks on known chips that answer on an I2C bus; the servo board at `wanted` has to answer."""
+    """Yield findings on known chips that answer on an I2C bus; the servo board at `wanted` has to answer."""
     answered = []
     for address in sorted({*CHIPS, wanted}):
         try:

@@ -11,8 +11,8 @@ from typing import Any, Final, NamedTuple
 from txt1.errors import ConfigError
 from txt1.estimation.calibration import START, Calibration
 from txt1.estimation.task import Estimator
-from txt1.record.reading import robot_in
-from txt1.record.verify import verify
+from txt1.record.reader import robot_in
+from txt1.record.verification import verify
 from txt1.runtime import Runtime
 from txt1.sensors.readings import ImuReading
 

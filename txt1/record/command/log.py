@@ -14,7 +14,7 @@ from txt1.plugins import Registry
 from txt1.record.options import RECORDING
 
 if TYPE_CHECKING:
-    from txt1.record.reading import Item
+    from txt1.record.reader import Item
 
 EXPORTERS: Final = Registry("format", "txt1.exporters", {})
 """Functions that write a recording as a file of another program's, all of them plug-ins'."""
@@ -113,7 +113,7 @@ def _for_others(arguments: argparse.Namespace) -> Iterator[Item]:
 def _chosen(arguments: argparse.Namespace) -> Iterator[Item]:
     """Return the messages that were asked for; raises ConfigError for a topic that the recording does not have."""
     from txt1.record import summary
-    from txt1.record.reading import FilePass
+    from txt1.record.reader import FilePass
 
     reading, topics = FilePass(arguments.file), frozenset(arguments.topic)
     yield from summary.chosen(reading, topics, arguments.start, arguments.end)
@@ -132,7 +132,7 @@ def view_file(arguments: argparse.Namespace) -> int:
 
 def recover_file(arguments: argparse.Namespace) -> int:
     """Make a complete file from a broken one."""
-    from txt1.record.recover import recover
+    from txt1.record.recovery import recover
 
     target = arguments.output or arguments.file.with_suffix(".recovered.mcap")
     with busy(f"writing {target}"):

@@ -42,7 +42,7 @@ def main(arguments: argparse.Namespace) -> int:
         run(play(Snapshots(arguments.file, arguments.robot), arguments.speed, arguments.start, arguments.loop))
         return OK
     from txt1.record.comparison import CLOSE
-    from txt1.record.verify import verify
+    from txt1.record.verification import verify
 
     with busy(f"running {arguments.file} again"):
         verdict = verify(arguments.file, arguments.robot)

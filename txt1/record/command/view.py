@@ -25,9 +25,9 @@ from mcap.writer import Writer
 from txt1.errors import ConfigError
 from txt1.installing import interpreter
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.layout import encode
+from txt1.record.cdr import encode
 from txt1.record.options import LAYOUT
-from txt1.record.reading import Decoding, FilePass, Item
+from txt1.record.reader import Decoding, FilePass, Item
 from txt1.sensors.mounts import fixed, links_of
 from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
 from txt1.telemetry.messages import define, schema_name, schema_text

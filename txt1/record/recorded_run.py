@@ -11,8 +11,8 @@ from txt1.config import Config, recorded
 from txt1.errors import ConfigError, RecordingError
 from txt1.estimation.settings import EstimationConfig
 from txt1.hal.base import Capabilities, Inputs
-from txt1.record.reading import Decoding, FilePass, Item, trusting
-from txt1.record.replay import Given, TaskStep
+from txt1.record.reader import Decoding, FilePass, Item, trusting
+from txt1.record.recorded_inputs import Given, TaskStep
 from txt1.record.session import machine
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.inputs import INPUT, REPORT, STEP, Input, Report

@@ -15,7 +15,7 @@ from txt1.commands import is_loopback
 from txt1.control.hand import Hand
 from txt1.errors import CommandRefused, ConfigError
 from txt1.kernel.clock import RealClock, seconds
-from txt1.record.encoder import Block
+from txt1.record.mcap_records import Block
 from txt1.tasks.fields import LOG
 from txt1.tasks.inputs import COMMAND
 from txt1.telemetry.bus import Bus

@@ -8,7 +8,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from txt1.errors import RecordingError
-from txt1.record.reading import FilePass
+from txt1.record.reader import FilePass
 
 
 class Recovered(NamedTuple):

@@ -13,8 +13,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from txt1.errors import RecordingError
-from txt1.record.reading import FilePass
-from txt1.record.recover import Recovered, recover
+from txt1.record.reader import FilePass
+from txt1.record.recovery import Recovered, recover
 
 
 def recording(path: Path) -> tuple[int, int]:

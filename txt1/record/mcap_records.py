@@ -6,7 +6,7 @@ How it works
 Everything a robot tells comes as a triple of time, topic and value. `Encoder.take` makes one MCAP message record of
 each, and `Encoder.block` joins all that it made to a `Block`, which a file takes as a chunk and the live view sends on.
 A record is a head of fixed length (opcode, length, channel number, sequence number, and the time twice) and the message
-as CDR (`txt1.record.layout`). Most messages begin with a time stamp, and that is the record's time as well.
+as CDR (`txt1.record.cdr`). Most messages begin with a time stamp, and that is the record's time as well.
 
 Two kinds of topics lead to two ways of making a record, chosen once a topic:
 
@@ -28,7 +28,7 @@ from typing import Any, Final, NamedTuple
 
 from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S, nanoseconds
-from txt1.record.layout import HEADER, MessageBuffer, encode
+from txt1.record.cdr import HEADER, MessageBuffer, encode
 from txt1.telemetry.messages import fields
 from txt1.telemetry.topics import Topic
 

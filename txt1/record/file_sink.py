@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 
 from txt1.errors import ConfigError, RecordingError
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
-from txt1.record.encoder import Block
 from txt1.record.mcap_file import Compression, McapFile
+from txt1.record.mcap_records import Block
 
 # real time after which what was written is forced to the disk with the next block
 SYNC_NS: Final = NS_PER_S * 2 // 5

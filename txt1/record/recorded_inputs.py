@@ -3,7 +3,7 @@
 How it works
 ============
 
-`txt1.record.verify` says what a replay is. Here are its four stand-ins and the order in which they give inputs.
+`txt1.record.verification` says what a replay is. Here are its four stand-ins and the order in which they give inputs.
 
 **Order is all.** Two inputs at the same time may have different effects, depending on the task that ran between them.
 So the recorder notes with each input the count of task steps before it (`step`), and that count decides here. Time only
@@ -24,8 +24,8 @@ came before the steps of its instant is not late. If it came behind them, its `s
 set again, until the steps have run. A step that never comes would make the timer go on for ever. So after `TURNS_MAX`
 turns the clock moves on by a nanosecond, and the input is given.
 
-**On the real clock** there is no timer at all. `verify` goes through the recorded steps, calls `Script.give_up_to` for
-the inputs ahead of each, and `StepByStep.step` to run it at its recorded time.
+**On the real clock** there is no timer at all. `verification` goes through the recorded steps, calls
+`Script.give_up_to` for the inputs ahead of each, and `StepByStep.step` to run it at its recorded time.
 
 **Hardware** (`RecordedHal`) repeats its reports: a reading, or the error that it raised. `expect` gets the reports of a
 step ahead of that step. A report that is not read in the replay still counts as the newest state, since the recorded

@@ -7,15 +7,16 @@ The tasks are a function: the same inputs, in the same order between the same st
 bit. A recording holds the configuration, all inputs and all outputs. So a replay makes a fresh runtime from the
 configuration, gives it the inputs, and compares its outputs with the recorded outputs, message by message.
 
-**Inputs** come from four sides, and each is recorded with its time and with `step`, the number of task steps before it:
+**Inputs** come from four sides. Each is recorded with its time and with `step`, the number of task steps before it. It
+is given again by a class of `txt1.record.recorded_inputs`:
 
 ==================================  ===========  ================================================================
 input                               topic        how it is given again
 ==================================  ===========  ================================================================
-messages and actions of the user    `/input`     `replay.Script` calls the runtime: arm, stop, set-point ...
-a sensor's reading                  `/reports`   `replay.RecordedSensor` stands in the place of the driver
-a report of real hardware           `/reports`   `replay.RecordedHal` stands in the place of the HAL
-a task's step, on the real clock    `/steps`     `replay.StepByStep` stands in the place of the scheduler
+messages and actions of the user    `/input`     `Script` calls the runtime: arm, stop, set-point ...
+a sensor's reading                  `/reports`   `RecordedSensor` stands in the place of the driver
+a report of real hardware           `/reports`   `RecordedHal` stands in the place of the HAL
+a task's step, on the real clock    `/steps`     `StepByStep` stands in the place of the scheduler
 ==================================  ===========  ================================================================
 
 Guards, the estimate and other readers of sensors are the ordinary ones. Simulated hardware is simulated anew: it is
@@ -24,7 +25,7 @@ a function of its inputs, too, so recording it would only hide a difference.
 **Two kinds of time** make two ways to run:
 
 - *Virtual time* (`_Again._follow`). The scheduler is deterministic there. It runs every task at the very time of the
-  recording by itself, so the steps are not in the recording. `replay.Following` only calls the script behind each step,
+  recording by itself, so the steps are not in the recording. `Following` only calls the script behind each step,
   which gives the inputs that came behind that step.
 - *The real clock* (`_Again._take_steps`). When a task ran depended on the computer. So each step is recorded with its
   time and the cycles missed before it, and is run when its turn comes; nothing waits for a clock.
@@ -57,10 +58,10 @@ from txt1.kernel.loop import run
 from txt1.kernel.scheduler import Scheduler
 from txt1.model.channels import Channels
 from txt1.record.comparison import Comparison, Difference
-from txt1.record.reading import robot_in, robots_in
-from txt1.record.recorded import Recorded, read
+from txt1.record.reader import robot_in, robots_in
+from txt1.record.recorded_inputs import Following, RecordedHal, RecordedSensor, Script, StepByStep
+from txt1.record.recorded_run import Recorded, read
 from txt1.record.recorder import Recorder
-from txt1.record.replay import Following, RecordedHal, RecordedSensor, Script, StepByStep
 from txt1.record.session import close
 from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
