@@ -115,9 +115,9 @@ def seeds(target: str) -> list[bytes]:
 
 
 def _policy() -> bytes:
+    from txt1.teaching.features import Sight, shape_of
     from txt1.teaching.network import PolicyNetwork
     from txt1.teaching.policy import Card, Policy, digest
-    from txt1.teaching.seeing import Sight, shape_of
 
     sights = (Sight("light", "light", (1, 1, 5), (), (0.2,) * 5, (0.1,) * 5),)
     networks = [PolicyNetwork(shape_of(sights, (6,)), np.random.default_rng(number)) for number in range(2)]

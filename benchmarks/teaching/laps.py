@@ -23,9 +23,9 @@ from txt1.record.options import RecordingAsked
 from txt1.robot import Robot
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import Scan
+from txt1.teaching.features import seen
 from txt1.teaching.lessons import Ask, drive_in
 from txt1.teaching.policy import Policy, load
-from txt1.teaching.seeing import seen
 from txt1.teaching.teach import summary, teach
 from txt1.teaching.training import Recipe
 

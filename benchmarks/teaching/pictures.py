@@ -20,7 +20,7 @@ from typing import Final
 
 import numpy as np
 
-from txt1.teaching.seeing import CAMERA_TRUNK, HORIZON, PICTURE, Seen, Sight, picture
+from txt1.teaching.features import CAMERA_TRUNK, HORIZON, PICTURE, Seen, Sight, picture
 from txt1.teaching.training import LessonSet, Recipe, train
 
 VENV: Final = Path("build/donkey-venv")

@@ -19,9 +19,9 @@ from rigs.live_browser import Live, arrive, command, live
 from tests.browser.conftest import fresh, opened, waits
 from tests.patience import TXT1, S
 from txt1.sensors.readings import LASER_MOUNT
+from txt1.teaching.features import Sight, shape_of
 from txt1.teaching.network import PolicyNetwork
 from txt1.teaching.policy import Card, Policy, digest
-from txt1.teaching.seeing import Sight, shape_of
 from txt1.web.certificate import own_certificate
 
 pytestmark = pytest.mark.browser

@@ -23,7 +23,7 @@ from txt1.estimation.task import ESTIMATION_PERIOD, FILTERED, PRIORITY, TRUSTS, 
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.navigation import follow, fused_pose
-from txt1.navigation.source import located, places_on_earth
+from txt1.navigation.pose_source import located, places_on_earth
 from txt1.robot import Robot
 from txt1.sensors.geodesy import UtmGrid
 from txt1.sensors.readings import ImuReading, TrackerReading

@@ -23,7 +23,7 @@ from tests.e2e.conftest import may_block
 from tests.patience import LIMIT, TXT1, until
 from txt1.bridges.registry import bridge
 from txt1.cli import execute
-from txt1.cli.operating import RunStart
+from txt1.cli.operated_robot import RunStart
 from txt1.commands import FAULT, OK
 from txt1.config import Config, load
 from txt1.control.standstill import STILL

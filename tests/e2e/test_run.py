@@ -11,7 +11,7 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import may_block
 from txt1.cli import execute
-from txt1.cli.operating import RunStart
+from txt1.cli.operated_robot import RunStart
 from txt1.robot import Robot
 
 ROOT = Path(__file__).parents[2]

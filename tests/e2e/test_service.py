@@ -22,8 +22,8 @@ from blockbuster import BlockBuster
 from tests.e2e.conftest import may_block
 from tests.patience import LIMIT, S
 from txt1.cli import execute, service
-from txt1.cli.notify import served, tell
 from txt1.cli.service import quoted, run_options
+from txt1.cli.service_manager import served, tell
 from txt1.robot import Robot
 
 Capture = pytest.CaptureFixture[str]

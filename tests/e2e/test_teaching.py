@@ -16,15 +16,15 @@ import pytest
 
 from benchmarks.teaching.track import Human, Track, track_of
 from txt1.cli import execute
-from txt1.cli.operating import RunStart
+from txt1.cli.operated_robot import RunStart
 from txt1.errors import ConfigError, RecordingError
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.record.options import RecordingAsked
 from txt1.robot import Robot
-from txt1.teaching.driving import LOOK, POLICY, STOPPED, Look
 from txt1.teaching.lessons import Ask, drive_in, together
 from txt1.teaching.policy import Judgement, Policy, load
+from txt1.teaching.policy_driver import LOOK, POLICY, STOPPED, Look
 from txt1.teaching.teach import summary, teach
 from txt1.teaching.training import Recipe
 

@@ -1,4 +1,4 @@
-"""`txt1 run`: its options, and those of additions. The robot itself is brought up by `txt1.cli.operating`."""
+"""`txt1 run`: its options, and those of additions. The robot itself is brought up by `txt1.cli.operated_robot`."""
 
 import argparse
 
@@ -50,6 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
     # imported here: it takes time, and the help does not need it
-    from txt1.cli.operating import run
+    from txt1.cli.operated_robot import run
 
     return run(arguments)

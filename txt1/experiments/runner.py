@@ -14,7 +14,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.battery import CUT_OFF_V
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation import PoseSource, follow, fused_pose, map_pose, true_pose, wheel_pose
-from txt1.navigation.source import located, places_on_earth, step_between
+from txt1.navigation.pose_source import located, places_on_earth, step_between
 from txt1.navigation.waypoints import Point
 from txt1.robot import Robot
 from txt1.tasks.fields import BatteryState

@@ -17,8 +17,8 @@ from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.navigation.pace import pace
 from txt1.navigation.plan import NoPath, plan, plan_with_run_up, stretches
+from txt1.navigation.pose_source import PoseSource, encoders_view, wheel_pose
 from txt1.navigation.search import heading_at
-from txt1.navigation.source import PoseSource, encoders_view, wheel_pose
 from txt1.robot import Robot
 from txt1.sim.room import Room
 from txt1.tasks.on_map import MapInUse

@@ -11,7 +11,7 @@ from txt1.errors import CommandRefused
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation.pace import pace
-from txt1.navigation.source import PoseSource, wheel_pose
+from txt1.navigation.pose_source import PoseSource, wheel_pose
 from txt1.robot import Robot
 
 # m, at the original's 0.5 m/s

@@ -5,7 +5,7 @@ from txt1.additions import Addition
 ADDITION = Addition(
     name="teaching",
     order=210,
-    beside="txt1.teaching.driving:beside",
+    beside="txt1.teaching.policy_driver:beside",
     options="txt1.teaching.options:OPTIONS",
     sources={"policy": 5},
     commands={"teach": ("txt1.teaching.command", "teach a policy from recordings of your driving")},

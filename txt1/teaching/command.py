@@ -17,8 +17,8 @@ LAG_MAX: Final = 2.0
 
 def _sensors(text: str) -> list[Any]:
     """Return the sensors in a word; raises ArgumentTypeError."""
+    from txt1.teaching.features import KINDS
     from txt1.teaching.lessons import Ask
-    from txt1.teaching.seeing import KINDS
 
     found = []
     for each in names(text):

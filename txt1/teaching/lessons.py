@@ -35,9 +35,9 @@ from txt1.model.light_sensors import Readings
 from txt1.record.reader import Decoding, FilePass, robot_in, robots_in, trusting
 from txt1.record.summary import ending_of
 from txt1.sensors.readings import Image, Scan
-from txt1.teaching.driving import POLICY
+from txt1.teaching.features import Kind, Seen, Sight, Unfit, check, seen, sight_of
 from txt1.teaching.policy import Taught
-from txt1.teaching.seeing import Kind, Seen, Sight, Unfit, check, seen, sight_of
+from txt1.teaching.policy_driver import POLICY
 from txt1.teaching.training import LessonSet
 from txt1.telemetry import exact
 

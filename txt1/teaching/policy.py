@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from txt1.config.sources import checked
 from txt1.errors import ConfigError, MissingExtra
 from txt1.file_limits import POLICY_MAX, read_bytes
+from txt1.teaching.features import Sight, shape_of
 from txt1.teaching.network import PolicyNetwork, Shape
 from txt1.teaching.onnx_file import Norm, PolicyError, card_of, read, written
-from txt1.teaching.seeing import Sight, shape_of
 
 Array = NDArray[np.float32]
 FORMAT: Final = 1

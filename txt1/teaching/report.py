@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import MissingExtra
-from txt1.teaching.seeing import Sight
+from txt1.teaching.features import Sight
 from txt1.teaching.teach import Lesson
 from txt1.teaching.training import saliency
 

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
+from txt1.teaching.features import Seen, Sight, mirrored, shape_of
 from txt1.teaching.network import Adam, PolicyNetwork, Shape
 from txt1.teaching.onnx_file import Norm
 from txt1.teaching.policy import doubts, normalised
-from txt1.teaching.seeing import Seen, Sight, mirrored, shape_of
 
 Array = NDArray[np.float32]
 SCALE: Final = 2.0

@@ -102,7 +102,7 @@ class Terminal:
         self._origin = self._sent = -inf
         self._teleop: DrivingKeys = teleop or Teleop()
         self._more = more or {}
-        target, options = "txt1.ui.drawing:main", {"keys": shown}
+        target, options = "txt1.ui.terminal_process:main", {"keys": shown}
         self._beside = Sidecar(
             target, self.telemetry, self.request, options=options, beat=beat, lost=self._lost, on_terminal=True
         )

@@ -12,7 +12,7 @@ from txt1.model.kinematics import move_along_arc
 from txt1.model.reeds_shepp import Segment
 from txt1.model.vehicle import Geometry
 from txt1.navigation.goto import FOLLOWS_WITHIN, Stretch, curve_speed, steering_distance
-from txt1.navigation.source import encoders_view, step_between, straighten
+from txt1.navigation.pose_source import encoders_view, step_between, straighten
 from txt1.navigation.waypoints import aim, curvature_towards, speed_in_curve
 
 START = (0.3, -0.2, 0.7)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from txt1.teaching.features import Layer, Seen, Sight, shape_of
 from txt1.teaching.network import Convolution, PolicyNetwork, Shape
-from txt1.teaching.seeing import Layer, Seen, Sight, shape_of
 from txt1.teaching.training import LessonSet, Recipe, blocks, dropped, judged, train
 
 SHAPE = Shape(

@@ -9,10 +9,10 @@ import pytest
 
 from txt1.file_limits import POLICY_MAX
 from txt1.teaching import onnx_file
+from txt1.teaching.features import Layer, Sight, shape_of
 from txt1.teaching.network import PolicyNetwork
 from txt1.teaching.onnx_file import PolicyError
 from txt1.teaching.policy import Card, Policy, digest, judgement, load, loaded
-from txt1.teaching.seeing import Layer, Sight, shape_of
 
 SIGHTS = (
     Sight("camera", "camera", (12, 16, 3), (Layer(4, (5, 5), (2, 2)),), (0.5, 0.4, 0.3), (0.1, 0.2, 0.3)),

@@ -19,9 +19,9 @@ from ui_snapshots import TEAM, blind, full, mode
 from txt1.fleet import console, selection
 from txt1.fleet.members import FLEET
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.drawing import drawn
 from txt1.ui.screens import installed
 from txt1.ui.summary_line import status_line
+from txt1.ui.terminal_process import drawn
 from txt1.ui.viewer import Viewer
 
 FOLDER = Path(__file__).parents[2] / "golden" / "screens"

@@ -8,7 +8,7 @@ import pytest
 from ui_snapshots import full, mode
 
 from txt1.tasks.diagnostics import FAULTS
-from txt1.ui.drawing import drawn
+from txt1.ui.terminal_process import drawn
 from txt1.ui.viewer import Viewer
 
 COLOUR = re.compile(r"\x1b\[[\d;]*m")

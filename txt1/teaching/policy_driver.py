@@ -35,8 +35,8 @@ from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import Image, Scan
+from txt1.teaching.features import Unfit, check, seen
 from txt1.teaching.policy import Judgement, Policy
-from txt1.teaching.seeing import Unfit, check, seen
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from txt1.additions import blamed
-from txt1.cli.notify import served
+from txt1.cli.service_manager import served
 from txt1.commands import DISARMED, FAULT, OK, say, view_of
 from txt1.config import Config
 from txt1.config.sources import with_values

@@ -31,7 +31,15 @@ class Drawing:
         self.link.settimeout(LIMIT)
         with theirs:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "txt1.sidecar", str(theirs.fileno()), "txt1.ui.drawing:main", "0.02", "{}"],
+                [
+                    sys.executable,
+                    "-m",
+                    "txt1.sidecar",
+                    str(theirs.fileno()),
+                    "txt1.ui.terminal_process:main",
+                    "0.02",
+                    "{}",
+                ],
                 stdin=self.tty.slave,
                 stdout=self.tty.slave,
                 pass_fds=[theirs.fileno()],
