@@ -10,9 +10,8 @@ from typing import Any, TypeVar
 from txt1 import additions
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
-from txt1.control.car import loops_for
 from txt1.control.limits import BLOCKED, LOST, WAY_BACK, Fault, Gate, Guard
-from txt1.control.open_loop import OpenLoop
+from txt1.control.loops import Loops, loops_for
 from txt1.control.parameters import Limits
 from txt1.control.standstill import coasting_time
 from txt1.errors import ConfigError, HalError, NotArmed
@@ -31,7 +30,6 @@ from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, Message, PidResponse, Switch, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
-from txt1.sensors.registry import create
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
 from txt1.tasks.arming import reason_after_runaway, reason_not_to_arm
 from txt1.tasks.diagnostics import Reports
@@ -52,8 +50,11 @@ def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
     of sensors, of additions and of the user's programs come after them.
     """
     state, hal, gate, geometry = robot.state, robot.io, robot.gate, robot.config.geometry
-    loops: controller.Loops
+    loops: Loops
     if hal.capabilities.blind:
+        # few cars are, so it is imported when it is needed
+        from txt1.control.open_loop import OpenLoop
+
         loops = OpenLoop(geometry, robot.config.control.speed_map)
     else:
         loops = loops_for(robot.config.car, geometry)
@@ -260,6 +261,9 @@ class Runtime:
 
         Raises ConfigError: the driver is unknown, or its settings are wrong; HalError: it cannot be imported or made.
         """
+        # a plain robot has none, so it is imported when it is needed
+        from txt1.sensors.registry import create
+
         given = self.config.sensors[name] if options is None else options
         pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
         return create(given, Setup(name, given.options, self.config, pose, self.hal))

@@ -22,8 +22,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from txt1 import additions
 from txt1.control.hand import DEFAULT_HAND, Hand
-from txt1.control.open_loop import SpeedMap
-from txt1.control.parameters import KnownCar, Limits, Safety
+from txt1.control.parameters import KnownCar, Limits, Safety, SpeedMap
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
 from txt1.model.channels import Channels

@@ -8,7 +8,7 @@ from math import atan, copysign, sqrt
 from typing import NamedTuple
 
 from txt1.control.parameters import KnownCar
-from txt1.control.pid import CLEAR, Gains, Past, VelocityLoops, errors, pid
+from txt1.control.pid import CLEAR, Gains, Past, errors, pid
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 
 
@@ -121,9 +121,3 @@ class InformedLoops:
             )
         motor, steering = self._outputs
         return motor, steering
-
-
-def loops_for(known: KnownCar, body: Geometry) -> VelocityLoops | InformedLoops:
-    """The loops of a car, known or not."""
-    car = car_of(known, body)
-    return VelocityLoops(body.steering != "skid") if car is None else InformedLoops(car)

@@ -3,11 +3,9 @@
 from bisect import bisect
 from math import copysign
 
+from txt1.control.parameters import SpeedMap
 from txt1.control.pid import Gains
 from txt1.model.vehicle import STEERING_MAX, Geometry, outputs_of
-
-SpeedMap = tuple[tuple[float, float], ...]
-"""Motor counts and the steady speed they make, m/s: both rise from the slowest that moves it; reverse is below 0."""
 
 
 def counts_for(v: float, speed_map: SpeedMap) -> float:

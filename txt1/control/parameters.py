@@ -11,6 +11,9 @@ from annotated_types import Gt, Le
 from txt1.model.vehicle import PWM_MAX, Geometry
 from txt1.units import NotNegative, Positive, PositiveInt
 
+SpeedMap = tuple[tuple[float, float], ...]
+"""Motor counts and the steady speed they make, m/s: both rise from the slowest that moves it; reverse is below 0."""
+
 
 @dataclass(frozen=True, slots=True)
 class Safety:

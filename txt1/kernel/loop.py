@@ -19,7 +19,6 @@ from functools import partial
 from math import inf
 from typing import Any, Final, Literal, TypeVar
 
-from txt1.kernel import timeslice
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, VirtualClock, nanoseconds
 from txt1.kernel.jumps import Jumps
 
@@ -58,6 +57,9 @@ class RealTimeLoop(asyncio.SelectorEventLoop):
         self.clock: Clock = RealClock()
         if sys.platform == "linux":
             ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+        # virtual time has no use for it
+        from txt1.kernel import timeslice
+
         timeslice.short()
         self._switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(INTERPRETER_TURN)

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, load
-from txt1.control.car import loops_for
 from txt1.control.limits import clip
+from txt1.control.loops import loops_for
 from txt1.control.pid import at_rest
 from txt1.errors import ConfigError, LightFault, MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs

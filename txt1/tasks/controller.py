@@ -4,10 +4,9 @@ from math import inf
 from operator import attrgetter
 from typing import Final
 
-from txt1.control.car import InformedLoops
 from txt1.control.limits import Fault, Gate, Outputs
-from txt1.control.open_loop import OpenLoop
-from txt1.control.pid import Gains, VelocityLoops, at_rest
+from txt1.control.loops import Loops
+from txt1.control.pid import Gains, at_rest
 from txt1.hal.base import Capabilities, Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
@@ -95,8 +94,6 @@ RECKONED: Final = Source.RECKONED
 
 UNMOVED: Final = 0.5
 """s of commands without effect after which the robot tells why it cannot move."""
-
-Loops = VelocityLoops | InformedLoops | OpenLoop
 
 
 def reason_not_to_move(state: State, can: Capabilities) -> str | None:

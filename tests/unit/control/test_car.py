@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.config import load
-from txt1.control.car import InformedLoops, car_of, loops_for, true_velocity
+from txt1.control.car import InformedLoops, car_of, true_velocity
+from txt1.control.loops import loops_for
 from txt1.control.parameters import KnownCar
 from txt1.control.pid import Gains, VelocityLoops
 from txt1.errors import ConfigError

@@ -4,7 +4,8 @@ from math import atan
 
 import pytest
 
-from txt1.control.open_loop import OpenLoop, SpeedMap, counts_for
+from txt1.control.open_loop import OpenLoop, counts_for
+from txt1.control.parameters import SpeedMap
 from txt1.control.pid import Gains
 from txt1.model.vehicle import Geometry, sides
 
