@@ -59,7 +59,7 @@ def test_a_text_that_names_nothing_is_told_with_its_place(
 
 def test_a_text_that_names_a_module_or_a_function_resolves() -> None:
     assert arrows.resolves("txt1.hal.sim")
-    assert arrows.resolves("txt1.cars.pi.virtual_pi:desk")
+    assert arrows.resolves("txt1.cars.pi.virtual_pi:virtual_bus")
 
 
 def test_no_import_is_exempt_from_a_contract() -> None:

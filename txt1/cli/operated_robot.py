@@ -21,7 +21,6 @@ from txt1.hal.base import Button
 from txt1.kernel.ticks import Ticks
 from txt1.kit import options
 from txt1.kit.app import DISARMING, App, conclude, real_time, refusal_of_gains
-from txt1.maps.files import read as read_map
 from txt1.robot import Robot
 from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
@@ -38,6 +37,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.drive is not None:
         _tell_limits(arguments.drive, config)
     if config.hal == "sim" and config.sim.room.map is not None:
+        # it needs numpy, and a room without a map does not
+        from txt1.maps.files import read as read_map
+
         for remark in read_map(config.sim.room.map).remarks:
             say(remark)
     if arguments.realtime and arguments.speed is not None:
