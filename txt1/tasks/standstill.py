@@ -8,7 +8,6 @@ It also notices a vehicle that is commanded to drive and does not move.
 import asyncio
 from collections.abc import Callable
 from contextlib import suppress
-from math import copysign
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
@@ -30,12 +29,11 @@ STANDSTILL_PERIOD: Final = 0.05
 SEEN: Final = 0.3
 # s after which a PWM test of zeros is repeated, because lines lose frames
 AGAIN: Final = 0.1
-# m/s that have to be commanded for a second ...
+# m/s that have to be commanded ...
 SLOWEST: Final = 0.1
 # ... while less than this is measured: original boards read 0 below 0.045 m/s
 UNMOVED: Final = 0.03
-# s of that at most, and m that it may go meanwhile if its encoders are dead
-UNMOVED_TIME: Final = 1.0
+# m that it may go meanwhile if its encoders are dead
 UNMOVED_WAY: Final = 0.3
 # s of zeros that a board gets that did not obey for a moment: it judges its link once a second
 HELD: Final = 1.2
@@ -82,14 +80,14 @@ class Watch:
         # the speed that was commanded without a break ...
         self._asked = 0.0
         # ... and without a motion, since this time, s of the run
-        self._unmoved_since = 0.0
+        self._unmoved_since: float
         # the epoch of these commands; it changes when the robot is armed again
-        self._epoch = gate.epoch
+        self._epoch: int
         # when it was lost sight of, if no motion was seen since, s of the run
         self._lost_time = 0.0
         self._obedience = Obedience()
         # until when a board that did not obey for a moment gets zeros at least, s of the run
-        self._held_until = 0.0
+        self._held_until: float
 
     def step(self, now: float, outputs: Outputs) -> Stop:
         """Judge the speed after these outputs, and take the next measure of the stop."""
@@ -127,7 +125,6 @@ class Watch:
     def _enter(self, stop: Stop, before: Stop, now: float, blind: bool) -> None:
         told = _TOLD.get(stop)
         if told is not None:
-            self._halt_due = now
             self.state.tell(now, f"{told}{' (not seen: no odometry)' if blind else ''}")
         elif stop is Stop.STANDING and before in (*UNOBEYED, Stop.UNASKED):
             self.state.tell(now, "the robot stands")
@@ -149,18 +146,17 @@ class Watch:
         self.hal.clear_loops(now)
 
     def _check_obedience(self, now: float, v: float | None, outputs: Outputs) -> None:
-        """Disarm if a speed was commanded for a second, everything was ready, and the robot did not move."""
+        """Disarm if a speed is commanded, everything is ready, and the robot has not moved for too long."""
         state = self.state
         board = state.board
         ready = self.gate.armed and state.gains.loaded and board is not None and board.ready and board.gains
-        asked = outputs.v if abs(outputs.v) >= SLOWEST - 1e-9 else 0.0
+        asked = outputs.v if ready and abs(outputs.v) >= SLOWEST - 1e-9 else 0.0
         unmoved = v is not None and abs(v) < UNMOVED
-        turned = not self._asked or copysign(1.0, asked) != copysign(1.0, self._asked)
-        if not (ready and asked and unmoved) or turned or self.gate.epoch != self._epoch:
+        begins = asked * self._asked <= 0.0
+        if begins or not unmoved or self.gate.epoch != self._epoch:
             self._unmoved_since, self._epoch = now, self.gate.epoch
-        self._asked = asked if ready else 0.0
-        since = now - self._unmoved_since
-        if self._asked and since >= min(UNMOVED_TIME, DELAY + time_unseen(UNMOVED_WAY, self._asked)) - 1e-9:
+        self._asked = asked
+        if asked and now - self._unmoved_since >= DELAY + time_unseen(UNMOVED_WAY, asked) - 1e-9:
             low = state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
             causes = f"battery empty, {CAUSES}" if low else CAUSES
             self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)
