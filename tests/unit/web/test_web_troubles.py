@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from typing import Final
 
 import pytest
@@ -82,16 +83,40 @@ def test_of_many_troubles_the_first_the_tenth_and_so_on_are_told() -> None:
     assert all(text.isprintable() and len(text) < TOLD + 80 for text in told)
 
 
-async def test_what_libraries_log_and_callbacks_raise_is_counted_until_the_server_ends(
-    capfd: pytest.CaptureFixture[str],
+def logs(text: str, error: Exception | None = None) -> None:
+    logging.getLogger("aiohttp.server").warning(text, exc_info=error)
+
+
+def reports(text: str, error: Exception | None = None) -> None:
+    context = {"message": text} if error is None else {"message": text, "exception": error}
+    asyncio.get_running_loop().call_exception_handler(context)
+
+
+@pytest.mark.parametrize("tell", [logs, reports])
+@pytest.mark.parametrize("error", [None, ZeroDivisionError("of theirs")])
+async def test_a_trouble_is_told_by_its_error_or_in_the_words_of_a_library(
+    tell: Callable[[str, Exception | None], None], error: Exception | None
 ) -> None:
     told: list[str] = []
-    with counting(told.append) as troubles:
-        logging.getLogger("aiohttp.server").error("a mistake", exc_info=ZeroDivisionError("of theirs"))
+    with counting(told.append):
+        tell("a mistake", error)
+    last = "a mistake" if error is None else "ZeroDivisionError: of theirs"
+    assert told == [f"requests that the page's server could not answer: 1; the last: {last}"]
+
+
+async def test_what_libraries_log_and_callbacks_raise_is_counted_until_the_server_ends(
+    capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "aiohttp")
+    loggers = [logging.getLogger(name) for name in ("aiohttp", "asyncio")]
+    before = [list(each.handlers) for each in loggers]
+    with counting(lambda text: None) as troubles:
+        logs("a mistake", ZeroDivisionError("of theirs"))
         logging.getLogger("asyncio").warning("socket.send() raised exception.")
-        asyncio.get_running_loop().call_exception_handler({"message": "lost", "exception": ValueError("of ours")})
-        asyncio.get_running_loop().call_exception_handler({"message": "without"})
-    assert troubles.count == 4
-    assert told == ["requests that the page's server could not answer: 1; the last: ZeroDivisionError: of theirs"]
-    assert capfd.readouterr().err == ""
-    assert asyncio.get_running_loop().get_exception_handler() is None and logging.getLogger("asyncio").propagate
+        reports("lost", ValueError("of ours"))
+        reports("without")
+        logging.getLogger("aiohttp.access").info("a page was fetched")
+    assert troubles.count == 4, "what is no trouble does not count"
+    assert capfd.readouterr().err == "" and caplog.records == []
+    assert asyncio.get_running_loop().get_exception_handler() is None
+    assert all(each.propagate for each in loggers) and [each.handlers for each in loggers] == before
