@@ -183,7 +183,9 @@ class RunawayWatch:
             s >= self._limits.runaway_time or p > self._limits.runaway_counts
             for s, p in zip(self._silent, self._passed, strict=True)
         ]
-        if all(too_long):
+        # a car that pushes against a wall trembles, and a wheel that stands counts now and then
+        stands = any(long and passed <= NOISE_COUNTS for long, passed in zip(too_long, self._passed, strict=True))
+        if all(too_long) or (stands and not self._pivots):
             return BLOCKED
         if any(too_long) and not self._pivots:
             return f"the {'right' if too_long[0] else 'left'} encoder is silent"

@@ -380,6 +380,12 @@ def test_silence_counts_in_reverse_as_well(sign: int) -> None:
     assert watch((sign * 500, 0, sign * 10, 15), (500, 0, sign, 1)) == "the right encoder is silent"
 
 
+def test_a_car_that_trembles_at_a_wall_is_blocked_and_has_no_silent_encoder() -> None:
+    blocked = watch((2001, 0, 0, 6), (2001, 0, 1, 1), (2001, 0, 0, 2), (2001, 1, 0, 1), (2001, 0, 0, 14))
+    assert blocked is not None and blocked.startswith("blocked: "), "as counted in real time"
+    assert watch((2001, 0, 0, 6), (2001, 0, 4, 1), (2001, 0, 0, 8)) == "the right encoder is silent"
+
+
 def test_one_period_in_which_both_wheels_turn_ends_all_suspicion() -> None:
     assert watch((2001, 0, 0, 14), (2001, 1, 1, 1), (2001, 0, 0, 14)) is None
     assert watch((2001, 0, 0, 14), (2001, -1, -1, 1), (2001, 0, 0, 14)) is None
