@@ -21,6 +21,7 @@ from txt1.journal import Journal
 from txt1.kernel import garbage
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler, TaskRow
+from txt1.kernel.slowness import Slowness
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
@@ -131,6 +132,7 @@ class Runtime:
         """The robot's telemetry."""
         self.scheduler = scheduler(self._task_failed)
         self.scheduler.on_sleep = self.slept
+        self.scheduler.waits = sensing and hal.waits
         # a replay then takes exactly the steps of this run
         stepwise = sensing and not self._virtual
         self.journal = Journal(self.bus, self.scheduler, stepwise)
@@ -141,6 +143,8 @@ class Runtime:
         """The hardware layer as the tasks use it; on the real clock its reports are recorded here."""
         self.name = config.name or hal.name if name is None else name
         self.state = State(self.bus, hal.capabilities)
+        if self.scheduler.waits and not self._virtual:
+            self.state.warnings.append(Slowness(lambda: self.scheduler.held))
         self.gate = Gate(config.limits() if limits is None else limits, self._gate_closed, config.geometry.count_length)
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors that the hardware layer does not have itself, by name."""

@@ -201,6 +201,13 @@ class Hal(Protocol):
     def own_channels(self) -> Any:
         """Its own settings for motor and servo, which stand in place of `channels`; None for a layer without them."""
 
+    @property
+    def waits(self) -> bool:
+        """Whether its whole world is in this process, so its time may wait while the computer is busy.
+
+        Any other layer counts as hardware: too many missed cycles disarm it.
+        """
+
     def tap_line(self, tap: Callable[[str, bytes], None]) -> bool:
         """Call `tap` from now on with all bytes on the line to a board, as they come ("in") and go ("out").
 

@@ -18,6 +18,7 @@ class PlainHal:
     name = "plain"
     capabilities = Capabilities()
     own_channels: Any = None
+    waits = False
 
     def halt(self, outputs: Outputs, now: float) -> None:
         """Refuse: nothing stands between `write` and the actuators."""

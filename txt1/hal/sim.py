@@ -46,6 +46,7 @@ class SimHal(PlainHal):
         pose=True,
         simulated=True,
     )
+    waits = True
 
     def __init__(
         self, vehicle: Vehicle, ground: Ground | None = None, wiring: Channels = STRAIGHT, alone: bool = False

@@ -6,9 +6,12 @@ origin of its own; only differences mean something.
 
 import sys
 import time
+from collections.abc import Callable
 from typing import Final, Protocol
 
 NS_PER_S: Final = 1_000_000_000
+# how late a cycle of a simulation may be before simulated time waits for it: less than the controller's period
+HOLD_NS: Final = 19_000_000
 
 stopwatch_ns: Final = time.perf_counter_ns
 """Elapsed real time in ns: how long a step took, whatever clock the tasks run on."""
@@ -71,6 +74,47 @@ class RealClock:
             # otherwise another program ran between the two readings
             if time.monotonic_ns() - before < NS_PER_S // 1000:
                 return boot - before
+
+
+class SimulationClock(RealClock):
+    """The processor's monotonic clock, which stands still for a simulation that the computer cannot keep up with.
+
+    Each scheduler on this clock has a function that returns the time at which its next cycle is due. If all of them
+    drive simulations, the time does not pass beyond `HOLD_NS` after the earliest of these: so a busy computer makes
+    simulated time slower, and no cycle of a simulation is missed in it. One scheduler that drives hardware is enough,
+    and the clock is the processor's: what happens outside this process waits for nobody.
+    """
+
+    def __init__(self) -> None:
+        self.held_ns = 0
+        """Time in ns for which it has stood still."""
+        self._simulations: list[Callable[[], int]] = []
+        # the number of schedulers that drive hardware
+        self._others = 0
+
+    def join(self, due: Callable[[], int] | None) -> None:
+        """Add a scheduler, which runs until it leaves; `due` is None for one that drives hardware."""
+        if due is None:
+            self._others += 1
+        else:
+            self._simulations.append(due)
+
+    def leave(self, due: Callable[[], int] | None) -> None:
+        """Remove a scheduler."""
+        if due is None:
+            self._others -= 1
+        else:
+            self._simulations.remove(due)
+
+    def now_ns(self) -> int:
+        """The time, in ns since an instant of the processor's choice, without the time for which it stood still."""
+        now = time.monotonic_ns() - self.held_ns
+        if self._simulations and not self._others:
+            latest = min(due() for due in self._simulations) + HOLD_NS
+            if now > latest:
+                self.held_ns += now - latest
+                return latest
+        return now
 
 
 class VirtualClock:

@@ -19,7 +19,7 @@ from functools import partial
 from math import inf
 from typing import Any, Final, Literal, TypeVar
 
-from txt1.kernel.clock import NS_PER_S, Clock, RealClock, VirtualClock, nanoseconds
+from txt1.kernel.clock import NS_PER_S, Clock, RealClock, SimulationClock, VirtualClock, nanoseconds
 from txt1.kernel.jumps import Jumps
 
 T = TypeVar("T")
@@ -54,7 +54,7 @@ class RealTimeLoop(asyncio.SelectorEventLoop):
     def __init__(self) -> None:
         # select() on an epoll descriptor is Linux's (and, for kqueue, BSD's) way; elsewhere plain asyncio is kept
         super().__init__(PunctualSelector() if hasattr(selectors.DefaultSelector, "fileno") else None)
-        self.clock: Clock = RealClock()
+        self.clock: Clock = SimulationClock()
         if sys.platform == "linux":
             ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
         # virtual time has no use for it

@@ -40,6 +40,10 @@ cycle. It also stops if something else is due first on the event loop, and after
 *In real time* a sleeping thread wakes up late. So the timer is set early by a margin, and a busy loop waits for the
 rest. The margin follows the machine: it grows after a missed deadline, and shrinks otherwise.
 
+*A simulation on a busy computer.* With `waits` the clock stands still while the next cycle is more than
+`txt1.kernel.clock.HOLD_NS` late (`txt1.kernel.clock.SimulationClock`). So simulated time becomes slower, and its tasks
+see no gap. Cycles that the wall clock passed over are counted as missed all the same.
+
 *A fault* ends the run. `on_fault` makes the robot safe before anything else runs, and the error travels in `ended`.
 """
 
@@ -51,7 +55,7 @@ from typing import Any, Final
 from mypy_extensions import mypyc_attr
 
 from txt1.errors import TaskFault
-from txt1.kernel.clock import NS_PER_S, nanoseconds, stopwatch_ns
+from txt1.kernel.clock import NS_PER_S, SimulationClock, nanoseconds, stopwatch_ns
 from txt1.kernel.jumps import Jumps
 from txt1.kernel.loop import VirtualTimeLoop, clock_of
 from txt1.kernel.statistics import TaskStatistics
@@ -144,6 +148,14 @@ class Scheduler:
         # places in the queue from here on are due after the present instant; 0: look anew, and first
         self._later = 0
         self._suspended_ns = self._clock.suspended_ns()
+        self.waits = False
+        """Whether all that it drives is simulated in this process, so time may wait for a late cycle; set before the
+        start.
+        """
+        # the clock that it has joined, its function there, and the time that the clock had waited at the last look
+        self._joined: SimulationClock | None = None
+        self._due: Callable[[], int] | None = None
+        self._held_ns = 0
         self.on_sleep: Callable[[float], None] = lambda slept: None
         """Called with the time of a suspension, s, before any task runs after it; in real time only."""
         self.steps = 0
@@ -227,6 +239,7 @@ class Scheduler:
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
         self._running = True
+        self._join()
         # tasks that this task adds before its first tick are started as they are added
         for entry in self._entries.copy():
             # not after a fault
@@ -246,6 +259,7 @@ class Scheduler:
         Raises TaskFault: one of these clauses raised; the others have run nevertheless.
         """
         self._running, self._later = False, 0
+        self._leave()
         self._cancel()
         fault: TaskFault | None = None
         for entry in self._entries:
@@ -260,6 +274,45 @@ class Scheduler:
             raise fault
         if not self.ended.done():
             self.ended.set_result(None)
+
+    @property
+    def held(self) -> float:
+        """Seconds for which simulated time waited for this computer so far."""
+        clock = self._clock
+        return clock.held_ns / NS_PER_S if isinstance(clock, SimulationClock) else 0.0
+
+    def _join(self) -> None:
+        """Let the clock know whether it may wait for this scheduler."""
+        clock = self._clock
+        if isinstance(clock, SimulationClock):
+            self._joined, self._held_ns = clock, clock.held_ns
+            self._due = self._next_cycle_ns if self.waits else None
+            clock.join(self._due)
+
+    def _leave(self) -> None:
+        if self._joined is not None:
+            self._joined.leave(self._due)
+            self._joined = None
+
+    def _next_cycle_ns(self) -> int:
+        """Return the clock's time at which the next cycle is due; NEVER if none is."""
+        return self._origin_ns + (self._waiting[0] >> TASKS_BITS) if self._waiting else NEVER
+
+    def _count_held(self, now_ns: int) -> int:
+        """Count the cycles that were due while the clock waited, and return for how many ns it did, since the last
+        call.
+        """
+        clock = self._joined
+        if clock is None or clock.held_ns == self._held_ns:
+            return 0
+        held_ns, self._held_ns = clock.held_ns - self._held_ns, clock.held_ns
+        for place in self._waiting:
+            entry, late_ns = self._ranked[place & INDEX], now_ns - (place >> TASKS_BITS)
+            if entry.period_ns and late_ns + held_ns > 0:
+                # those that are late on this clock, too, are counted as they run
+                seen = max(0, late_ns) // entry.period_ns
+                entry.statistics.misses += (late_ns + held_ns) // entry.period_ns - seen
+        return held_ns
 
     def _elapsed_ns(self) -> int:
         # an attribute, which is read without a call
@@ -372,6 +425,7 @@ class Scheduler:
         place = min((place for place in self._waiting if place >> TASKS_BITS <= now_ns), key=INDEX.__and__)
         entry = self._ranked[place & INDEX]
         late_ns = now_ns - (place >> TASKS_BITS)
+        held_ns = self._count_held(now_ns)
         self._waiting.remove(place)
         if entry.period_ns:
             missed, late_ns = divmod(late_ns, entry.period_ns)
@@ -390,7 +444,8 @@ class Scheduler:
             self._raised(entry, error)
         entry.statistics.cycles += 1
         entry.statistics.run_time.add(stopwatch_ns() - started_ns)
-        entry.statistics.add_lateness(late_ns)
+        # on the wall clock, as the misses are
+        entry.statistics.add_lateness((late_ns + held_ns) % entry.period_ns if entry.period_ns else late_ns + held_ns)
         # as for a cycle in time
         entry.ticks.missed = 0
 
@@ -404,6 +459,7 @@ class Scheduler:
     def _raised(self, entry: _Scheduled, error: BaseException) -> None:
         """Make the robot safe, stop every task, and pass the error on."""
         self._running, self._later = False, 0
+        self._leave()
         interrupted = isinstance(error, KeyboardInterrupt | SystemExit)
         if isinstance(error, StopIteration):
             error = RuntimeError("its loop over the ticks came to an end")
@@ -417,6 +473,7 @@ class Scheduler:
 
     def _end(self) -> None:
         self._running = False
+        self._leave()
         for place in self._waiting:
             entry, passed_ns = self._ranked[place & INDEX], self._stop_ns - (place >> TASKS_BITS)
             # slots that passed while a step ran late
@@ -438,7 +495,9 @@ class Scheduler:
             if self._jumps is not None:
                 self._jumps.call_at(due_ns, self._number, self._dispatch)
             else:
-                self._timer = self._loop.call_at((due_ns - self._margin_ns) / NS_PER_S, self._dispatch)
+                # the event loop's timers are on the processor's clock, which waits for nothing
+                held_ns = 0 if self._joined is None else self._joined.held_ns
+                self._timer = self._loop.call_at((due_ns + held_ns - self._margin_ns) / NS_PER_S, self._dispatch)
 
     def _spin_to_next_deadline(self) -> None:
         """Wait for the margin by which the timer was set early, and learn how large it has to be.

@@ -48,7 +48,7 @@ class Stranger:
     offer_odometry, indicate, place = PlainHal.offer_odometry, PlainHal.indicate, PlainHal.place
 
 
-LACKS = ["own_channels", "tap_line", "clear_loops", "blocked_by", "attitude", "others", "movers"]
+LACKS = ["own_channels", "waits", "tap_line", "clear_loops", "blocked_by", "attitude", "others", "movers"]
 
 
 def test_no_code_asks_whether_a_hal_has_a_member() -> None:
