@@ -33,8 +33,8 @@ MIKE ?=
 
 .PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
 
-run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
-	@$(BIN)/python -m txt1 run --hal sim $(RUN) || test $$? = 130  # Ctrl-C ends a drive, and is no error
+run: $(VENV)/.installed  ## drive a simulated robot from the keyboard or the page; RUN="..." adds options
+	@$(BIN)/python -m txt1 run --practice $(RUN) || test $$? = 130  # Ctrl-C ends a drive, and is no error
 
 test: $(VENV)/.dev  ## the tests, six at a time; three to nine minutes on two cores
 	$(BIN)/python -m pytest --numprocesses=6 --dist=worksteal
@@ -142,8 +142,9 @@ clean:
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
+# With what README and `txt1` alone show: recordings, pictures, the page.
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python $(PIP_INSTALL) --editable .
+	$(BIN)/python $(PIP_INSTALL) --editable '.[plots,record,web]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.installed $(PLUGINS:%=%/pyproject.toml)

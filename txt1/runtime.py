@@ -149,6 +149,8 @@ class Runtime:
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors that the hardware layer does not have itself, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
+        if sensing and hal.capabilities.pose:
+            self.bus.offer(fields.SEEN, lambda: self.sensors.seen(self.state.pose) or None)
         self.additions = additions.active(config, asked) if sensing else ()
         """The additions that take part."""
         self._watching = AsyncExitStack()
@@ -199,8 +201,10 @@ class Runtime:
         return Snapshot.take(self.bus, self.now, self.name, topics)
 
     def _recorded_snapshot(self) -> Snapshot:
-        """The snapshot to record: no configuration, and in virtual time no run times of tasks, which vary."""
-        without = (fields.HAND, fields.TASK_REPORTS) if self._virtual else (fields.HAND,)
+        """The snapshot to record: no configuration, address or points that readings tell, and in virtual time no run
+        times of tasks, which vary.
+        """
+        without = (fields.HAND, fields.PAGE, fields.SEEN, *((fields.TASK_REPORTS,) if self._virtual else ()))
         return Snapshot.take(self.bus, self.now, self.name, without=without)
 
     async def start(self) -> None:

@@ -167,6 +167,8 @@ class Sidecar:
     tell: Callable[[str], None] = lambda text: None
     # called at once when it has ended
     lost: Callable[[], None] = lambda: None
+    # called at each first heartbeat: it has started, and works
+    ready: Callable[[], None] = lambda: None
 
     def __post_init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -208,6 +210,11 @@ class Sidecar:
     def pid(self) -> int | None:
         """The process's id; None while there is no process."""
         return None if self._child is None else self._child.pid
+
+    @property
+    def answers(self) -> bool:
+        """Whether it has started, and no trouble was told since its last heartbeat."""
+        return self._socket is not None and self._ready and not self.trouble
 
     async def ended(self) -> Reason:
         """Wait until it has ended for good: by itself, or after more failures than `Restart` allows.
@@ -390,6 +397,7 @@ class Sidecar:
             self._ready, self._began = True, now
             assert self._child is not None
             timeslice.ordinary(self._child.pid, self.niceness, session=not self.on_terminal)
+            self.ready()
         self.request(Request(name, message, age))
 
     def _obey_stops(self, data: bytes) -> None:

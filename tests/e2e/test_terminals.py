@@ -1,45 +1,15 @@
 """The program in real terminals of several kinds, as a process of its own."""
 
-import os
 import re
 import signal
 from pathlib import Path
 
 import pexpect
-import pyte
 import pytest
 
-from tests.patience import LIMIT, TXT1
+from rigs.terminals import Watched, start
 
-ROOT = Path(__file__).parents[2]
 RUN = ("run", "--seed", "1", "--drive", "0.3,0.5")  # a circle that meets no wall, however long it lasts
-
-
-def start(columns: int, rows: int, *words: str, **environment: str) -> "pexpect.spawn[bytes]":
-    """A command on a terminal of that size."""
-    clean = {name: value for name, value in os.environ.items() if not name.startswith(("TXT1_", "LC_", "LANG"))}
-    return pexpect.spawn(
-        TXT1[0],
-        [*TXT1[1:], *words],
-        dimensions=(rows, columns),
-        timeout=LIMIT,
-        env=clean | {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color"} | environment,
-        cwd=str(ROOT),
-    )
-
-
-class Watched:
-    """The screen that a command draws, and all that it was told."""
-
-    def __init__(self, child: "pexpect.spawn[bytes]", columns: int, rows: int) -> None:
-        self.child, self.screen, self.told = child, pyte.Screen(columns, rows), b""
-        self._stream = pyte.ByteStream(self.screen)
-
-    def until(self, *words: str) -> None:
-        """Wait until all these words are on it."""
-        while not all(word in "\n".join(self.screen.display) for word in words):
-            self.told += (new := self.child.read_nonblocking(65536, timeout=LIMIT))
-            self._stream.feed(new)
 
 
 @pytest.mark.parametrize("environment", [{"NO_COLOR": "1", "LC_ALL": "C"}, pytest.param({}, marks=pytest.mark.long)])

@@ -65,15 +65,16 @@ async def bridge(
     *,
     restart: Restart = RESTART,
     silence: float | None = SILENCE,
+    ready: Callable[[], None] = lambda: None,
 ) -> AsyncIterator[Sidecar]:
     """Run a bridge beside a robot until the block is left. `options` are keyword arguments for its function.
 
     `requests` are further requests, beyond driving and the joystick: functions of the request's fields. After `silence`
-    s without a heartbeat the bridge is ended (None: never), and started again by `restart`. Raises ConfigError: there
-    is no bridge of this name, or it already runs.
+    s without a heartbeat the bridge is ended (None: never), and started again by `restart`. `ready` is called whenever
+    it has started. Raises ConfigError: there is no bridge of this name, or it already runs.
     """
     desk = RobotEnd(robot, name, requests or {})
-    async with _at_work(name, options, desk, [desk], restart, silence) as beside:
+    async with _at_work(name, options, desk, [desk], restart, silence, ready) as beside:
         yield beside
 
 
@@ -105,6 +106,7 @@ async def _at_work(
     desks: "Sequence[RobotEnd]",
     restart: Restart,
     silence: float | None,
+    ready: Callable[[], None] = lambda: None,
 ) -> AsyncIterator[Sidecar]:
     def let_go() -> None:
         for desk in desks:
@@ -123,6 +125,7 @@ async def _at_work(
         silence=silence,
         tell=lambda text: first.say(f" {text}"),
         lost=let_go,
+        ready=ready,
     )
     try:
         with ExitStack() as watched:

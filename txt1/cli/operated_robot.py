@@ -8,8 +8,10 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
+from typing import Final
 
 from txt1.additions import blamed
+from txt1.cli import practice
 from txt1.cli.service_manager import served
 from txt1.commands import DISARMED, FAULT, OK, say, view_of
 from txt1.config import Config
@@ -26,12 +28,14 @@ from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
 from txt1.ui.viewer import DRIVING
 
+# MAP
+PRACTICE_SCREEN: Final = 5
 Steer = Callable[[Robot], Awaitable[None]]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
-    config = options.loaded(arguments).config
+    config = practice.configured(arguments) if arguments.practice else options.loaded(arguments).config
     if arguments.name is not None:
         config = with_values(config, {"name": arguments.name})
     if arguments.drive is not None:
@@ -44,8 +48,10 @@ def run(arguments: argparse.Namespace) -> int:
             say(remark)
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
-    if arguments.screen is not None and (arguments.headless or arguments.json):
-        raise ConfigError("--screen: without screens it has no effect; leave it out")
+    if arguments.screen is not None:
+        _refuse_screen(arguments)
+    elif arguments.practice:
+        arguments.screen = PRACTICE_SCREEN
     asked: dict[str, object] = {}
     for name, told in arguments.optional.items():
         with blamed(name, "options"):
@@ -57,6 +63,18 @@ def run(arguments: argparse.Namespace) -> int:
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, steer, asked))
     return conclude(app, arguments.json)
+
+
+def _refuse_screen(arguments: argparse.Namespace) -> None:
+    """Raise ConfigError if there is no screen of the requested number, or none at all."""
+    if arguments.headless or arguments.json:
+        raise ConfigError("--screen: without screens it has no effect; leave it out")
+    from txt1.ui.screens import installed
+
+    names = list(installed())
+    if arguments.screen > len(names):
+        there = ", ".join(f"{number} {name}" for number, name in enumerate(names, 1))
+        raise ConfigError(f"--screen {arguments.screen}: there is none of this number; there are {there}")
 
 
 def _tell_limits(drive: tuple[float, float], config: Config) -> None:

@@ -14,6 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         options.ROBOT
         | {
+            "--practice": flag(
+                "the simulation alone, whatever a file or the environment says: on a track, with a laser and the page"
+            ),
             "--duration": takes("S", "end after S seconds of the robot's time", positive),
             "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own, and report the answer"),
             "--screen": takes("N", "first screen, such as 5 for MAP; 1 by default", count),

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from functools import partial
+from math import cos, sin
 from typing import Any, Final, Generic, TypeVar
 
 from txt1.errors import HalError
@@ -23,6 +24,8 @@ STALE_PERIODS: Final = 10
 STALE_MIN: Final = 1.0
 # s within which a sensor must have closed
 CLOSING_MAX: Final = 5.0
+# points of a scan on a screen, at most
+SEEN_MAX: Final = 120
 
 AddTask = Callable[[str, int, float, PeriodicTask], None]
 Tell = Callable[[float, str], None]
@@ -136,6 +139,23 @@ class Sensors(dict[str, Polled[Any]]):
         (add_task or self._add_task)(polled.task, SENSORS_PRIORITY, polled.period, poll)
         self[name] = polled
         return polled
+
+    def seen(self, pose: tuple[float, float, float] | None) -> tuple[tuple[float, float], ...]:
+        """Return at most `SEEN_MAX` points of each laser's last scan, m, as seen from a pose in the room."""
+        if pose is None or not any(each.last for each in self.values()):
+            return ()
+        # a robot without lasers does not load numpy for this
+        from txt1.sensors.readings import Scan
+
+        x, y, theta = pose
+        c, s = cos(theta), sin(theta)
+        points: list[tuple[float, float]] = []
+        for each in self.values():
+            if each.last is not None and isinstance(each.last.value, Scan):
+                found = each.last.value.points
+                chosen = found[:: -(-len(found) // SEEN_MAX) or 1].tolist()
+                points += [(round(x + a * c - b * s, 3), round(y + a * s + b * c, 3)) for a, b in chosen]
+        return tuple(points)
 
     def states(self) -> tuple[SensorState, ...]:
         """Return the state of each sensor."""

@@ -197,6 +197,10 @@ VEHICLES: Final[Topic[tuple[tuple[float, float, float], ...]]] = _told(
 TASK_REPORTS: Final[Topic[tuple[TaskReport, ...]]] = _told("/tasks", tuple[TaskReport, ...], "the tasks' statistics")
 EVENTS: Final[Topic[tuple[Event, ...]]] = _told("/events", tuple[Event, ...], "the latest events, oldest first")
 WARNINGS: Final[Topic[tuple[str, ...]]] = _told("/warnings", tuple[str, ...], "what is not at work beside the robot")
+SEEN: Final[Topic[tuple[tuple[float, float], ...]]] = _told(
+    "/seen", tuple[tuple[float, float], ...], "some points that the lasers of a simulation see in the room: m"
+)
+PAGE: Final = _told("/page", str, "the address at which the web page answers")
 MOVERS: Final[Topic[tuple[Outline, ...]]] = _told(
     "/movers", tuple[Outline, ...], "the boxes that move in the simulated room: corners, m"
 )

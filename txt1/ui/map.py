@@ -15,7 +15,7 @@ from rich.text import Text
 
 from txt1.tasks.battery import RANGE
 from txt1.tasks.encoder import POSE
-from txt1.tasks.fields import MOVERS, SURROUNDINGS, VEHICLES, WALLS, Surroundings
+from txt1.tasks.fields import MOVERS, SEEN, SURROUNDINGS, VEHICLES, WALLS, Surroundings
 from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_MAP
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM, Kept
@@ -52,7 +52,20 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
     about, walls, others = snapshot.get(SURROUNDINGS), snapshot.get(WALLS), snapshot.get(VEHICLES)
     left = snapshot.get(RANGE)
     place = pose_of(snapshot), _frame(snapshot), snapshot.get(PARTICLES_ON_MAP), snapshot.get(SCAN_ON_MAP)
-    key = (place, about, walls, snapshot.get(MOVERS), others, len(path), path[:1], path[-1:], viewer.spacing, left)
+    seen = snapshot.get(SEEN)
+    key = (
+        place,
+        about,
+        walls,
+        seen,
+        snapshot.get(MOVERS),
+        others,
+        len(path),
+        path[:1],
+        path[-1:],
+        viewer.spacing,
+        left,
+    )
     known, picture = _kept.get((width, rows), (None, None))
     if picture is None or known != key:
         lines = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
@@ -166,7 +179,8 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
     for other in snapshot.get(VEHICLES, ()):
         _draw_robot(canvas, other, about.body, OTHER)
     canvas.path(viewer.path, PATH)
-    for point in (*snapshot.get(PARTICLES_ON_MAP, ()), *snapshot.get(SCAN_ON_MAP, ())):
+    seen = snapshot.get(SEEN, ())
+    for point in (*snapshot.get(PARTICLES_ON_MAP, ()), *snapshot.get(SCAN_ON_MAP, ()), *seen):
         if all(map(isfinite, point)):
             canvas.line(point, point, OTHER)
     pose = pose_of(snapshot)
@@ -183,7 +197,9 @@ def on_map(snapshot: Snapshot) -> Snapshot:
         return snapshot
     body = snapshot.get(SURROUNDINGS, Surroundings()).body
     walls = snapshot.get(WALLS_ON_MAP)
-    return snapshot.replaced({SURROUNDINGS: Surroundings(body=body), WALLS: walls, MOVERS: None, VEHICLES: None})
+    return snapshot.replaced(
+        {SURROUNDINGS: Surroundings(body=body), WALLS: walls, MOVERS: None, VEHICLES: None, SEEN: None}
+    )
 
 
 def _frame(snapshot: Snapshot) -> str:
@@ -242,16 +258,15 @@ def _caption(snapshot: Snapshot, scale: float, short: bool = False) -> Text:
     light = snapshot.get(SURROUNDINGS, Surroundings()).light
     x, y, theta = pose_of(snapshot)
     legend = Text(no_wrap=True, overflow="ellipsis").append(f"├{'─' * (cells - 2)}┤ {length:g} m  ", "white")
-    if light is not None and not short:
-        legend.append("✶", "bold bright_yellow").append(" light  ", DIM)
     if not short:
         legend.append("⣀", _STYLES[PATH]).append(" path  ", DIM)
+    if snapshot.get(SEEN) and not short:
+        legend.append("⠢", _STYLES[OTHER]).append(" laser  ", DIM)
     legend.append(_frame(snapshot), "cyan")
     if isfinite(x):
         legend.append(f" x {x:.2f} y {y:.2f} m θ {degrees(theta):.0f}°")
     if light is not None:
-        legend.append(" ✶" if short else "  to", "bold bright_yellow" if short else DIM)
-        legend.append(f" light {dist((x, y), light):.2f} m", DIM)
+        legend.append(" ✶", "bold bright_yellow").append(f" light {dist((x, y), light):.2f} m", DIM)
     return legend
 
 

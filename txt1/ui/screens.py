@@ -26,7 +26,7 @@ from rich.text import Text
 
 from txt1 import additions
 from txt1.tasks.battery import BATTERIES
-from txt1.tasks.fields import TRAFFIC, WARNINGS, Battery, Traffic
+from txt1.tasks.fields import PAGE, TRAFFIC, WARNINGS, Battery, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.panel import buzzer
 from txt1.telemetry.snapshot import Snapshot
@@ -108,6 +108,8 @@ class _Screen(NamedTuple):
 def _header(snapshot: Snapshot, names: list[str], current: str, width: int) -> RenderableType:
     """Return name, time of the run, and the screens' names as far as there is room, with the present screen marked."""
     left = Text.from_markup(f"[bold reverse] TXT-1 [/] {clean(snapshot.name)} {run_time(snapshot.time)}")
+    if page := snapshot.get(PAGE):
+        left.append(f" {printable(page)}", "underline")
     tabs = Text()
     if left.cell_len + sum(len(name) + 2 for name in names) > width:
         tabs.append(f"{names.index(current) + 1}/{len(names)} ", DIM)

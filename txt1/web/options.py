@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from txt1.additions import Options
 from txt1.commands import existing, host_and_port, is_loopback, named_url, need, path, positive, say, takes, view_of
-from txt1.errors import ConfigError
+from txt1.errors import ConfigError, MissingExtra
 
 if TYPE_CHECKING:
     from txt1.config import Config
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 # default place of the token
 FILE: Final = "web-token"
+# default address: this computer alone
+HERE: Final = ("127.0.0.1", 8080)
+MODULES: Final = ("aiohttp", "cryptography", "segno")
 
 
 WEB: Final = {
@@ -28,7 +31,7 @@ WEB: Final = {
         "with a token and TLS only",
         host_and_port,
         nargs="?",
-        const=("127.0.0.1", 8080),
+        const=HERE,
     ),
     "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", path),
     "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
@@ -72,7 +75,7 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
         raise ConfigError("--web: at full speed (--speed max) no person could watch; leave one of them out")
     if arguments.web_folder.exists() and not arguments.web_folder.is_dir():
         raise ConfigError(f"--web-folder {arguments.web_folder}: a file, no folder; name one, or a new one")
-    need("--web", "web", "aiohttp", "cryptography", "segno")
+    need("--web", "web", *MODULES)
     from txt1.web.auth import token_in
     from txt1.web.certificate import addresses, fingerprint, own_certificate, tls
 
@@ -103,8 +106,7 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
         say(f"a browser will ask whether to trust the certificate with SHA-256 {fingerprint(certificate)}")
     if token is not None:
         say(f"the page's token is in {token}; a phone that reads this code needs not type it")
-    say(f"the page is at {'  '.join(places)}")
-    if token is not None:
+        say(f"the page will be at {'  '.join(places)}")
         import segno
 
         segno.make(f"{places[0]}#token={word}", error="l").terminal(out=sys.stderr, compact=True)
@@ -130,18 +132,37 @@ def _free(host: str, port: int) -> int:
         raise ConfigError(f"--web {host}:{port}: cannot listen there: {why}; choose another address") from None
 
 
+def _free_or_any(host: str, port: int) -> int:
+    """Return the port if it is free, else any free port."""
+    try:
+        return _free(host, port)
+    except ConfigError:
+        return _free(host, 0)
+
+
 class PageAsked(NamedTuple):
     """The page beside a robot."""
 
     page: WebPage
     speed: Speed
     """Speed of the robot's time, for recordings that the page begins."""
+    printed: bool = False
+    """Whether its address is printed when it answers: there are no screens and no log that show it."""
 
 
 def asked(arguments: argparse.Namespace, config: Config) -> PageAsked | None:
-    """Return the requested page, None for none; raises as `web_page`."""
+    """Return the requested page, None for none; raises as `web_page`.
+
+    A practice has a page of its own accord, where a person may look at it and its libraries are there.
+    """
+    if arguments.practice and arguments.web is None and arguments.speed != "max" and view_of(arguments) != "nothing":
+        try:
+            need("the page", "web", *MODULES)
+            arguments.web = HERE[0], _free_or_any(*HERE)
+        except MissingExtra as error:
+            say(f"there is no page beside it: {error}")
     page = web_page(arguments)
-    return None if page is None else PageAsked(page, arguments.speed)
+    return None if page is None else PageAsked(page, arguments.speed, view_of(arguments) == "nothing")
 
 
 OPTIONS: Final = Options("web page", WEB, asked)

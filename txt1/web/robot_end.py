@@ -5,7 +5,10 @@ from contextlib import asynccontextmanager
 
 from txt1.bridges.registry import bridge
 from txt1.bridges.services import services
+from txt1.commands import say
 from txt1.robot import Key, Robot
+from txt1.sidecar import Sidecar
+from txt1.tasks.fields import PAGE
 from txt1.web.options import PageAsked
 
 
@@ -15,18 +18,27 @@ async def beside(robot: Robot, asked: PageAsked) -> AsyncIterator[None]:
 
     If an addition offers the request "stop", as a fleet does, it replaces the robot's own stop.
 
-    The event log shows the page's addresses, and shows them again on the key p.
+    When the page answers, its addresses are told, and the header of the screens shows the first of them as long as it
+    answers; the key p tells them again.
     """
+    places = "  ".join(asked.page.places)
 
     def stop() -> None:
         robot.requests.get("stop", robot.stop)()
 
     def tell() -> None:
-        robot.tell(f"the page is at {'  '.join(asked.page.places)}")
+        answers = server is not None and server.answers
+        robot.tell(f"the page is at {places}" if answers else f"the page does not answer yet; it will be at {places}")
 
+    def ready() -> None:
+        robot.tell(f"the page is at {places}")
+        if asked.printed:
+            say(f"the page is at {places}")
+
+    server: Sidecar | None = None
     robot.keys["p"] = Key("page", tell)
+    robot.runtime.bus.offer(PAGE, lambda: asked.page.places[0] if server is not None and server.answers else None)
     async with services(robot, asked.speed, asked.page.folder) as requests:
         name, given = asked.page.bridge()
-        async with bridge(robot, name, given, {**requests, "stop": stop}):
-            tell()
+        async with bridge(robot, name, given, {**requests, "stop": stop}, ready=ready) as server:
             yield
