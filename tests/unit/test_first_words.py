@@ -1,6 +1,6 @@
 """What somebody meets first: `txt1` alone, the demo, the shell's completion, a report."""
 
-import argparse
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 from txt1 import __version__
-from txt1.cli import COMMANDS, demo, execute, parsers
-from txt1.cli.demo import steps
-from txt1.ui.screens import SCREENS
+from txt1.cli import COMMANDS, execute, parsers
 
 
 def test_alone_it_says_in_ten_lines_what_to_type(capsys: pytest.CaptureFixture[str]) -> None:
@@ -45,21 +43,25 @@ def test_completion_knows_commands_and_their_options(shell: str, capsys: pytest.
         assert ended.stdout.split() == ["experiment"]
 
 
-def test_the_demo_drives_learns_shows_and_draws(tmp_path: Path) -> None:
-    names = [words[0] for _, words in steps(tmp_path, "1", screens=True)]
-    assert names == ["run", "learn", "run", "report"]
-    assert all("--headless" not in words for _, words in steps(tmp_path, "1", screens=True))
-    runs = [words for _, words in steps(tmp_path, "1", screens=True) if words[0] == "run"]
-    begins = {words[words.index("--screen") + 1] for words in runs}
-    assert begins == {str(list(SCREENS).index("MAP") + 1)}, "the car is seen on MAP"
+def test_the_demo_shows_all_its_steps_and_what_to_type(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert execute(["demo", "--out", str(tmp_path / "demo"), "--seed", "1"]) == 0
+    told = capfd.readouterr().out
+    said = [line.split(" s  ", 1)[1] for line in told.splitlines() if re.search(r" s  \d/5 ", line)]
+    assert [line[0] for line in said] == list("12234555"[: len(said)]) and said[-1][0] == "5"
+    assert all(" You: txt1 " in line for line in said)
+    assert "the light after" in told and "bit for bit" in said[-1] and "not the same" not in told
+    stood = re.findall(r"v=([+-][\d.]+) m/s .* armed; 3/5 ", told)
+    assert max(map(float, stood)) > 0.4 and abs(float(stood[-1])) < 0.01, "it drives to the box, and stands before it"
+    assert 70.0 <= float(re.findall(r"(?m)^t= *([\d.]+) s", told)[-1]) <= 100.0, "ninety seconds"
+    assert {"demo.mcap", "part.mcap", "learned"} <= {each.name for each in (tmp_path / "demo").iterdir()}
 
 
-def test_a_demo_that_a_busy_computer_ends_says_how_to_go_on(
+def test_the_demo_drives_nothing_but_the_simulation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(demo, "execute", lambda words: 3)
-    assert demo.main(argparse.Namespace(out=tmp_path / "demo", seed=None)) == 3
-    assert "end them and run it again" in capsys.readouterr().err
+    monkeypatch.setenv("TXT1_HAL", "serial")
+    assert execute(["demo", "--out", str(tmp_path / "demo")]) == 2
+    assert "a practice drives the simulation only" in capsys.readouterr().err
 
 
 def test_a_first_screen_is_refused_where_there_are_none(capsys: pytest.CaptureFixture[str]) -> None:

@@ -194,7 +194,7 @@ def test_the_start_page_runs_word_by_word(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_the_demo_and_a_replay_of_the_start_page_run_too(tmp_path: Path) -> None:
     run_page(ROOT / "docs" / "start.md", tmp_path)
-    assert (tmp_path / "out" / "demo" / "light.html").exists()
+    assert (tmp_path / "out" / "demo" / "demo.mcap").exists()
 
 
 @pytest.mark.long

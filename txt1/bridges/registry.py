@@ -87,6 +87,7 @@ async def fleet_bridge(
     *,
     restart: Restart = RESTART,
     silence: float | None = SILENCE,
+    ready: Callable[[], None] = lambda: None,
 ) -> AsyncIterator[Sidecar]:
     """Run one bridge for several robots of this process; `requests` are each robot's, by name.
 
@@ -94,7 +95,7 @@ async def fleet_bridge(
     is for all robots.
     """
     desks = {each: RobotEnd(robot, name, (requests or {}).get(each, {})) for each, robot in robots.items()}
-    async with _at_work(name, options, Desks(desks), list(desks.values()), restart, silence) as beside:
+    async with _at_work(name, options, Desks(desks), list(desks.values()), restart, silence, ready) as beside:
         yield beside
 
 

@@ -26,8 +26,8 @@ EPILOG: Final = (
 FIRST: Final = """\
 txt1 runs a robot car: simulated here, or a real one behind a board.
 
-  txt1 demo                     one minute: it drives, learns to find a light, and shows it
-  txt1 run                      drive a simulated one: w s a d, SPACE stops, ? helps, q quits
+  txt1 demo                     ninety seconds: it drives, learns, stops before a box
+  txt1 run --practice           drive a simulated one: w s a d, SPACE stops, ? helps, q quits
   txt1 run --log drive.mcap     ... and record it; then: txt1 report drive.mcap
   txt1 experiment circle-fast   measure how well it drives
   txt1 doctor                   look for a real board, and for what is wrong with the line to it
@@ -35,7 +35,7 @@ txt1 runs a robot car: simulated here, or a real one behind a board.
 All commands: txt1 --help. Of one of them: txt1 run --help.
 """
 COMMANDS: Final = {
-    "demo": "one minute: it drives, learns to find a light, and shows it",
+    "demo": "ninety seconds without a hand: it drives, learns, stops before a box, repeats a drive",
     "run": "run a robot, simulated or real",
     "config": "show or check a configuration",
     "world": "list maps and worlds, or draw one before anything drives in it",

@@ -33,8 +33,11 @@ PRACTICE_SCREEN: Final = 5
 Steer = Callable[[Robot], Awaitable[None]]
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Run the robot until the duration is over, the operator quits or a signal comes."""
+def run(arguments: argparse.Namespace, steer: Steer | None = None) -> int:
+    """Run the robot until the duration is over, the operator quits or a signal comes.
+
+    `steer` drives it in place of a source of commands that the command line names.
+    """
     config = practice.configured(arguments) if arguments.practice else options.loaded(arguments).config
     if arguments.name is not None:
         config = with_values(config, {"name": arguments.name})
@@ -59,7 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
         if settings is not None:
             asked[name] = settings
     # an addition takes a source of its own, as teaching takes a policy's file
-    steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
+    if arguments.source is not None:
+        steer = SOURCES.find("--source", arguments.source)[0]
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, steer, asked))
     return conclude(app, arguments.json)

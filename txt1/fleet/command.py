@@ -27,6 +27,8 @@ from txt1.kit import options
 from txt1.kit.app import DISARMING, App, report
 from txt1.record.options import LOG
 from txt1.record.session import recording_together
+from txt1.sidecar import Sidecar
+from txt1.tasks.fields import PAGE
 from txt1.ui import tty
 from txt1.ui.terminal import Terminal
 from txt1.web.options import WEB, WebPage, web_page
@@ -167,8 +169,20 @@ async def _serve(fleet: Fleet, page: WebPage, arguments: argparse.Namespace, bri
         services = Services(robot, robot.config, arguments.speed, page.folder)
         bridges.push_async_callback(services.close)
         requests[name] = services.requests
+    told = f"the page is at {'  '.join(page.places)}"
+    server: Sidecar | None = None
+
+    def ready() -> None:
+        for robot in fleet.robots.values():
+            robot.tell(told)
+        if view_of(arguments) != "screens" or not tty.drawable():
+            say(told)
+
+    for robot in fleet.robots.values():
+        robot.runtime.bus.offer(PAGE, lambda: page.places[0] if server is not None and server.answers else None)
     kind, given = page.bridge()
-    await bridges.enter_async_context(fleet_bridge(fleet.robots, kind, given | {"fleet": list(fleet.robots)}, requests))
+    given = given | {"fleet": list(fleet.robots)}
+    server = await bridges.enter_async_context(fleet_bridge(fleet.robots, kind, given, requests, ready=ready))
 
 
 def _console(arguments: argparse.Namespace) -> int:
@@ -216,6 +230,7 @@ async def _page(peer: "Peer", page: WebPage) -> None:
         while not (names := network.names()):
             await asyncio.sleep(0.5)
         _, given = page.bridge()
+        say(f"the page will be at {'  '.join(page.places)}")
         await serve(network, **given | {"folder": page.folder, "fleet": names})  # type: ignore[arg-type]
     finally:
         network.close()

@@ -98,7 +98,7 @@ class Comparison:
         else:
             own -= {SENSORS, SNAPSHOT}
         self._own = frozenset(topic.name for topic in own)
-        measured = {fields.TASK_REPORTS, fields.EVENTS, fields.TRAFFIC} if self._real else set()
+        measured = {fields.TASK_REPORTS, fields.EVENTS, fields.TRAFFIC, fields.WARNINGS} if self._real else set()
         self._in_snapshots = frozenset(topic.name for topic in {*runtime.bus.offered} - measured)
 
     def leave_out(self, topic: Topic[Any]) -> None:

@@ -34,7 +34,8 @@ def test_on_loopback_there_is_neither_token_nor_tls(capsys: pytest.CaptureFixtur
     page = start("--web", "0")
     assert page is not None and page.host == "127.0.0.1" and page.port > 0
     assert page.token is page.certificate is page.key is None
-    assert f"http://127.0.0.1:{page.port}/" in capsys.readouterr().err
+    assert page.places == (f"http://127.0.0.1:{page.port}/",)
+    assert capsys.readouterr().err == "", "nothing is said before it answers"
     assert not state.exists()
 
 
