@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from txt1.cli import operating, parsed
+from txt1.cli import operated_robot, parsed
 from txt1.commands import OK, add, path, takes, unused
 from txt1.driver import REFRESH
 from txt1.experiments import run_folder
@@ -55,7 +55,7 @@ def main(arguments: argparse.Namespace) -> int:
     if demo.records:
         words += ["--log", str(out / "demo.mcap")]
     try:
-        code = operating.run(parsed(words), demo.show)
+        code = operated_robot.run(parsed(words), demo.show)
     finally:
         demo.close()
     if code == OK:
@@ -83,7 +83,7 @@ class Demo:
     async def show(self, robot: Robot) -> None:
         """Drive a robot through all steps, then end the run."""
         # learning and numpy, which no other command of this package needs
-        from txt1.learning.agents import agent_of
+        from txt1.learning.registry import agent_of
         from txt1.learning.task import need_light, start
 
         self._robot, self._wheel = robot, robot.source("script")
