@@ -247,6 +247,8 @@ class SerialConfig(Section):
     """Device, socket://host:port, or virtual (a board in this process); null: the only serial port."""
     baud: PositiveInt = 57600
     """Bits a second, 8N1."""
+    transport: Literal["pyserial-asyncio", "serialx"] = "pyserial-asyncio"
+    """Library that serves the device: pyserial-asyncio, or serialx where it is installed."""
     secret_file: str | None = None
     """File with the secret of a board on a network (socket://), such as a Pico W; null: no secret."""
     control: Literal["board", "host"] = "board"

@@ -122,7 +122,7 @@ def port_of(config: Config, baud: int | None = None, behind: str | None = None) 
     if serial.port is not None and serial.port in PORTS.ours:
         port: Port = PORTS.make("serial.port", serial.port, config)
         return port
-    return DevicePort(serial.port, baud or serial.baud, serial.secret_file, behind or BOARD)
+    return DevicePort(serial.port, baud or serial.baud, serial.secret_file, behind or BOARD, serial.transport)
 
 
 def faults_of(config: Config) -> Callable[[End], End]:

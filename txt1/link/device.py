@@ -1,4 +1,8 @@
-"""Open a link by its address: a serial device over pyserial-asyncio, or a TCP connection."""
+"""Open a link by its address: a serial device over pyserial-asyncio or serialx, or a TCP connection.
+
+pyserial-asyncio is the dependency. Its last release waits in reads, writes and closes, so three methods of its port and
+three of its transport are replaced here; each says why. serialx (`txt1.link.serialx_link`) needs no such changes.
+"""
 
 import asyncio
 import errno
@@ -17,9 +21,12 @@ from txt1.errors import ConfigError, HalError
 from txt1.link.base import End, Link, StreamLink
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.pty import is_left_behind
+from txt1.link.serialx_link import open_serialx
 from txt1.link.tcp import BOARD, open_socket
 
 STANDARD_BAUDS: Final = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
+# whatever a port that cannot be opened raises; SerialException is an OSError
+OPENING: Final = (ValueError, OverflowError, OSError, termios.error)
 # the port, and how to explain its loss
 _Opened = tuple["_Device", Callable[[str, Exception | None], str]]
 
@@ -85,15 +92,26 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
 
 
 async def open_link(
-    address: str, end: End, baud: int = 57600, secret: bytes | None = None, behind: str = BOARD
+    address: str,
+    end: End,
+    baud: int = 57600,
+    secret: bytes | None = None,
+    behind: str = BOARD,
+    transport: str = "pyserial-asyncio",
 ) -> Link:
     """Open a link to a serial device (8N1, exclusive) or to `socket://host:port`; `end` is connected on return.
 
     A board on a network first gets proof of the secret, if there is one. `behind` is the command that serves such an
-    address. Raises HalError, which names the address, the cause and the remedy.
+    address. `transport` is `serial.transport`. Raises HalError, which names the address, the cause and the remedy;
+    ConfigError: the transport is not installed.
     """
     if "://" in address:
         return await open_socket(address, end, secret, behind)
+    if transport == "serialx":
+        try:
+            return await open_serialx(address, end, baud, await asyncio.to_thread(_checked, address, baud))
+        except OPENING as error:
+            raise await asyncio.to_thread(_refusal, address, baud, behind, error) from error
     loop = asyncio.get_running_loop()
     opening = loop.run_in_executor(None, open_port, address, baud, behind)
     try:
@@ -103,13 +121,13 @@ async def open_link(
         opening.add_done_callback(_close_port)
         raise
     link = StreamLink(address, end, explain)
-    transport = _DeviceTransport(loop, link, device)
+    over = _DeviceTransport(loop, link, device)
     try:
         # the transport has asked the loop to connect this end next
         await asyncio.sleep(0)
     except asyncio.CancelledError:
         link.shut()
-        transport.abort()
+        over.abort()
         raise
     return link
 
@@ -118,11 +136,19 @@ class DevicePort:
     """A serial device, or socket://host:port; None: the only plugged-in device, under whatever name it has now.
 
     The first line of `secret_file` is the secret of a board on a network;
-    `behind` is the command that serves such a port.
+    `behind` is the command that serves such a port; `transport` is `serial.transport`.
     """
 
-    def __init__(self, address: str | None, baud: int, secret_file: str | None = None, behind: str = BOARD) -> None:
+    def __init__(
+        self,
+        address: str | None,
+        baud: int,
+        secret_file: str | None = None,
+        behind: str = BOARD,
+        transport: str = "pyserial-asyncio",
+    ) -> None:
         self._wanted = address
+        self._transport = transport
         self._behind = behind
         self._secret_file = secret_file
         self._baud = baud
@@ -140,7 +166,7 @@ class DevicePort:
         if left or (left is None and _passed_on(self._spent, made)):
             raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new board")
         secret = None if self._secret_file is None else await asyncio.to_thread(_secret_in, self._secret_file)
-        link = await open_link(self.address, end, self._baud, secret, self._behind)
+        link = await open_link(self.address, end, self._baud, secret, self._behind, self._transport)
         self._spent = made
         return link
 
@@ -197,24 +223,35 @@ def open_port(address: str, baud: int, behind: str = BOARD) -> _Opened:
     Opening may block: a modem waits for carrier, a USB stack may be slow.
     """
     try:
-        if baud <= 0:
-            # the kernel would take 0 as "hang up"
-            raise ValueError
-        if not stat.S_ISCHR(os.stat(address).st_mode):
-            raise HalError(f"{address} is no serial port but a file or directory: {_found()}")
-        device = _Device(address, baud, exclusive=True, timeout=0, write_timeout=0)
-    except (ValueError, OverflowError) as error:
-        usual = "the board's rate is 57600" if behind == BOARD else "check the rate"
-        raise HalError(f"{address} does not work at {baud} baud: {usual}") from error
-    except OSError as error:
-        # SerialException is an OSError
-        raise HalError(_why_not_open(address, error, behind)) from error
-    except termios.error as error:
-        # termios.error is no OSError: the device went away meanwhile
-        raise HalError(_why_not_open(address, OSError(*error.args), behind)) from error
+        explain = _checked(address, baud)
+        return _Device(address, baud, exclusive=True, timeout=0, write_timeout=0), explain
+    except OPENING as error:
+        raise _refusal(address, baud, behind, error) from error
+
+
+def _checked(address: str, baud: int) -> Callable[[str, Exception | None], str]:
+    """Return the function that explains the loss of the port.
+
+    Raises ValueError: there is no such baud rate; HalError: the address is a file or directory; OSError.
+    """
+    if not 0 < baud < 2**31:
+        # the kernel would take 0 as "hang up", and has 32 bits for the number
+        raise ValueError
+    if not stat.S_ISCHR(os.stat(address).st_mode):
+        raise HalError(f"{address} is no serial port but a file or directory: {_found()}")
     if os.path.realpath(address).startswith("/dev/pts/"):
-        return device, lambda address, _: f"{address} is gone: the program behind it has ended or closed it"
-    return device, unplugged
+        return lambda address, _: f"{address} is gone: the program behind it has ended or closed it"
+    return unplugged
+
+
+def _refusal(address: str, baud: int, behind: str, error: Exception) -> HalError:
+    """Return the error for a port that cannot be opened, for people."""
+    if isinstance(error, ValueError | OverflowError):
+        usual = "the board's rate is 57600" if behind == BOARD else "check the rate"
+        return HalError(f"{address} does not work at {baud} baud: {usual}")
+    # termios.error is no OSError: the device went away meanwhile
+    cause = error if isinstance(error, OSError) else OSError(*error.args)
+    return HalError(_why_not_open(address, cause, behind))
 
 
 def _close_port(opening: asyncio.Future[_Opened]) -> None:

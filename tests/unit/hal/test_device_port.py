@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
+from txt1.config import load
 from txt1.errors import ConfigError, HalError
+from txt1.hal.registry import port_of
 from txt1.link import device
 from txt1.link.device import DevicePort
 from txt1.link.tcp import BOARD
@@ -28,7 +30,8 @@ class World:
     async def _open(self, *how: Any) -> str:
         if self.trouble is not None:
             raise self.trouble
-        self.opened.append(how)
+        *where, self.transport = how
+        self.opened.append(tuple(where))
         return "link"
 
     def opens(self, port: DevicePort) -> None:
@@ -140,3 +143,16 @@ def test_the_first_line_of_the_secret_file_is_the_secret(world: World, tmp_path:
 
 def test_there_is_nothing_to_let_go_of() -> None:
     asyncio.run(DevicePort("/dev/ttyACM3", 57600).close())
+
+
+@pytest.mark.parametrize(("settings", "library"), [([], "pyserial-asyncio"), (["serial.transport=serialx"], "serialx")])
+def test_the_configured_library_serves_the_port(world: World, settings: list[str], library: str) -> None:
+    port = port_of(load(None, ["hal=serial", "serial.port=/dev/ttyACM3", *settings], {}, {}).config)
+    assert isinstance(port, DevicePort)
+    world.opens(port)
+    assert world.transport == library
+
+
+def test_another_library_is_refused_by_name() -> None:
+    with pytest.raises(ConfigError, match=r"serial\.transport.*'pyserial-asyncio' or 'serialx'"):
+        load(None, ["serial.transport=other"], {}, {})

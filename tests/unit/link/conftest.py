@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import termios
 from collections.abc import Iterator
+from importlib.util import find_spec
 
 import pytest
 from blockbuster import blockbuster_ctx
@@ -21,3 +22,11 @@ def nothing_blocks() -> Iterator[None]:
         for name in ("os.path.islink", "os.readlink", "os.unlink", "os.symlink"):  # of listen_pty, and its close
             blockbuster.functions[name].can_block_in("txt1/link/pty.py", {"listen_pty", "_let_go"})
         yield
+
+
+@pytest.fixture(params=["pyserial-asyncio", "serialx"])
+def transport(request: pytest.FixtureRequest) -> str:
+    """A library that serves serial devices."""
+    if request.param == "serialx" and find_spec("serialx") is None:
+        pytest.skip("serialx is not installed")
+    return str(request.param)

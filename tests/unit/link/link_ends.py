@@ -122,12 +122,12 @@ def waiting(fd: int) -> bytes:
     return data
 
 
-def refusal(address: str, baud: int = 57600) -> str:
+def refusal(address: str, baud: int = 57600, transport: str = "pyserial-asyncio") -> str:
     """What is said when this address cannot be opened."""
 
     async def main() -> str:
         with pytest.raises(HalError) as error:
-            await open_link(address, End(), baud)
+            await open_link(address, End(), baud, transport=transport)
         return str(error.value)
 
     return run(main())

@@ -25,8 +25,10 @@ from txt1.sim.parameters import LineFaults
 Pair = Callable[[EndProtocol, EndProtocol], Any]
 
 
-@pytest.fixture(params=["memory", "pty", "tcp"])
+@pytest.fixture(params=["memory", "pty", "pty by serialx", "tcp"])
 def kind(request: pytest.FixtureRequest) -> str:
+    if request.param == "pty by serialx":
+        pytest.importorskip("serialx", reason="serialx is not installed")
     return str(request.param)
 
 
@@ -40,11 +42,13 @@ def pair(kind: str, tmp_path: Path) -> Pair:
         if kind == "memory":
             link, other = connect(host, board)
         else:
-            if kind == "pty":
+            if kind.startswith("pty"):
                 listener = listen_pty(str(tmp_path / "board"), board)
             else:
                 listener = await listen_tcp("127.0.0.1", 0, board)
-            other, link = listener, await open_link(listener.address, host)  # type: ignore[assignment]
+            transport = "serialx" if "serialx" in kind else "pyserial-asyncio"
+            other = listener  # type: ignore[assignment]
+            link = await open_link(listener.address, host, transport=transport)
         try:
             yield
         finally:
@@ -120,7 +124,7 @@ def test_a_board_is_told_that_the_host_has_closed_except_on_a_serial_line(pair: 
         host, board = End(), End()
         async with pair(host, board):
             host.link.close()
-            if kind == "pty":
+            if kind.startswith("pty"):
                 await turns()
                 board.link.write(FRAME)
                 assert board.reasons == []
