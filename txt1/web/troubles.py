@@ -1,11 +1,11 @@
 """What goes wrong with requests of others is counted, and told in few lines: a stranger fills no log."""
 
-import asyncio
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Final
 
+# asyncio logs what a callback or a task raises
 LOGGERS: Final = ("aiohttp", "asyncio")
 # characters of what is told
 TOLD: Final = 120
@@ -24,11 +24,6 @@ class Troubles(logging.Handler):
         error = record.exc_info[1] if record.exc_info else None
         self.note(record.getMessage() if error is None else f"{type(error).__name__}: {error}")
 
-    def unhandled(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Count what the event loop reports."""
-        error = context.get("exception")
-        self.note(str(context.get("message")) if error is None else f"{type(error).__name__}: {error}")
-
     def note(self, what: str) -> None:
         """Count a trouble."""
         self.count += 1
@@ -42,19 +37,16 @@ class Troubles(logging.Handler):
 
 @contextmanager
 def counting(tell: Callable[[str], None]) -> Iterator[Troubles]:
-    """Count instead of printing, until the block is left; call it in the event loop."""
-    troubles, loop = Troubles(tell), asyncio.get_running_loop()
-    before = loop.get_exception_handler()
+    """Count instead of printing, until the block is left."""
+    troubles = Troubles(tell)
     loggers = [logging.getLogger(name) for name in LOGGERS]
     kept = [each.propagate for each in loggers]
     for each in loggers:
         each.addHandler(troubles)
         each.propagate = False
-    loop.set_exception_handler(troubles.unhandled)
     try:
         yield troubles
     finally:
-        loop.set_exception_handler(before)
         for each, propagate in zip(loggers, kept, strict=True):
             each.removeHandler(troubles)
             each.propagate = propagate

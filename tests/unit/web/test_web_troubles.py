@@ -118,5 +118,4 @@ async def test_what_libraries_log_and_callbacks_raise_is_counted_until_the_serve
         logging.getLogger("aiohttp.access").info("a page was fetched")
     assert troubles.count == 4, "what is no trouble does not count"
     assert capfd.readouterr().err == "" and caplog.records == []
-    assert asyncio.get_running_loop().get_exception_handler() is None
     assert all(each.propagate for each in loggers) and [each.handlers for each in loggers] == before
