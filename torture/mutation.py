@@ -147,7 +147,8 @@ class Warm:
             result = _in_child(partial(_try, session, chosen, mutant), limit)
             ran = {line for name in tests for _, line in known[name].lines}
             at_import = not mutant.owner or ran.isdisjoint(range(mutant.lines[0], mutant.lines[1] + 1))
-            if at_import and result in (SURVIVED, BROKEN):  # others have made something of it before
+            # others have made something of it before, or it does not fit into a function that there is
+            if result == BROKEN or (at_import and result == SURVIVED):
                 result = _anew(mutant, tests[:FEW], limit)
             return result
 
