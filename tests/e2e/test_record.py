@@ -138,7 +138,7 @@ def test_the_metadata_says_what_ran(minute: Path) -> None:
     assert "arm" not in plan and "learn" not in plan  # which were not given
     assert json.loads(about["config"])["control"]["linear"]["kp"] == 11.0
     assert {"txt1", "python", "numpy", "mcap", "wall_start"} <= set(about)
-    assert about["format"] == "2"
+    assert about["format"] == "3"
     assert metadata(minute)["txt1.end"] == {"dropped": "0"}
 
 

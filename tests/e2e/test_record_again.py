@@ -121,7 +121,7 @@ def test_an_obstacle_stop_replays_exactly(tmp_path: Path, capsys: Any) -> None:
     assert execute(["replay", "--verify", str(path)]) == 0
     verdict = verify(path)
     assert {"/sensors", "/sensors/laser", "/snapshot"} <= verdict.topics.keys()
-    assert verdict.left_out == ("/driver", "/reports", "/snapshot /driver")
+    assert verdict.left_out == ("/driver", "/reports", "/snapshot /driver", "/tf_static")
 
 
 def test_another_guard_than_then_is_found_where_it_slows(tmp_path: Path) -> None:

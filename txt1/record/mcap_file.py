@@ -28,7 +28,7 @@ from txt1.telemetry.topics import Rule
 from txt1.version import __version__
 
 # counts up when a reader has to treat files otherwise than before; a new topic or field is no reason
-FORMAT: Final = 2
+FORMAT: Final = 3
 # bytes of the footer record that its own checksum covers
 FOOTER_UP_TO_CRC: Final = 25
 MESSAGE_INDEX: Final = struct.Struct("<BQHI")
@@ -78,6 +78,8 @@ class McapFile:
         self.size = 0
         """Bytes on the disk."""
         self._compression = compression
+        # time stamp of the run's start as the metadata have it, s since 1970
+        self._epoch = float(metadata.get("epoch", "0"))
         self._schemas: dict[str, mcap.Schema] = {}
         self._channels: dict[int, mcap.Channel] = {}
         # their index, as it goes to the end of the file, packed: a day of two chunks a second has 0.1 GB of it
@@ -125,7 +127,10 @@ class McapFile:
         if not block.index:
             return
         schemas, channels = self._declared(block)
-        declarations = _bytes(*schemas.values(), *channels.values())
+        indexed, declarations = len(self._metadata), b""
+        if block.epoch != self._epoch:
+            declarations = self._metadata_record("txt1.time", {"epoch": repr(block.epoch)}, self.size)
+        declarations += _bytes(*schemas.values(), *channels.values())
         compressed = _COMPRESS[self._compression](block.data)
         about: dict[str, Any] = {
             "compression": "" if self._compression == "none" else self._compression,
@@ -138,7 +143,12 @@ class McapFile:
         for channel, entries in block.index.items():
             offsets[channel] = start + len(chunk) + len(index)
             index += _message_index(channel, entries)
-        self._write(declarations + chunk + index)
+        try:
+            self._write(declarations + chunk + index)
+        except OSError:
+            del self._metadata[indexed:]
+            raise
+        self._epoch = block.epoch
         self._schemas |= schemas
         self._channels |= channels
         entry = mcap.ChunkIndex(

@@ -67,6 +67,8 @@ class Block:
     last: int
     # the channels so far, channel number n at place n - 1
     channels: Sequence[TopicChannel]
+    # time stamp of the run's start, s since 1970
+    epoch: float = 0.0
 
     @property
     def count(self) -> int:
@@ -95,7 +97,8 @@ class Encoder:
         full_name: Callable[[Topic[Any]], str] = lambda topic: topic.name,
         channels: list[TopicChannel] | None = None,
     ) -> None:
-        self._epoch_ns = nanoseconds(epoch)
+        self.epoch = epoch
+        """Time stamp of the run's start, s since 1970."""
         self._full_name = full_name
         self.channels = [] if channels is None else channels
         self._own: dict[Topic[Any], _OwnChannel] = {}
@@ -107,13 +110,13 @@ class Encoder:
     def take(self, messages: Iterable[Message]) -> None:
         """Make records of messages, for the next block; RecordingError: a value is none of its topic's."""
         own, records, length = self._own, self._records, self._length
-        stamp = 0
+        stamp, epoch = 0, nanoseconds(self.epoch)
         known, times, seconds = None, b"", b""
         for time, topic, value in messages:
             channel = own.get(topic) or self._channel(topic)
             try:
                 if time != known:
-                    known, stamp = time, round(time * NS_PER_S) + self._epoch_ns
+                    known, stamp = time, round(time * NS_PER_S) + epoch
                     self._stamps.append(stamp)
                     times, seconds = _TIMES.pack(stamp, stamp), _STAMP.pack(*divmod(stamp, NS_PER_S))
                 record = channel.record(value, channel.sequence, times, seconds)
@@ -134,7 +137,7 @@ class Encoder:
                 index[channel.number], channel.index = channel.index, []
         stamps, data = self._stamps, b"".join(self._records)
         self._records, self._stamps, self._length = [], [], 0
-        return Block(data, index, min(stamps, default=0), max(stamps, default=0), self.channels)
+        return Block(data, index, min(stamps, default=0), max(stamps, default=0), self.channels, self.epoch)
 
     def _channel(self, topic: Topic[Any]) -> _OwnChannel:
         if topic not in self._own:

@@ -23,6 +23,8 @@ from txt1.file_limits import CHUNK_MAX, UNPACKED_MAX, UNPACKED_SHARE, open_file
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 
 HEAD: Final = struct.Struct("<BQ")
+# metadata of a recording, and of its time stamps where they are known only when the run has begun
+ABOUT, TIME = "txt1", "txt1.time"
 OWN: Final = ("/input", "/reports", "/steps", "/snapshot")
 """Topics of older recordings that are for txt1 alone."""
 # of channels whose messages have no definition in the file
@@ -85,6 +87,8 @@ class FilePass:
         # bytes that the rest of the file may unpack to
         self._left = 0
         self.header = Header("", "")
+        self.epoch = 0.0
+        """Time stamp of the run's start, s since 1970; 0 in a file of others, and before its metadata were read."""
         self._epoch_ns = 0
         self.metadata: dict[str, dict[str, str]] = {}
         """The metadata records so far, by name."""
@@ -189,7 +193,9 @@ class FilePass:
                 self.channels[record.id] = record
             case Metadata(name, values):
                 self.metadata[name] = values
-                self._epoch_ns = nanoseconds(float(self.metadata.get("txt1", {}).get("epoch", "0")))
+                if name in (ABOUT, TIME) and "epoch" in values:
+                    self.epoch = float(values["epoch"])
+                    self._epoch_ns = nanoseconds(self.epoch)
         return record
 
 

@@ -37,6 +37,8 @@ class Recorded:
     """Whether the sensors' readings are in it."""
     last: float = 0.0
     """The time of the last message, s of the run."""
+    epoch: float = 0.0
+    """Time stamp of the run's start, s since 1970."""
     alike: bool = True
     """Whether it was made with the processor and the libraries of now, so that each bit is the same."""
 
@@ -161,5 +163,6 @@ class _RunRead:
             raise RecordingError(f"{path}: its configuration is not one of this version's: {error}") from None
         if digest := about.get("map"):
             check_map(path, str(found.config.sim.room.map), digest)
+        found.epoch = self.reading.epoch
         found.alike = all(about.get(name, told) == told for name, told in machine().items())
         return found

@@ -14,9 +14,12 @@ from contextlib import contextmanager
 from typing import Any, Final, Protocol
 
 from txt1.errors import RecordingError
+from txt1.kernel.clock import seconds, wall_ns
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.record.mcap_records import Block, Encoder, Message, TopicChannel
 from txt1.runtime import Runtime
+from txt1.sensors.mounts import TF_STATIC, SensorFrames
+from txt1.sensors.ros_messages import beside
 from txt1.tasks.controller import CONTROL_PERIOD
 
 # with it comes numpy, for 0.3 s on a slow computer: before the first tick, and not at the first report within one
@@ -41,10 +44,27 @@ class Sink(Protocol):
         """End the sink, given the count of lost messages. Raises RecordingError."""
 
 
+class Origin:
+    """The time stamp of the start of a run, s since 1970; for None the time of day, known when the run has begun.
+
+    Robots with one recording share it.
+    """
+
+    def __init__(self, epoch: float | None) -> None:
+        self._epoch = epoch
+
+    def at(self, now: float) -> float:
+        """Return it, at `now` s of the run."""
+        if self._epoch is None:
+            # in whole us, so that readers of the file have the very number
+            self._epoch = round(seconds(wall_ns()) - now, 6)
+        return self._epoch
+
+
 class Recorder:
     """Listens to a robot that is not started yet.
 
-    `epoch` is added to the run's time in every time stamp, s; `batch` s are between batches, None: as the clock asks
+    `origin` is added to the run's time in every time stamp; `batch` s are between batches, None: as the clock asks
     for. Recorders of several robots that share their sinks share `writer`, a single thread, and `channels`.
     """
 
@@ -52,7 +72,7 @@ class Recorder:
         self,
         runtime: Runtime,
         sinks: Sequence[Sink],
-        epoch: float,
+        origin: Origin,
         batch: float | None = None,
         *,
         writer: ThreadPoolExecutor | None = None,
@@ -78,7 +98,11 @@ class Recorder:
         self._messages: list[Message] = []
         self._told = False
         self._failure: RecordingError | None = None
-        self._encoder = Encoder(epoch, runtime.bus.full_name, channels)
+        self._encoder = Encoder(0.0, runtime.bus.full_name, channels)
+        self._origin, self._begun = origin, False
+        # of sensors: the topics with standard messages beside each topic, and their places on the robot
+        self._beside: dict[Topic[Any], tuple[Topic[Any], ...]] = {}
+        self._frames = SensorFrames()
         self._writer = writer or ThreadPoolExecutor(1, "txt1 recorder")
         self._jobs: deque[Future[None]] = deque()
         self._leave = runtime.bus.subscribe(self._take)
@@ -91,6 +115,8 @@ class Recorder:
     async def finish(self) -> None:
         """Write the rest; the sinks stay open. RecordingError: they have failed."""
         self._leave()
+        if not self._begun:
+            self._encoder.epoch = self._origin.at(self._runtime.now)
         self._encode()
         self._hand_over(backlog=len(self._jobs))
         await self.written()
@@ -106,6 +132,8 @@ class Recorder:
     # -- in the loop -------------------------------------------------------------------------------------------
 
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
+        if not self._begun and topic.rule is Rule.CYCLE:
+            self._begin(time)
         # only between two cycles, so that a failure is raised in the telemetry task and in no other
         if time >= self._next and topic.rule is Rule.CYCLE:
             self._encode()
@@ -119,6 +147,25 @@ class Recorder:
                 self._told = True
                 self._runtime.state.tell(time, "the recording loses messages: the disk is full or too slow")
         self._messages.append((time, topic, value))
+        if topic.rule is Rule.EVENT:
+            self._add_standard(time, topic, value)
+
+    def _begin(self, time: float) -> None:
+        """Note when the run began, and tell the frames that every robot has."""
+        self._begun = True
+        self._encoder.epoch = self._origin.at(self._runtime.now)
+        self._messages.append((time, TF_STATIC, self._frames.mounts))
+
+    def _add_standard(self, time: float, topic: Topic[Any], value: Any) -> None:
+        """Add to a sensor's reading what other programs need of it: standard messages, and its place."""
+        topics = self._beside.get(topic)
+        if topics is None:
+            topics = self._beside[topic] = beside(topic)
+        for each in topics:
+            self._messages.append((time, each, value))
+        if self._frames.see(topic, value):
+            # the reading is older, and the last message has to have all frames
+            self._messages.append((self._runtime.now, TF_STATIC, self._frames.mounts))
 
     def _encode(self) -> None:
         messages, self._messages = self._messages, []

@@ -26,7 +26,7 @@ from txt1.version import __version__
 if TYPE_CHECKING:
     from txt1.record.live_view import LiveView
     from txt1.record.mcap_records import TopicChannel
-    from txt1.record.recorder import Recorder, Sink
+    from txt1.record.recorder import Origin, Recorder, Sink
 
 MODULES: Final = ("mcap", "mcap_ros2", "zstandard", "lz4")
 """With which recordings are read; without mcap_ros2 they can still be written."""
@@ -64,7 +64,7 @@ def metadata(config: Config, speed: Speed, plan: Mapping[str, object]) -> dict[s
         "hal": config.hal,
         "clock": "real" if speed is None else "virtual",
         "speed": str(speed),
-        "epoch": repr(config.section(RecordConfig).epoch),
+        "epoch": repr(config.section(RecordConfig).epoch or 0.0),
         "wall_start": datetime.fromtimestamp(wall_ns() / NS_PER_S, UTC).isoformat(),
         "plan": json.dumps(dict(plan)),
         "config": json.dumps(config.model_dump(mode="json")),
@@ -146,14 +146,20 @@ async def _recording(
     batch = None if view is None else VIEW_BATCH * (speed if isinstance(speed, float) else 1.0)
     recorders: list[Recorder] = []
     channels: list[TopicChannel] = []
+    origin: Origin | None = None
     writer = ThreadPoolExecutor(1, "txt1 recorder")
     try:
         # in a thread, as modules are found and a file is made on the disk
         sinks, make = await asyncio.to_thread(_prepare, file, config, speed, plan, sinks, more)
 
         def attach(runtime: Runtime) -> None:
-            epoch = config.section(RecordConfig).epoch
-            recorders.append(make(runtime, sinks, epoch, batch, writer=writer, channels=channels))
+            nonlocal origin
+            if origin is None:
+                from txt1.record.recorder import Origin
+
+                epoch = config.section(RecordConfig).epoch
+                origin = Origin(0.0 if epoch is None and speed is not None else epoch)
+            recorders.append(make(runtime, sinks, origin, batch, writer=writer, channels=channels))
             if view is not None:
                 view.advertise(runtime.bus)
 

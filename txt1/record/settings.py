@@ -9,8 +9,8 @@ from txt1.units import NotNegative
 class RecordConfig(Section):
     """Recordings."""
 
-    epoch: NotNegative = 0.0
-    """Time stamp of the run's start, s since 1970; the wall clock's start is in the metadata."""
+    epoch: NotNegative | None = None
+    """Time stamp of the run's start, s since 1970; null: the time of day, in virtual time 0."""
     rotate_size: NotNegative = 0.0
     """Size at which a new file begins, MB; 0: never."""
     rotate_time: NotNegative = 0.0

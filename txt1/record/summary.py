@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Final
@@ -71,7 +72,9 @@ def info(path: Path) -> Iterator[str]:
         return
     first, last = min(s.first for s in summaries.values()), max(s.last for s in summaries.values())
     total = sum(s.count for s in summaries.values())
-    yield f"{total} messages in {(last - first) / NS_PER_S:.2f} s, from {first / NS_PER_S:.2f} s on"
+    began = f", a run that began at {datetime.fromtimestamp(reading.epoch, UTC).isoformat()}" if reading.epoch else ""
+    start = first / NS_PER_S - reading.epoch
+    yield f"{total} messages in {(last - first) / NS_PER_S:.2f} s, from {start:.2f} s on{began}"
     yield f"{'topic':<16}{'messages':>9}{'rate/Hz':>9}{'longest gap/s':>15}{'lost':>6}  type"
     for topic, each in summaries.items():
         gap = each.gap / NS_PER_S
@@ -89,10 +92,10 @@ def ending_of(reading: FilePass) -> str:
     return f"breaks off{damaged}; {RECOVER}"
 
 
-def chosen(items: Iterable[Item], topics: frozenset[str], start: float | None, end: float | None) -> Iterator[Item]:
-    """The items on these topics (all, if there are none), from `start` up to `end`, s of time stamp."""
+def chosen(reading: FilePass, topics: frozenset[str], start: float | None, end: float | None) -> Iterator[Item]:
+    """The messages on these topics (all, if there are none), from `start` up to `end`, s of the run."""
     first, last = -inf if start is None else start, inf if end is None else end
-    return (item for item in items if (not topics or item.topic in topics) and first <= item.time <= last)
+    return (i for i in reading if (not topics or i.topic in topics) and first <= reading.run_time(i) <= last)
 
 
 def lines(items: Iterable[Item]) -> Iterator[str]:

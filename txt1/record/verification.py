@@ -61,9 +61,8 @@ from txt1.record.comparison import Comparison, Difference
 from txt1.record.reader import robot_in, robots_in
 from txt1.record.recorded_inputs import Following, RecordedHal, RecordedSensor, Script, StepByStep
 from txt1.record.recorded_run import Recorded, read
-from txt1.record.recorder import Recorder
+from txt1.record.recorder import Origin, Recorder
 from txt1.record.session import close
-from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS
 from txt1.sim.world import World
@@ -166,7 +165,7 @@ class _Again:
             sensed=recorded.sensed,
             ends=recorded.reports,
         )
-        self.recorder = Recorder(self.runtime, [self.comparison], config.section(RecordConfig).epoch, batch=1.0)
+        self.recorder = Recorder(self.runtime, [self.comparison], Origin(recorded.epoch), batch=1.0)
         attach(self.runtime)
         self.script = Script(self.runtime, recorded.given)
 

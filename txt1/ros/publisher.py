@@ -209,7 +209,9 @@ class Publisher:
     def _offset(self) -> float:
         """Return the time of day at the run's start; in virtual time that of recordings."""
         return (
-            self._runtime.config.section(RecordConfig).epoch if self.virtual else seconds(wall_ns()) - self._runtime.now
+            self._runtime.config.section(RecordConfig).epoch or 0.0
+            if self.virtual
+            else seconds(wall_ns()) - self._runtime.now
         )
 
     def _forget(self) -> None:

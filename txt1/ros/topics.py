@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
-from math import nan
 from typing import Any, Final, Literal, NamedTuple
 
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.readings import OPTICAL, DepthImage, FixReading, Image, ImuReading, Scan
+from txt1.sensors.ros_messages import camera_info, fix
 from txt1.tasks.encoder import ROOM
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import TOPICS, Rule, Topic
@@ -69,18 +69,6 @@ of the robot, and some versions of ROS lack the message.
 define(
     "sensor_msgs/JointState",
     "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
-)
-define("sensor_msgs/NavSatStatus", "int8 status\nuint16 service")
-define(
-    "sensor_msgs/NavSatFix",
-    "std_msgs/Header header\nsensor_msgs/NavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"
-    "float64[9] position_covariance\nuint8 position_covariance_type",
-)
-define("sensor_msgs/RegionOfInterest", "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify")
-define(
-    "sensor_msgs/CameraInfo",
-    "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\n"
-    "float64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi",
 )
 define("rosgraph_msgs/Clock", "builtin_interfaces/Time clock")
 
@@ -177,60 +165,6 @@ def turned(front: int, rear: int, geometry: Geometry) -> tuple[float, float]:
 # -- sensors -----------------------------------------------------------------------------------------------------
 
 
-def _nav_sat_fix(value: FixReading) -> dict[str, Any]:
-    known = value.sigma_x is not None and value.sigma_y is not None
-    east, north = value.sigma_x or 0.0, value.sigma_y or 0.0
-    # the height of a receiver without an estimate has about twice its error
-    up = 4.0 * max(east, north) ** 2
-    return {
-        "status": {"status": 0 if value.mode >= 2 else -1, "service": 1},
-        "latitude": value.latitude,
-        "longitude": value.longitude,
-        "altitude": nan if value.altitude is None else value.altitude,
-        "position_covariance": (east**2, 0.0, 0.0, 0.0, north**2, 0.0, 0.0, 0.0, up),
-        "position_covariance_type": 1 if known else 0,
-    }
-
-
-FIX: Final = Topic(
-    "/fix",
-    FixReading,
-    "degrees, m",
-    "sensor_msgs/NavSatFix",
-    Rule.EVENT,
-    "a position on the earth",
-    {"header": {"frame_id": "base_gps_link"}},
-    make=_nav_sat_fix,
-)
-
-
-def _info(image: Image | DepthImage) -> dict[str, Any]:
-    """Return the model of a pinhole camera; all zero if it is not calibrated."""
-    found = {"height": image.height, "width": image.width, "distortion_model": "plumb_bob"}
-    if isinstance(image, Image):
-        return found
-    f, x, y = image.focal, 0.5 * (image.width - 1), 0.5 * (image.height - 1)
-    return found | {
-        "d": (0.0,) * 5,
-        "k": (f, 0.0, x, 0.0, f, y, 0.0, 0.0, 1.0),
-        "r": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        "p": (f, 0.0, x, 0.0, 0.0, f, y, 0.0, 0.0, 0.0, 1.0, 0.0),
-    }
-
-
-def _camera_info(name: str) -> Topic[Any]:
-    return Topic(
-        f"/{name}",
-        object,
-        "pixels",
-        "sensor_msgs/CameraInfo",
-        Rule.EVENT,
-        "how a camera sees",
-        {"header": {"frame_id": OPTICAL}},
-        make=_info,
-    )
-
-
 _KINDS: Final[dict[type, str]] = {
     ImuReading: "imu/data",
     Scan: "scan",
@@ -250,8 +184,7 @@ def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
     if not first:
         place = f"{name}/"
     if topic.type is FixReading:
-        own = Topic("/fix", FixReading, FIX.units, FIX.message, FIX.rule, FIX.about, FIX.constants, (), FIX.make)
-        return Publication(f"{place}fix", "sensor", own), Publication(f"~{topic.name}", "sensor", topic)
+        return Publication(f"{place}fix", "sensor", fix("/fix")), Publication(f"~{topic.name}", "sensor", topic)
     if topic.type in (Image, DepthImage):
         header = {"frame_id": OPTICAL}
         seen = (
@@ -261,7 +194,7 @@ def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
         )
         told = Publication(f"{place}{known}", "sensor", seen)
         beside = f"{place}{'depth/' if topic.type is DepthImage else ''}camera_info"
-        return told, Publication(beside, "sensor", _camera_info(beside))
+        return told, Publication(beside, "sensor", camera_info(f"/{beside}"))
     return (Publication(f"{place}{known}", "sensor", topic),)
 
 
@@ -270,6 +203,8 @@ _RECORDED: Final = {
     "sensor_msgs/LaserScan": "scan",
     "sensor_msgs/CompressedImage": "camera/image_raw/compressed",
     "sensor_msgs/Image": "camera/depth/image_raw",
+    "sensor_msgs/NavSatFix": "fix",
+    "sensor_msgs/CameraInfo": "camera/camera_info",
 }
 """Places of a recorded sensor's messages, by type."""
 
@@ -281,7 +216,8 @@ def recorded(name: str, message: str, taken: Container[str]) -> tuple[str, Quali
     """
     if name in ("/tf_room", "/tf_room_below", "/tf_map"):
         return "tf", "default"
-    if name in NOT_TOLD:
+    # the transforms of the sensors are told from the start on
+    if name in NOT_TOLD or name == "/tf_static":
         return None
     if name.startswith("/sensors/"):
         place = _RECORDED.get(message, "")

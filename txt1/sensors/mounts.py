@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Final
+from math import cos, sin
+from typing import Any, Final
 
-from txt1.sensors.readings import BASE, OPTICAL, DepthImage, FixReading, Image, ImuReading, Scan
+from txt1.sensors.readings import BASE, OPTICAL, DepthImage, FixReading, Image, ImuReading, Mount, Scan
 from txt1.telemetry.topics import Rule, Topic
 
 Links = dict[str, tuple[str, float, float, float]]
@@ -38,19 +39,65 @@ def links_of(kinds: Iterable[type]) -> Links:
     return {"base_link": ("base_footprint", 0.0, 0.0, BASE), **sensors}
 
 
+def transform(above: str, name: str, place: tuple[float, float, float], yaw: float = 0.0) -> dict[str, Any]:
+    """Return the fields of the transform of a link: its parent, its name, its place there, m, and its angle, rad."""
+    x, y, z = place
+    rotation = TO_OPTICAL if name == OPTICAL else {"z": sin(0.5 * yaw), "w": cos(0.5 * yaw)}
+    return {
+        "header": {"frame_id": above},
+        "child_frame_id": name,
+        "transform": {"translation": {"x": x, "y": y, "z": z}, "rotation": rotation},
+    }
+
+
+Mounts = tuple[tuple[str, Mount], ...]
+"""The places of sensors on the vehicle, by the names of their links."""
+
+
+def mounted(mounts: Mounts) -> dict[str, Any]:
+    """Return the fields of a TFMessage: base_link, and the sensors at their places."""
+    found = [transform("base_footprint", "base_link", (0.0, 0.0, BASE))]
+    for name, mount in mounts:
+        found.append(transform("base_link", name, (mount.x, mount.y, mount.z - BASE), mount.yaw))
+        if name == "base_camera_link":
+            found.append(transform(name, OPTICAL, (0.0, 0.0, 0.0)))
+    return {"transforms": found}
+
+
+TF_STATIC: Final = Topic[Mounts](
+    "/tf_static",
+    tuple,
+    "m",
+    "tf2_msgs/TFMessage",
+    Rule.CHANGE,
+    "where the sensors sit on the robot",
+    make=mounted,
+)
+
+
+class SensorFrames:
+    """The places of a robot's sensors, as its readings tell them: the first sensor of each kind has the link."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[Topic[Any], Mount]] = {}
+
+    def see(self, topic: Topic[Any], value: Any) -> bool:
+        """Take a reading; return whether its sensor sits elsewhere than known before."""
+        link = _LINK.get(topic.type)
+        if link is None or self._found.get(link, (topic,))[0] is not topic:
+            return False
+        before, self._found[link] = self._found.get(link), (topic, value.mount)
+        return before is None or before[1] != value.mount
+
+    @property
+    def mounts(self) -> Mounts:
+        """The places so far."""
+        return tuple((link, mount) for link, (_, mount) in self._found.items())
+
+
 def fixed(links: Links) -> Topic[object]:
     """Return the topic of the static transforms of links: by name, the parent and the place in it, m."""
-    transforms = [
-        {
-            "header": {"frame_id": above},
-            "child_frame_id": name,
-            "transform": {
-                "translation": {"x": x, "y": y, "z": z},
-                "rotation": TO_OPTICAL if name == OPTICAL else {"w": 1.0},
-            },
-        }
-        for name, (above, x, y, z) in links.items()
-    ]
+    transforms = [transform(above, name, (x, y, z)) for name, (above, x, y, z) in links.items()]
     return Topic(
         "/tf_static",
         object,

@@ -121,7 +121,7 @@ def taken(path: Path) -> Taken:
     armed: float | None = None
     reading, decoding, time = FilePass(path), Decoding(), 0.0
     for item in reading:
-        name, time = item.name, item.time
+        name, time = item.name, reading.run_time(item)
         if name in SIGNALS:
             series.setdefault(name, Series()).add(time, SIGNALS[name].of(decoding.message(item)))
         elif item.schema.name == PICTURE:

@@ -80,7 +80,9 @@ class Ros1Desk(RobotEnd):
         """Return a line with the values that are due, and answers; None if there are none."""
         robot, now = self.robot, self.robot.now
         told: dict[str, object] = {}
-        epoch = robot.config.section(RecordConfig).epoch if self._virtual else seconds(wall_ns()) - now
+        epoch = seconds(wall_ns()) - now
+        if self._virtual:
+            epoch = robot.config.section(RecordConfig).epoch or 0.0
         if self._frames:
             told["frames"], self._frames = self._frames, []
         if readings := self._readings.take(epoch):

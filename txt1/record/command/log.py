@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
     chosen = RECORDING | {
         "--topic": takes("TOPIC", "only this one; may be repeated", action="append", default=[]),
-        "--from": takes("S", "only from this time stamp on", float, dest="start"),
-        "--to": takes("S", "only up to this time stamp", float, dest="end"),
+        "--from": takes("S", "only from this time of the run on; in a file of others, time stamp", float, dest="start"),
+        "--to": takes("S", "only up to this time", float, dest="end"),
     }
     folder = {
         "-o --output": takes("DIR", "where to; FILE's name without .mcap; of one topic a FILE.csv or .parquet", path),

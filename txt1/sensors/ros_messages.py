@@ -1,0 +1,94 @@
+"""ROS's standard messages beside a sensor's own: NavSatFix of a GPS, CameraInfo of a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import nan
+from typing import Any, Final
+
+from txt1.sensors.readings import OPTICAL, DepthImage, FixReading, Image
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic
+
+define("sensor_msgs/NavSatStatus", "int8 status\nuint16 service")
+define(
+    "sensor_msgs/NavSatFix",
+    "std_msgs/Header header\nsensor_msgs/NavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"
+    "float64[9] position_covariance\nuint8 position_covariance_type",
+)
+define("sensor_msgs/RegionOfInterest", "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify")
+define(
+    "sensor_msgs/CameraInfo",
+    "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\n"
+    "float64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi",
+)
+
+
+def _nav_sat_fix(value: FixReading) -> dict[str, Any]:
+    known = value.sigma_x is not None and value.sigma_y is not None
+    east, north = value.sigma_x or 0.0, value.sigma_y or 0.0
+    # the height of a receiver without an estimate has about twice its error
+    up = 4.0 * max(east, north) ** 2
+    return {
+        "status": {"status": 0 if value.mode >= 2 else -1, "service": 1},
+        "latitude": value.latitude,
+        "longitude": value.longitude,
+        "altitude": nan if value.altitude is None else value.altitude,
+        "position_covariance": (east**2, 0.0, 0.0, 0.0, north**2, 0.0, 0.0, 0.0, up),
+        "position_covariance_type": 1 if known else 0,
+    }
+
+
+def fix(name: str) -> Topic[FixReading]:
+    """Return the topic of this name with a GPS's positions as NavSatFix."""
+    return Topic(
+        name,
+        FixReading,
+        "degrees, m",
+        "sensor_msgs/NavSatFix",
+        Rule.EVENT,
+        "a position on the earth",
+        {"header": {"frame_id": "base_gps_link"}},
+        make=_nav_sat_fix,
+    )
+
+
+def _info(image: Image | DepthImage) -> dict[str, Any]:
+    """Return the model of a pinhole camera; all zero if it is not calibrated."""
+    found = {"height": image.height, "width": image.width, "distortion_model": "plumb_bob"}
+    if isinstance(image, Image):
+        return found
+    f, x, y = image.focal, 0.5 * (image.width - 1), 0.5 * (image.height - 1)
+    return found | {
+        "d": (0.0,) * 5,
+        "k": (f, 0.0, x, 0.0, f, y, 0.0, 0.0, 1.0),
+        "r": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        "p": (f, 0.0, x, 0.0, 0.0, f, y, 0.0, 0.0, 0.0, 1.0, 0.0),
+    }
+
+
+def camera_info(name: str) -> Topic[Any]:
+    """Return the topic of this name with a camera's model as CameraInfo."""
+    return Topic(
+        name,
+        object,
+        "pixels",
+        "sensor_msgs/CameraInfo",
+        Rule.EVENT,
+        "how a camera sees",
+        {"header": {"frame_id": OPTICAL}},
+        make=_info,
+    )
+
+
+_BESIDE: Final[Mapping[type, tuple[Any, str]]] = {
+    FixReading: (fix, "fix"),
+    Image: (camera_info, "camera_info"),
+    DepthImage: (camera_info, "camera_info"),
+}
+
+
+def beside(topic: Topic[Any]) -> tuple[Topic[Any], ...]:
+    """Return the topics with standard messages of a sensor's readings, below the name of its own topic."""
+    make, name = _BESIDE.get(topic.type, (None, ""))
+    return () if make is None else (make(f"{topic.name}/{name}"),)
