@@ -8,5 +8,6 @@ ADDITION = Addition(
     beside="txt1.teaching.policy_driver:beside",
     options="txt1.teaching.options:OPTIONS",
     sources={"policy": 5},
+    parts={"txt1.exporters": {"tub": "txt1.teaching.tubs:export"}},
     commands={"teach": ("txt1.teaching.command", "teach a policy from recordings of your driving")},
 )

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         parser,
         {
-            "files": takes("FILE", "recordings in which you drove", existing, nargs="*"),
+            "files": takes("FILE", "recordings in which you drove, or tubs of donkeycar", existing, nargs="*"),
             "-o --output": takes("FILE.onnx", "the policy; a report is written beside it, FILE-report", path),
             "--see": takes(
                 "SENSORS",
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--from": takes("FILE.onnx", "the policy to teach further", existing, dest="before"),
             "--lag": takes("S", "reaction time of the human; 0.2 by default", number, default=0.2),
             "--robot": takes("NAME", "name of the robot, in a recording of several"),
+            "--vehicle": takes("NAME", "the car of a tub of donkeycar; donkeycar by default", default="donkeycar"),
             "--by": takes("SOURCES", "treat these sources of commands as human, too", names, default=[]),
             "--networks": takes(
                 "N", "number of networks; their disagreement is the doubt; 5 by default", count, default=5
@@ -92,7 +93,7 @@ def main(arguments: argparse.Namespace) -> int:
             raise ConfigError("--see: a policy keeps its sensors; leave it out, or teach a new policy without --from")
         drives += teaching.earlier(before, arguments.by, arguments.lag)
     for file in (*arguments.files, *arguments.more):
-        drives.append(drive_in(file, asks, arguments.by, arguments.robot, arguments.lag))
+        drives.append(drive_in(file, asks, arguments.by, arguments.robot, arguments.lag, arguments.vehicle))
     for drive in drives:
         print(*teaching.summary(drive), sep="\n", flush=True)
     recipe = Recipe(

@@ -35,6 +35,7 @@ from txt1.model.light_sensors import Readings
 from txt1.record.reader import Decoding, FilePass, robot_in, robots_in, trusting
 from txt1.record.summary import ending_of
 from txt1.sensors.readings import Image, Scan
+from txt1.teaching import tubs
 from txt1.teaching.features import Kind, Seen, Sight, Unfit, check, seen, sight_of
 from txt1.teaching.policy import Taught
 from txt1.teaching.policy_driver import POLICY
@@ -60,6 +61,8 @@ SECONDS_MIN: Final = 60.0
 BETWEEN: Final = 60.0
 """s between two recordings, so that no block of time contains parts of both."""
 
+TUB_VEHICLE: Final = "donkeycar"
+"""The car of a tub of donkeycar."""
 LAG: Final = 0.2
 """s by which a human's commands follow the sight, as in models of drivers."""
 
@@ -99,7 +102,9 @@ def is_hand(source: str, also: Collection[str] = ()) -> bool:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file; raises RecordingError."""
+    """Return the SHA-256 of a file, or of a tub of donkeycar; raises RecordingError."""
+    if tubs.is_tub(path):
+        return tubs.digest(path)
     try:
         with open_file(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -108,13 +113,21 @@ def sha256_of(path: Path) -> str:
 
 
 def drive_in(
-    path: Path, asks: Sequence[Ask], also: Collection[str] = (), robot: str | None = None, lag: float = LAG
+    path: Path,
+    asks: Sequence[Ask],
+    also: Collection[str] = (),
+    robot: str | None = None,
+    lag: float = LAG,
+    vehicle: str = TUB_VEHICLE,
 ) -> HumanDrive:
-    """Return the lessons of a recording; the human reacts after `lag` s.
+    """Return the lessons of a recording, or of a tub of donkeycar of a `vehicle`; the human reacts after `lag` s.
 
     Raises RecordingError: it cannot be read, has several robots and none is named, has no such sensor, or no human
     drove in it.
     """
+    if path.is_dir():
+        drive: HumanDrive = tubs.drive_of_tub(path, asks, vehicle, lag)
+        return drive
     digest = sha256_of(path)
     names = robots_in(path)
     if robot is None and len(names) > 1:

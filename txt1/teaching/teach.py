@@ -104,7 +104,7 @@ def earlier(policy: Policy, also: Collection[str] = (), lag: float = LAG) -> lis
             )
         if sha256_of(path) != taught.sha256:
             raise RecordingError(f"{path}: it is not the recording any more that the policy was taught by")
-        found.append(drive_in(path, asks, {*also, *taught.by}, lag=lag))
+        found.append(drive_in(path, asks, {*also, *taught.by}, lag=lag, vehicle=policy.card.vehicle))
     return found
 
 

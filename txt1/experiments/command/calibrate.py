@@ -14,11 +14,11 @@ from typing import Any, Final
 import yaml
 
 from txt1.commands import FAULT, OK, add, count, flag, path, takes
-from txt1.config import Config
+from txt1.config import Config, load
 from txt1.config.sources import flatten, vehicle_file
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
-from txt1.experiments.calibration import sensors, simulated_operator
+from txt1.experiments.calibration import donkeycar_config, sensors, simulated_operator
 from txt1.experiments.calibration.bench import Bench, Operator
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.file_limits import read_text
@@ -64,6 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 "scales of its sensors, and --write what contradicts their settings, for --config",
                 path,
             ),
+            "--from": takes(
+                "MYCONFIG.PY",
+                "no dialogue: take over pins and pulses of a donkeycar, read as data and never run, and --write them",
+                path,
+                dest="donkeycar",
+            ),
             "--robot": takes("NAME", "with --sensors: name of the robot, if the recording has several"),
             "--ask": flag("ask you about a simulated car, too, and not a simulated operator"),
         },
@@ -74,6 +80,8 @@ def main(arguments: argparse.Namespace) -> int:
     """Calibrate a vehicle in a dialogue, or its sensors from a drive; return the exit code."""
     if arguments.sensors is not None:
         return _sensors(arguments)
+    if arguments.donkeycar is not None:
+        return _donkeycar(arguments)
     if arguments.practice is not None:
         return _practise(arguments)
     file: Path | None = arguments.write
@@ -114,6 +122,32 @@ def main(arguments: argparse.Namespace) -> int:
             print(f"{file}: written, after {bench.driving:.0f} s of driving; drive with --vehicle {file}")
         if left:
             print(f"still to do: {', '.join(left)}; the same command goes on there")
+
+
+def _donkeycar(arguments: argparse.Namespace) -> int:
+    """Print the wiring of a donkeycar, and write it into a vehicle's file."""
+    file: Path | None = arguments.write
+    if file is not None and file.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"--write {file}: --vehicle takes files that end in .yaml; name it {file.stem}.yaml")
+    if file is not None and file.exists():
+        raise ConfigError(f"--write {file}: it is there already; choose another name")
+    found = donkeycar_config.wiring(arguments.donkeycar)
+    vehicle = arguments.vehicle or "donkeycar"
+    tree, most = _tree(vehicle), load(None, [], {}, {"vehicle": vehicle}).config.safety.motor_max
+    for key, value in found.settings.items():
+        if key == "safety.motor_max" and value > most:
+            print(f"note: JOYSTICK_MAX_THROTTLE would be {key} {value}; it stays {most}, and you may raise it")
+            continue
+        print(f"{key}: {value}")
+        _set(tree, key, value)
+    for remark in found.remarks:
+        print(f"note: {remark}")
+    if file is not None:
+        run_folder.make(file.parent)
+        _write(file, tree)
+        print(f"{file}: written; drive with --vehicle {file} --hal pi, and measure its motion with")
+        print(f"  txt1 calibrate --vehicle {file} --hal pi --write {file}")
+    return OK
 
 
 def _sensors(arguments: argparse.Namespace) -> int:

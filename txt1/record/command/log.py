@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from txt1.record.reader import Item
 
 EXPORTERS: Final = Registry("format", "txt1.exporters", {})
-"""Functions that write a recording as a file of another program's, all of them plug-ins'."""
+"""Functions that write a recording as a file of another program's."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o --output": takes("DIR", "where to; FILE's name without .mcap; of one topic a FILE.csv or .parquet", path),
         "--parquet": flag("a Parquet file for each topic, in place of CSV files"),
         "--rosbag1": flag("one bag of ROS 1, FILE's name with .bag, in place of CSV files"),
+        "--tub": takes("DIR", "a camera's pictures and how it drove as a tub of donkeycar in DIR, a new one", path),
         "--lerobot": takes("DIR", "its episodes as a LeRobot dataset in DIR, a new one, in place of CSV files", path),
         "--fps": takes("N", "frames a second of --lerobot; 10 by default", count, default=10),
         "--task": takes("WORDS", "what the episodes of --lerobot show; of a learner's: drive to the light"),
@@ -80,6 +81,12 @@ def export_csv(arguments: argparse.Namespace) -> int:
         with busy(f"writing {arguments.lerobot}"):
             episodes, frames = export(arguments.file, arguments.lerobot, arguments.fps, arguments.task)
         print(f"{arguments.lerobot}: {episodes} episode{'s' * (episodes != 1)}, {frames} frames")
+        return OK
+    if arguments.tub:
+        export, _ = EXPORTERS.find("--tub", "tub")
+        with busy(f"writing {arguments.tub}"):
+            records = export(_chosen(arguments), arguments.file, arguments.tub)
+        print(f"{arguments.tub}: {records} records")
         return OK
     if arguments.rosbag1:
         export, _ = EXPORTERS.find("--rosbag1", "rosbag1")
