@@ -8,7 +8,7 @@ import sys
 from math import pi
 
 import txt1
-from txt1.kernel.ticks import Ticks
+from txt1 import Ticks
 
 V, OMEGA = 0.5, 0.5  # m/s, rad/s: circles of 1 m radius
 LAP = 2.0 * pi / OMEGA

@@ -6,12 +6,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from txt1.kernel.loop import run
+from txt1 import Robot, run
 from txt1.record.options import RecordingAsked
-from txt1.robot import Robot
-from txt1.teaching.lessons import Ask, drive_in
-from txt1.teaching.teach import teach
-from txt1.teaching.training import Recipe
+from txt1.teaching.teach import Ask, Recipe, drive_in, teach
 
 TRACK = ("sim.room.map=oval", "sensors.laser.driver=sim_laser", "sim.battery.used_1=null")
 NOISE = np.random.default_rng(1)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from txt1.fleet.fleet import Fleet
     from txt1.hal.base import Button
     from txt1.kernel.loop import run
+    from txt1.kernel.ticks import Ticks
     from txt1.model.odometry import Odometry
     from txt1.protocol.messages import Switch
     from txt1.robot import Robot
@@ -41,6 +42,7 @@ __all__ = [
     "Robot",
     "Room",
     "Switch",
+    "Ticks",
     "Txt1Error",
     "World",
     "__version__",
@@ -56,6 +58,7 @@ _WHERE = {
     "Robot": "txt1.robot",
     "Room": "txt1.sim.room",
     "Switch": "txt1.protocol.messages",
+    "Ticks": "txt1.kernel.ticks",
     "Txt1Error": "txt1.errors",
     "World": "txt1.sim.world",
     "run": "txt1.kernel.loop",

@@ -11,6 +11,8 @@ from txt1.learning.shared_knowledge import Learned
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
+__all__ = ["Agent", "Decision", "Doubter", "Looker", "PeriodicAgent", "Readings", "Rows", "Sharer", "StoredTable"]
+
 # learned numbers, shape (rows, columns)
 Rows = NDArray[np.float64]
 

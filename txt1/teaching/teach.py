@@ -16,6 +16,8 @@ from txt1.teaching.policy import FORMAT, Card, Policy, digest
 from txt1.teaching.training import Ensemble, Judged, Progress, Recipe, judged, train
 from txt1.version import __version__
 
+__all__ = ["Ask", "Recipe", "drive_in", "teach"]
+
 FOLDS: Final = 4
 """Number of blocks of time that are held out in turn."""
 HELD_GAP: Final = 1.0

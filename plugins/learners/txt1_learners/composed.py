@@ -24,13 +24,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from annotated_types import Len
 from pydantic import Field
 
+from txt1 import Odometry
 from txt1.config.sources import checked
 from txt1.errors import ConfigError
 from txt1.learning.settings import LearningConfig
 from txt1.learning.world import Command, LightWorld, Pose
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD, SENSORS, Readings, SensorFault
-from txt1.model.odometry import Odometry
 from txt1.sim.lamp import NEAREST, noise_for_jitter
 from txt1.sim.shadow import lit_by
 from txt1.units import NotNegative, Positive, PositiveInt, Share
@@ -38,8 +38,8 @@ from txt1.units import NotNegative, Positive, PositiveInt, Share
 if TYPE_CHECKING:
     import numpy as np
 
+    from txt1 import Box
     from txt1.config import Config
-    from txt1.sim.parameters import Box
 
 Point = tuple[float, float]
 

@@ -26,13 +26,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1 import Odometry
 from txt1.config import Config
-from txt1.learning.agent import Decision, PeriodicAgent
-from txt1.learning.qtable import StoredTable
+from txt1.learning.agent import Decision, PeriodicAgent, StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SENSORS
-from txt1.model.odometry import Odometry
 from txt1.units import Positive, PositiveInt, Share
 
 Array = NDArray[np.float64]

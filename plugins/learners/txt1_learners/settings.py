@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from txt1.config.schema import Section
+from txt1.config import Section
 from txt1.units import PositiveInt
 
 

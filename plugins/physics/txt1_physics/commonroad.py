@@ -49,8 +49,8 @@ from vehiclemodels.vehicle_parameters import setup_vehicle_parameters
 
 from txt1.config import Config
 from txt1.errors import ConfigError
+from txt1.hal import PWM_MAX
 from txt1.model.kinematics import wrap_angle
-from txt1.model.vehicle import PWM_MAX
 from txt1.sim.batch import Array, compiled
 from txt1.sim.dynamics import Motion
 from txt1.units import GRAVITY

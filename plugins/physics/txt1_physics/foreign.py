@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 
 from txt1.config import Config, load
 from txt1.errors import ConfigError, HalError
-from txt1.model.vehicle import STEERING_MAX
+from txt1.hal import STEERING_MAX
 from txt1.sim.dynamics import Motion
 
 OWN: Final = ("slip", "understeer", "grip", "cornering", "skid")

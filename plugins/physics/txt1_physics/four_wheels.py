@@ -19,7 +19,7 @@ import numpy as np
 
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.model.vehicle import PWM_MAX
+from txt1.hal import PWM_MAX
 from txt1.sim.batch import Array
 from txt1.sim.dynamics import Motion
 from txt1.units import GRAVITY

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from annotated_types import Gt, Le
 
-from txt1.config.schema import Section
+from txt1.config import Section
 from txt1.errors import ConfigError
 from txt1.units import Positive
 

@@ -9,15 +9,14 @@ import asyncio
 import json
 from typing import Any, Final
 
+from txt1 import Robot, Switch
 from txt1.bridges.registry import RobotEnd
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
 from txt1.errors import CommandRefused
 from txt1.kernel.clock import NS_PER_S, seconds, wall_ns
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.protocol.messages import Switch
 from txt1.record.settings import RecordConfig
-from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1_ros1.tree import SensorFeed
 

@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from txt1 import Robot
 from txt1.errors import ConfigError
-from txt1.robot import Robot
 from txt1.ros.node import node_beside
 from txt1.ros.python import RosPython, clean
 from txt1_ros1.robot_end import Ros1Desk

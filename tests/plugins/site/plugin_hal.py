@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from math import isfinite
 
+from txt1 import Odometry
 from txt1.config import Config
-from txt1.hal.base import Capabilities, Inputs, Outputs
-from txt1.hal.plain_hal import PlainHal
-from txt1.model.odometry import Odometry, advance
+from txt1.hal import Capabilities, Inputs, Outputs, PlainHal, advance
 
 
 class Toy(PlainHal):

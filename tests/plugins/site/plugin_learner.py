@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from txt1 import Odometry
 from txt1.config import Config
-from txt1.learning.agent import Decision
-from txt1.learning.qtable import StoredTable
-from txt1.model.light_sensors import Readings
-from txt1.model.odometry import Odometry
+from txt1.learning.agent import Decision, Readings, StoredTable
 
 
 class Guesser:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from txt1.robot import Robot
+from txt1 import Robot
 
 
 async def steer(robot: Robot) -> None:

@@ -3,8 +3,7 @@
 from argparse import Namespace
 
 from txt1.additions import Options
-from txt1.config import Config
-from txt1.config.schema import Section
+from txt1.config import Config, Section
 from txt1.errors import ConfigError
 from txt1.runtime import Runtime
 from txt1.telemetry.topics import Rule, Topic, declare

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from txt1 import Odometry
 from txt1.config import Config
+from txt1.learning.agent import Readings
 from txt1.learning.world import LightWorld, Pose
-from txt1.model.light_sensors import Readings
-from txt1.model.odometry import Odometry
 
 SPEED = 0.02  # m/s
 

@@ -10,15 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from txt1 import Odometry
 from txt1.config import Config
 from txt1.errors import NoDirection
-from txt1.learning.agent import Decision, PeriodicAgent
+from txt1.learning.agent import Decision, PeriodicAgent, Readings, StoredTable
 from txt1.learning.light_direction import LightFilter, direction, spread_limit
-from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Commands
-from txt1.model.light_sensors import Readings
-from txt1.model.odometry import Odometry
 
 DECISION_PERIOD: Final = 0.1  # s between two decisions
 AHEAD: Final = pi / 18.0  # rad: a direction within this is straight ahead; not tuned

@@ -19,6 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1 import Odometry
 from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.control.car import CarParameters, car_of
@@ -32,7 +33,6 @@ from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import AGENT, SENSORS, Phase, Trial, starts, stream, task_of
 from txt1.learning.world import CheckedWorld, LightWorld, settled, touches, world_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
-from txt1.model.odometry import Odometry
 from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
 from txt1.sensors.sim_vicon import TrackerErrors
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powered

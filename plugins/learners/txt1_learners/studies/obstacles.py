@@ -20,6 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from txt1 import Odometry
 from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError
@@ -29,7 +30,6 @@ from txt1.learning.qtable import replace_file
 from txt1.learning.registry import make
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, Task, starts, task_of
-from txt1.model.odometry import Odometry
 from txt1.sim.obstacles import outline
 from txt1.trials.provenance import provenance
 from txt1.trials.run import Rows

@@ -24,6 +24,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1 import Odometry
 from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
 from txt1.learning.batch import SENSED, TICK_MS
@@ -33,7 +34,6 @@ from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import Start, stream, task_of
 from txt1.learning.world import settled
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
-from txt1.model.odometry import Odometry
 from txt1_learners.settings import OfStableBaselines
 from txt1_learners.studies.lockstep import LIGHT_MS, REST_MS, Lockstep
 from txt1_learners.studies.modelled_settings import STEPS, refuse_others
