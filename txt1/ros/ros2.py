@@ -218,10 +218,17 @@ class Bridge:
         if self._commands is not None:
             self._node.destroy_subscription(self._commands)
         self._stamps, self._order = Stamps(self._stale), Publishers()
-        take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take
+        take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take_plain
         # compatible with publishers of both kinds
         quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)
         self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self.driving)
+
+    def _take_plain(self, twist: Any, info: dict[str, Any]) -> None:
+        """Take a command without a stamp: the middleware has noted when it was sent, 0 if it does not do that."""
+        sent = 0 if self._virtual else info.get("source_timestamp") or 0
+        age = self._stamps.age(1e-9 * sent, time.monotonic())
+        if age is not None:
+            self._take(twist, info, age)
 
     def _take(self, twist: Any, info: dict[str, Any], age: float = 0.0) -> None:
         self._counts["commands"] += 1
@@ -234,7 +241,8 @@ class Bridge:
 
     def _take_stamped(self, message: Any, info: dict[str, Any]) -> None:
         stamp = message.header.stamp
-        received = self._now if self._virtual else time.time_ns()
+        # not the time of day, which may be set in mid-drive
+        received = self._now if self._virtual else time.monotonic_ns()
         age = self._stamps.age(stamp.sec + 1e-9 * stamp.nanosec, 1e-9 * received)
         if age is not None:
             self._take(message.twist, info, age)

@@ -1,66 +1,82 @@
-"""The age of a stamped command, from its stamp alone: the clocks of the two ends need not agree."""
+"""The age of a stamped command, from its stamp alone: the clocks of the two ends need not agree.
 
-from collections import Counter, deque
+How it works
+------------
+
+The delay of a command is its arrival minus its stamp. It has the difference between the clocks in it, which nobody
+knows. So a command's age is its delay minus the smallest delay seen: it is at least as old as that. The smallest delay
+may grow slowly, as clocks drift.
+
+A network that stalls delivers old commands late, and in order. Their delays are longer by no more than the stall, and
+their stamps still rise. So nothing but a clock that was set, or another publisher, makes a stamp fall, or a command
+arrive earlier than the smallest delay allows. Commands are then refused until a few in a row agree on a new delay.
+
+The arrival's clock has to be one that nobody sets.
+"""
+
+from collections import Counter
+from math import inf
 from typing import Final
 
-# s over which the offset between the clocks is judged
-WINDOW: Final = 10.0
-# s by which a stamp may be earlier than the offset allows
+# largest share by which one clock may be faster than the other
+DRIFT: Final = 2e-4
+# s by which delays of commands in a row may differ after a clock was set, and by which a command may be early
 AHEAD: Final = 0.1
-# number of stamps ahead by the same time after which the other end's clock counts as reset
-AGREEING: Final = 5
-# s by which the clocks may differ when the first command comes
-FIRST: Final = 60.0
+# number of commands in a row, and s between the first and the last of them, that have to agree on a new delay
+AGREEING: Final = 3
+AGREE_FOR: Final = 0.3
 
 
 class Stamps:
-    """The stamps of a publisher's commands; `stale` is the age in s at which a command is refused.
-
-    The offset between the clocks is the least of receive minus stamp: the message that was the fastest had no delay.
-    """
+    """The stamps of a publisher's commands; `stale` is the age in s at which a command is refused."""
 
     def __init__(self, stale: float) -> None:
         self.refused: Counter[str] = Counter()
         """Commands refused, by reason: "past" or "future"."""
         self._stale = stale
-        # time of arrival, and arrival minus stamp
-        self._seen: deque[tuple[float, float]] = deque()
-        self._ahead: deque[float] = deque(maxlen=AGREEING)
+        # smallest delay; None before the first command
+        self._least: float | None = None
+        self._arrived = 0.0
+        # the last stamp that was accepted
+        self._stamp = -inf
+        # arrivals and delays since a clock was set
+        self._anew: list[tuple[float, float]] = []
 
     def age(self, stamp: float, received: float) -> float | None:
-        """Return the age (s) of a command, for its stamp and its arrival, in s; None if it is from the past or
-        the future.
+        """Return the age (s) of a command, for its stamp and its arrival, in s; None if it is refused.
 
         A stamp of 0 means no stamp: the age is then counted from its arrival.
         """
         if stamp == 0.0:
             return 0.0
-        delay = received - stamp
-        while self._seen and received - self._seen[0][0] > WINDOW:
-            self._seen.popleft()
-        if not self._seen:
-            if abs(delay) > FIRST:
-                return self._refuse("past" if delay > 0.0 else "future")
-            self._seen.append((received, delay))
-            return 0.0
-        offset = min(each for _, each in self._seen)
-        if delay < offset - AHEAD:
-            self._ahead.append(delay)
-            if len(self._ahead) == AGREEING and max(self._ahead) - min(self._ahead) < AHEAD:
-                # the other end's clock was reset
-                self._seen.clear()
-                self._ahead.clear()
-                self._seen.append((received, delay))
-                return 0.0
-            return self._refuse("future")
-        self._ahead.clear()
-        age = max(0.0, delay - offset)
-        self._seen.append((received, delay))
-        return age if age <= self._stale else self._refuse("past")
-
-    def _refuse(self, why: str) -> float | None:
-        self.refused[why] += 1
+        delay, fell = received - stamp, stamp < self._stamp
+        if self._least is None:
+            self._least = delay
+        else:
+            self._least += DRIFT * max(0.0, received - self._arrived)
+        self._arrived = received
+        early = delay < self._least - AHEAD
+        if not (fell or early) and delay <= self._least + self._stale:
+            self._anew.clear()
+            self._stamp, self._least = stamp, min(self._least, delay)
+            return delay - self._least
+        if self._agrees(received, delay, set_now=fell or early):
+            self._stamp, self._least = stamp, min(each for _, each in self._anew)
+            self._anew.clear()
+            return delay - self._least
+        self.refused["future" if early else "past"] += 1
         return None
+
+    def _agrees(self, received: float, delay: float, set_now: bool) -> bool:
+        """Return whether the commands since a clock was set agree on a delay; `set_now`: this one shows that it was."""
+        first = self._anew[0][1] if self._anew else None
+        if first is not None and abs(delay - first) <= AHEAD:
+            self._anew.append((received, delay))
+        elif set_now:
+            self._anew = [(received, delay)]
+        else:
+            self._anew.clear()
+        return len(self._anew) >= AGREEING and received - self._anew[0][0] >= AGREE_FOR
 
 
 class Publishers:

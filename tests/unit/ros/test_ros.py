@@ -42,7 +42,7 @@ from txt1.telemetry.topics import Rule, Topic
 STALE = 0.25
 
 
-@given(offset=st.floats(-50.0, 50.0), delays=st.lists(st.floats(0.0, 0.2), min_size=2, max_size=50))
+@given(offset=st.floats(-1e5, 1e5), delays=st.lists(st.floats(0.0, 0.2), min_size=2, max_size=50))
 def test_a_stamped_command_is_as_old_as_its_delay_beyond_the_shortest(offset: float, delays: list[float]) -> None:
     stamps = Stamps(STALE)
     shortest = 1.0
@@ -50,9 +50,9 @@ def test_a_stamped_command_is_as_old_as_its_delay_beyond_the_shortest(offset: fl
         sent = 100.0 + 0.1 * k
         age = stamps.age(sent + offset, sent + delay)
         if delay < shortest - 0.1:
-            return  # so much sooner than all before that it may come from the future
+            return  # so much sooner than all before that a clock may have been set
         shortest = min(shortest, delay)
-        assert age == pytest.approx(delay - shortest, abs=1e-6)
+        assert age == pytest.approx(delay - shortest, abs=0.002), "but for the drift that is allowed for"
 
 
 def test_a_stamp_from_the_past_or_the_future_is_refused_and_counted() -> None:
@@ -62,15 +62,45 @@ def test_a_stamp_from_the_past_or_the_future_is_refused_and_counted() -> None:
     assert stamps.age(105.0, 100.2) is None and stamps.refused["future"] == 1
     assert stamps.age(100.3, 100.3) == pytest.approx(0.0, abs=1e-9)
     assert stamps.age(0.0, 100.4) == 0.0, "0 is no stamp"
-    assert Stamps(STALE).age(100.0, 5000.0) is None, "a recording's"
 
 
-def test_a_clock_that_was_set_is_believed_after_a_few_commands() -> None:
+@pytest.mark.parametrize("off", [70.0, -70.0, 86400.0, -86400.0])
+def test_a_clock_that_is_far_off_is_no_reason_to_refuse(off: float) -> None:
     stamps = Stamps(STALE)
-    for k in range(10):
-        stamps.age(0.1 * k + 100.0, 0.1 * k + 100.0)
-    ages = [stamps.age(0.1 * k + 130.0, 0.1 * k + 101.0) for k in range(10)]
-    assert ages[:4] == [None] * 4 and ages[-1] is not None
+    ages = [stamps.age(1000.0 + off + 0.1 * k, 1000.0 + 0.1 * k) for k in range(20)]
+    assert all(age is not None and age < 0.01 for age in ages)
+
+
+@pytest.mark.parametrize("step", [0.3, -0.3, 5.0, -5.0, 70.0, -70.0, 86400.0, -86400.0])
+def test_a_clock_that_is_set_in_mid_drive_stops_the_robot_for_less_than_a_second(step: float) -> None:
+    stamps = Stamps(STALE)
+    for k in range(20):
+        assert stamps.age(1000.0 + 0.1 * k, 1000.0 + 0.1 * k) is not None
+    ages = [stamps.age(1002.0 + step + 0.1 * k, 1002.0 + 0.1 * k) for k in range(10)]
+    assert ages[:3] == [None] * 3, "longer than a command is good for"
+    assert all(age is not None and age < 0.01 for age in ages[4:])
+
+
+@pytest.mark.parametrize("gap", [0.5, 2.0, 60.0])
+def test_a_burst_after_a_gap_moves_nothing_but_by_its_fresh_commands(gap: float) -> None:
+    stamps = Stamps(STALE)
+    for k in range(20):
+        assert stamps.age(1000.0 + 0.05 * k, 1000.0 + 0.05 * k) is not None
+    late = 1001.0 + gap
+    sent = [1001.0 + 0.05 * k for k in range(round(gap / 0.05))]
+    ages = [stamps.age(each, late + 1e-6 * k) for k, each in enumerate(sent)]
+    for each, age in zip(sent, ages, strict=True):
+        if late - each > STALE + 0.05:
+            assert age is None
+        elif age is not None:
+            assert age == pytest.approx(late - each, abs=0.02)
+
+
+def test_a_line_that_is_late_for_good_drives_nothing() -> None:
+    stamps = Stamps(STALE)
+    for k in range(20):
+        stamps.age(1000.0 + 0.1 * k, 1000.0 + 0.1 * k)
+    assert [stamps.age(1002.0 + 0.1 * k, 1004.0 + 0.1 * k) for k in range(100)] == [None] * 100
 
 
 def test_two_publishers_are_told_apart_from_one_that_stutters() -> None:
