@@ -13,7 +13,7 @@ from txt1 import commands
 from txt1.commands import OK, need, say
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.gamepad.pad import PadParameters, Pads, PadState
+from txt1.gamepad.pad import PadParameters, Pads, PadState, mapping_of
 from txt1.kit import options
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def main(arguments: argparse.Namespace) -> int:
     from txt1.gamepad.bridge import Devices
 
     config = options.loaded(arguments).config
-    devices = Devices(config.section(PadParameters).mapping)
+    devices = Devices(mapping_of(config.section(PadParameters)))
     try:
         if arguments.map is not None:
             return _map(devices, arguments.map)

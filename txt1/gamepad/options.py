@@ -18,9 +18,11 @@ def asked(arguments: Namespace, config: Config) -> PadParameters | None:
     if not arguments.gamepad:
         return None
     need("--gamepad", "gamepad", "pygame")
-    from txt1.gamepad.pad import PadParameters
+    from txt1.gamepad.pad import PadParameters, mapping_of
 
-    return config.section(PadParameters)
+    parameters = config.section(PadParameters)
+    mapping_of(parameters)
+    return parameters
 
 
 OPTIONS: Final = Options(

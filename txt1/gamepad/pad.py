@@ -10,19 +10,36 @@ The module uses no clock and no device: `now` is s on any clock.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
-from typing import Annotated, Final, NamedTuple
+from pathlib import Path
+from typing import Annotated, Final, Literal, NamedTuple, get_args
 
 from annotated_types import Gt, Le
 
 from txt1.control.hand import Hand, shaped
 from txt1.control.holding import LASTS, Hold
+from txt1.errors import ConfigError
 from txt1.units import Positive
 
-BUTTONS: Final = (
-    "a", "b", "x", "y", "back", "guide", "start", "leftstick", "rightstick", "leftshoulder", "rightshoulder",
-    "dpup", "dpdown", "dpleft", "dpright",
-)  # fmt: skip
-AXES: Final = ("leftx", "lefty", "rightx", "righty", "lefttrigger", "righttrigger")
+Button = Literal[
+    "a",
+    "b",
+    "x",
+    "y",
+    "back",
+    "guide",
+    "start",
+    "leftstick",
+    "rightstick",
+    "leftshoulder",
+    "rightshoulder",
+    "dpup",
+    "dpdown",
+    "dpleft",
+    "dpright",
+]
+Axis = Literal["leftx", "lefty", "rightx", "righty", "lefttrigger", "righttrigger"]
+BUTTONS: Final[tuple[str, ...]] = get_args(Button)
+AXES: Final[tuple[str, ...]] = get_args(Axis)
 # s for which the arm button has to be held
 ARMS: Final = 0.5
 # s after the appearance of a pad in which its presses are not fresh: its first report may come late
@@ -37,28 +54,37 @@ class PadParameters:
 
     speed: Positive | None = None
     """Speed at full deflection, m/s; null: the car's fastest, safety.v_max."""
-    dead_man: str = "a"
+    dead_man: Button = "a"
     """The robot moves only while it is held; the release of any pad's dead-man stops the robot."""
-    stop: str = "b"
+    stop: Button = "b"
     """Emergency stop, of any pad."""
-    arm: str = "start"
+    arm: Button = "start"
     """Arms when it is held for half a second."""
-    screen: str = "y"
+    screen: Button = "y"
     """The next screen."""
-    manual: str = "back"
+    manual: Button = "back"
     """Controller or manual mode."""
-    ahead: str = "lefty"
+    ahead: Axis = "lefty"
     """Axis of the speed: away from you is ahead."""
-    steer: str = "leftx"
+    steer: Axis = "leftx"
     """Axis of the yaw rate: left is anticlockwise."""
-    forward: str = "righttrigger"
+    forward: Axis = "righttrigger"
     """Pulled, it sets the speed forwards in place of the axis, on pads with triggers."""
-    reverse: str = "lefttrigger"
+    reverse: Axis = "lefttrigger"
     """Pulled, it sets the speed backwards."""
     silence: Silence | None = None
     """s without a change in a pad's report after which its hold ends, at most 3; null: 3."""
     mapping: str | None = None
     """File with SDL's mappings of further pads; `txt1 gamepad --map FILE` writes it."""
+
+
+def mapping_of(parameters: PadParameters) -> str | None:
+    """Return the file with further mappings; raises ConfigError if there is no such file, as SDL does not tell it."""
+    if parameters.mapping is not None and not Path(parameters.mapping).is_file():
+        raise ConfigError(
+            f"gamepad.mapping: there is no file {parameters.mapping}; `txt1 gamepad --map FILE` writes one"
+        )
+    return parameters.mapping
 
 
 class PadState(NamedTuple):

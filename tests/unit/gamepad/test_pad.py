@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, nan
+from pathlib import Path
 from random import Random
 
 import pytest
@@ -15,10 +16,35 @@ from txt1.config import load
 from txt1.control.hand import DEAD, DEFAULT_HAND
 from txt1.control.holding import LASTS
 from txt1.errors import ConfigError
-from txt1.gamepad.pad import APPEARS, ARMS, AXES, BUTTONS, PadParameters, Pads, PadState, Wish, velocity
+from txt1.gamepad.pad import APPEARS, ARMS, AXES, BUTTONS, PadParameters, Pads, PadState, Wish, mapping_of, velocity
 
 R = DEFAULT_HAND.radius
 ORIGINAL = PadParameters()
+
+
+@pytest.mark.parametrize(
+    ("setting", "there_is"),
+    [
+        ("gamepad.dead_man=trigger", "leftshoulder"),
+        ("gamepad.stop=lefty", "leftshoulder"),
+        ("gamepad.steer=a", "rightx"),
+        ("gamepad.forward=R2", "righttrigger"),
+    ],
+)
+def test_a_button_or_an_axis_that_no_pad_has_is_refused_with_what_there_is(setting: str, there_is: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        load(overrides=[setting]).config.section(PadParameters)
+    name, value = setting.split("=")
+    assert str(refused.value).startswith(name) and there_is in str(refused.value) and value in str(refused.value)
+
+
+def test_a_mapping_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"gamepad\.mapping: there is no file .*nothing; `txt1 gamepad --map FILE`"):
+        mapping_of(PadParameters(mapping=str(tmp_path / "nothing")))
+    (tmp_path / "some").write_text("")
+    assert mapping_of(PadParameters(mapping=str(tmp_path / "some"))) == str(tmp_path / "some")
+    assert mapping_of(PadParameters()) is None
+
 
 axis = st.floats(-1.0, 1.0) | st.sampled_from([0.0, 1.0, -1.0, DEAD, -DEAD])
 readings = st.builds(
