@@ -8,7 +8,7 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections.abc import Iterable, Iterator
-from math import pi
+from math import pi, radians
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -21,6 +21,8 @@ from txt1.mapping.poses import composed
 Array = NDArray[np.float64]
 
 GZIP: Final = b"\x1f\x8b"
+# CARMEN's parameters that have the field of view of FLASER in degrees; without one it is 180
+FIELDS: Final = ("laser_front_laser_fov", "robot_front_laser_fov")
 SHORTEST: Final = 0.05
 """m; a shorter range counts as none."""
 LONGEST: Final = 30.0
@@ -102,13 +104,19 @@ def read(path: Path) -> Log:
 
 
 def _scans(path: Path, lines: Iterable[str]) -> Iterator[LaserScan]:
+    # of FLASER, rad; its lines do not have it
+    field = pi
     for number, line in enumerate(lines, 1):
         words = line.split()
         try:
             if not words or line.startswith("#"):
                 continue
-            if words[0] == "FLASER":
-                yield _flaser(words)
+            if words[0] == "PARAM" and words[1] in FIELDS:
+                field = radians(float(words[2]))
+                if not 0.0 < field <= 2.0 * pi:
+                    raise ValueError(f"{words[1]} is {words[2]} degrees; it is from 0 to 360")
+            elif words[0] == "FLASER":
+                yield _flaser(words, field)
             elif words[0] == "ROBOTLASER1":
                 yield _robotlaser(words)
         except (ValueError, IndexError) as error:
@@ -126,18 +134,18 @@ def _pose(words: list[str]) -> tuple[float, float, float]:
     return x, y, theta
 
 
-def _flaser(words: list[str]) -> LaserScan:
-    """FLASER n r1 ... rn x y theta odom_x odom_y odom_theta time host logger_time."""
+def _flaser(words: list[str], field: float) -> LaserScan:
+    """FLASER n r1 ... rn x y theta odom_x odom_y odom_theta time host logger_time; `field` of view in rad."""
     count = int(words[1])
     if count < 1 or len(words) < count + 9:
         raise ValueError(f"it says {count} ranges and is {len(words)} words long")
     # an odd number of beams has a beam at each end, an even number leaves the last out
-    step = pi / (count - count % 2) if count > 1 else 0.0
+    step = field / (count - count % 2) if count > 1 else 0.0
     rest = words[2 + count :]
     return LaserScan(
         float(rest[6]),
         _numbers(words[2 : 2 + count]),
-        -pi / 2.0 + step * np.arange(count, dtype=np.float64),
+        -field / 2.0 + step * np.arange(count, dtype=np.float64),
         _pose(rest[3:6]),
         _pose(rest[:3]),
     )

@@ -28,6 +28,18 @@ def test_carmen(tmp_path, packed):
     assert np.allclose(points, [(0, -1), (np.sqrt(2), -np.sqrt(2))])
 
 
+@pytest.mark.parametrize(("told", "last"), [("270.0 1.5 host 1.5", 90 * 0.75), ("360 nohost 0", 90.0)])
+def test_the_field_of_view_is_read_where_a_log_tells_it(tmp_path, told, last):
+    file = tmp_path / "a.log"
+    file.write_text(f"PARAM laser_front_laser_fov {told}\n{TEXT}")
+    angles = np.degrees(carmen_logs.read(file).scans[0].angles)
+    whole = float(told.split()[0])
+    assert np.allclose(angles, -whole / 2 + whole / 4 * np.arange(4)) and angles[-1] == pytest.approx(last)
+    file.write_text(f"PARAM laser_front_laser_fov 4.7e2\n{TEXT}")
+    with pytest.raises(carmen_logs.LogError, match=r"line 1 .* it is from 0 to 360"):
+        carmen_logs.read(file)
+
+
 def test_robotlaser(tmp_path):
     file = tmp_path / "b.log"
     file.write_text(ROBOTLASER)
