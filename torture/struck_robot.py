@@ -393,7 +393,7 @@ class Desk:
         if isinstance(hal, SerialHal):
             hal.tap_line(self._on_the_line)
         elif isinstance(hal, VescHal | WaveshareHal):
-            hal._line.tap = self._to_a_controller  # noqa: SLF001 - what a controller is told, before it is obeyed
+            hal.line.tap = self._to_a_controller  # what a controller is told, before it is obeyed
 
     def _may_move(self) -> bool:
         """Whether armed, on a command that is fresh: told without asking the safety gate's judgement of commands."""

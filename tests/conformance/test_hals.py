@@ -30,6 +30,7 @@ from txt1.hal.conformance import HalConformance
 from txt1.hal.plain_hal import PlainHal
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
+from txt1.link.base import Port
 from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
 from txt1.model.vehicle import sides
@@ -564,7 +565,7 @@ class Frightened(VescHal):
 
     def _take_firmware(self, major: int, minor: int) -> None:
         if major < 5:
-            self._line.fail(HalError(f"the VESC has firmware {major}.{minor:02d}"))
+            self.line.fail(HalError(f"the VESC has firmware {major}.{minor:02d}"))
         super()._take_firmware(major, minor)
 
 
@@ -606,8 +607,29 @@ def test_a_promise_that_a_bad_line_breaks_is_noticed(
             getattr(TestVesc(), name)()
 
 
+NEVER = property(lambda ladder: inf)
+IN_OUTAGES = [
+    ("device_that_is_silent_for_a_second", "txt1.cars.vesc.driver.VescHal", Untroubled, "counts a device"),
+    ("device_that_is_silent_for_a_minute", "txt1.cars.vesc.driver.VescHal", Untroubled, "counts a device"),
+    ("device_without_power", "txt1.cars.vesc.driver.VescHal", Untroubled, "counts a device"),
+    ("device_that_is_unplugged", "txt1.link.silence.Ladder.due", NEVER, "BoardLink.ready comes true"),
+    ("connection_that_is_half_open", "txt1.link.silence.Ladder.due", NEVER, "BoardLink.ready comes true"),
+]
+
+
+@pytest.mark.parametrize(("device", "what", "broken", "message"), IN_OUTAGES, ids=[each[0] for each in IN_OUTAGES])
+def test_a_promise_that_is_broken_in_an_outage_is_noticed(
+    device: str, what: str, broken: Any, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (name,) = (each for each in promises(HalConformance) if f"test_a_{device}" in each)
+    monkeypatch.setattr(what, broken)
+    with pytest.raises(AssertionError, match=message):
+        getattr(TestVesc(), name)()
+
+
 def test_every_promise_that_a_simulated_hal_can_break_has_a_mutant() -> None:
     covered = {f"test_{name}" for _, _, name, _ in MUTANTS}
+    covered |= {each for each in promises(HalConformance) if any(f"test_a_{of[0]}" in each for of in IN_OUTAGES)}
     covered |= {name for name in promises(HalConformance) if "_line_that_" in name}
     assert len(ON_BAD_LINES) == len([name for name in covered if "_line_that_" in name])
     # opening: SimHal starts neutral, so breaking it takes another HAL; survival: any exception at all fails it
@@ -693,11 +715,21 @@ def board(fault: LineFaults = CLEAN, control: Literal["board", "host"] = "board"
     return create(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))
 
 
+def wrapped(hal: Any, wrap: Callable[[Port], Port]) -> Hal:
+    """The HAL with its port wrapped."""
+    hal.line.watched.port = wrap(hal.line.watched.port)
+    assert isinstance(hal, PlainHal)
+    return hal
+
+
 class TestSerial(HalConformance):
     """A board behind a line, the line in memory: what it reports and obeys is what the wire carries."""
 
     def make(self) -> Hal:
         return board()
+
+    def behind(self, wrap: Callable[[Port], Port]) -> Hal:
+        return wrapped(board(), wrap)
 
     def over(self, faults: LineFaults) -> Hal:
         return board(faults)
@@ -755,6 +787,9 @@ class TestVesc(HalConformance):
     def make(self) -> Hal:
         return create(on_a_line("vesc", "f1tenth"))
 
+    def behind(self, wrap: Callable[[Port], Port]) -> Hal:
+        return wrapped(self.make(), wrap)
+
     def over(self, faults: LineFaults) -> Hal:
         return create(on_a_line("vesc", "f1tenth", faults).model_copy(update={"seed": self.seed}))
 
@@ -772,6 +807,9 @@ class TestWaveshare(HalConformance):
 
     def make(self) -> Hal:
         return create(on_a_line("waveshare", "rover"))
+
+    def behind(self, wrap: Callable[[Port], Port]) -> Hal:
+        return wrapped(self.make(), wrap)
 
     def over(self, faults: LineFaults) -> Hal:
         return create(on_a_line("waveshare", "rover", faults))

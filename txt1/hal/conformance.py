@@ -9,7 +9,8 @@ Use it in your own test class (see `txt1.conformance`), or from the command line
 ground.
 
 Hardware behind a line has promises about bad lines, too: lines that tear, merge, corrupt, delay, lose or cut. They are
-tried if `over` returns a HAL with its virtual device at the end of a bad line.
+tried if `over` returns a HAL with its virtual device at the end of a bad line. It has promises about silence, which are
+tried if `behind` returns a HAL whose port is wrapped.
 """
 
 import asyncio
@@ -23,6 +24,9 @@ from txt1.conformance import Conformance, broken, kept, named, opened, promise
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs, lacking
+from txt1.link.base import Port
+from txt1.link.outages import Outage, OutagePort
+from txt1.link.silence import LONGEST
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX, outputs_of
@@ -62,6 +66,35 @@ ALIKE: Final = 1.5
 LEAP: Final = 0.4
 
 
+# s from opening to an outage
+BEGINS: Final = 6.0
+# texts about one outage: lost, connected again, who might be there, found
+TEXTS: Final = 8
+# s within which a HAL can drive again when its device is back: the longest pause, and the time to settle
+BACK: Final = LONGEST + 10.0
+
+
+def in_an_outage(
+    outage: Outage, lasts: float
+) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
+    """Run a test on a new HAL that is open, whose port has this outage; skip it for a HAL without a port."""
+
+    def decorate(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+        tested = opened(test)
+
+        @wraps(test)
+        def out(self: Any) -> None:
+            hal = self.behind(lambda port: OutagePort(port, outage, BEGINS, lasts))
+            if hal is None:
+                raise SkipTest("override HalConformance.behind to try outages, where there is a port")
+            self.part, self.ends = hal, BEGINS + lasts
+            tested(self)
+
+        return out
+
+    return decorate
+
+
 def over_a_line(**faults: float) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
     """Run a test on a new HAL that is open, over a line with these faults; skip it for a HAL without a line."""
 
@@ -93,6 +126,9 @@ class HalConformance(Conformance[Hal]):
     A wall within 4 m would stop a robot that does not stop by itself, so give a simulated robot room.
     """
 
+    # end of the outage, s
+    ends = 0.0
+
     skids: ClassVar[bool] = False
     """Whether no wheel steers, and the sides run at two speeds."""
 
@@ -107,6 +143,10 @@ class HalConformance(Conformance[Hal]):
         """Return a new HAL whose line to its virtual device has these faults in both directions; None if it has
         no line.
         """
+        return None
+
+    def behind(self, wrap: Callable[[Port], Port]) -> Hal | None:
+        """Return a new HAL whose port is `wrap` of the port of its virtual device; None if it has no port."""
         return None
 
     # -- identity and life -------------------------------------------------------------------------------------
@@ -374,7 +414,57 @@ class HalConformance(Conformance[Hal]):
         promise(link is not None and link.losses > 0, "BoardLink.losses", f"counts a line that is cut, but {told}")
         await self.ready()
 
+    # -- promises about silence ------------------------------------------------------------------------------------
+
+    @in_an_outage(Outage.SILENT, 1.0)
+    async def test_a_device_that_is_silent_for_a_second_is_found_again(self) -> None:
+        await self.is_found_again()
+
+    @in_an_outage(Outage.SILENT, 60.0)
+    async def test_a_device_that_is_silent_for_a_minute_is_found_again(self) -> None:
+        await self.is_found_again()
+
+    @in_an_outage(Outage.UNPLUGGED, 20.0)
+    async def test_a_device_that_is_unplugged_is_found_again(self) -> None:
+        await self.is_found_again()
+
+    @in_an_outage(Outage.POWER, 10.0)
+    async def test_a_device_without_power_behind_its_adapter_is_found_again(self) -> None:
+        await self.is_found_again()
+
+    @in_an_outage(Outage.HALF_OPEN, 0.0)
+    async def test_a_connection_that_is_half_open_is_made_again(self) -> None:
+        await self.is_found_again()
+
     # -- for the tests -----------------------------------------------------------------------------------------
+
+    async def is_found_again(self) -> None:
+        """Check that a device in an outage is lost, told a few times at most, found again and driven again."""
+        texts: list[str] = []
+        losses = 0
+        while self.now < BEGINS:
+            await self.hold(FORWARD, CALL_PERIOD)
+        while self.now < max(self.ends, BEGINS + NOTICED) or not self.is_ready():
+            link = (await self.hold(NEUTRAL, CALL_PERIOD)).link
+            if link is not None:
+                texts += [link.text] if link.text not in texts[-1:] else []
+                losses = link.losses
+            told = f"but {BACK:g} s after the outage it is not; the link says: {texts[-1:]}"
+            promise(self.now < self.ends + BACK, "BoardLink.ready", f"comes true when the device is back, {told}")
+        promise(losses > 0, "BoardLink.losses", "counts a device that falls silent, but there are none")
+        promise(len(texts) <= TEXTS, "BoardLink.text", f"tells an outage once, not {len(texts)} times: {texts}")
+        before = await self.hold(NEUTRAL, self.settle)
+        after = await self.hold(NEUTRAL, self.drive)
+        if not self.can.blind:
+            moved = _moved(before, after)
+            promise(moved < NOTICEABLE, "Hal.write", f"neutral holds the robot, but it moved {moved:.3f} m")
+            moved = _moved(after, await self.hold(FORWARD, 2.0 * self.drive))
+            promise(moved > NOTICEABLE, "Hal.write", f"is obeyed again after the outage, but it moved {moved:.3f} m")
+
+    def is_ready(self) -> bool:
+        """Return whether the device may be driven."""
+        link = self.read().link
+        return link is None or link.ready
 
     def requires_a_line(self) -> None:
         """Skip the test unless the hardware is behind a line."""

@@ -1,9 +1,9 @@
 """The line to a board or a motor controller: kept open, and watched.
 
 A line is up while there is a link. The device behind it is *found* while it answers. Both come and go: an adapter is
-unplugged, a board loses its power. So a lost line is opened again, and a device that was silent for too long counts as
-lost. Each loss is counted once and disarms the robot. A device that was found again has to answer for a while before it
-gets a set-point; then it has *settled*.
+unplugged, a board loses its power. So a lost line is opened again, a device that was silent for too long counts as
+lost, and its silence is answered (`txt1.link.silence`). Each loss is counted once and disarms the robot. A device that
+was found again has to answer for a while before it gets a set-point; then it has *settled*.
 """
 
 import asyncio
@@ -14,13 +14,14 @@ from typing import Final
 from txt1.errors import HalError, LinkLost
 from txt1.hal.base import BoardLink
 from txt1.link.base import End, Link, Port
+from txt1.link.silence import Watched
 
 # s without an answer after which a motor controller is lost
 LOST: Final = 0.3
 # s of answers before the first set-point
 SETTLED: Final = 0.5
-# s before the first attempt to reopen a lost line, and the longest pause between later attempts
-BACKOFF: Final = (0.1, 0.9)
+# s of silence after which the port is opened again: longer than the silence of boards whose host clears their loops
+PATIENCE: Final = 6.0
 # s of silence or unknown bytes after which the line is examined, and the number of bytes examined
 UNDERSTOOD: Final = 1.0
 SILENT: Final = 3.0
@@ -57,21 +58,22 @@ class Line:
         forget: Callable[[], None] = lambda: None,
         hal: str = "",
     ) -> None:
-        self.port = port
+        self.watched = Watched(port, self, PATIENCE, None, self.tell, self.fail, self._given_up, wrap)
+        """Keeps the port open, and answers the device's silence."""
         self.link: Link | None = None
         self.tap: Callable[[str, bytes], None] = lambda direction, data: None
         """Called with all bytes as they come ("in") and go ("out")."""
         # the loop's
         self.time: Callable[[], float] = lambda: 0.0
-        self._end, self._awaited, self._greet, self._take = wrap(self), awaited, greet, take
+        self._awaited, self._greet, self._take = awaited, greet, take
         self._lost, self._settled, self._forget = LOST if lost is None else lost, settled, forget
         self._hal = hal
         self._strange: bytes | None = b""
         """Bytes since the connection that were no answer; None: the language was reported."""
         # loop time
         self._connected = inf
-        self._pause = BACKOFF[0]
-        self._reconnecting: asyncio.Task[None] | None = None
+        # whether the link was given up as the device is silent
+        self._gave_up = False
         self._closed = True
         self._failure: Exception | None = None
         # loop time of the run's start
@@ -85,12 +87,17 @@ class Line:
         self._text = f"connecting to {port.address}"
         self._report: BoardLink | None = None
 
+    @property
+    def port(self) -> Port:
+        """The controller's port."""
+        return self.watched.port
+
     async def open(self) -> None:
         """Open the port; from then on a lost link is opened again until `close`."""
         self.time = asyncio.get_running_loop().time
-        self._origin, self._failure, self._closed, self._pause = inf, None, False, BACKOFF[0]
+        self._origin, self._failure, self._closed = inf, None, False
         try:
-            await self.port.open(self._end)
+            await self.watched.open()
         except BaseException:
             self._closed = True
             await self.port.close()
@@ -101,8 +108,7 @@ class Line:
         if self._closed:
             return
         self._closed = True
-        if self._reconnecting is not None:
-            self._reconnecting.cancel()
+        self.watched.close()
         for _ in range(FAREWELLS):
             if self.link is not None:
                 for frame in farewell:
@@ -127,10 +133,10 @@ class Line:
     def heard(self) -> bool:
         """Note an intact answer; return whether it is the first since the device was lost."""
         self.last = self.time()
+        self.watched.ladder.heard(self.last)
         found = self.heard_since == inf
         if found:
-            # a device that hangs up before it answers makes the pauses longer, too
-            self.heard_since, self._pause = self.last, BACKOFF[0]
+            self.heard_since = self.last
         return found
 
     @property
@@ -201,8 +207,13 @@ class Line:
 
     def connected(self, link: Link) -> None:
         """Take a new line."""
-        self.link, self._strange, self._connected = link, b"", self.time()
+        self.link = link
         self._connections += 1
+        if self._gave_up:
+            # the same device, which gets messages all the time: what is known of it shows whether it has restarted
+            self._gave_up = False
+            return
+        self._strange, self._connected = b"", self.time()
         self.tell(f"connected to {link.address}, waiting for {self._awaited}")
         self._greet()
 
@@ -219,24 +230,15 @@ class Line:
     def lost(self, reason: str) -> None:
         """Look for the device."""
         self._drop()
+        self._gave_up = False
         self.down(f"link lost: {reason}")
-        if not self._closed and (self._reconnecting is None or self._reconnecting.done()):
-            self._reconnecting = asyncio.ensure_future(self._reconnect())
+
+    def _given_up(self, _: str) -> None:
+        """Note that a silent device's port is opened again; its loss is told by `report`."""
+        self._drop()
+        self._gave_up = True
 
     def _drop(self) -> None:
         if self.link is not None:
             self._overflows += self.link.overflows
             self.link = None
-
-    async def _reconnect(self) -> None:
-        while True:
-            await asyncio.sleep(self._pause)
-            self._pause = min(2.0 * self._pause, BACKOFF[1])
-            try:
-                await self.port.open(self._end)
-                return
-            except HalError as error:
-                self.tell(str(error))
-            except Exception as error:
-                self.fail(error)
-                return

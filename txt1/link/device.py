@@ -19,7 +19,7 @@ from serial_asyncio import SerialTransport
 
 from txt1.errors import ConfigError, HalError
 from txt1.link.base import End, Link, StreamLink
-from txt1.link.ports import access_problem, candidates, only_candidate
+from txt1.link.ports import Plug, access_problem, candidates, only_candidate, plug_of, port_with
 from txt1.link.pty import is_left_behind
 from txt1.link.serialx_link import open_serialx
 from txt1.link.tcp import BOARD, open_socket
@@ -133,8 +133,10 @@ async def open_link(
 
 
 class DevicePort:
-    """A serial device, or socket://host:port; None: the only plugged-in device, under whatever name it has now.
+    """A serial device, or socket://host:port; None: the only plugged-in device.
 
+    `baud` is the rate in bits a second, or a function that returns the rate for each opening.
+    A USB device that was opened once is opened again under whatever name it has now, and no other device in its place.
     The first line of `secret_file` is the secret of a board on a network;
     `behind` is the command that serves such a port; `transport` is `serial.transport`.
     """
@@ -142,22 +144,31 @@ class DevicePort:
     def __init__(
         self,
         address: str | None,
-        baud: int,
+        baud: int | Callable[[], int],
         secret_file: str | None = None,
         behind: str = BOARD,
         transport: str = "pyserial-asyncio",
     ) -> None:
+        self.rate = 0
+        """The rate at which it is open, or was opened last, bits a second; 0: it was not opened."""
         self._wanted = address
         self._transport = transport
         self._behind = behind
         self._secret_file = secret_file
         self._baud = baud
         self._spent: tuple[int, int, int] | None = None
+        # the USB device that was opened
+        self._plug: Plug | None = None
         self.address = address or "the serial port"
 
     async def open(self, end: End) -> Link:
         """Open a link to the port."""
-        if self._wanted is None:
+        if self._plug is not None:
+            there = await asyncio.to_thread(port_with, self._plug)
+            if there is None:
+                raise HalError(f"{self._plug} is not there, which was {self.address}: is it plugged in?")
+            self.address = there
+        elif self._wanted is None:
             self.address = await asyncio.to_thread(only_candidate)
         # a killed board leaves its link to a pseudo-terminal behind, which may lead to another program's terminal by
         # now
@@ -166,8 +177,12 @@ class DevicePort:
         if left or (left is None and _passed_on(self._spent, made)):
             raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new board")
         secret = None if self._secret_file is None else await asyncio.to_thread(_secret_in, self._secret_file)
-        link = await open_link(self.address, end, self._baud, secret, self._behind, self._transport)
-        self._spent = made
+        plug = self._plug
+        if plug is None and "://" not in self.address:
+            plug = await asyncio.to_thread(plug_of, self.address)
+        self.rate = self._baud if isinstance(self._baud, int) else self._baud()
+        link = await open_link(self.address, end, self.rate, secret, self._behind, self._transport)
+        self._spent, self._plug = made, plug
         return link
 
     async def close(self) -> None:
@@ -224,7 +239,9 @@ def open_port(address: str, baud: int, behind: str = BOARD) -> _Opened:
     """
     try:
         explain = _checked(address, baud)
-        return _Device(address, baud, exclusive=True, timeout=0, write_timeout=0), explain
+        device = _Device(address, baud, exclusive=True, timeout=0, write_timeout=0)
+        _keep_up(device)
+        return device, explain
     except OPENING as error:
         raise _refusal(address, baud, behind, error) from error
 
@@ -252,6 +269,13 @@ def _refusal(address: str, baud: int, behind: str, error: Exception) -> HalError
     # termios.error is no OSError: the device went away meanwhile
     cause = error if isinstance(error, OSError) else OSError(*error.args)
     return HalError(_why_not_open(address, cause, behind))
+
+
+def _keep_up(device: Any) -> None:
+    """Let the line DTR stay up when the port is closed: many boards restart when it rises as the port opens again."""
+    attributes = termios.tcgetattr(device)
+    attributes[2] &= ~termios.HUPCL
+    termios.tcsetattr(device, termios.TCSANOW, attributes)
 
 
 def _close_port(opening: asyncio.Future[_Opened]) -> None:

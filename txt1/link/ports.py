@@ -33,6 +33,49 @@ def candidates() -> list[SerialPort]:
     return sorted(found, key=lambda port: (not port.usb, port.device))
 
 
+class Plug(NamedTuple):
+    """What a USB device says of itself, and where it is plugged in."""
+
+    vendor: int
+    product: int
+    # empty: it has none
+    serial_number: str
+    # the socket on the computer, such as 1-1.4
+    socket: str
+
+    def __str__(self) -> str:
+        """Return the name of the device, for people."""
+        name = f"USB device {self.vendor:04x}:{self.product:04x}"
+        if self.serial_number:
+            return f"{name} with serial number {self.serial_number}"
+        return f"{name} at socket {self.socket}"
+
+
+def plug_of(device: str) -> Plug | None:
+    """Return what the device at a path says of itself; None unless it is a USB device."""
+    path = os.path.realpath(device)
+    return next((plug for at, plug in _plugs() if os.path.realpath(at) == path), None)
+
+
+def port_with(plug: Plug) -> str | None:
+    """Return the path at which a USB device is now; None: it is not plugged in.
+
+    A device is known by its serial number. Without one, or where several have the same, it is known by its socket.
+    """
+    alike = [(at, other) for at, other in _plugs() if other[:3] == plug[:3]]
+    if plug.serial_number and len(alike) == 1:
+        return alike[0][0]
+    return next((at for at, other in alike if other.socket == plug.socket), None)
+
+
+def _plugs() -> list[tuple[str, Plug]]:
+    return [
+        (port.device, Plug(port.vid, port.pid or 0, port.serial_number or "", port.location or ""))
+        for port in list_ports.comports()
+        if port.vid is not None
+    ]
+
+
 def only_candidate() -> str:
     """Return the path of the only port.
 

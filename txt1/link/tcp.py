@@ -17,6 +17,8 @@ from txt1.link.base import BACKLOG, End, Link, Listener, StreamLink
 SILENT: Final = 1.0
 # ms: a peer that has acknowledged no byte for this time is gone
 VANISHED_MS: Final = 3000
+# s without bytes after which the kernel asks a peer whether it is there, s between two such questions, and their number
+KEEP_ALIVE: Final = {"TCP_KEEPIDLE": 1, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 3}
 CHALLENGE_MAX: Final = 80  # bytes
 # s within which a peer has to accept a connection
 ANSWER: Final = 3.0
@@ -127,6 +129,11 @@ def tune(sock: socket.socket) -> None:
         sock.setsockopt(socket.SOL_SOCKET, direction, 4 * BACKLOG)
     if hasattr(socket, "TCP_USER_TIMEOUT"):
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, VANISHED_MS)
+    # without these, who only listens never notices that the other computer is gone
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in KEEP_ALIVE.items():
+        if hasattr(socket, name):
+            sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 class _HostLink(StreamLink):

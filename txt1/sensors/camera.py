@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from math import inf
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Le, MinLen
@@ -51,10 +51,10 @@ def jpeg(picture: NDArray[np.uint8], quality: int = 75) -> bytes:
     return data.getvalue()
 
 
-def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[Image]:
+def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[Image | None]:
     """Yield the pictures of the source as they come, those of a file at its own pace by `wait`.
 
-    Raises HalError, with the remedy.
+    None is a picture that cannot be decoded. Raises HalError, with the remedy.
     """
     try:
         import av
@@ -74,7 +74,10 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
             if not container.streams.video:
                 raise HalError(f"{given.source}: there is no picture in it: is it a video file?")
             last, began = -inf, None
-            for frame in container.decode(video=0):
+            for frame in _decoded(container):
+                if frame is None:
+                    yield None
+                    continue
                 time = frame.time if frame.time is not None else last + 1.0 / given.rate
                 if time < last + 1.0 / given.rate - 1e-6:
                     continue
@@ -87,8 +90,21 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
                     jpeg(np.asarray(frame.to_ndarray(format="rgb24"), np.uint8), given.quality),
                     given.mount,
                 )
-        if device or not given.repeat:
+        if device:
+            raise HalError(f"{given.source} sends no more pictures: is the camera plugged in?")
+        if not given.repeat:
             return
+
+
+def _decoded(container: Any) -> Iterator[Any]:
+    """Yield the frames of a video; None for each packet that cannot be decoded: cameras lose transfers."""
+    import av
+
+    for packet in container.demux(video=0):
+        try:
+            yield from packet.decode()
+        except av.FFmpegError:
+            yield None
 
 
 def create(setup: Setup) -> Frames[Image]:

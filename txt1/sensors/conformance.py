@@ -5,23 +5,71 @@ Use it in your own test class (see `txt1.conformance`), or from the command line
     txt1 sensor check inside --set sensors.inside.driver=thermometer
 
 `txt1.sensors.base` states the promises.
+
+A device behind a port has promises about silence, too. They are tried if `behind` returns a sensor whose port is
+wrapped, with its virtual device behind the port: the outages are put on the bytes.
 """
 
 import asyncio
+from collections.abc import Callable, Coroutine
+from functools import wraps
 from math import inf, isfinite
-from typing import Any
+from typing import Any, Final
 from unittest import SkipTest
 
 from txt1.conformance import Conformance, broken, kept, named, opened, promise, unopened
-from txt1.errors import Txt1Error
+from txt1.errors import HalError, Txt1Error
+from txt1.link.base import Port
+from txt1.link.outages import Outage, OutagePort
+from txt1.link.silence import LONGEST
 from txt1.sensors.base import Reading, Sensor
 from txt1.telemetry.topics import Rule, Topic
+
+# s from opening to an outage
+BEGINS: Final = 4.0
+# s within which a sensor reads again when its device is back: the longest pause, and the time to begin
+BACK: Final = LONGEST + 5.0
+# the most times a second that anything is written to a device that does not answer, on the average
+ASKS: Final = 5.0
+
+
+def in_an_outage(
+    outage: Outage, lasts: float
+) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
+    """Run a test on a new sensor whose port has this outage; skip it for a sensor without a port."""
+
+    def decorate(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+        tested = opened(test)
+
+        @wraps(test)
+        def out(self: Any) -> None:
+            ports: list[OutagePort] = []
+
+            def wrapped(port: Port) -> Port:
+                ports.append(OutagePort(port, outage, BEGINS, lasts))
+                return ports[-1]
+
+            sensor = self.behind(wrapped)
+            if sensor is None:
+                raise SkipTest("override SensorConformance.behind to try outages, where there is a port")
+            self.part, self.outage, self.lasts = sensor, ports[0], lasts
+            tested(self)
+
+        return out
+
+    return decorate
 
 
 class SensorConformance(Conformance[Sensor[Any]]):
     """The promises, a test for each. Override `make`; override `absent` and the settings if the defaults do not fit."""
 
     interface = Sensor
+    outage: OutagePort
+    lasts: float
+
+    def behind(self, wrap: Callable[[Port], Port]) -> Sensor[Any] | None:
+        """Return a new sensor whose port is `wrap` of the port of its virtual device; None if it has no port."""
+        return None
 
     def absent(self) -> Sensor[Any] | None:
         """Return a new sensor whose hardware is missing; override this if that is possible.
@@ -122,7 +170,63 @@ class SensorConformance(Conformance[Sensor[Any]]):
             fits = len(made) == len(topic.paths) and all(isinstance(number, float | int) for number in made)
             promise(fits, "Sensor.topic", f"makes a number for each of {topic.paths}, not {made!r}")
 
+    # -- promises about silence --------------------------------------------------------------------------------
+
+    @in_an_outage(Outage.SILENT, 1.0)
+    async def test_a_device_that_is_silent_for_a_second_reads_on(self) -> None:
+        await self.reads_on()
+
+    @in_an_outage(Outage.SILENT, 60.0)
+    async def test_a_device_that_is_silent_for_a_minute_reads_on(self) -> None:
+        await self.reads_on()
+
+    @in_an_outage(Outage.UNPLUGGED, 20.0)
+    async def test_a_device_that_is_unplugged_reads_on_when_it_is_back(self) -> None:
+        await self.reads_on()
+
+    @in_an_outage(Outage.POWER, 10.0)
+    async def test_a_device_without_power_behind_its_adapter_reads_on(self) -> None:
+        await self.reads_on()
+
+    @in_an_outage(Outage.POWER, 0.0)
+    async def test_a_device_that_starts_again_in_its_first_mode_reads_on(self) -> None:
+        await self.reads_on()
+
+    @in_an_outage(Outage.HALF_OPEN, 0.0)
+    async def test_a_connection_that_is_half_open_is_made_again(self) -> None:
+        await self.reads_on()
+
+    @in_an_outage(Outage.NONSENSE, 10.0)
+    async def test_a_device_that_makes_no_sense_is_not_asked_at_once(self) -> None:
+        await self.reads_on("makes no sense")
+
     # -- for the tests -----------------------------------------------------------------------------------------
+
+    async def reads_on(self, does: str = "is silent") -> None:
+        """Check that the sensor reads until the outage and again after it, and does not flood a silent device."""
+        await self.reading()
+        while self.now < BEGINS + self.part.period:
+            await asyncio.sleep(self.part.period)
+            self.try_to_read()
+        wrote, ends = len(self.outage.written), BEGINS + self.lasts
+        last = None
+        while last is None or last.time <= ends:
+            await asyncio.sleep(self.part.period)
+            last = self.try_to_read()
+            told = f"but there was none in {BACK:g} s after the outage"
+            promise(self.now < ends + BACK, "Sensor.read", f"returns readings when the device is back, {told}")
+        often = (len(self.outage.written) - wrote) / max(self.now - BEGINS, 1.0)
+        told = f"asks a device that {does} now and then, but wrote {often:.0f} times a second"
+        promise(often <= ASKS, "Sensor", told)
+
+    def try_to_read(self) -> Reading[Any] | None:
+        """Return the present reading; None if there is none, or the sensor says that its device is not well."""
+        try:
+            return self.part.read(self.now)
+        except (HalError, OSError) as error:
+            text = str(error)
+            promise(bool(text) and "\n" not in text, "Sensor.read", f"says in one line what is wrong, not {text!r}")
+        return None
 
     def read(self) -> Reading[Any] | None:
         """Return the sensor's present reading; None if there is none."""

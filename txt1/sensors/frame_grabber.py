@@ -1,4 +1,7 @@
-"""A sensor whose frames come from a blocking source. A thread reads the source and keeps the newest frame."""
+"""A sensor whose frames come from a blocking source. A thread reads the source and keeps the newest frame.
+
+A source that fails is opened again, by the ladder of `txt1.link.silence`. A frame that cannot be read is skipped.
+"""
 
 import asyncio
 import threading
@@ -7,6 +10,7 @@ from math import inf
 from typing import Final, Generic, TypeVar
 
 from txt1.errors import HalError
+from txt1.link.silence import Ladder
 from txt1.sensors.base import Reading
 from txt1.telemetry.topics import Topic
 
@@ -26,7 +30,8 @@ class Frames(Generic[T]):
         topic: topic of the frames.
         period: time between two calls of `read`, s.
         begin: opens the source and returns its frames, in the thread that reads them. Its argument is a function to
-            wait with. It raises HalError with the remedy; a generator's ``finally`` closes the source.
+            wait with. None is a frame that cannot be read. It raises HalError with the remedy, and is then called
+            again; a source at its end is not. A generator's ``finally`` closes the source.
         latency: time from exposure to arrival, s.
 
     """
@@ -34,13 +39,15 @@ class Frames(Generic[T]):
     simulated = False
 
     def __init__(
-        self, topic: Topic[T], period: float, begin: Callable[[Wait], Iterator[T]], latency: float = 0.0
+        self, topic: Topic[T], period: float, begin: Callable[[Wait], Iterator[T | None]], latency: float = 0.0
     ) -> None:
         self.topic, self.period = topic, period
         self._begin, self._latency = begin, latency
         self._loop: asyncio.AbstractEventLoop | None = None
         self._newest: tuple[float, T] | None = None
         self._failure = ""
+        self.faults = 0
+        """Number of frames that could not be read since the sensor was opened."""
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
         self._origin = inf
@@ -49,7 +56,7 @@ class Frames(Generic[T]):
     async def open(self) -> None:
         """Open the source in its thread, and wait for the first frame."""
         self._loop = asyncio.get_running_loop()
-        self._origin, self._last, self._failure, self._newest = inf, -inf, "", None
+        self._origin, self._last, self._failure, self._newest, self.faults = inf, -inf, "", None, 0
         self._over = threading.Event()
         ready: asyncio.Future[None] = self._loop.create_future()
         self._thread = threading.Thread(target=self._run, args=(ready, self._over), daemon=True, name="frames")
@@ -86,28 +93,42 @@ class Frames(Generic[T]):
             if not loop.is_closed():
                 loop.call_soon_threadsafe(function, *arguments)
 
-        frames: Iterator[T] | None = None
-        try:
-            frames = self._begin(over.wait)
-            for frame in frames:
-                if over.is_set():
-                    break
-                tell(self._take, frame, ready)
-            tell(self._fail, HalError("there are no more pictures"), ready)
-        except Exception as error:
-            told = error if isinstance(error, HalError) else HalError(f"{type(error).__name__}: {error}")
-            tell(self._fail, told, ready)
-        finally:
-            close = getattr(frames, "close", None)
-            if close is not None:
-                close()
+        ladder = Ladder(0.0, greets=False)
+        while not over.is_set():
+            frames: Iterator[T | None] | None = None
+            try:
+                frames = self._begin(over.wait)
+                for frame in frames:
+                    if over.is_set():
+                        return
+                    if frame is None:
+                        tell(self._skip)
+                    else:
+                        ladder.heard(loop.time())
+                        tell(self._take, frame, ready)
+                tell(self._fail, HalError("there are no more pictures"), ready)
+                return
+            except Exception as error:
+                told = error if isinstance(error, HalError) else HalError(f"{type(error).__name__}: {error}")
+                tell(self._fail, told, ready)
+            finally:
+                close = getattr(frames, "close", None)
+                if close is not None:
+                    close()
+            ladder.lost(loop.time())
+            over.wait(ladder.due - loop.time())
 
     def _take(self, frame: T, ready: asyncio.Future[None]) -> None:
-        self._newest = asyncio.get_running_loop().time(), frame
+        self._newest, self._failure = (asyncio.get_running_loop().time(), frame), ""
         if not ready.done():
             ready.set_result(None)
+
+    def _skip(self) -> None:
+        self.faults += 1
 
     def _fail(self, error: HalError, ready: asyncio.Future[None]) -> None:
         self._failure = str(error)
         if not ready.done():
+            # nothing is opened again that did not open at first
+            self._over.set()
             ready.set_exception(error)

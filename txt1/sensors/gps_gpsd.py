@@ -16,7 +16,7 @@ from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
 from txt1.sensors.stream import Codec, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative
 
-WATCH: Final = b'?WATCH={"enable":true,"json":true};\n'
+WATCH: Final = b'?WATCH={"enable":true,"json":true%s};\n'
 UNWATCH: Final = b'?WATCH={"enable":false};\n'
 # standard deviations in gpsd's errors, which are for 95 %
 CONFIDENCE: Final = 1.96
@@ -39,14 +39,23 @@ def seconds_of_day(stamp: str) -> float | None:
 
 
 class GpsdDecoder(Codec[FixReading]):
-    """Decodes gpsd's lines into fixes. `datum` is latitude and longitude in degrees; None: the first fix."""
+    """Decodes gpsd's lines into fixes.
 
-    def __init__(self, datum: tuple[float, float] | None = None, mount: Mount = GPS_MOUNT) -> None:
-        super().__init__(WATCH, UNWATCH)
+    `datum` is latitude and longitude in degrees; None: the first fix. `device` is gpsd's path of the receiver; None: it
+    has one only.
+    """
+
+    def __init__(
+        self, datum: tuple[float, float] | None = None, mount: Mount = GPS_MOUNT, device: str | None = None
+    ) -> None:
+        asked = b"" if device is None else b',"device":' + json.dumps(device).encode()
+        super().__init__(WATCH % asked, UNWATCH)
         self.satellites: int | None = None
         """Number of satellites used for the fix; None until gpsd reports it."""
         self.grid = None if datum is None else UtmGrid(*datum)
-        self._mount = mount
+        self._mount, self._device = mount, device
+        # the receivers that sent fixes
+        self._devices: set[str] = set()
         self._day = Unwrapped(DAY)
         self._errors: tuple[float | None, float | None, float | None] = (None, None, None)
 
@@ -71,6 +80,11 @@ class GpsdDecoder(Codec[FixReading]):
 
     def _take(self, report: Mapping[str, Any]) -> Measured[FixReading] | None:
         """Return the fix of a report; None if the report has none."""
+        if report.get("class") == "ERROR":
+            self.faults += 1
+            self.trouble = f"gpsd says: {report.get('message')}"
+        if not self._is_meant(report):
+            return None
         if report.get("class") == "SKY":
             used = report.get("uSat")
             if not isinstance(used, int) and isinstance(report.get("satellites"), list):
@@ -78,7 +92,11 @@ class GpsdDecoder(Codec[FixReading]):
             self.satellites = used if isinstance(used, int) else None
         if report.get("class") == "GST":
             self._errors = _stamp(report), _number(report, "lon"), _number(report, "lat")
-        if report.get("class") != "TPV" or report.get("mode") not in (2, 3):
+        if report.get("class") != "TPV":
+            return None
+        # without a fix, too: the receiver lives
+        self.idle, self.trouble = True, ""
+        if report.get("mode") not in (2, 3):
             return None
         latitude, longitude = _number(report, "lat"), _number(report, "lon")
         if latitude is None or longitude is None or not (-80.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
@@ -116,6 +134,20 @@ class GpsdDecoder(Codec[FixReading]):
         )
         return Measured(fix, None if seconds is None else self._day(seconds))
 
+    def _is_meant(self, report: Mapping[str, Any]) -> bool:
+        """Return whether a report is of the receiver that is meant, or of none."""
+        device = report.get("device")
+        if not isinstance(device, str) or report.get("class") not in ("TPV", "SKY", "GST"):
+            return True
+        if self._device is not None:
+            return device == self._device
+        if report.get("class") == "TPV":
+            self._devices.add(device)
+        if len(self._devices) > 1:
+            self.idle = True
+            self.trouble = f"gpsd has the receivers {', '.join(sorted(self._devices))}: give options.device one of them"
+        return len(self._devices) < 2
+
     def _estimated(self, seconds: float | None) -> tuple[float | None, float | None]:
         """Return the receiver's own standard deviations east and north, m, from its sentence GST; None: it
         sends none.
@@ -150,6 +182,8 @@ class GpsOptions:
 
     address: Annotated[str, MinLen(1)] = "socket://127.0.0.1:2947"
     """Address of gpsd."""
+    device: str | None = None
+    """gpsd's path of the receiver, such as /dev/ttyACM0; null: gpsd has one only."""
     datum: tuple[float, float] | None = None
     """Latitude and longitude of the origin, degrees; null: the first fix."""
     latency: NotNegative = 0.0
@@ -168,7 +202,7 @@ def create(setup: Setup) -> Streamed[FixReading]:
     # the datum is kept when the connection is lost
     def codec() -> GpsdDecoder:
         nonlocal last
-        grid, last = last.grid, GpsdDecoder(given.datum, given.mount)
+        grid, last = last.grid, GpsdDecoder(given.datum, given.mount, given.device)
         last.grid = last.grid or grid
         return last
 

@@ -1,4 +1,8 @@
-"""Hokuyo laser scanners with SCIP 2.0 (URG-04LX and its successors): the decoder, and the driver."""
+"""Hokuyo laser scanners with SCIP 2.0 (URG-04LX and its successors): the decoder, and the driver.
+
+The URG-04LX starts in SCIP 1.1, on its serial line at 19 200 baud. The command SCIP2.0 ends this mode, and SS sets
+another rate. So a scanner that stays silent at the configured rate is also called at the rates of its first mode.
+"""
 
 from dataclasses import dataclass
 from math import inf, nan, tau
@@ -9,6 +13,7 @@ from annotated_types import Ge, Le, MinLen
 
 from txt1.config.sources import checked
 from txt1.errors import HalError
+from txt1.link.device import DevicePort
 from txt1.sensors.base import Setup
 from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
 from txt1.sensors.stream import Codec, Measured, Streamed, Unwrapped
@@ -20,6 +25,30 @@ BLOCK: Final = 64
 CLOCK: Final = 2.0**24
 # bytes of the longest answer: 1081 ranges take 3500
 ANSWER_MAX: Final = 20000
+# the command that serves a virtual scanner
+SERVER: Final = "txt1 sensor virtual laser"
+# rates of a scanner's first mode, bits a second
+FIRST_RATES: Final = (19200, 38400, 57600)
+# what a status of an answer means, in the words of the protocol's description
+STATUSES: Final = {
+    "01": "starting step has characters that are no digits",
+    "02": "end step has characters that are no digits",
+    "03": "cluster count has characters that are no digits",
+    "04": "end step is out of range",
+    "05": "end step is smaller than the starting step",
+    "06": "scan interval has characters that are no digits",
+    "07": "number of scans has characters that are no digits",
+    "0A": "it cannot make the data, as its memory is short",
+    "0B": "its buffer is short, or the command is repeated",
+    "0C": "the command has too few parameters",
+    "0D": "the command has a wrong parameter",
+    "0E": "it does not know the command",
+    "0F": "it does not know the command",
+    "0G": "the command is too long",
+    "0H": "the command has a wrong parameter",
+    "10": "its laser is off",
+    "98": "it goes on after it has checked itself",
+}
 
 
 def check_character(text: bytes) -> int:
@@ -57,11 +86,12 @@ class ScipDecoder(Codec[Scan]):
     """Decodes the answers of a scanner into scans. It requests the parameters, then scans continuously.
 
     `cluster` steps make a beam. An answer ends with an empty line. A damaged answer is discarded whole.
+    `wake` is the rate in bits a second that the scanner is told to take, before it is called at that rate; 0: none.
     """
 
-    def __init__(self, cluster: int = 1, mount: Mount = LASER_MOUNT) -> None:
-        # stops scans and the laser
-        super().__init__(b"QT\nPP\n", b"QT\n")
+    def __init__(self, cluster: int = 1, mount: Mount = LASER_MOUNT, wake: int = 0) -> None:
+        # QT stops scans and the laser
+        super().__init__(b"SCIP2.0\n" + (b"SS%06d\n" % wake if wake else b"QT\nPP\n"), b"QT\n")
         self.parameters = Parameters()
         """The scanner's parameters, as reported."""
         self._cluster, self._mount = cluster, mount
@@ -77,13 +107,17 @@ class ScipDecoder(Codec[Scan]):
         found = []
         for answer in answers:
             echo, *lines = answer.lstrip(b"\n").split(b"\n")
-            if echo[:2] == b"PP":
+            if echo[:2] == b"PP" and lines[:1] in ([b"E"], [b"0E"]):
+                # this form of status is that of SCIP 1.1
+                self.faults += 1
+                self.trouble = "it speaks SCIP 1.1, and does not obey SCIP2.0"
+            elif echo[:2] == b"PP":
                 self._take_parameters(lines)
             elif self._request and echo[: len(self._request)] == self._request and lines:
                 scan = self._take_scan(lines)
                 if scan is not None:
                     found.append(scan)
-            elif echo[:2] != b"QT":
+            elif echo[:2] not in (b"QT", b"SC", b"SS"):
                 self.faults += 1
         return found
 
@@ -97,7 +131,7 @@ class ScipDecoder(Codec[Scan]):
             elif value.isdigit():
                 self.parameters[name.decode("ascii", "replace")] = int(value)
         if not self.parameters.sound():
-            self._out = b"PP\n"
+            self.trouble = f"its parameters make no sense: {self.parameters or 'there are none'}"
             return
         p = self.parameters
         self._request = f"MD{p['AMIN']:04d}{p['AMAX']:04d}{self._cluster:02d}0".encode()
@@ -119,6 +153,7 @@ class ScipDecoder(Codec[Scan]):
                     f"the laser scanner reports hardware trouble (status {code.decode()}): switch it off and on"
                 )
             self.faults += 1
+            self.trouble = told(code)
             return None
         if not rest or any(len(line) < 2 or check_character(line[:-1]) != line[-1] for line in rest):
             self.faults += 1
@@ -155,6 +190,24 @@ class ScipDecoder(Codec[Scan]):
         return Measured(scan, self._clock(decode(stamp)) / 1000.0, scan.time_step * (beams - 1))
 
 
+def told(code: bytes) -> str:
+    """Return a status of MD in words."""
+    text = code.decode("ascii", "replace")
+    if code.isdigit() and 20 < int(code) < 50:
+        words = "it has stopped, and checks itself"
+    else:
+        words = STATUSES.get(text, "the description has no such status")
+    return f"status {text}: {words}"
+
+
+def rate_for(connections: int, baud: int) -> int:
+    """Return the rate at which a silent scanner is called next, bits a second.
+
+    After as many connections in the present silence. It is the configured rate, and in turns one of the first mode.
+    """
+    return FIRST_RATES[connections // 2 % len(FIRST_RATES)] if connections % 2 else baud
+
+
 @dataclass(frozen=True, slots=True)
 class ScipOptions:
     """The place of the scanner, and its mounting."""
@@ -174,12 +227,10 @@ class ScipOptions:
 def create(setup: Setup) -> Streamed[Scan]:
     """Make the driver ``laser_scip``; options: those of `ScipOptions`."""
     given = checked(ScipOptions, setup.options, f"sensors.{setup.name}.options")
-    return Streamed(
-        scan_topic(setup.name),
-        0.1,
-        given.port,
-        lambda: ScipDecoder(given.cluster, given.mount),
-        given.baud,
-        given.latency,
-        "txt1 sensor virtual laser",
-    )
+    port = DevicePort(given.port, lambda: rate_for(sensor.ladder.connections, given.baud), behind=SERVER)
+
+    def codec() -> ScipDecoder:
+        return ScipDecoder(given.cluster, given.mount, 0 if port.rate in (0, given.baud) else given.baud)
+
+    sensor = Streamed(scan_topic(setup.name), 0.1, port, codec, latency=given.latency)
+    return sensor

@@ -1,22 +1,26 @@
 """A sensor at the end of a byte link: its codec turns bytes into readings, and each gets the time of its
 measurement.
+
+A lost device is opened again, and a silent device is greeted and then opened again (`txt1.link.silence`).
 """
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from math import inf
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Final, Generic, NamedTuple, TypeVar
 
-from txt1.errors import HalError, LinkLost
-from txt1.link.base import Link
-from txt1.link.device import open_link
+from txt1.errors import HalError
+from txt1.link.base import Link, Port
+from txt1.link.device import DevicePort
+from txt1.link.silence import Ladder, Watched
 from txt1.sensors.base import Reading
 from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
-# s from the loss of a device to the next attempt
-RETRY: Final = 1.0
+# periods of silence, and the least number of s, after which a device is greeted again
+SILENT_PERIODS: Final = 20
+SILENT_MIN: Final = 2.0
 # largest share by which a device's clock may be fast
 DRIFT: Final = 1e-4
 # s: a device's clock with a larger error has started again
@@ -37,10 +41,12 @@ class Measured(NamedTuple, Generic[T]):
 
 
 class Codec(Generic[T]):
-    """The host's end of a device's protocol, without I/O. A new one is made for every connection.
+    """The host's end of a device's protocol, without I/O. A new one is made for each greeting.
+
+    An answer that makes no sense is not asked for again: whoever is silent is greeted again after a while.
 
     Args:
-        greeting: bytes sent first.
+        greeting: bytes sent first; empty: the device takes no commands.
         farewell: bytes sent before the link is closed.
 
     """
@@ -48,7 +54,13 @@ class Codec(Generic[T]):
     def __init__(self, greeting: bytes = b"", farewell: bytes = b"") -> None:
         self.faults = 0
         """Number of discarded pieces of the stream."""
+        self.idle = False
+        """Set to True by a device that is well, but has nothing to measure."""
+        self.trouble = ""
+        """Why there are no readings, in the device's own words; empty if it told nothing."""
         self.farewell = farewell
+        self.greets = bool(greeting)
+        """Whether the device takes commands."""
         self._out = greeting
         # bytes of an incomplete piece
         self._rest = b""
@@ -130,16 +142,17 @@ class Unwrapped:
 
 
 class Streamed(Generic[T]):
-    """A sensor with a codec and an address. A lost device is tried again once a second.
+    """A sensor with a codec and an address.
 
     Args:
         topic: topic of its values.
         period: time between two calls of `read`, s.
-        address: serial device or socket://host:port.
-        codec: makes a codec for a new connection.
+        address: serial device or socket://host:port; or the device's port.
+        codec: makes a codec for a new connection, and for each time that the device is greeted again.
         baud: baud rate of a serial device.
         latency: time from measuring to sending, s.
         server: the command that serves a virtual device of this kind.
+        patience: s for which the device may be silent; None: SILENT_PERIODS, and at least SILENT_MIN.
 
     """
 
@@ -149,18 +162,26 @@ class Streamed(Generic[T]):
         self,
         topic: Topic[T],
         period: float,
-        address: str,
+        address: str | Port,
         codec: Callable[[], Codec[T]],
         baud: int = 115200,
         latency: float = 0.0,
         server: str = "txt1 sensor virtual",
+        patience: float | None = None,
     ) -> None:
         self.topic, self.period = topic, period
-        self._address, self._make, self._baud, self._latency, self._server = address, codec, baud, latency, server
+        self._make, self._latency = codec, latency
         self._codec = codec()
+        # faults of earlier codecs
+        self._faults = 0
         self._link: Link | None = None
+        # why the port cannot be opened, or a mistake in the program
         self._failure = ""
-        self._opening: asyncio.Task[None] | None = None
+        self._mistake: Exception | None = None
+        greet = self._greet if self._codec.greets else None
+        patience = max(SILENT_PERIODS * period, SILENT_MIN) if patience is None else patience
+        port = DevicePort(address, baud, behind=server) if isinstance(address, str) else address
+        self._watched = Watched(port, self, patience, greet, self._tell, self._fail)
         self._clock = DeviceClock()
         # s of the loop's clock at the start of the run
         self._origin = inf
@@ -168,20 +189,33 @@ class Streamed(Generic[T]):
         self._last = -inf
 
     @property
+    def port(self) -> Port:
+        """The device's port. A virtual device may take its place before the sensor is opened."""
+        return self._watched.port
+
+    @port.setter
+    def port(self, port: Port) -> None:
+        self._watched.port = port
+
+    @property
+    def ladder(self) -> Ladder:
+        """The steps taken against the present silence."""
+        return self._watched.ladder
+
+    @property
     def faults(self) -> int:
-        """Number of pieces of the stream that the codec has discarded since the device was opened."""
-        return self._codec.faults
+        """Number of pieces of the stream that were discarded since the sensor was opened."""
+        return self._faults + self._codec.faults
 
     async def open(self) -> None:
         """Open the link, and let the device begin."""
-        self._origin, self._last, self._failure, self._newest = inf, -inf, "", None
-        await self._connect()
+        self._origin, self._last, self._failure, self._mistake, self._newest = inf, -inf, "", None, None
+        self._faults, self._codec = 0, self._make()
+        await self._watched.open()
 
     async def close(self) -> None:
         """Let the device stop, and close the link."""
-        if self._opening is not None:
-            self._opening.cancel()
-            self._opening = None
+        self._watched.close()
         link, self._link = self._link, None
         if link is not None and link.up:
             if self._codec.farewell:
@@ -189,14 +223,18 @@ class Streamed(Generic[T]):
                 # closing discards unsent bytes
                 await asyncio.sleep(0.05)
             link.close()
+        await self.port.close()
 
     def read(self, now: float) -> Reading[T] | None:
-        """Return the newest reading that has arrived; raises HalError while the device is lost."""
+        """Return the newest reading that has arrived; raises HalError while the device is lost, silent or in
+        trouble.
+        """
         self._origin = min(self._origin, asyncio.get_running_loop().time() - now)
-        if self._failure:
-            raise HalError(self._failure)
+        if self._mistake is not None:
+            raise self._mistake
         newest, self._newest = self._newest, None
         if newest is None:
+            self._raise_why()
             return None
         time = max(self._last, min(newest[0] - self._origin - self._latency, now))
         # the reading is from before the run
@@ -209,8 +247,8 @@ class Streamed(Generic[T]):
 
     def connected(self, link: Link) -> None:
         """Greet the device."""
-        self._link, self._codec, self._clock, self._failure = link, self._make(), DeviceClock(), ""
-        self._send()
+        self._link, self._failure = link, ""
+        self._greet()
 
     def received(self, data: bytes) -> None:
         """Take bytes."""
@@ -218,41 +256,45 @@ class Streamed(Generic[T]):
         try:
             measured = self._codec.feed(data)
         except HalError as error:
-            if self._link is not None:
-                self._link.close()
-            self.lost(f"{self._address}: {error}")
+            self._watched.give_up(f"{self.port.address}: {error}")
             return
+        if measured or self._codec.idle:
+            self._watched.heard()
+            self._codec.idle = False
         for value, time, age in measured:
             self._newest = self._clock.time(time, arrived) - age, value
+            self._codec.trouble = ""
         self._send()
 
     def lost(self, reason: str) -> None:
-        """Try the device again, until the sensor is closed."""
-        self._failure = reason
-        self._link = None
-        self._opening = _started(self._reconnect())
+        """Note why there are no readings; what was buffered is from before."""
+        self._failure, self._link, self._newest = reason, None, None
 
     # -- inside ------------------------------------------------------------------------------------------------
+
+    def _greet(self) -> None:
+        """Begin anew with the device, which may have restarted: half an answer and its clock are worth nothing."""
+        self._faults += self._codec.faults
+        self._codec, self._clock, self._newest = self._make(), DeviceClock(), None
+        self._send()
+
+    def _raise_why(self) -> None:
+        """Raise HalError if it is known why there is no reading."""
+        if self._failure:
+            raise HalError(self._failure)
+        ladder, trouble = self.ladder, self._codec.trouble
+        if trouble:
+            raise HalError(f"{self.port.address}: {trouble}")
+        if ladder.silent:
+            raise HalError(f"{self.port.address} is silent: {ladder}")
+
+    def _tell(self, reason: str) -> None:
+        self._failure = reason
+
+    def _fail(self, error: Exception) -> None:
+        self._mistake = error
 
     def _send(self) -> None:
         data = self._codec.to_send()
         if data and self._link is not None and self._link.up:
             self._link.write(data)
-
-    async def _connect(self) -> None:
-        try:
-            await open_link(self._address, self, self._baud, behind=self._server)
-        except LinkLost as error:
-            raise HalError(str(error)) from None
-
-    async def _reconnect(self) -> None:
-        while self._link is None:
-            await asyncio.sleep(RETRY)
-            try:
-                await self._connect()
-            except HalError as error:
-                self._failure = str(error)
-
-
-def _started(work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-    return asyncio.get_running_loop().create_task(work)

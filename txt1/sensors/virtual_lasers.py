@@ -37,9 +37,10 @@ def listing(values: dict[str, str]) -> bytes:
 
 
 class VirtualScip(VirtualSensor):
-    """The scanner's end of the line."""
+    """The scanner's end of the line. `old`: as a URG-04LX it starts in SCIP 1.1, and waits for SCIP2.0."""
 
-    def __init__(self) -> None:
+    def __init__(self, old: bool = False) -> None:
+        self._old = old
         # present request for scans, without the number of scans left
         self._echo: bytes | None = None
         # scans still to be sent; 0: continuously
@@ -69,6 +70,10 @@ class VirtualScip(VirtualSensor):
 
     def _obey(self, command: bytes) -> None:
         name = command[:2]
+        if self._old:
+            self._old = command != b"SCIP2.0"
+            self.send(command + (b"\nE\n\n" if self._old else b"\n0\n\n"))
+            return
         if name in (b"MD", b"MS", b"GD", b"GS"):
             numbers = command[2:15] if name[:1] == b"M" else command[2:12]
             wanted = len(numbers) == (13 if name[:1] == b"M" else 10) and numbers.isdigit()

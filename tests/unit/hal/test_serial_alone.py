@@ -97,7 +97,7 @@ def test_a_wrapper_stands_between_the_line_and_the_hal(make: Callable[..., Desk]
         return end
 
     desk = make(wrap=wrap)
-    assert ends == [desk.hal.line]
+    assert ends == [desk.hal.line.watched]
 
 
 # -- set-points --------------------------------------------------------------------------------------------------------
@@ -316,7 +316,7 @@ def test_loops_at_the_hosts_end_need_no_silence(make: Callable[..., Desk]) -> No
 def test_the_esc_comes_on_only_after_a_silence_that_no_line_has_broken(desk: Desk) -> None:
     desk.do(lambda: desk.hal.switch(Switch.ESC, True, desk.now))
     desk.trouble = HalError("no")
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     desk.runs(4.0)
     assert desk.link.text == "no"
     desk.trouble = None

@@ -165,7 +165,7 @@ def test_a_mistake_in_the_program_reaches_who_reads(desk: Desk) -> None:
 
 def test_a_line_that_is_cut_is_opened_again_with_longer_and_longer_pauses(desk: Desk) -> None:
     desk.trouble = HalError("unplugged")
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     assert desk.link[:4] == (False, 1, "link lost: cut", "link lost: cut")
     assert not desk.link.connected
     assert desk.link.faults["reconnects"] == 0
@@ -183,7 +183,7 @@ def test_a_line_that_is_cut_is_opened_again_with_longer_and_longer_pauses(desk: 
     assert desk.link.ready
     desk.trouble = HalError("unplugged")
     again = desk.now
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     desk.runs(0.2)
     assert desk.opened[-1] == pytest.approx(again + 0.1), "a board that answered is called soon"
 
@@ -192,7 +192,7 @@ def test_a_line_that_comes_and_goes_without_a_word_is_called_less_and_less_often
     desk = make()
     desk.says = None
     for _ in range(5):
-        desk.do(lambda: desk.hal.line.lost("hung up"))
+        desk.do(lambda: desk.hal.line.watched.lost("hung up"))
         desk.runs(0.95)
     steps = [round(at - k * 0.95, 6) for k, at in enumerate(desk.opened[1:])]
     assert steps == [0.1, 0.2, 0.4, 0.8, 0.9]
@@ -201,8 +201,8 @@ def test_a_line_that_comes_and_goes_without_a_word_is_called_less_and_less_often
 
 
 def test_a_line_that_is_lost_twice_is_opened_once(desk: Desk) -> None:
-    desk.do(lambda: desk.hal.line.lost("cut"))
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     desk.runs(1.0)
     assert len(desk.opened) == 2
     assert desk.link.losses == 1
@@ -214,7 +214,7 @@ def test_a_fresh_line_is_told_at_once_all_that_holds(desk: Desk) -> None:
     held = Outputs(pwm4=1)
     desk.runs(0.5, held)
     desk.do(lambda: desk.hal.line.received(encode(STANDING)[:10]))  # a half frame is the old line's
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     desk.says = None
     desk.runs(0.12, held)
     fresh = {type(message) for time, message in desk.sent if time >= 2.5}
@@ -239,7 +239,7 @@ def test_a_board_that_is_found_again_is_told_at_once_all_that_holds(desk: Desk) 
 
 def test_another_error_than_the_port_s_own_ends_the_run(desk: Desk) -> None:
     desk.trouble = ZeroDivisionError("oops")
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     with pytest.raises(HalError, match="the link to desk failed: ZeroDivisionError"):
         desk.runs(0.5)
 
@@ -252,7 +252,7 @@ def test_a_write_on_a_lost_line_sends_nothing(desk: Desk) -> None:
     desk.runs(0.1, DRIVE)
     assert not desk.link.connected
     assert desk.link.faults["line_overflows"] == 3
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     desk.runs(1.0)
     assert desk.link.connected
     assert desk.hal.line.link is not None
@@ -269,7 +269,7 @@ def test_the_board_is_left_with_three_stops_and_its_servos_where_they_are(desk: 
     assert desk.link[1:4] == (1, "closed", "closed")
     desk.do(desk.hal.close())
     assert (desk.ports_closed, len(desk.heard(Velocity, since=2.5))) == (1, 3), "and once"
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     desk.do(asyncio.sleep(3.0))
     assert len(desk.opened) == 1
 
@@ -285,7 +285,7 @@ INSIDE = b"\xfa\xfb\x14\x68" + encode(BatteryLevels(12.0, 11.0))  # whole, in wh
 
 def test_of_a_line_that_is_gone_nothing_is_heard_any_more(desk: Desk) -> None:
     desk.do(lambda: desk.hal.line.received(INSIDE))
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     desk.says = None
     assert desk.runs(0.5).inputs.batteries is None
     desk.loop.call_later(0.14, desk.hal.line.received, INSIDE)  # between the last stop and the end
@@ -302,7 +302,7 @@ def test_closed_before_it_was_opened_there_is_nothing_to_do() -> None:
 
 def test_closed_it_looks_for_the_line_no_more(desk: Desk) -> None:
     desk.trouble = HalError("unplugged")
-    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.watched.lost("cut"))
     desk.runs(0.5)
     tries = len(desk.opened)
     desk.do(desk.hal.close())

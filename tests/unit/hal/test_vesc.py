@@ -91,7 +91,8 @@ REST = bytes.fromhex("00000000 01 00fa 00fa 00fa 00000000 00000000")
 def test_golden_values() -> None:
     told = vesc.Values(25.0, 27.5, 10.0, 5.0, 0.123, -10000, 12.6, -100, 200, 2, None)
     assert vesc.values_of(VALUES + REST) == told  # firmware 5
-    assert vesc.values_of(VALUES + REST + b"\x01") == told._replace(timed_out=True)  # firmware 6
+    assert vesc.values_of(VALUES + REST + b"\x01") == told._replace(timed_out=True, killed=False)  # firmware 6
+    assert vesc.values_of(VALUES + REST + b"\x02") == told._replace(timed_out=False, killed=True)
     assert vesc.values_of(VALUES[:-1]) is None
 
 
@@ -800,7 +801,7 @@ def test_a_controller_with_a_fault_is_lost_until_the_fault_is_gone(before: bool,
 def test_every_fault_of_the_firmware_is_told_in_words() -> None:
     async def look(hal: VescHal, script: Script) -> None:
         told = []
-        for code in range(1, 28):
+        for code in range(1, 34):
             await script.values(fault=code)
             link = hal.read(0.0).link
             assert link is not None

@@ -133,6 +133,10 @@ def test_a_tcp_peer_that_vanishes_is_noticed_after_three_seconds() -> None:
             sock = link.transport.get_extra_info("socket")  # type: ignore[attr-defined]
             assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
             assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 3000
+            # also if this side only listens
+            assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+            for name, value in tcp.KEEP_ALIVE.items():
+                assert sock.getsockopt(socket.IPPROTO_TCP, getattr(socket, name)) == value
             link.close()
 
     run_quietly(main())

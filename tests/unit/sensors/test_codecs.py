@@ -94,7 +94,7 @@ def test_the_numbers_of_a_scan() -> None:
     assert laser_scip.decode(b"1Dh") == 5432
     assert laser_scip.encode(5432, 3) == b"1Dh"
     decoder = laser_scip.ScipDecoder()
-    assert decoder.to_send() == b"QT\nPP\n"
+    assert decoder.to_send() == b"SCIP2.0\nQT\nPP\n"
     assert decoder.feed(PARAMETERS) == []
     assert decoder.to_send() == b"MD0000000201000\n"
     ((scan, time, age),) = decoder.feed(b"MD0000000201000\n00P\n\n" + SCAN)
@@ -119,6 +119,42 @@ def test_a_scanner_in_trouble_is_told() -> None:
     decoder.feed(PARAMETERS)
     with pytest.raises(HalError, match="hardware trouble"):
         decoder.feed(b"MD0000000201000\n50U\n\n")
+
+
+@pytest.mark.parametrize("answer", [b"PP\nE\n\n", b"PP\n0E\n\n", b"PP\n00P\nDMIN:20;4\n\n", b"PP\n\n"])
+def test_parameters_that_make_no_sense_are_not_asked_for_again_but_told(answer: bytes) -> None:
+    decoder = laser_scip.ScipDecoder()
+    decoder.to_send()
+    assert decoder.feed(answer) == []
+    assert decoder.to_send() == b""
+    assert "SCIP 1.1" in decoder.trouble if b"E\n" in answer else "make no sense" in decoder.trouble
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (b"02R", "status 02: end step has characters that are no digits"),
+        (b"04T", "status 04: end step is out of range"),
+        (b"07W", "status 07: number of scans"),
+        (b"0Aa", "status 0A: it cannot make the data"),
+        (b"10Q", "status 10: its laser is off"),
+        (b"21S", "status 21: it has stopped, and checks itself"),
+        (b"98a", "status 98: it goes on"),
+    ],
+)
+def test_a_scanner_that_does_not_scan_is_told_in_its_own_words(status: bytes, words: str) -> None:
+    decoder = laser_scip.ScipDecoder()
+    decoder.feed(PARAMETERS)
+    decoder.to_send()
+    assert decoder.feed(b"MD0000000201000\n" + status + b"\n\n") == []
+    assert words in decoder.trouble
+    assert decoder.to_send() == b""
+
+
+def test_a_silent_scanner_is_called_at_the_rates_of_its_first_mode_in_turns() -> None:
+    rates = [laser_scip.rate_for(connections, 115200) for connections in range(8)]
+    assert rates == [115200, 19200, 115200, 38400, 115200, 57600, 115200, 19200]
+    assert laser_scip.ScipDecoder(wake=115200).to_send() == b"SCIP2.0\nSS115200\n"
 
 
 # -- LD19 --------------------------------------------------------------------------------------------------------
@@ -172,6 +208,32 @@ def test_a_pose_of_a_named_subject() -> None:
     assert (pose.x, pose.y, pose.z, pose.theta) == (1.0, 0.002, 0.0, 0.0)
     assert time == 1.5
     assert mocap_vrpn.VrpnDecoder("txt02").feed(COOKIE + NAMES + POSE) == []
+
+
+def turned(sensor: int, position: tuple[float, float, float], quaternion: tuple[float, ...]) -> bytes:
+    """A pose of a sensor of txt01, mm."""
+    body = vrpn_protocol.POSE.pack(sensor, 0, *position, *quaternion)
+    return vrpn_protocol.pack(vrpn_protocol.VrpnMessage(1.5, 3, 2, body))
+
+
+def test_a_server_whose_y_points_up_tells_the_same_heading() -> None:
+    decoder = mocap_vrpn.VrpnDecoder("txt01", axes="y-up")
+    half = 0.25
+    # 0.5 rad to the left, about the server's y; 1 m ahead is its x, 2 m to the left its -z
+    told = turned(0, (1000.0, 300.0, -2000.0), (0.0, np.sin(half), 0.0, np.cos(half)))
+    ((pose, _, _),) = decoder.feed(COOKIE + NAMES + told)
+    assert (pose.x, pose.y, pose.z, pose.theta) == pytest.approx((1.0, 2.0, 0.3, 0.5))
+
+
+def test_of_several_bodies_of_a_subject_the_meant_one_is_tracked_or_asked_for() -> None:
+    ahead, left = (turned(k, (1000.0 * (k + 1), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) for k in (0, 1))
+    ((pose, _, _),) = mocap_vrpn.VrpnDecoder("txt01", sensor=1).feed(COOKIE + NAMES + ahead + left)
+    assert pose.x == 2.0
+    decoder = mocap_vrpn.VrpnDecoder("txt01")
+    assert len(decoder.feed(COOKIE + NAMES + ahead)) == 1
+    assert decoder.feed(left + ahead + left) == []
+    assert decoder.trouble == "subject 'txt01' has the sensors 0, 1: give options.sensor one of these numbers"
+    assert decoder.idle, "the connection is not made again"
 
 
 def test_a_server_of_something_else_is_told() -> None:
@@ -241,6 +303,30 @@ def test_grid_north_turns_away_from_the_middle_meridian() -> None:
     ((fix, _, _),) = decoder.feed(line)
     east = decoder.grid.place(35.001, -103.0)  # type: ignore[union-attr]
     assert fix.theta == pytest.approx(np.arctan2(east[1], east[0]), abs=1e-4)
+
+
+TWO = b"".join(
+    b'{"class":"TPV","device":"/dev/ttyACM%d","mode":3,"lat":%d.0,"lon":-105.0}\n' % (k, 35 + k) for k in (0, 1)
+)
+
+
+def test_of_several_receivers_of_gpsd_the_meant_one_is_read_or_asked_for() -> None:
+    pytest.importorskip("utm")
+    one = gps_gpsd.GpsdDecoder((35.0, -105.0), device="/dev/ttyACM1")
+    assert one.to_send() == b'?WATCH={"enable":true,"json":true,"device":"/dev/ttyACM1"};\n'
+    assert [fix.latitude for fix, _, _ in one.feed(TWO * 2)] == [36.0, 36.0]
+    any_of_them = gps_gpsd.GpsdDecoder((35.0, -105.0))
+    assert len(any_of_them.feed(TWO * 3)) == 1, "the first, before the other was heard"
+    assert any_of_them.trouble == "gpsd has the receivers /dev/ttyACM0, /dev/ttyACM1: give options.device one of them"
+
+
+def test_what_gpsd_complains_of_is_told_and_a_receiver_without_a_fix_is_alive() -> None:
+    pytest.importorskip("utm")
+    decoder = gps_gpsd.GpsdDecoder((35.0, -105.0))
+    assert decoder.feed(b'{"class":"ERROR","message":"Unrecognized request"}\n') == []
+    assert (decoder.trouble, decoder.idle) == ("gpsd says: Unrecognized request", False)
+    assert decoder.feed(b'{"class":"TPV","mode":1}\n') == []
+    assert (decoder.trouble, decoder.idle) == ("", True)
 
 
 @pytest.mark.parametrize("mode", [0, 1, None, "3"])

@@ -56,7 +56,8 @@ FAULTS: Final = {
     14: "flash memory", 15: "current sensor 1", 16: "current sensor 2", 17: "current sensor 3",
     18: "unbalanced currents", 19: "brake", 20: "resolver", 21: "resolver", 22: "resolver",
     23: "settings of the app lost", 24: "settings of the motor lost", 25: "encoder without magnet",
-    26: "encoder's magnet too strong", 27: "phase filter",
+    26: "encoder's magnet too strong", 27: "phase filter", 28: "encoder", 29: "output of low voltage",
+    30: "encoder slips", 31: "too fast", 32: "too slow", 33: "too fast in either direction",
 }  # fmt: skip
 """Fault codes of the firmware, in words."""
 
@@ -163,10 +164,13 @@ class Values(NamedTuple):
     fault: int
     # whether it has stopped for lack of commands; None: older firmware does not report it
     timed_out: bool | None
+    # whether its kill switch is on; None likewise
+    killed: bool | None = None
 
 
 _VALUES: Final = Struct(">hhiiiihihiiiiiiB")
-# bytes after the command; newer firmware has more, and reports a time-out in the first bit
+# bytes after the command; newer firmware has more, and reports a time-out in the first bit, the kill switch in the
+# second
 _STATUS_AT: Final = 73
 
 
@@ -176,7 +180,7 @@ def values_of(payload: bytes) -> Values | None:
     if len(body) < _VALUES.size:
         return None
     hot, motor, amps, amps_in, _, _, duty, erpm, volts, *_, tachometer, distance, fault = _VALUES.unpack_from(body)
-    timed_out = bool(body[_STATUS_AT - 1] & 1) if len(body) >= _STATUS_AT else None
+    status = body[_STATUS_AT - 1] if len(body) >= _STATUS_AT else None
     return Values(
         hot / 10.0,
         motor / 10.0,
@@ -188,8 +192,16 @@ def values_of(payload: bytes) -> Values | None:
         tachometer,
         distance,
         fault,
-        timed_out,
+        None if status is None else bool(status & 1),
+        None if status is None else bool(status & 2),
     )
+
+
+def trouble_of(values: Values) -> str:
+    """Return why the controller does not obey, in words; empty if it does."""
+    if values.fault:
+        return f"the VESC reports a fault: {FAULTS.get(values.fault, f'code {values.fault}')}"
+    return "the VESC's kill switch is on" if values.killed else ""
 
 
 def timeout_of(payload: bytes) -> float | None:
@@ -232,7 +244,7 @@ class VescHal(PlainHal):
         self, port: Port, options: VescOptions, geometry: Geometry, wrap: Callable[[End], End], simulated: bool = False
     ) -> None:
         self.capabilities = Capabilities(odometry=True, battery=True, halt=True, simulated=simulated)
-        self._line = Line(port, wrap, "answers of the VESC", self._greet, self._take, hal=self.name)
+        self.line = Line(port, wrap, "answers of the VESC", self._greet, self._take, hal=self.name)
         self.own_channels = options
         """Its settings, with the directions of motor and servo."""
         self._options, self._geometry = options, geometry
@@ -260,25 +272,25 @@ class VescHal(PlainHal):
     async def open(self) -> None:
         """Open the port."""
         self._forget()
-        await self._line.open()
+        await self.line.open()
 
     async def close(self) -> None:
         """Brake, release the motor, and close the port."""
-        await self._line.close(self._at_rest() + self._steered())
+        await self.line.close(self._at_rest() + self._steered())
 
     def _greet(self) -> None:
         """Discard everything from an earlier line but the car's pose."""
         self._skipped += self._unpacker.faults
         self._unpacker = Unpacker()
         self._values = self._firmware = self._timeout = None
-        self._asked = self._line.time() - ASK_AGAIN
+        self._asked = self.line.time() - ASK_AGAIN
 
     def read(self, now: float) -> Inputs:
         """Return odometry from the tachometer and the commanded steering, and the battery's voltage."""
-        link = self._line.report(now, {"line_damaged": self._skipped + self._unpacker.faults})
+        link = self.line.report(now, {"line_damaged": self._skipped + self._unpacker.faults})
         if self._odometry is None or self._values is None:
-            return Inputs(odometry=self._odometry, odometry_time=self._line.run_time(self._taken), link=link)
-        time = self._line.run_time(self._taken)
+            return Inputs(odometry=self._odometry, odometry_time=self.line.run_time(self._taken), link=link)
+        time = self.line.run_time(self._taken)
         return Inputs(
             odometry=self._odometry,
             odometry_time=time,
@@ -289,8 +301,8 @@ class VescHal(PlainHal):
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Send speed and steering, and request the values; this also tells the controller that the host lives."""
-        time = self._line.time()
-        v = outputs.v if self._line.ready else 0.0
+        time = self.line.time()
+        v = outputs.v if self.line.ready else 0.0
         if v:
             self._halted, self._driven = False, True
             self._share = self._geometry.steering_share(outputs.omega / v)
@@ -302,12 +314,12 @@ class VescHal(PlainHal):
         if time >= self._asked + ASK_AGAIN - 1e-9 and (self._firmware is None or self._timeout is None):
             self._asked = time
             questions += ask(PacketId.FW_VERSION) + ask(PacketId.GET_APPCONF)
-        self._line.send(drive + self._steered() + questions)
+        self.line.send(drive + self._steered() + questions)
 
     def halt(self, outputs: Outputs, now: float) -> None:
         """Brake with full motor current, until a speed is commanded."""
         self._halted = True
-        self._line.send(self._at_rest())
+        self.line.send(self._at_rest())
 
     def _at_rest(self) -> bytes:
         if self._halted:
@@ -343,10 +355,10 @@ class VescHal(PlainHal):
             self._tell()
         elif self._firmware is None and not self._driven:
             remedy = "update it with VESC Tool: 5 and 6 are spoken here"
-            self._line.fail(HalError(f"the VESC has firmware {major}.{minor:02d}: {remedy}"))
+            self.line.fail(HalError(f"the VESC has firmware {major}.{minor:02d}: {remedy}"))
         else:
             # a car that drove is not let go of for a single answer
-            self._line.tell(f"an answer about firmware {major}.{minor:02d} was ignored: 5 and 6 are spoken here")
+            self.line.tell(f"an answer about firmware {major}.{minor:02d} was ignored: 5 and 6 are spoken here")
 
     def _tell(self) -> None:
         if self._firmware is None:
@@ -356,22 +368,25 @@ class VescHal(PlainHal):
         if self._timeout is not None:
             text += f", stops by itself after {self._timeout:g} s" if self._timeout else ", never stops by itself"
             text += "" if 0.0 < self._timeout <= TIMEOUT_MAX else f": {advice}"
-        self._line.tell(text)
+        self.line.tell(text)
 
     def _take_values(self, values: Values) -> None:
         before, self._values = self._values, values
-        self._taken = self._line.time()
-        if values.fault and (before is None or before.fault != values.fault):
-            self._line.down(f"the VESC reports a fault: {FAULTS.get(values.fault, f'code {values.fault}')}")
+        self._taken = self.line.time()
+        # it answers, also while it is in a fault
+        self.line.watched.heard()
+        trouble = trouble_of(values)
+        if trouble and (before is None or trouble_of(before) != trouble):
+            self.line.down(trouble)
         v = values.erpm / self._erpm_per_speed
         distance = 0.0
         if before is not None:
             distance = self._count_length * wrapped(values.tachometer - before.tachometer)
             if wrapped(values.distance - before.distance) < 0 or abs(distance) > RESTARTED:
                 distance = 0.0
-                self._line.down("the VESC restarted: its tachometer started again at 0")
-        if not values.fault:
-            self._line.heard()
+                self.line.down("the VESC restarted: its tachometer started again at 0")
+        if not trouble:
+            self.line.heard()
         old = self._odometry or Odometry()
         self._odometry = rolled(old, distance, self._geometry.curvature(self._share), v)
 

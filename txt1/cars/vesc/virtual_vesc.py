@@ -28,13 +28,16 @@ _VALUES: Final = Struct(">BhhiiiihihiiiiiiBiBhhhii")
 
 
 class Vesc(Controller):
-    """The controller's end of the line. `firmware` is (major, minor); `fault` is a code and may be set."""
+    """The controller's end of the line. `firmware` is (major, minor).
+
+    `fault` is a code and may be set, and so may `killed`, its kill switch.
+    """
 
     def __init__(self, config: Config, firmware: tuple[int, int] = (6, 5), timeout: float = VESC_TIMEOUT) -> None:
         options = checked(VescOptions, config.hal_options if config.hal == "vesc" else {}, "hal_options")
         super().__init__(config)
         self.line = far_end(self, config)
-        self.firmware, self.timeout, self.fault = firmware, timeout, 0
+        self.firmware, self.timeout, self.fault, self.killed = firmware, timeout, 0, False
         self._options = options
         sign = -1.0 if options.backwards else 1.0
         turns = options.pole_pairs * options.gear / config.geometry.circumference
@@ -62,7 +65,7 @@ class Vesc(Controller):
         path = 0.5 * sum(self.car.paths)
         self._distance += abs(path - self._last)
         self._last = path
-        value = 0.0 if self.timed_out or self.fault else self._value
+        value = 0.0 if self.timed_out or self.fault or self.killed else self._value
         motor = 0.0
         sign = 1.0 if self._erpm_per_speed > 0.0 else -1.0
         match self._command:
@@ -138,7 +141,7 @@ class Vesc(Controller):
             0,
             0,
         )
-        return values + (bytes((self.timed_out,)) if self.firmware >= (6, 0) else b"")
+        return values + (bytes((self.timed_out | self.killed << 1,)) if self.firmware >= (6, 0) else b"")
 
 
 def port(config: Config) -> ControllerPort[Vesc]:

@@ -202,7 +202,7 @@ class WaveshareHal(PlainHal):
         self.capabilities = Capabilities(
             odometry=closed, pwm=not closed, battery=True, halt=closed, simulated=simulated
         )
-        self._line = Line(port, wrap, "reports of the rover's board", self._greet, self._take, hal=self.name)
+        self.line = Line(port, wrap, "reports of the rover's board", self._greet, self._take, hal=self.name)
         self._options, self._geometry = options, geometry
         self._lines = Lines()
         # faults of earlier streams
@@ -226,24 +226,24 @@ class WaveshareHal(PlainHal):
     async def open(self) -> None:
         """Open the port."""
         self._forget()
-        await self._line.open()
+        await self.line.open()
 
     async def close(self) -> None:
         """Stop the rover, and close the port."""
-        await self._line.close(self._drive(Outputs()))
+        await self.line.close(self._drive(Outputs()))
 
     def _greet(self) -> None:
         self._skipped += self._lines.faults
         self._lines = Lines()
         self._report = self._doubted = None
-        self._set = self._line.time() - SETTINGS_EVERY
+        self._set = self.line.time() - SETTINGS_EVERY
         # ends an unfinished line of an earlier host
-        self._line.send(b"\n")
+        self.line.send(b"\n")
 
     def read(self, now: float) -> Inputs:
         """Return odometry from the sides' paths and the gyroscope, and the battery's voltage."""
-        link = self._line.report(now, {"line_damaged": self._skipped + self._lines.faults, "doubted": self._doubts})
-        time = self._line.run_time(self._taken)
+        link = self.line.report(now, {"line_damaged": self._skipped + self._lines.faults, "doubted": self._doubts})
+        time = self.line.run_time(self._taken)
         return Inputs(
             odometry=self._odometry if self._options.encoders else None,
             odometry_time=time,
@@ -254,19 +254,19 @@ class WaveshareHal(PlainHal):
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Send the sides' speeds every time, as the heartbeat, and the settings once a second."""
-        data = self._drive(outputs if self._line.ready else Outputs())
-        time = self._line.time()
+        data = self._drive(outputs if self.line.ready else Outputs())
+        time = self.line.time()
         if time >= self._set + SETTINGS_EVERY - 1e-9:
             self._set = time
             heartbeat = round(1000.0 * self._options.heartbeat)
             for command, value in ((ECHO, 0), (FEEDBACK, 1), (INTERVAL, EVERY), (HEARTBEAT, heartbeat)):
                 data += line(command, cmd=value)
-        self._line.send(data)
+        self.line.send(data)
 
     def halt(self, outputs: Outputs, now: float) -> None:
         """Take the motors' PWM away, past the speed loops, until a speed is commanded."""
         self._halted = True
-        self._line.send(self._drive(Outputs()))
+        self.line.send(self._drive(Outputs()))
 
     def _drive(self, outputs: Outputs) -> bytes:
         if not self._options.encoders:
@@ -289,7 +289,7 @@ class WaveshareHal(PlainHal):
                 self._take_report(report)
 
     def _take_report(self, report: BoardReport) -> None:
-        time = self._line.time()
+        time = self.line.time()
         since = time - self._taken
         if self._report is not None and not goes_on(self._report, report, since, self._options.gyro):
             first = self._doubted is None or not goes_on(self._doubted, report, since, self._options.gyro)
@@ -301,10 +301,10 @@ class WaveshareHal(PlainHal):
         self._doubted = None
         before, self._report = self._report, report
         dt, self._taken = min(since, GAP), time
-        self._line.heard()
+        self.line.heard()
         if before is None:
             dt = 0.0
-            self._line.tell(f"the rover's board answers; it stops by itself after {self._options.heartbeat:g} s")
+            self.line.tell(f"the rover's board answers; it stops by itself after {self._options.heartbeat:g} s")
         if report.voltage is not None:
             self._batteries = max(0.0, report.voltage), 0.0
         left, right = report.left or 0.0, report.right or 0.0
@@ -315,7 +315,7 @@ class WaveshareHal(PlainHal):
             paths = now[0] - then[0], now[1] - then[1]  # type: ignore[operator]
             if before is not None and (not rolls_on(before, report, since) or began_anew(before, report, since)):
                 paths = 0.0, 0.0
-                self._line.down("the rover's board restarted: its paths started again at 0")
+                self.line.down("the rover's board restarted: its paths started again at 0")
         elif None not in now:
             paths = 0.0, 0.0
         v, omega = 0.5 * (left + right), (right - left) / self._geometry.track_width
