@@ -87,7 +87,8 @@ async def device_without_host(hal: str, folder: Path, later: float = 0.0) -> flo
     listener = listen_pty(str(path), device.line)
     await device.power_up()
     try:
-        async with host("--hal", hal, "--vehicle", vehicle, "--port", str(path)) as process:
+        model = ("--set", "hal_options.model=ugv-rover") if hal == "waveshare" else ()
+        async with host("--hal", hal, "--vehicle", vehicle, "--port", str(path), *model) as process:
             await until(lambda: device.drives and device.car.vehicle.state.v > 0.9 * SPEED, STARTS)
             await asyncio.sleep(later)
             process.kill()

@@ -112,7 +112,8 @@ def test_no_value_of_a_field_is_taken_for_a_number_that_is_none(value: Any) -> N
 
 
 def config(*words: str) -> Config:
-    settings = ["vehicle=rover", "serial.port=waveshare", "sim.room.length=.inf", "sim.room.width=.inf", *words]
+    settings = ["vehicle=rover", "serial.port=waveshare", "hal_options.model=ugv-rover"]
+    settings += ["sim.room.length=.inf", "sim.room.width=.inf", *words]
     return load(None, settings, {}, {"hal": "waveshare"}).config
 
 
@@ -300,7 +301,7 @@ def test_a_cut_line_disarms_and_is_found_again() -> None:
 
 def test_a_car_that_steers_is_refused() -> None:
     with pytest.raises(ConfigError, match="choose skid"):
-        create(load(None, ["serial.port=waveshare"], {}, {"hal": "waveshare"}).config)
+        create(load(None, ["serial.port=waveshare", "hal_options.model=ugv-rover"], {}, {"hal": "waveshare"}).config)
 
 
 # -- what goes over the line, and what is made of what comes -----------------------------------------------------------
@@ -601,7 +602,7 @@ def test_the_settings_are_those_of_a_rover_with_encoders_unless_others_are_given
         assert {"T": 136, "cmd": 500} in await script.sent()
 
     scripted(look)
-    assert WaveshareOptions() == WaveshareOptions(115200, True, 0.5, 0.001064)
+    assert WaveshareOptions() == WaveshareOptions(115200, None, None, "auto", 0.5, 0.001064)
     told = WaveshareHal(Kept(), WaveshareOptions(encoders=False), config().geometry, lambda end: end).capabilities
     assert (told.odometry, told.pwm, told.battery, told.halt) == (False, True, True, False)
 
@@ -773,5 +774,110 @@ def test_a_restart_loses_the_board_and_the_rover_stays_where_it_was() -> None:
         assert (told.odometry.x, told.link.ready, told.link.losses) == (before.odometry.x, False, 1)
         hal.write(Outputs(v=0.5), 1.1)
         assert (await script.sent())[0] == RESTS
+
+    scripted(look)
+
+
+# -- which rover it is, and how its board is mounted -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("model", "encoders"),
+    [
+        ("ugv-rover", True),
+        ("ugv-beast", True),
+        ("rasp-rover", True),
+        ("ugv01", True),
+        ("wave-rover", False),
+        ("ugv02", False),
+    ],
+)
+def test_speeds_of_a_rover_without_encoders_are_pwm_counts_and_no_odometry(model: str, encoders: bool) -> None:
+    hal = WaveshareHal(Kept(), checked(WaveshareOptions, {"model": model}, "x"), config().geometry, lambda end: end)
+    assert (hal.capabilities.odometry, hal.capabilities.pwm) == (encoders, not encoders)
+
+    async def look(hal: WaveshareHal, script: Kept) -> None:
+        await script.report(L=154, R=154, r=-1.2, p=0.4, v=11.8)
+        await asyncio.sleep(0.02)
+        odometry = hal.read(0.1).odometry
+        assert (odometry is None) is not encoders
+
+    scripted(look, model=model)
+
+
+def test_a_real_rover_has_to_be_named() -> None:
+    real = ["vehicle=rover", "serial.port=/dev/ttyUSB7"]
+    with pytest.raises(ConfigError, match=r"hal_options\.model: which rover is it\? .* wave-rover, ugv02"):
+        create(load(None, real, {}, {"hal": "waveshare"}).config)
+    for setting in ("model=wave-rover", "encoders=true"):
+        assert create(load(None, [*real, f"hal_options.{setting}"], {}, {"hal": "waveshare"}).config)
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "up"),
+    [
+        ((0.0, 0.0, 8192.0), "+z"),
+        ((0.0, 8172.0, -48.0), "+y"),
+        ((0.0, -300.0, -8100.0), "-z"),
+        ((-8192.0, 100.0, 100.0), "-x"),
+        # a slope of 20 degrees is not another mounting
+        ((0.0, 2802.0, 7698.0), "+z"),
+        ((0.0, 5793.0, 5793.0), None),
+        ((0.0, 0.0, 0.0), None),
+    ],
+)
+def test_which_axis_is_up_is_read_of_gravity_at_rest(acceleration: tuple[float, float, float], up: str | None) -> None:
+    assert waveshare.vertical(acceleration) == up
+
+
+async def turned(hal: WaveshareHal, script: Kept, gravity: dict[str, int], rates: dict[str, int]) -> float:
+    """The heading after a rest of 0.6 s and a second of driving with these rates."""
+    told = {"ax": 0, "ay": 0, "az": 0, "gx": 0, "gy": 0, "gz": 0} | gravity
+    for _ in range(30):
+        await script.say(0, **told)
+    for _ in range(50):
+        await script.say(0, speed=0.01, **(told | rates))
+    odometry = hal.read(2.0).odometry
+    assert odometry is not None
+    return odometry.theta
+
+
+@pytest.mark.parametrize(
+    ("gravity", "rates", "options"),
+    [
+        ({"az": 8192}, {"gz": 940}, {}),
+        ({"ay": 8172, "az": -48}, {"gy": 940}, {}),
+        ({"az": -8192}, {"gz": -940}, {}),
+        ({"ay": 2802, "az": 7698}, {"gz": 940}, {}),
+        ({"ay": 8172}, {"gx": 940}, {"up": "+x"}),
+    ],
+)
+def test_a_board_in_any_position_measures_the_turn(
+    gravity: dict[str, int], rates: dict[str, int], options: dict[str, Any]
+) -> None:
+    async def look(hal: WaveshareHal, script: Kept) -> None:
+        assert await turned(hal, script, gravity, rates) == pytest.approx(940 * 0.001064, rel=0.05)
+
+    scripted(look, **options)
+
+
+def test_a_board_that_leans_is_told_and_its_gyroscope_is_not_used() -> None:
+    async def look(hal: WaveshareHal, script: Kept) -> None:
+        assert await turned(hal, script, {"ay": 5793, "az": 5793}, {"gz": 940}) == 0.0
+        link = hal.read(2.0).link
+        assert link is not None and "set hal_options.up" in link.text
+
+    scripted(look)
+
+
+def test_a_voltage_that_is_missing_changes_no_unit_and_keeps_its_own_time() -> None:
+    async def look(hal: WaveshareHal, script: Kept) -> None:
+        hal.read(0.0)
+        await script.report(v=1200, odl=100, odr=100, L=0.5, R=0.5)
+        await asyncio.sleep(0.02)
+        await script.report(odl=101, odr=101, L=0.5, R=0.5)
+        told = hal.read(0.02)
+        assert told.odometry is not None and told.odometry.x == pytest.approx(0.01)
+        assert (told.batteries, told.battery_time, told.odometry_time) == ((12.0, 0.0), 0.0, 0.02)
 
     scripted(look)

@@ -8,7 +8,8 @@ sets this time when it opens the line, and every second again, as a board that r
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from math import hypot
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 from txt1.config import Config, checked
 from txt1.errors import ConfigError
@@ -58,6 +59,8 @@ KICK: Final = 1.0, 10.0
 SWING: Final = 2.0, 100.0
 # s for which a yaw rate is valid
 GAP: Final = 0.2
+# reports at rest after which it is known which axis of the board points up
+UPRIGHT: Final = 5
 # reports at rest after which the gyroscope's bias is known
 CALM: Final = 25
 # larger numbers are malformed
@@ -111,6 +114,32 @@ def number(value: Any) -> float | None:
     return float(value)
 
 
+Triple = tuple[float, float, float]
+Up = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
+Model = Literal["ugv-rover", "ugv-beast", "rasp-rover", "ugv01", "wave-rover", "ugv02"]
+# of models whose reports have the PWM counts in place of speeds, as their motors have no encoders
+BLIND: Final = ("wave-rover", "ugv02")
+# largest cosine of the angle between an axis of the board and gravity at which the axis is not vertical: 30 degrees,
+# as a rover may stand on a slope
+SLOPE: Final = 0.866
+
+
+def vertical(acceleration: Triple) -> Up | None:
+    """Return the axis of the board that points up, from its acceleration at rest; None: none does."""
+    length = hypot(*acceleration)
+    for name, component in zip("xyz", acceleration, strict=True):
+        if length and abs(component) > SLOPE * length:
+            # at rest the sensor is accelerated upwards
+            return ("+" if component > 0.0 else "-") + name  # type: ignore[return-value]
+    return None
+
+
+def about(up: Up, rates: Triple) -> float:
+    """Return the rate about the axis that points up, in raw counts."""
+    rate = rates["xyz".index(up[1])]
+    return rate if up[0] == "+" else -rate
+
+
 class BoardReport(NamedTuple):
     """The board's report; None for values that it lacks."""
 
@@ -121,22 +150,36 @@ class BoardReport(NamedTuple):
     path_left: float | None
     path_right: float | None
     voltage: float | None  # V
-    # rate about the vertical axis, in raw counts
+    # rate about the vertical axis, in raw counts; of the board's z until it is known which axis that is
     gyro: float | None
+    # rates about x, y, z and accelerations along them, in raw counts
+    rates: Triple | None = None
+    acceleration: Triple | None = None
 
 
-def report_of(found: dict[str, Any]) -> BoardReport | None:
-    """Return the report in an object; None if it is another object."""
+def report_of(found: dict[str, Any], whole: bool = False) -> BoardReport | None:
+    """Return the report in an object; None if it is another object.
+
+    `whole`: whether this firmware has whole hundredths of a volt and centimetres, as an earlier voltage showed; a
+    report without a voltage does not show it.
+    """
     if found.get("T") != REPORT:
         return None
     left, right, path_left, path_right, voltage, gyro = (
         number(found.get(name)) for name in ("L", "R", "odl", "odr", "v", "gz")
     )
-    if voltage is not None and voltage > HUNDREDTHS:
-        voltage /= 100.0
+    whole = whole or (voltage is not None and voltage > HUNDREDTHS)
+    if whole:
+        voltage = None if voltage is None else voltage / 100.0
         path_left = None if path_left is None else path_left / 100.0
         path_right = None if path_right is None else path_right / 100.0
-    return BoardReport(left, right, path_left, path_right, voltage, gyro)
+    rates, acceleration = (_triple(found, letter) for letter in "ga")
+    return BoardReport(left, right, path_left, path_right, voltage, gyro, rates, acceleration)
+
+
+def _triple(found: dict[str, Any], letter: str) -> Triple | None:
+    x, y, z = (number(found.get(letter + axis)) for axis in "xyz")
+    return None if x is None or y is None or z is None else (x, y, z)
 
 
 def rolls_on(before: BoardReport, after: BoardReport, dt: float) -> bool:
@@ -177,12 +220,21 @@ class WaveshareOptions:
 
     baud: PositiveInt = 115200
     """Bits a second."""
-    encoders: bool = True
-    """Whether its motors have encoders. Without them, as on the WAVE ROVER, it takes PWM by control.speed_map."""
+    model: Model | None = None
+    """The rover, whose firmware gives reports their meaning; needed on a real port, unless `encoders` is set."""
+    encoders: bool | None = None
+    """Whether its motors have encoders; null: as the model says. Without them it takes PWM by control.speed_map."""
+    up: Up = "auto"
+    """Axis of the board that points up; auto: by gravity, at the first rest."""
     heartbeat: Positive = 0.5
     """Time without a set-point after which the board stops by itself, s."""
     gyro: float = 0.001064
-    """Yaw rate for a count of gz, rad/s: 1 / 16.4 degrees/s; negative if the board lies upside down; 0: not used."""
+    """Yaw rate for a count of the gyroscope, rad/s: 1 / 16.4 degrees/s; 0: not used."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has encoders, so that its board closes the speed loops."""
+        return self.model not in BLIND if self.encoders is None else self.encoders
 
 
 class WaveshareHal(PlainHal):
@@ -198,7 +250,7 @@ class WaveshareHal(PlainHal):
         wrap: Callable[[End], End],
         simulated: bool = False,
     ) -> None:
-        closed = options.encoders
+        closed = options.closed
         self.capabilities = Capabilities(
             odometry=closed, pwm=not closed, battery=True, halt=closed, simulated=simulated
         )
@@ -218,9 +270,16 @@ class WaveshareHal(PlainHal):
         # loop time of the last report
         self._taken = 0.0
         self._batteries: tuple[float, float] | None = None
+        # loop time of the last voltage
+        self._measured = 0.0
+        # whether its numbers are whole hundredths, as a voltage has shown
+        self._whole = False
         # loop time
         self._set = -SETTINGS_EVERY
         self._bias, self._calm = 0.0, 0
+        # the board's axis that points up, once it is known; and the sum of the accelerations at rest
+        self._up: Up | None = None if self._options.up == "auto" else self._options.up
+        self._felt, self._rested, self._leans = (0.0, 0.0, 0.0), 0, False
         self._halted = False
 
     async def open(self) -> None:
@@ -245,10 +304,10 @@ class WaveshareHal(PlainHal):
         link = self.line.report(now, {"line_damaged": self._skipped + self._lines.faults, "doubted": self._doubts})
         time = self.line.run_time(self._taken)
         return Inputs(
-            odometry=self._odometry if self._options.encoders else None,
+            odometry=self._odometry if self._options.closed else None,
             odometry_time=time,
             batteries=self._batteries,
-            battery_time=time,
+            battery_time=self.line.run_time(self._measured),
             link=link,
         )
 
@@ -269,7 +328,7 @@ class WaveshareHal(PlainHal):
         self.line.send(self._drive(Outputs()))
 
     def _drive(self, outputs: Outputs) -> bytes:
-        if not self._options.encoders:
+        if not self._options.closed:
             right, left = (
                 round(min(max(counts / PWM_MAX, -1.0), 1.0) * PWM_FULL) for counts in sides(outputs.motor, outputs.rear)
             )
@@ -284,13 +343,16 @@ class WaveshareHal(PlainHal):
 
     def _take(self, data: bytes) -> None:
         for found in self._lines.feed(data):
-            report = report_of(found)
+            report = report_of(found, self._whole)
             if report is not None:
+                if report.voltage is not None:
+                    self._whole |= number(found["v"]) != report.voltage
                 self._take_report(report)
 
     def _take_report(self, report: BoardReport) -> None:
         time = self.line.time()
         since = time - self._taken
+        report = self._seen_upright(report)
         if self._report is not None and not goes_on(self._report, report, since, self._options.gyro):
             first = self._doubted is None or not goes_on(self._doubted, report, since, self._options.gyro)
             self._doubted = report
@@ -306,7 +368,7 @@ class WaveshareHal(PlainHal):
             dt = 0.0
             self.line.tell(f"the rover's board answers; it stops by itself after {self._options.heartbeat:g} s")
         if report.voltage is not None:
-            self._batteries = max(0.0, report.voltage), 0.0
+            self._batteries, self._measured = (max(0.0, report.voltage), 0.0), time
         left, right = report.left or 0.0, report.right or 0.0
         paths = left * dt, right * dt
         now = report.path_left, report.path_right
@@ -330,6 +392,22 @@ class WaveshareHal(PlainHal):
             x, y, theta = move_along_arc(old.x, old.y, old.theta + turn, 0.0, 0.0, 0.0)
         self._odometry = Odometry(x, y, theta, v, omega)
 
+    def _seen_upright(self, report: BoardReport) -> BoardReport:
+        """Return the report with the rate about the axis that points up; without a rate while that is not known."""
+        if report.rates is None or (report.acceleration is None and self._options.up == "auto"):
+            # a board that tells no gravity: its z axis is taken for it
+            return report
+        if self._up is None and report.acceleration is not None and not (report.left or report.right):
+            self._felt = tuple(map(sum, zip(self._felt, report.acceleration, strict=True)))  # type: ignore[assignment]
+            self._rested += 1
+            if self._rested >= UPRIGHT:
+                self._up, self._rested = vertical(self._felt), 0
+                self._felt = 0.0, 0.0, 0.0
+                if self._up is None and not self._leans:
+                    self._leans = True
+                    self.line.tell("no axis of the rover's board is vertical: set hal_options.up to use its gyroscope")
+        return report._replace(gyro=None if self._up is None else about(self._up, report.rates))
+
     def _yaw_rate(self, gyro: float | None, still: bool) -> float | None:
         """Return the yaw rate from the gyroscope, rad/s; None until its bias is known from reports at rest."""
         if gyro is None or not self._options.gyro:
@@ -345,6 +423,12 @@ class WaveshareHal(PlainHal):
 def create(config: Config) -> WaveshareHal:
     """Make the rover's board behind the configured line."""
     options = checked(WaveshareOptions, config.hal_options, "hal_options")
+    # the virtual rover has encoders
+    if options.model is None and options.encoders is None and not is_simulated(config):
+        raise ConfigError(
+            "hal_options.model: which rover is it? No report names it, and without encoders the same fields are PWM "
+            f"counts. Choose one of {', '.join(get_args(Model))}"
+        )
     if config.geometry.steering != "skid":
         raise ConfigError("geometry.steering: a Waveshare rover has sides that run at two speeds; choose skid")
     port = port_of(config, options.baud, "txt1 device waveshare")

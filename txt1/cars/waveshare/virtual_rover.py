@@ -46,7 +46,7 @@ class Waveshare(Controller):
         self.line = far_end(self, config)
         self.heartbeat = HEARTBEAT_MS
         """Time without a set-point after which it stops, ms."""
-        self._track, self._encoders = config.geometry.track_width, options.encoders
+        self._track, self._encoders = config.geometry.track_width, options.closed
         self._rest = b""
         # right and left: m/s, or PWM
         self._sides = 0.0, 0.0
