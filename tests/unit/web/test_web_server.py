@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import json
 import socket
 import ssl
@@ -218,6 +219,18 @@ async def test_a_certificate_encrypts_the_page_and_a_token_is_the_operator_s_inv
             assert "Secure" in given.headers["Set-Cookie"] and Auth(TOKEN, "https", port).cookie in given.cookies
 
 
+async def test_a_form_that_is_packed_is_not_unpacked(clock: Clock, port: int, tmp_path: Path) -> None:
+    token = tmp_path / "token"
+    token.write_text(TOKEN)
+    token.chmod(0o600)
+    form = f"token={TOKEN}".encode()
+    kind = {"Origin": f"http://{HOST}:{port}", "Content-Type": "application/x-www-form-urlencoded"}
+    packed = {**kind, "Content-Encoding": "gzip"}
+    async with serving(clock, port, str(token)), aiohttp.ClientSession(f"http://{HOST}:{port}") as session:
+        assert (await session.post("/sign-in", data=gzip.compress(form), headers=packed)).status == 403
+        assert (await session.post("/sign-in", data=form, headers=kind)).status == 204
+
+
 async def test_a_port_that_another_program_has_taken_ends_it_with_the_reason(port: int) -> None:
     robot = Far()
     with socket.create_server((HOST, port)), pytest.raises(SystemExit) as ended:
@@ -266,9 +279,9 @@ async def test_the_robot_has_a_heartbeat_and_pages_get_their_status_once_a_secon
     told: list[float] = []
 
     class Watched(Pages):
-        def status(self, *some: Any) -> None:
+        def status_of_all(self) -> None:
             told.append(clock.now)
-            super().status(*some)
+            super().status_of_all()
 
     monkeypatch.setattr(server, "Pages", Watched)
     async with serving(clock, port) as served:
