@@ -19,7 +19,7 @@ import json
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -37,6 +37,7 @@ from txt1.record.summary import ending_of
 from txt1.sensors.readings import Image, Scan
 from txt1.teaching import tubs
 from txt1.teaching.features import Kind, Seen, Sight, Unfit, check, seen, sight_of
+from txt1.teaching.human_drive import HumanDrive
 from txt1.teaching.policy import Taught
 from txt1.teaching.policy_driver import POLICY
 from txt1.teaching.training import LessonSet
@@ -81,20 +82,6 @@ class Ask(NamedTuple):
     sensor: str = ""
 
 
-@dataclass(frozen=True)
-class HumanDrive:
-    """The lessons of a recording."""
-
-    taught: Taught
-    sights: tuple[Sight, ...]
-    lessons: LessonSet
-    vehicle: str
-    radius_min: float
-    v_max: float
-    ends: str = "complete"
-    """Whether the file is complete, or breaks off."""
-
-
 def is_hand(source: str, also: Collection[str] = ()) -> bool:
     """Return whether a source of commands is a human's, or is listed in `also`."""
     rank = PRIORITIES.get(source, priority_of(source))
@@ -126,8 +113,7 @@ def drive_in(
     drove in it.
     """
     if path.is_dir():
-        drive: HumanDrive = tubs.drive_of_tub(path, asks, vehicle, lag)
-        return drive
+        return tubs.drive_of_tub(path, [(ask.kind, ask.sensor) for ask in asks], vehicle, lag)
     digest = sha256_of(path)
     names = robots_in(path)
     if robot is None and len(names) > 1:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import RecordingError
-from txt1.teaching.lessons import LAG, Ask, HumanDrive, drive_in, sha256_of, together
+from txt1.teaching.human_drive import HumanDrive
+from txt1.teaching.lessons import LAG, Ask, drive_in, sha256_of, together
 from txt1.teaching.policy import FORMAT, Card, Policy, digest
 from txt1.teaching.training import Ensemble, Judged, Progress, Recipe, judged, train
 from txt1.version import __version__

@@ -37,6 +37,7 @@ from txt1.kernel.clock import NS_PER_S
 from txt1.record.reader import Decoding, FilePass, Item
 from txt1.sensors.readings import Image
 from txt1.teaching.features import Seen, Sight, Unfit, picture, seen, sight_of
+from txt1.teaching.human_drive import HumanDrive
 from txt1.teaching.policy import Taught
 from txt1.teaching.training import LessonSet
 
@@ -90,15 +91,15 @@ def digest(tub: Path) -> str:
     return found.hexdigest()
 
 
-def drive_of_tub(tub: Path, asks: Sequence[Any], vehicle: str, lag: float) -> Any:
+def drive_of_tub(tub: Path, asks: Sequence[tuple[str, str]], vehicle: str, lag: float) -> HumanDrive:
     """Return the lessons of a tub, whose car is `vehicle`; the human reacts after `lag` s.
+
+    `asks` are the kinds and names of the sensors to learn from.
 
     Raises RecordingError: it is no tub, a record is damaged, or no human drove in it; ConfigError: there is no such
     vehicle.
     """
-    from txt1.teaching.lessons import HumanDrive
-
-    if [ask.kind for ask in asks] != ["camera"]:
+    if [kind for kind, _ in asks] != ["camera"]:
         raise RecordingError(f"{tub}: a tub has a camera's pictures and no other readings: --see camera")
     if not is_tub(tub):
         raise RecordingError(
@@ -107,7 +108,7 @@ def drive_of_tub(tub: Path, asks: Sequence[Any], vehicle: str, lag: float) -> An
     config = load(None, [], {}, {"vehicle": vehicle}).config
     records, deleted = records_of(tub)
     times, remark = _times(records)
-    sensor = asks[0].sensor or "camera"
+    sensor = asks[0][1] or "camera"
     left: defaultdict[str, float] = defaultdict(float)
     if deleted:
         left["deleted"] = deleted / LOOP

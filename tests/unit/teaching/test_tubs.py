@@ -17,7 +17,8 @@ from tests.patience import LIMIT
 from txt1.cli import execute
 from txt1.commands import OK, USAGE
 from txt1.errors import RecordingError
-from txt1.teaching.lessons import Ask, HumanDrive, drive_in, sha256_of
+from txt1.teaching.human_drive import HumanDrive
+from txt1.teaching.lessons import Ask, drive_in, sha256_of
 from txt1.teaching.teach import summary
 
 pillow = pytest.importorskip("PIL.Image")
