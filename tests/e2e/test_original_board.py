@@ -149,9 +149,9 @@ async def test_both_packs_are_there() -> None:
 async def test_a_bad_pid_set_gets_silence_and_a_good_one_its_answer() -> None:
     async with original() as (_, _, host):
         host.heard.clear()
-        body = bytes((0x70, *bytes(13)))
+        body = bytes((0x70, *bytes(17)))
         assert host.link is not None
-        host.link.write(b"\xfa\xfb\x0d" + body + checksum(body).to_bytes(2, "big"))
+        host.link.write(b"\xfa\xfb\x11" + body + checksum(body).to_bytes(2, "big"))
         await asyncio.sleep(1.0)
         assert host.answers() == []
         host.send(GAINS)

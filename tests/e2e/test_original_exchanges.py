@@ -1,4 +1,4 @@
-"""What an original board answers to what: 200 exchanges, byte for byte.
+"""What an original board answers to what: 200 exchanges by hand and 2000 at random, byte for byte.
 
 Frames are built here from the thesis's description (3.5) and from what was seen of the original's firmware, not by the
 codec of txt1: 0xFA 0xFB, the number of data bytes, the command, the data, the checksum. A PID set is the only message
@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Iterator, Sequence
+from random import Random
 from typing import Final, NamedTuple
 
 import pytest
@@ -26,6 +27,7 @@ from txt1.tasks.state import State
 ANSWER: Final = bytes.fromhex("fafb01703c703c")
 SILENCE: Final = b""
 PAUSE: Final = 0.3  # s, in the middle of a frame: there is no time-out
+BAUD: Final = 57600
 EMPTY: Final = bytes(255)  # ends whatever an exchange has begun
 
 
@@ -69,13 +71,24 @@ def exchanges() -> Iterator[Exchange]:
         yield said("a header in the data", ANSWER, frame(0x70, bytes.fromhex(3 * header)))
     for data in (bytes(14), GAINS + b"\x01\x02", bytes(range(14)), b"\xfa\xfb" * 7):
         yield said("a PID set of 14 bytes", ANSWER, frame(0x70, data))
-    for length in sorted({*range(12), 13, 15, *range(16, 28), 29, 31, *range(32, 44), 61, 75, 77, 100, 235, 237, 249}):
+    for sets in (0, 1, 3, 14):
+        for more in (1, 2, 3):
+            about = f"a PID set with {sets} angular gains and {more} bytes too many"
+            yield said(about, ANSWER, frame(0x70, GAINS + sets * SET + b"\x01\xfa\xfb"[:more]))
+    for length in sorted({*range(12), *range(16, 28), *range(32, 44), 75, 80, 100, 235, 240, 249}):
         yield said(f"a PID set of {length} bytes, and a good one", ANSWER, frame(0x70, bytes(length)) + GOOD)
 
     for bit in range(8 * 6):
         damaged = bytearray(frame(0x70, GAINS + SET))
         damaged[4 + 3 * (bit // 8)] ^= 1 << bit % 8
         yield said(f"a flipped bit {bit}, and a good one", ANSWER, bytes(damaged) + GOOD)
+    for cover, ending in ((0x70, b""), (0x67, b""), (0x71, b""), (0x70, bytes(3))):
+        whole = frame(cover, GOOD + ending)
+        broken = whole[:-1] + bytes((whole[-1] ^ 1,))
+        yield said(f"a good one within a broken frame {cover:02x}, {len(whole)}", SILENCE, broken)
+        yield said(f"a good one within a broken frame {cover:02x}, {len(whole)}, and one", ANSWER, broken + GOOD)
+        if cover != 0x70:
+            yield said(f"a good one within a frame {cover:02x} that means nothing", SILENCE, whole)
     yield said("a PID set of 14 bytes with a wrong checksum", SILENCE, frame(0x70, bytes(14))[:-1] + b"\x01")
 
     yield said("a lone 0xFA before it", SILENCE, b"\xfa" + GOOD)
@@ -130,24 +143,104 @@ def test_frames_are_those_of_the_thesis() -> None:
     assert frame(0x67, bytes.fromhex("01f402ee")) == bytes.fromhex("fafb046701f402ee5bed")
 
 
-async def test_bytes_are_answered_as_an_original_answers_them() -> None:
+async def answered_differently(exchanges: Sequence[Exchange]) -> list[str]:
+    """Those that a virtual board of the original answers in another way."""
     desk, host = Desk("virtual", "board.habits=original"), Host()
     await desk.power_up()
-    connect(host, paced(desk, 57600))
+    connect(host, paced(desk, BAUD))
     assert host.link is not None
     wrong = []
-    for about, sent, answered in EXCHANGES:
+    for about, sent, answered in exchanges:
         host.raw.clear()
         for number, piece in enumerate(sent):
             await asyncio.sleep(PAUSE if number else 0.0)
             host.link.write(piece)
-        await asyncio.sleep(0.15)
+        await asyncio.sleep(0.1 + 10.0 * sum(map(len, sent)) / BAUD)
         host.link.write(EMPTY)
         await asyncio.sleep(0.05)
         if answers(b"".join(data for _, data in host.raw)) != answered:
             wrong.append(about)
     await desk.power_down()
-    assert not wrong
+    return wrong
+
+
+async def test_bytes_are_answered_as_an_original_answers_them() -> None:
+    assert not await answered_differently(EXCHANGES)
+
+
+# -- at random -------------------------------------------------------------------------------------------------------
+
+
+def heard_of(stream: bytes) -> list[bytes]:
+    """The frames that an original board finds: it looks at no byte twice, and takes lengths up to 249."""
+    found, at = [], 0
+    while at < len(stream):
+        if stream[at] != 0xFA:
+            at += 1
+        elif stream[at + 1 : at + 2] != b"\xfb":
+            at += 2
+        elif stream[at + 2 : at + 3] >= b"\xfa":
+            at += 255
+        else:
+            end = at + stream[at + 2] + 6 if at + 2 < len(stream) else len(stream) + 1
+            if end <= len(stream):
+                found.append(stream[at:end])
+            at = end
+    return found
+
+
+def answer_to(stream: bytes) -> bytes:
+    """A PID set is answered if its checksum is right and 12 + 16 n bytes are its whole integers of four bytes."""
+    told = SILENCE
+    for each in heard_of(stream):
+        integers = each[2] // 4
+        if each[3] == 0x70 and each == frame(0x70, each[4:-2]) and integers >= 3 and integers % 4 == 3:
+            told += ANSWER
+    return told
+
+
+def piece(random: Random, depth: int = 0) -> bytes:
+    """Something that a host, a bad line or an attacker sends."""
+    kind = random.randrange(8 if depth < 2 else 5)
+    if kind == 0:
+        return GOOD
+    if kind == 1:
+        return frame(0x70, random.randbytes(random.choice((12, 28, 44, 236)) + random.randrange(-4, 5)))
+    if kind == 2:
+        length = random.choice((0, 1, 2, 4, 8, 16, 20, 24))
+        return frame(random.choice((0x67, 0x68, 0x69, 0x6A, 0x6B, 0x6D, 0x70, 0x71)), random.randbytes(length))
+    if kind == 3:
+        return bytes(random.choices((0x00, 0xFA, 0xFB, 0x0C, 0x70, 0xFF), k=random.randrange(1, 6)))
+    if kind == 4:
+        return b"\xfa\xfb" + bytes((random.randrange(256),))
+    inner = piece(random, depth + 1)
+    if kind == 5:
+        return frame(random.choice((0x67, 0x70, 0x71)), (inner + piece(random, depth + 1))[:249])
+    if not inner:
+        return GOOD
+    damaged = bytearray(inner)
+    at = random.randrange(len(damaged))
+    if kind == 6:
+        damaged[at] ^= 1 << random.randrange(8)
+        return bytes(damaged)
+    return bytes(damaged[:at])
+
+
+def random_exchange(seed: int) -> Exchange:
+    """One to five pieces, sometimes with a pause in the middle."""
+    random = Random(seed)
+    stream = b"".join(piece(random) for _ in range(random.randrange(1, 6)))
+    cut = random.randrange(len(stream) + 1)
+    sent = (stream,) if random.random() < 0.9 else (stream[:cut], stream[cut:])
+    return Exchange(f"seed {seed}: {stream.hex()}", sent, answer_to(stream + EMPTY))
+
+
+@pytest.mark.parametrize("seeds", [range(200), pytest.param(range(200, 2000), marks=pytest.mark.long)], ids=len)
+async def test_exchanges_at_random_are_answered_as_an_original_answers_them(seeds: range) -> None:
+    scripted = [random_exchange(seed) for seed in seeds]
+    answered = sum(each.answered != SILENCE for each in scripted)
+    assert 0.25 < answered / len(seeds) < 0.75, "both are common"
+    assert not await answered_differently(scripted)
 
 
 # -- what it tells by itself -----------------------------------------------------------------------------------------

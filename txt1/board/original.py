@@ -7,7 +7,9 @@ Hosts have to cope with these habits, which txt1's own firmware does not have:
 - There is no safety gate. Only the link rule stops it, after 1 to 2 s.
 - In manual mode the last PWM stays for ever. A PWM test is obeyed in every mode. In controller mode the next step of
   the loops overwrites it; without a link, neutral does, which is written every 20 ms.
-- A PID set of 14 bytes counts as one of 12. A header with an impossible length takes 255 bytes along, with itself.
+- The length of a PID set is counted in whole integers of four bytes, so up to three bytes too many are ignored.
+- A frame is looked at once, as a whole: what is wrong with it takes all of it along, a sound frame inside included. A
+  header with an impossible length takes 255 bytes along, with itself.
 - Neither the mode nor the switches are reported.
 """
 
@@ -63,8 +65,8 @@ V_MAX: Final = 1.5
 PID_SET: Final = 0x70
 # bytes that a false header with an impossible length takes along, itself included
 SWALLOWED: Final = 255
-# bytes of a PID set without angular gains, and of a frame that is mistaken for it
-SHORT, TOO_LONG = 12, 14
+# bytes of an integer of a PID set
+INTEGER: Final = 4
 # s without power after which an original board runs again; a host may not notice
 OUTAGE: Final = 0.2
 # m between the encoder wheels
@@ -91,8 +93,8 @@ class Framer:
                     frame.clear()
             elif size == (frame[2] + OVERHEAD if frame[2] <= DATA_MAX else SWALLOWED):
                 if frame[2] <= DATA_MAX:
-                    for event in Decoder(Role.BOARD, self._table).feed(_understood(bytes(frame))):
-                        self.take(event)
+                    # the first event is that of the whole frame; the others lie inside
+                    self.take(Decoder(Role.BOARD, self._table).feed(_understood(bytes(frame)))[0])
                 frame.clear()
 
     def close(self) -> None:
@@ -100,12 +102,13 @@ class Framer:
 
 
 def _understood(frame: bytes) -> bytes:
-    """Return a frame as the original reads it: of a PID set of 14 bytes it ignores the last two."""
+    """Return a frame as the original reads it: of a PID set it ignores an unfinished integer at the end."""
     body = frame[3:-2]
-    if frame[2] != TOO_LONG or body[0] != PID_SET or checksum(body) != int.from_bytes(frame[-2:], "big"):
+    excess = frame[2] % INTEGER
+    if not excess or body[0] != PID_SET or checksum(body) != int.from_bytes(frame[-2:], "big"):
         return frame
-    body = body[: 1 + SHORT]
-    return bytes((*HEADER, SHORT, *body, *checksum(body).to_bytes(2, "big")))
+    body = body[:-excess]
+    return bytes((*HEADER, frame[2] - excess, *body, *checksum(body).to_bytes(2, "big")))
 
 
 class OriginalFirmware:
