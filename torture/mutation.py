@@ -186,6 +186,8 @@ def _run_traced(session: pytest.Session, items: list[pytest.Item], files: list[P
     reader, writer = os.pipe()
 
     def watch() -> int:
+        # so that it ends with whoever reads what it tells
+        os.close(reader)
         with os.fdopen(writer, "w") as told:
             for item, after in zip(items, [*items[1:], None], strict=True):
                 lines: set[tuple[str, int]] = set()
@@ -258,7 +260,9 @@ def _shared(work: Callable[[int], str], count: int) -> Iterator[tuple[int, str]]
 
     def share() -> int:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-        os.close(to_do)
+        # so that it ends with whoever reads what it tells, whatever number waits
+        for end in (to_do, reader):
+            os.close(end)
         while number := os.read(numbers, SIZE):
             row = int.from_bytes(number), work(int.from_bytes(number))
             os.write(writer, f"{json.dumps(row)}\n".encode())
@@ -496,6 +500,8 @@ def main(words: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words)
     if options.one is not None:
         return _one(options.one, options.only)
+    # ends the children, as ^C does
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     kept: Path = options.kept
     kept.parent.mkdir(parents=True, exist_ok=True)
     results: dict[str, str] = {}
