@@ -33,6 +33,9 @@ from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME, PagePlayer
 from txt1.web.wheel import AGE_MAX
 
+# units: a request that acts once, and one that reads or writes files; all others cost no more than their frame
+ACTION: Final = 5.0
+FILES: Final = 20.0
 # length of a page's stop
 STOP_MAX: Final = 1000
 # number of topics that a page may plot
@@ -367,12 +370,10 @@ def _replay(pages: Pages, page: Page, name: str | None, age: float) -> None:
     if name is not None and not RECORDING_NAME.fullmatch(name):
         raise ValueError("name")
     _give(pages, page, None, age)
-    if name is not None and pages.players(page.role) >= PLAYERS_MAX[page.role]:
-        page.tell(told="too many pages show recordings; wait until one is shown no more")
-    elif name is not None:
-        pages.later(_play(pages, page, name, page.replays))
-    else:
+    if name is None:
         page.show(page.car.full)
+    else:
+        pages.later(_play(pages, page, name, page.replays))
     pages.status(page)
 
 
@@ -387,14 +388,22 @@ async def _play(pages: Pages, page: Page, name: str, asked: int) -> None:
         async with pages.loading:
             if not wanted():
                 return
+            if not _has_room(pages, page.role):
+                page.tell(told="too many pages show recordings; wait until one is shown no more")
+                return
             player = await asyncio.to_thread(PagePlayer.open, pages.folder / name)
-        if wanted() and pages.players(page.role) < PLAYERS_MAX[page.role]:
+        if wanted():
             page.player = player
             pages.status(page)
             await player.play(page.show, now)
     except Exception as error:
         # for any damage of the file
         page.tell(told=f"{name} cannot be shown: {error}")
+
+
+def _has_room(pages: Pages, role: Role) -> bool:
+    """Return whether one recording more may be shown: of visitors' to a visitor, and of all."""
+    return all(pages.players(each) < most for each, most in PLAYERS_MAX.items() if each in (role, "operator"))
 
 
 def _wind(pages: Pages, page: Page, where: tuple[object, object], age: float) -> None:
@@ -406,26 +415,26 @@ def _wind(pages: Pages, page: Page, where: tuple[object, object], age: float) ->
 
 REQUESTS: Final[Mapping[str, PageRequest]] = {
     # everybody stops, whatever else there is
-    "stop": PageRequest(EVERYBODY, WheelUse.UNUSED, 0, _number_of_stop, _stop),
-    "disarm": PageRequest(EVERYBODY, WheelUse.UNUSED, 5, _nothing, _disarm),
+    "stop": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME, _number_of_stop, _stop),
+    "disarm": PageRequest(EVERYBODY, WheelUse.UNUSED, ACTION, _nothing, _disarm),
     # whoever has the wheel, or gets it
-    "drive": PageRequest(EVERYBODY, WheelUse.TAKEN, 1, _velocity, _drive, again=""),
-    "go": PageRequest(EVERYBODY, WheelUse.TAKEN, 5, _way, _go, again="press again"),
-    "take": PageRequest(EVERYBODY, WheelUse.TAKEN, 5, _nothing, _take),
-    "hold": PageRequest(EVERYBODY, WheelUse.HELD, 1, _nothing, _hold, again=""),
-    "release": PageRequest(EVERYBODY, WheelUse.UNUSED, 1, _sequence, _release),
-    "give": PageRequest(EVERYBODY, WheelUse.HELD, 5, _nothing, _give),
-    "arm": PageRequest(OPERATOR, WheelUse.TAKEN, 5, _nothing, _arm, again="hold again"),
-    "here": PageRequest(OPERATOR, WheelUse.TAKEN, 5, _place, _here, again="press again"),
+    "drive": PageRequest(EVERYBODY, WheelUse.TAKEN, FRAME, _velocity, _drive, again=""),
+    "go": PageRequest(EVERYBODY, WheelUse.TAKEN, ACTION, _way, _go, again="press again"),
+    "take": PageRequest(EVERYBODY, WheelUse.TAKEN, ACTION, _nothing, _take),
+    "hold": PageRequest(EVERYBODY, WheelUse.HELD, FRAME, _nothing, _hold, again=""),
+    "release": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME, _sequence, _release),
+    "give": PageRequest(EVERYBODY, WheelUse.HELD, ACTION, _nothing, _give),
+    "arm": PageRequest(OPERATOR, WheelUse.TAKEN, ACTION, _nothing, _arm, again="hold again"),
+    "here": PageRequest(OPERATOR, WheelUse.TAKEN, ACTION, _place, _here, again="press again"),
     # what changes the robot
-    "gains": PageRequest(OPERATOR, WheelUse.UNUSED, 5, _table, _gains),
-    "limit": PageRequest(OPERATOR, WheelUse.UNUSED, 5, _speed, _limit),
-    "record": PageRequest(OPERATOR, WheelUse.UNUSED, 20, _on, _record),
+    "gains": PageRequest(OPERATOR, WheelUse.UNUSED, ACTION, _table, _gains),
+    "limit": PageRequest(OPERATOR, WheelUse.UNUSED, ACTION, _speed, _limit),
+    "record": PageRequest(OPERATOR, WheelUse.UNUSED, FILES, _on, _record),
     # what a page shows
-    "pong": PageRequest(EVERYBODY, WheelUse.UNUSED, 1, _times, _pong),
-    "robot": PageRequest(EVERYBODY, WheelUse.UNUSED, 5, _name, _robot),
-    "choose": PageRequest(EVERYBODY, WheelUse.UNUSED, 5, _topics, _choose),
-    "files": PageRequest(EVERYBODY, WheelUse.UNUSED, 20, _nothing, _files),
-    "replay": PageRequest(EVERYBODY, WheelUse.UNUSED, 20, _recording, _replay),
-    "wind": PageRequest(EVERYBODY, WheelUse.UNUSED, 1, _position, _wind),
+    "pong": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME, _times, _pong),
+    "robot": PageRequest(EVERYBODY, WheelUse.UNUSED, ACTION, _name, _robot),
+    "choose": PageRequest(EVERYBODY, WheelUse.UNUSED, ACTION, _topics, _choose),
+    "files": PageRequest(EVERYBODY, WheelUse.UNUSED, FILES, _nothing, _files),
+    "replay": PageRequest(EVERYBODY, WheelUse.UNUSED, FILES, _recording, _replay),
+    "wind": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME, _position, _wind),
 }

@@ -470,3 +470,30 @@ async def test_of_recordings_that_are_asked_for_at_once_only_the_last_is_read(de
     await shelf.read()
     [(path, player)] = shelf.opened
     assert path.name == "4.mcap" and page.player is player  # type: ignore[comparison-overlap]
+
+
+@pytest.mark.parametrize(
+    ("asking", "shown"),
+    [
+        ("visitor visitor visitor", "yes yes no"),
+        ("operator operator operator operator operator", "yes yes yes yes no"),
+        ("operator operator operator operator visitor", "yes yes yes yes no"),
+        ("operator operator operator visitor visitor", "yes yes yes yes no"),
+        ("visitor visitor operator operator operator", "yes yes yes yes no"),
+    ],
+)
+async def test_visitors_show_two_recordings_at_once_and_all_pages_together_four(
+    asking: str, shown: str, desk: Desk, shelf: Recordings
+) -> None:
+    there = [desk.join(role) for role in asking.split()]  # type: ignore[arg-type]
+    for page in there:
+        take(desk.pages, page, '{"do": "replay", "name": "run.mcap"}')
+    await shelf.read()
+    assert [["no", "yes"][page.player is not None] for page in there] == shown.split()
+    assert len(shelf.opened) == shown.count("yes"), "what is not shown takes no memory"
+    *_, first, last = there
+    assert told(last) == ["too many pages show recordings; wait until one is shown no more"] and not told(first)
+    desk.ask(first, "replay")
+    desk.ask(last, "replay", name="run.mcap")
+    await shelf.read()
+    assert last.player is not None and not told(last)
