@@ -283,6 +283,9 @@ async def _status_lines(runtime: Runtime) -> None:
     robot.
     """
     sys.stdout.flush()
+    # what the first steps told, such as a sensor that is in trouble from the start
+    for event in runtime.state.events:
+        _put(f"t={event.time:8.2f} s  {event.text}")
     runtime.bus.subscribe(lambda topic, event, time: _put(f"t={time:8.2f} s  {event.text}"), [LOG])
     while True:
         _put(status_line(runtime.snapshot(SHOWN)))
