@@ -134,12 +134,6 @@ def vertical(acceleration: Triple) -> Up | None:
     return None
 
 
-def about(up: Up, rates: Triple) -> float:
-    """Return the rate about the axis that points up, in raw counts."""
-    rate = rates["xyz".index(up[1])]
-    return rate if up[0] == "+" else -rate
-
-
 class BoardReport(NamedTuple):
     """The board's report; None for values that it lacks."""
 
@@ -150,35 +144,32 @@ class BoardReport(NamedTuple):
     path_left: float | None
     path_right: float | None
     voltage: float | None  # V
-    # rate about the vertical axis, in raw counts; of the board's z until it is known which axis that is
+    # rate about the vertical axis, in raw counts
     gyro: float | None
-    # rates about x, y, z and accelerations along them, in raw counts
-    rates: Triple | None = None
-    acceleration: Triple | None = None
 
 
-def report_of(found: dict[str, Any], whole: bool = False) -> BoardReport | None:
+def report_of(found: dict[str, Any], whole: bool = False, gyro_of: str = "gz") -> BoardReport | None:
     """Return the report in an object; None if it is another object.
 
     `whole`: whether this firmware has whole hundredths of a volt and centimetres, as an earlier voltage showed; a
-    report without a voltage does not show it.
+    report without a voltage does not show it. `gyro_of` is the field of the rate about the vertical axis.
     """
     if found.get("T") != REPORT:
         return None
     left, right, path_left, path_right, voltage, gyro = (
-        number(found.get(name)) for name in ("L", "R", "odl", "odr", "v", "gz")
+        number(found.get(name)) for name in ("L", "R", "odl", "odr", "v", gyro_of)
     )
     whole = whole or (voltage is not None and voltage > HUNDREDTHS)
     if whole:
         voltage = None if voltage is None else voltage / 100.0
         path_left = None if path_left is None else path_left / 100.0
         path_right = None if path_right is None else path_right / 100.0
-    rates, acceleration = (_triple(found, letter) for letter in "ga")
-    return BoardReport(left, right, path_left, path_right, voltage, gyro, rates, acceleration)
+    return BoardReport(left, right, path_left, path_right, voltage, gyro)
 
 
-def _triple(found: dict[str, Any], letter: str) -> Triple | None:
-    x, y, z = (number(found.get(letter + axis)) for axis in "xyz")
+def acceleration_of(found: dict[str, Any]) -> Triple | None:
+    """Return the acceleration in a report, in raw counts; None if it has none."""
+    x, y, z = (number(found.get(name)) for name in ("ax", "ay", "az"))
     return None if x is None or y is None or z is None else (x, y, z)
 
 
@@ -280,6 +271,7 @@ class WaveshareHal(PlainHal):
         # the board's axis that points up, once it is known; and the sum of the accelerations at rest
         self._up: Up | None = None if self._options.up == "auto" else self._options.up
         self._felt, self._rested, self._leans = (0.0, 0.0, 0.0), 0, False
+        self._gyro_of = "gz" if self._up is None else f"g{self._up[1]}"
         self._halted = False
 
     async def open(self) -> None:
@@ -343,16 +335,15 @@ class WaveshareHal(PlainHal):
 
     def _take(self, data: bytes) -> None:
         for found in self._lines.feed(data):
-            report = report_of(found, self._whole)
+            report = report_of(found, self._whole, self._gyro_of)
             if report is not None:
-                if report.voltage is not None:
-                    self._whole |= number(found["v"]) != report.voltage
-                self._take_report(report)
+                if not self._whole and report.voltage is not None:
+                    self._whole = found["v"] != report.voltage
+                self._take_report(self._seen_upright(report, found))
 
     def _take_report(self, report: BoardReport) -> None:
         time = self.line.time()
         since = time - self._taken
-        report = self._seen_upright(report)
         if self._report is not None and not goes_on(self._report, report, since, self._options.gyro):
             first = self._doubted is None or not goes_on(self._doubted, report, since, self._options.gyro)
             self._doubted = report
@@ -392,21 +383,33 @@ class WaveshareHal(PlainHal):
             x, y, theta = move_along_arc(old.x, old.y, old.theta + turn, 0.0, 0.0, 0.0)
         self._odometry = Odometry(x, y, theta, v, omega)
 
-    def _seen_upright(self, report: BoardReport) -> BoardReport:
+    def _seen_upright(self, report: BoardReport, found: dict[str, Any]) -> BoardReport:
         """Return the report with the rate about the axis that points up; without a rate while that is not known."""
-        if report.rates is None or (report.acceleration is None and self._options.up == "auto"):
-            # a board that tells no gravity: its z axis is taken for it
-            return report
-        if self._up is None and report.acceleration is not None and not (report.left or report.right):
-            self._felt = tuple(map(sum, zip(self._felt, report.acceleration, strict=True)))  # type: ignore[assignment]
-            self._rested += 1
-            if self._rested >= UPRIGHT:
-                self._up, self._rested = vertical(self._felt), 0
-                self._felt = 0.0, 0.0, 0.0
-                if self._up is None and not self._leans:
-                    self._leans = True
-                    self.line.tell("no axis of the rover's board is vertical: set hal_options.up to use its gyroscope")
-        return report._replace(gyro=None if self._up is None else about(self._up, report.rates))
+        if self._up is None:
+            acceleration = acceleration_of(found)
+            if acceleration is None:
+                # a board that tells no gravity: its z axis is taken for it
+                return report
+            if not (report.left or report.right):
+                self._rest(acceleration)
+            return report._replace(gyro=None)
+        if self._up[0] == "-" and report.gyro is not None:
+            return report._replace(gyro=-report.gyro)
+        return report
+
+    def _rest(self, acceleration: Triple) -> None:
+        """Look which axis points up, after UPRIGHT reports at rest."""
+        self._felt = tuple(map(sum, zip(self._felt, acceleration, strict=True)))  # type: ignore[assignment]
+        self._rested += 1
+        if self._rested < UPRIGHT:
+            return
+        self._up = vertical(self._felt)
+        self._felt, self._rested = (0.0, 0.0, 0.0), 0
+        if self._up is not None:
+            self._gyro_of = f"g{self._up[1]}"
+        elif not self._leans:
+            self._leans = True
+            self.line.tell("no axis of the rover's board is vertical: set hal_options.up to use its gyroscope")
 
     def _yaw_rate(self, gyro: float | None, still: bool) -> float | None:
         """Return the yaw rate from the gyroscope, rad/s; None until its bias is known from reports at rest."""
