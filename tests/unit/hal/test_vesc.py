@@ -884,3 +884,29 @@ def test_the_vesc_says_what_it_can_do() -> None:
         True, True, True, False, False, False,
     )  # fmt: skip
     assert hal.own_channels == VescOptions(gear=3.0)
+
+
+@pytest.mark.parametrize("trouble", ["killed", "fault"])
+def test_a_controller_in_trouble_is_told_and_its_port_stays_open_as_it_answers(trouble: str) -> None:
+    hal, port = on_the_desk()
+
+    async def drive() -> None:
+        async with Robot.open(hal, config=config()) as robot:
+            await robot.linked(5.0)
+            robot.arm()
+            robot.command(0.4, 0.0)
+            await asyncio.sleep(0.2)
+            assert port.device is not None
+            setattr(port.device, trouble, 5 if trouble == "fault" else True)
+            await asyncio.sleep(30.0)
+            assert not robot.armed
+            board = robot.runtime.state.board
+            assert board is not None
+            words = {"killed": "the VESC's kill switch is on", "fault": "transistors too hot"}
+            assert words[trouble] in board.reason
+            assert (board.ready, board.losses, board.faults["reconnects"]) == (False, 1, 0)
+            setattr(port.device, trouble, 0)
+            await robot.linked(5.0)
+            assert not robot.armed, "it is there again, and nobody has armed it"
+
+    run(drive(), speed="max")

@@ -373,11 +373,13 @@ class VescHal(PlainHal):
     def _take_values(self, values: Values) -> None:
         before, self._values = self._values, values
         self._taken = self.line.time()
-        # it answers, also while it is in a fault
-        self.line.watched.heard()
-        trouble = trouble_of(values)
-        if trouble and (before is None or trouble_of(before) != trouble):
-            self.line.down(trouble)
+        troubled = values.fault or values.killed
+        if troubled:
+            # it answers all the same
+            self.line.watched.heard()
+            trouble = trouble_of(values)
+            if before is None or trouble_of(before) != trouble:
+                self.line.down(trouble)
         v = values.erpm / self._erpm_per_speed
         distance = 0.0
         if before is not None:
@@ -385,7 +387,7 @@ class VescHal(PlainHal):
             if wrapped(values.distance - before.distance) < 0 or abs(distance) > RESTARTED:
                 distance = 0.0
                 self.line.down("the VESC restarted: its tachometer started again at 0")
-        if not trouble:
+        if not troubled:
             self.line.heard()
         old = self._odometry or Odometry()
         self._odometry = rolled(old, distance, self._geometry.curvature(self._share), v)
