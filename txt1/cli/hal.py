@@ -3,23 +3,26 @@
 import argparse
 import asyncio
 import sys
+from collections.abc import Callable
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 from shlex import quote
 from string import Template
-from typing import Final
+from typing import Any, Final, cast
 
 from txt1.commands import OK, add_actions, flag, path, signals_to, takes
 from txt1.conformance import verdicts
 from txt1.errors import ConfigError, HalError
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.conformance import HalConformance
+from txt1.hal.line import Line
 from txt1.hal.registry import HALS, create
 from txt1.installing import interpreter
 from txt1.kernel.loop import run
 from txt1.kit.options import CONFIGURATION, LINE, VEHICLE, loaded
 from txt1.kit.verdicts import print_verdicts
+from txt1.link.base import Port
 from txt1.resources import PACKAGE
 from txt1.sim.parameters import LineFaults
 
@@ -71,10 +74,19 @@ def check_hal(arguments: argparse.Namespace) -> int:
         serial = config.serial.model_copy(update={"fault": faults})
         return create(config.model_copy(update={"serial": serial}))
 
+    def behind(wrap: Callable[[Port], Port]) -> Hal | None:
+        """Return the configured HAL with its port wrapped; None if it has no `Line`."""
+        hal: Any = create(config)
+        line = getattr(hal, "line", None)
+        if not isinstance(line, Line):
+            return None
+        line.watched.port = wrap(line.watched.port)
+        return cast("Hal", hal)
+
     # a check closes its hardware halfway
     with signals_to(lambda number, _: sys.exit(128 + number)):
-        # real hardware has no simulated line faults
-        settings = {"over": staticmethod(over)} if simulated else {"speed": None}
+        # real hardware has no simulated faults and outages
+        settings = {"over": staticmethod(over), "behind": staticmethod(behind)} if simulated else {"speed": None}
         skids = config.geometry.steering == "skid"
         return print_verdicts(verdicts(HalConformance, lambda: create(config), skids=skids, **settings))
 

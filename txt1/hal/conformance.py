@@ -443,7 +443,8 @@ class HalConformance(Conformance[Hal]):
         texts: list[str] = []
         losses = 0
         while self.now < BEGINS:
-            await self.hold(FORWARD, CALL_PERIOD)
+            # it drives when the outage begins, and is not yet at a wall
+            await self.hold(FORWARD if self.now > BEGINS - self.drive else NEUTRAL, CALL_PERIOD)
         while self.now < max(self.ends, BEGINS + NOTICED) or not self.is_ready():
             link = (await self.hold(NEUTRAL, CALL_PERIOD)).link
             if link is not None:
