@@ -89,6 +89,6 @@ def test_a_drive_beyond_the_car_is_told_with_the_nearest_that_it_can(capsys: pyt
 
 def test_what_the_first_steps_told_is_printed_too(capfd: pytest.CaptureFixture[str]) -> None:
     """A sensor may be in trouble from the start; a car without encoders tells it in its first step."""
-    words = ["run", "--hal", "pi", "--vehicle", "donkeycar", "--set", "hal_options.bus=desk"]
+    words = ["run", "--hal", "pi", "--vehicle", "donkeycar", "--set", "hal_options.bus=virtual"]
     execute([*words, "--headless", "--duration", "0.3"])
     assert "no encoders: odometry is dead reckoning" in capfd.readouterr().out
