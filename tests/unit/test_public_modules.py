@@ -94,6 +94,7 @@ NOT_PUBLIC: Final[dict[str, tuple[str, set[str]]]] = {
             "txt1.ros.python",
             "txt1.ros.topics",
             "txt1.sensors.mounts",
+            "txt1.tasks.fields",
         },
     ),
 }

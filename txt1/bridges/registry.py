@@ -167,6 +167,8 @@ class RobotEnd:
         # age of the present request, s
         self._age = 0.0
         self._told = ""
+        # whether it was told that commands are ignored, since the robot was last armed
+        self._told_ignored = False
         self._topics: frozenset[str] | None = None
         self._seldom: frozenset[str] | None = frozenset()
         self._interval, self._due, self._due_seldom = 0.1, 0.0, 0.0
@@ -252,6 +254,16 @@ class RobotEnd:
         old = self._age + max(0.0, since)
         give = self.source.hold if held else self.source.command
         give(_number("v", v), _number("omega", omega), max(0.0, self.robot.now - old))
+        if self.robot.armed:
+            self._told_ignored = False
+        elif (v or omega) and not self._told_ignored:
+            self._told_ignored = True
+            name, reason = self._name, self.robot.reason
+            self.robot.tell(f"commands of '{name}' are ignored: the robot is not armed ({reason}); {self.how_to_arm()}")
+
+    def how_to_arm(self) -> str:
+        """Return what to do for commands that are ignored because nobody has armed the robot."""
+        return "arm it first"
 
     def _subscribe(
         self, topics: Sequence[str] | None = None, rate: object = 10.0, seldom: Sequence[str] | None = ()

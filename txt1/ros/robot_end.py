@@ -48,6 +48,7 @@ class Ros2RobotEnd(RobotEnd):
     def __init__(self, robot: Robot, told: Told = PLAIN) -> None:
         self._config = config = robot.config
         self._feed, self._prefix = Publisher(robot.runtime, self.say, told), told.prefix
+        self._place = f"/{told.owner}/" if told.owner else "/"
         self._calls = Calls(
             {
                 "arm": robot.arm,
@@ -89,6 +90,10 @@ class Ros2RobotEnd(RobotEnd):
         return self._feed.line({"answers": self._calls.take(), "feedback": self._feedback()})
 
     # -- requests ----------------------------------------------------------------------------------------------
+
+    def how_to_arm(self) -> str:
+        """Return the call of the node's service."""
+        return f"call its service: ros2 service call {self._place}arm std_srvs/srv/Trigger"
 
     def lost(self) -> None:
         """Note that the node has gone: release the wheel, and collect nothing."""

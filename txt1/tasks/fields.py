@@ -224,7 +224,9 @@ DRIVER: Final = declare(
 )
 
 
-_WARN: Final = ("disarmed", "link lost", "batteries", "the robot does not", "the robot moves", "the estimate is off")
+_WARN: Final = (
+    "disarmed", "link lost", "batteries", "the robot does not", "the robot moves", "the estimate is off", "commands of",
+)  # fmt: skip
 """Beginnings of events that ROS gets as warnings."""
 
 

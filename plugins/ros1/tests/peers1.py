@@ -11,6 +11,7 @@ import rospy
 import tf
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import CameraInfo, CompressedImage, Imu, LaserScan, NavSatFix
 from tf2_msgs.msg import TFMessage
 from txt_driver.msg import Battery, Pwm
@@ -132,6 +133,24 @@ def sensors():
         "frames": frames,
         "late": time.time() - scan.header.stamp.to_sec(),
     }
+
+
+def ignored():
+    """What /rosout says, and how loudly, to a program that drives a robot that nobody armed."""
+    heard = []
+    rospy.Subscriber("/rosout", Log, heard.append)
+    drive = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+    command = Twist()
+    command.linear.x = 0.4
+
+    def told():
+        return [each for each in heard if "are ignored" in each.msg]
+
+    until(lambda: drive.publish(command) or time.sleep(0.1) or told())
+    for _ in range(10):
+        drive.publish(command)
+        time.sleep(0.1)
+    return [[each.level == Log.WARN, each.name, each.msg] for each in told()]
 
 
 def stop():

@@ -195,6 +195,15 @@ def test_it_is_disarmed_armed_stopped_and_switched_to_manual_mode_over_ros(ros: 
     assert stopped == [True, True], "the way back is to arm it"
 
 
+def test_a_program_that_drives_a_robot_that_nobody_armed_finds_out_on_rosout(ros: Ros) -> None:
+    with robot(ros, "--no-arm") as process:
+        told = ros.peer("ignored")
+    ((warns, name, text),) = told
+    assert warns and name == "/txt1_node"
+    assert "the robot is not armed" in text and "rosservice call /arm" in text
+    assert text in process.said  # type: ignore[attr-defined]
+
+
 def test_gains_that_are_no_numbers_are_refused_and_the_node_lives(ros: Ros) -> None:
     with robot(ros):
         assert "result: True" in call(ros, "/pid_load")

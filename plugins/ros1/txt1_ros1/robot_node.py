@@ -28,6 +28,8 @@ class Node(NamedTuple):
     """"" for the original's."""
     virtual: bool
     """Whether ROS gets the robot's time instead of the time of day."""
+    auto_arm: bool = False
+    """Whether the robot arms once by itself."""
 
 
 def python(namespace: str = "") -> RosPython:
@@ -50,7 +52,7 @@ def python(namespace: str = "") -> RosPython:
 @asynccontextmanager
 async def beside(robot: Robot, node: Node) -> AsyncIterator[None]:
     """Run the node until the block is left."""
-    desk = Ros1Desk(robot)
+    desk = Ros1Desk(robot, node.auto_arm, node.namespace)
     options = {"virtual": node.virtual, "parameters": desk.parameters(), "namespace": node.namespace}
     if node.name:
         options["name"] = node.name

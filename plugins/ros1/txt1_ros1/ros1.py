@@ -19,7 +19,7 @@ import rosgraph
 import rospy
 from geometry_msgs.msg import Transform, TransformStamped, Twist
 from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
+from rosgraph_msgs.msg import Clock, Log
 from tf2_msgs.msg import TFMessage
 
 from txt1.model.battery import remaining_time
@@ -32,6 +32,8 @@ NODE_NAME: Final = "txt1_node"
 COMBINED: Final = 0.02
 # s within which commands of two programs count as simultaneous
 TOGETHER: Final = 1.0
+# the level of an event of ROS 2 that is no warning
+ROS2_INFO: Final = 20
 # s between two checks of the master
 LOOK: Final = 0.5
 _HEADER: Final = "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
@@ -114,6 +116,7 @@ class OriginalNode:
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=20)
         self._battery = rospy.Publisher(f"{place}battery", BATTERY, queue_size=2)
         self._static = rospy.Publisher("/tf_static", TFMessage, queue_size=2, latch=True)
+        self._log = rospy.Publisher("/rosout", Log, queue_size=100)
         # publishers by name; () for a topic without a type
         self._sensors: dict[str, Any] = {}
         self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if virtual else None
@@ -149,6 +152,8 @@ class OriginalNode:
                 self._tell_reading(*told)
             if "battery" in telemetry:
                 self._tell_battery(stamp, *telemetry["battery"])
+            for event in telemetry.get("log", ()):
+                self._tell_event(stamp, **event)
             self._caller.answered(telemetry.get("answers", ()))
 
     def _tell_odometry(self, stamp: Any, x: float, y: float, theta: float, v: float, omega: float) -> None:
@@ -170,6 +175,12 @@ class OriginalNode:
         told.header.stamp, told.header.frame_id, told.batt1, told.batt2 = stamp, "battery", first, second
         told.expected_time = rospy.Duration.from_sec(remaining_time(max(first, second), END_MIN))
         self._battery.publish(told)
+
+    def _tell_event(self, stamp: Any, level: int, name: str, msg: str) -> None:
+        """Publish a line of the event log; its level is ROS 2's."""
+        told = Log(level=Log.WARN if level > ROS2_INFO else Log.INFO, name=rospy.get_name(), msg=msg)
+        told.header.stamp = stamp
+        self._log.publish(told)
 
     def _tell_frames(self, stamp: Any, transforms: list[dict[str, Any]]) -> None:
         """Publish once the places of everything on the robot."""
