@@ -29,6 +29,17 @@ USAGE: Final = 2
 DISARMED: Final = 3
 # a stop was not obeyed at once, or the robot was not seen to stand
 UNSTOPPED: Final = 4
+# a guard of the safety gate failed
+UNGUARDED: Final = 5
+EXIT_CODES: Final = {
+    OK: "it ended as asked, or its output was no longer read",
+    FAULT: "a fault: hardware, a task, the terminal, a damaged file, no link to the board, a check that failed",
+    USAGE: "a mistake in the command line or the configuration, or a file or an extra that is not there",
+    DISARMED: "the safety gate disarmed the robot, or kept it from being armed",
+    UNSTOPPED: "it did not obey a stop, or was not seen to stand",
+    UNGUARDED: "a guard of the safety gate failed, so the run was ended",
+}
+"""The meaning of each exit code; docs/reference/exit-codes.md has this table, too."""
 # the exit code is 128 + n, outputs neutral
 SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 STDOUT: Final = 1

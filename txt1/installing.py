@@ -35,19 +35,30 @@ def installs(extras: str) -> str:
         # folder of uv's environments for a single run
         if "archive-v0" in prefix.parts:
             return f"uvx --from {_source(extras)} txt1"
-        if find_spec("pip") is None:
-            return f"uv pip install --python {quote(sys.executable)} {_source(extras)}"
-    return f"{interpreter()} -m pip install {_source(extras)}"
+    return f"{_installer()} {_source(extras)}"
 
 
-def installs_package(name: str) -> str:
-    """Return the command that installs a package of the index into this environment, as `installs` does an extra."""
-    prefix = Path(sys.prefix)
+def installs_package(name: str, options: str = "") -> str:
+    """Return the command that installs a package, or the package in a folder, into this environment.
+
+    `options` are pip's, such as "-e ".
+    """
+    prefix, words = Path(sys.prefix), f"{options}{quote(name)}"
     if (prefix / "pipx_metadata.json").exists() and prefix.parent.name == "venvs":
-        return f"pipx inject {quote(prefix.name)} {quote(name)}"
-    if find_spec("pip") is None:
-        return f"uv pip install --python {quote(sys.executable)} {quote(name)}"
-    return f"{interpreter()} -m pip install {quote(name)}"
+        return f"pipx runpip {quote(prefix.name)} install {words}"
+    return f"{_installer()} {words}"
+
+
+def _installer() -> str:
+    """Return the beginning of a command that installs into this environment: pip's, or that of whoever made it."""
+    pip = f"{interpreter()} -m pip install"
+    if find_spec("pip") is not None:
+        return pip
+    if (Path(sys.prefix) / "conda-meta").is_dir():
+        return f"conda install --prefix {quote(sys.prefix)} pip && {pip}"
+    if sys.prefix != sys.base_prefix or shutil.which("uv"):
+        return f"uv pip install --python {quote(sys.executable)}"
+    return f"{interpreter()} -m ensurepip && {pip}"
 
 
 def distribution_of(plugin: str) -> str:
@@ -65,10 +76,7 @@ def installs_plugin(name: str, extra: str = "") -> str:
     if (prefix / "pipx_metadata.json").exists() and prefix.parent.name == "venvs":
         # pipx runs its installer in the environment's folder
         return f"pipx runpip {quote(prefix.name)} install {_plugin_source(name, extra, near=False)}"
-    source = _plugin_source(name, extra)
-    if find_spec("pip") is None:
-        return f"uv pip install --python {quote(sys.executable)} {source}"
-    return f"{interpreter()} -m pip install {source}"
+    return f"{_installer()} {_plugin_source(name, extra)}"
 
 
 def needs_extra(extra: str, plugin: str = "") -> str:

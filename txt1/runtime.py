@@ -286,11 +286,14 @@ class Runtime:
         await self.sensors.add(name, given, period, own, self.journal.reading)
 
     def guard(self, name: str, guard: Guard) -> None:
-        """Let a guard lower every set-point in the safety gate; if it fails, it is reported once, and then allows 0."""
-        # a plain robot has no guards
-        from txt1.control.guarding import contained
+        """Let a guard lower every set-point in the safety gate.
 
-        self.gate.guards.append(contained(name, guard, self.state.tell))
+        If it fails, it is reported once and then allows 0, and `txt1 run` ends.
+        """
+        # a plain robot has no guards
+        from txt1.control.guarding import add
+
+        add(self, name, guard)
 
     def part(self, kind: type[T]) -> T | None:
         """Return the object of this class that an addition has put into `parts`; None if there is none."""

@@ -108,6 +108,8 @@ def test_what_it_asks_wrongly_is_counted_and_told_once() -> None:
                 ["fly", {}],
                 ["press", {"button": "eject"}],
                 ["subscribe", {"rate": 0}],
+                ["subscribe", {"topics": ["/odm"]}],
+                ["subscribe", {"topics": ["/odom"], "seldom": ["/of_nothing_known"]}],
                 ["fly", {}],
                 ["tell", {"text": "done"}],
             ]
@@ -122,6 +124,8 @@ def test_what_it_asks_wrongly_is_counted_and_told_once() -> None:
                 "no request 'fly'",
                 "'eject' is none",
                 "rate: 0 Hz",
+                "this robot has no '/odm'; did you mean '/odom'?",
+                "this robot has no '/of_nothing_known'; there are /",
             ):
                 assert part in text
             assert robot.armed

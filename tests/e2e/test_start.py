@@ -26,7 +26,7 @@ from txt1.commands import USAGE, need
 from txt1.errors import NotCapable
 from txt1.hal.base import Capabilities, Hal
 from txt1.hal.sim import SimHal
-from txt1.installing import installs, installs_plugin
+from txt1.installing import installs, installs_package, installs_plugin
 from txt1.version import __version__
 
 ROOT = Path(__file__).parents[2]
@@ -330,6 +330,35 @@ class Installed:
 
     def read_text(self, name: str) -> str | None:
         return json.dumps(self.told) if self.told else None
+
+
+@pytest.mark.parametrize(
+    ("made_by", "told"),
+    [
+        ("venv", "{python} -m pip install -e FOLDER"),
+        ("uv", "uv pip install --python {python} -e FOLDER"),
+        ("conda", "conda install --prefix {prefix} pip && {python} -m pip install -e FOLDER"),
+        ("pipx", "pipx runpip txt1 install -e FOLDER"),
+        ("none", "{python} -m ensurepip && {python} -m pip install -e FOLDER"),
+    ],
+)
+def test_a_package_is_installed_by_whoever_made_the_environment(
+    made_by: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prefix = tmp_path / "venvs" / "txt1"
+    python = prefix / "bin" / "python"
+    prefix.mkdir(parents=True)
+    if made_by == "conda":
+        (prefix / "conda-meta").mkdir()
+    if made_by == "pipx":
+        (prefix / "pipx_metadata.json").touch()
+    monkeypatch.setattr(sys, "prefix", str(prefix))
+    monkeypatch.setattr(sys, "base_prefix", str(prefix) if made_by in ("conda", "none") else "/usr")
+    monkeypatch.setattr(sys, "executable", str(python))
+    monkeypatch.setattr("txt1.installing.shutil.which", lambda name: None)
+    pip = object() if made_by == "venv" else None
+    monkeypatch.setattr("txt1.installing.find_spec", lambda name: pip)
+    assert installs_package("FOLDER", "-e ") == told.format(python=python, prefix=prefix)
 
 
 def test_an_extra_is_installed_from_where_txt1_came_by_the_python_that_lacks_it(

@@ -21,8 +21,9 @@ import asyncio
 import inspect
 import json
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
+from difflib import get_close_matches
 from math import inf, isfinite
 from typing import Any, Final
 
@@ -159,6 +160,8 @@ class RobotEnd:
     """The robot's end of a bridge: it answers requests and sends telemetry."""
 
     def __init__(self, robot: Robot, name: str, requests: Mapping[str, Callable[..., object]]) -> None:
+        # whether topics that the robot does not have are refused; ours ask for those of all additions
+        self._strict = not str(BRIDGES.ours.get(name, "")).startswith("txt1.")
         self.leave: Callable[[], None] = lambda: None
         """Unsubscribes from the bus."""
         self.robot, self._name = robot, name
@@ -272,12 +275,24 @@ class RobotEnd:
         hertz = _number("rate", rate)
         if not 0.0 < hertz <= 1.0 / TELEMETRY_PERIOD:
             raise ValueError(f"rate: {hertz:g} Hz; give one above 0, and at most {1.0 / TELEMETRY_PERIOD:g}")
+        wanted, rarely = _names("topics", topics), _names("seldom", seldom)
+        if self._strict:
+            self._check({*(wanted or ()), *(rarely or ())})
         self._interval = 1.0 / hertz
-        self._topics, self._seldom = _names("topics", topics), _names("seldom", seldom)
+        self._topics, self._seldom = wanted, rarely
         self._due = self._due_seldom = 0.0
         self.leave()
         events = [t for t in TOPICS.values() if t.rule is Rule.EVENT and (topics is None or t.name in topics)]
         self.leave = self.robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
+
+    def _check(self, names: Iterable[str]) -> None:
+        """Raise ValueError for a topic that this robot does not have."""
+        known = {*TOPICS, *(topic.name for topic in self.robot.runtime.bus.offered)}
+        for name in sorted(names):
+            if name not in known:
+                near = get_close_matches(name, known, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(sorted(known))}"
+                raise ValueError(f"topics: this robot has no {shown(name)}; {hint}")
 
     def _event(self, topic: Topic[Any], value: Any, time: float) -> None:
         self._events.append({"topic": topic.name, "time": time, "value": plain(value)})

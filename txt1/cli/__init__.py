@@ -19,9 +19,16 @@ from txt1.version import __version__
 
 EPILOG: Final = (
     "Exit codes: 0 as asked, 1 fault, 2 mistake in command line or configuration, or a file or an extra is not there, "
-    "3 the safety gate disarmed the robot, 4 it did not stop when told to or was not seen to stand, "
+    "3 the safety gate disarmed the robot, 4 it did not stop when told to or was not seen to stand, 5 a guard failed, "
     "129/130/143 ended by SIGHUP/SIGINT/SIGTERM."
 )
+# of errors that end a command; an error of another kind is a fault
+CODES: Final[dict[type[Exception], int]] = {
+    StopNotVerified: UNSTOPPED,
+    NotArmed: DISARMED,
+    ConfigError: USAGE,
+    MissingExtra: USAGE,
+}
 
 FIRST: Final = """\
 txt1 runs a robot car: simulated here, or a real one behind a board.
@@ -106,8 +113,9 @@ def _guarded(perform: Callable[[], int]) -> int:
         elif isinstance(first, Exception):
             traceback.print_exception(first)
         print(f"txt1: {_told(error)}", file=sys.stderr)
-        codes = {StopNotVerified: UNSTOPPED, NotArmed: DISARMED, ConfigError: USAGE, MissingExtra: USAGE}
-        return next((code for kind, code in codes.items() if isinstance(error, kind)), FAULT)
+        own = next((code for kind, code in CODES.items() if isinstance(error, kind)), FAULT)
+        # the guards' module is imported only where there is one
+        return int(getattr(error, "exit_code", own))
     except KeyboardInterrupt:
         # a second Ctrl-C during the stop after the first
         return 128 + signal.SIGINT

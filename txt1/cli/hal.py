@@ -7,7 +7,6 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
-from shlex import quote
 from string import Template
 from typing import Any, Final, cast
 
@@ -18,7 +17,7 @@ from txt1.hal.base import Hal, Outputs
 from txt1.hal.conformance import HalConformance
 from txt1.hal.line import Line
 from txt1.hal.registry import HALS, create
-from txt1.installing import interpreter
+from txt1.installing import installs_package
 from txt1.kernel.loop import run
 from txt1.kit.options import CONFIGURATION, LINE, VEHICLE, loaded
 from txt1.kit.verdicts import print_verdicts
@@ -129,5 +128,5 @@ def new_hal(arguments: argparse.Namespace) -> int:
         text = Template((SKELETON / f"{file}.txt").read_text()).substitute(words)
         (folder / written).write_text(text)
         print(folder / written)
-    print(f"{interpreter()} -m pip install -e {quote(str(folder))}, then txt1 hal check {name}")
+    print(f"{installs_package(str(folder.absolute()), '-e ')}, then txt1 hal check {name}")
     return OK

@@ -16,6 +16,7 @@ from txt1.cli.service_manager import served
 from txt1.commands import DISARMED, FAULT, OK, say, view_of
 from txt1.config import Config
 from txt1.config.sources import with_values
+from txt1.control.guarding import GuardWatch
 from txt1.control.limits import SetpointBounds
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
@@ -117,7 +118,9 @@ async def _operate(
         terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more)
         with served(robot.runtime), real_time(robot) if arguments.realtime else nullcontext():
             try:
-                await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready, *robot.alongside)
+                guards = robot.runtime.part(GuardWatch)
+                ends = robot.alongside if guards is None else [*robot.alongside, guards.fault]
+                await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready, *ends)
             finally:
                 getting_ready.cancel()
         if app.code == OK:

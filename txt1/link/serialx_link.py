@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any
 
 from txt1.errors import ConfigError
-from txt1.installing import interpreter
+from txt1.installing import installs_package
 from txt1.link.base import End, StreamLink
 
 
@@ -28,7 +28,7 @@ def library() -> Any:
     try:
         return import_module("serialx")
     except ModuleNotFoundError:
-        remedy = f"{interpreter()} -m pip install serialx"
+        remedy = installs_package("serialx")
         raise ConfigError(f"serial.transport: serialx is not installed: {remedy}") from None
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from math import inf
 from typing import Final, Generic, TypeVar
 
-from txt1.errors import HalError
+from txt1.errors import HalError, Txt1Error
 from txt1.link.silence import Ladder
 from txt1.sensors.base import Reading
 from txt1.telemetry.topics import Topic
@@ -109,7 +109,7 @@ class Frames(Generic[T]):
                 tell(self._fail, HalError("there are no more pictures"), ready)
                 return
             except Exception as error:
-                told = error if isinstance(error, HalError) else HalError(f"{type(error).__name__}: {error}")
+                told = error if isinstance(error, Txt1Error) else HalError(f"{type(error).__name__}: {error}")
                 tell(self._fail, told, ready)
             finally:
                 close = getattr(frames, "close", None)
@@ -126,7 +126,7 @@ class Frames(Generic[T]):
     def _skip(self) -> None:
         self.faults += 1
 
-    def _fail(self, error: HalError, ready: asyncio.Future[None]) -> None:
+    def _fail(self, error: Txt1Error, ready: asyncio.Future[None]) -> None:
         self._failure = str(error)
         if not ready.done():
             # nothing is opened again that did not open at first

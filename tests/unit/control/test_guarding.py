@@ -27,6 +27,13 @@ def test_an_answer_that_is_not_two_finite_numbers_stops_the_robot_for_good(answe
     assert answers == [(1.0, 1.0)], "it is not asked again"
 
 
+def test_one_that_fails_says_why_once() -> None:
+    ends: list[str] = []
+    guard = contained("bad", lambda v, omega, now: (0.0, 1 / 0), lambda *event: None, ends.append)
+    assert [guard(1.0, 1.0, 4.0), guard(1.0, 1.0, 5.0)] == [(0.0, 0.0), (0.0, 0.0)]
+    assert ends == ["ZeroDivisionError: division by zero"]
+
+
 def test_one_that_raises_stops_it_too() -> None:
     told: list[tuple[float, str]] = []
     speeds = dict.fromkeys((1.0, 2.0), 0.0)

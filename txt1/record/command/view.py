@@ -23,7 +23,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from txt1.errors import ConfigError
-from txt1.installing import interpreter
+from txt1.installing import installs_package
 from txt1.kernel.clock import NS_PER_S
 from txt1.record.cdr import encode
 from txt1.record.options import LAYOUT
@@ -192,7 +192,7 @@ def view(file: Path, save: Path | None) -> int:
     python = python_of_rerun()
     if python is None:
         raise ConfigError(
-            f"there is no Rerun here: {interpreter()} -m pip install rerun-sdk; or open {file} in Foxglove, with the "
+            f"there is no Rerun here: {installs_package('rerun-sdk')}; or open {file} in Foxglove, with the "
             f"layout {LAYOUT}"
         )
     with tempfile.TemporaryDirectory() as folder:
