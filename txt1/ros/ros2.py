@@ -70,6 +70,11 @@ def heading(turn: Any) -> float:
     return atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
 
 
+def moves(twist: Any) -> bool:
+    """Return whether a command moves the robot. A number that is none is refused by the robot itself."""
+    return bool(twist.linear.x or twist.angular.z)
+
+
 class Bridge:
     """The node with everything that it `offers`; `stale` is the age in s at which a command is stale.
 
@@ -226,7 +231,7 @@ class Bridge:
     def _take_plain(self, twist: Any, info: dict[str, Any]) -> None:
         """Take a command without a stamp: the middleware has noted when it was sent, 0 if it does not do that."""
         sent = 0 if self._virtual else info.get("source_timestamp") or 0
-        age = self._stamps.age(1e-9 * sent, time.monotonic())
+        age = self._stamps.age(1e-9 * sent, time.monotonic(), moves(twist))
         if age is not None:
             self._take(twist, info, age)
 
@@ -234,7 +239,7 @@ class Bridge:
         self._counts["commands"] += 1
         self._order.take(info.get("publication_sequence_number"))
         now = time.monotonic()
-        if now < self._deaf or now - self._heard > self._stale:
+        if moves(twist) and (now < self._deaf or now - self._heard > self._stale):
             # this process stood still: the age of the command is unknown
             return
         self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z, age=age)
@@ -243,7 +248,7 @@ class Bridge:
         stamp = message.header.stamp
         # not the time of day, which may be set in mid-drive
         received = self._now if self._virtual else time.monotonic_ns()
-        age = self._stamps.age(stamp.sec + 1e-9 * stamp.nanosec, 1e-9 * received)
+        age = self._stamps.age(stamp.sec + 1e-9 * stamp.nanosec, 1e-9 * received, moves(message.twist))
         if age is not None:
             self._take(message.twist, info, age)
 

@@ -42,10 +42,11 @@ class Stamps:
         # arrivals and delays since a clock was set
         self._anew: list[tuple[float, float]] = []
 
-    def age(self, stamp: float, received: float) -> float | None:
+    def age(self, stamp: float, received: float, moves: bool = True) -> float | None:
         """Return the age (s) of a command, for its stamp and its arrival, in s; None if it is refused.
 
-        A stamp of 0 means no stamp: the age is then counted from its arrival.
+        A stamp of 0 means no stamp: the age is then counted from its arrival. A command that does not move the robot
+        is never refused, and always fresh: a stop is not late.
         """
         if stamp == 0.0:
             return 0.0
@@ -64,6 +65,8 @@ class Stamps:
             self._stamp, self._least = stamp, min(each for _, each in self._anew)
             self._anew.clear()
             return delay - self._least
+        if not moves:
+            return 0.0
         self.refused["future" if early else "past"] += 1
         return None
 

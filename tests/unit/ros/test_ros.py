@@ -96,6 +96,16 @@ def test_a_burst_after_a_gap_moves_nothing_but_by_its_fresh_commands(gap: float)
             assert age == pytest.approx(late - each, abs=0.02)
 
 
+@pytest.mark.parametrize("off", [-3.0, 3.0, 86400.0])
+def test_a_stop_is_never_refused_whatever_its_stamp(off: float) -> None:
+    stamps = Stamps(STALE)
+    for k in range(20):
+        stamps.age(1000.0 + 0.1 * k, 1000.0 + 0.1 * k)
+    assert stamps.age(1002.0 + off, 1002.0) is None
+    assert stamps.age(1002.0 + off, 1002.0, moves=False) == 0.0
+    assert stamps.age(1002.1, 1002.1) == pytest.approx(0.0, abs=0.01), "and the driver before it is heard on"
+
+
 def test_a_line_that_is_late_for_good_drives_nothing() -> None:
     stamps = Stamps(STALE)
     for k in range(20):
