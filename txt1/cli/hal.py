@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 from string import Template
-from typing import Any, Final, cast
+from typing import Final
 
 from txt1.commands import OK, add_actions, flag, path, signals_to, takes
 from txt1.conformance import verdicts
@@ -74,13 +74,12 @@ def check_hal(arguments: argparse.Namespace) -> int:
         return create(config.model_copy(update={"serial": serial}))
 
     def behind(wrap: Callable[[Port], Port]) -> Hal | None:
-        """Return the configured HAL with its port wrapped; None if it has no `Line`."""
-        hal: Any = create(config)
-        line = getattr(hal, "line", None)
-        if not isinstance(line, Line):
-            return None
-        line.watched.port = wrap(line.watched.port)
-        return cast("Hal", hal)
+        """Return the configured HAL with the port of its `Line` wrapped; None if it holds none."""
+        hal = create(config)
+        lines = [part for part in vars(hal).values() if isinstance(part, Line)]
+        for line in lines:
+            line.watched.port = wrap(line.watched.port)
+        return hal if lines else None
 
     # a check closes its hardware halfway
     with signals_to(lambda number, _: sys.exit(128 + number)):

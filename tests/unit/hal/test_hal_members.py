@@ -70,7 +70,7 @@ def test_a_hal_that_lacks_members_is_refused_with_their_names() -> None:
     async def main() -> None:
         Runtime(Config(), lambda message: None, Stranger())  # type: ignore[arg-type]
 
-    with pytest.raises(HalError, match=r"lacks own_channels, tap_line, .*movers: derive its class from .*PlainHal"):
+    with pytest.raises(HalError, match=r"lacks own_channels, waits, tap_line, .*movers: derive .*PlainHal"):
         run(main(), speed="max")
 
 
