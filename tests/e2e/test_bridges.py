@@ -25,6 +25,7 @@ from tests.examples import examples
 from tests.patience import LIMIT, until
 from txt1.bridges.registry import BRIDGES, RESTART, RobotEnd, bridge
 from txt1.bridges.services import Services
+from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.fleet.link import FleetLink
 from txt1.kernel.loop import run
@@ -84,6 +85,22 @@ def test_it_sees_the_topics_it_asked_for_and_drives_under_its_own_name() -> None
             assert robot.driver.name != "ask", "the wheel is free when the bridge has gone"
             assert set(seen[-1]["topics"]) == {"/odom"}
             assert seen[0]["name"] == "sim" and seen[0]["version"] == 1
+
+    run(main())
+
+
+def test_a_sensor_that_it_named_has_its_newest_reading_among_the_topics() -> None:
+    async def main() -> None:
+        config = load(overrides=["sensors.imu.driver=sim_imu"]).config
+        async with Robot.open(config=config) as robot:
+            seen: list[dict[str, Any]] = []
+            topics = ["/odom", "/sensors/imu"]
+            async with bridge(robot, "ask", {"topics": topics}, {"seen": lambda line: seen.append(line)}):
+                await until(lambda: any("/sensors/imu" in line["topics"] for line in seen))
+            line = next(line for line in reversed(seen) if "/sensors/imu" in line["topics"])
+            readings = [event["value"] for event in line.get("events", ()) if event["topic"] == "/sensors/imu"]
+            assert set(line["topics"]) == set(topics)
+            assert not readings or line["topics"]["/sensors/imu"] == readings[-1]
 
     run(main())
 

@@ -160,7 +160,8 @@ class RobotEnd:
     """The robot's end of a bridge: it answers requests and sends telemetry."""
 
     def __init__(self, robot: Robot, name: str, requests: Mapping[str, Callable[..., object]]) -> None:
-        # whether topics that the robot does not have are refused; ours ask for those of all additions
+        # whether it is a stranger's: topics that the robot does not have are refused, as ours ask for those of all
+        # additions; and readings are among the topics, as ours take them from the events
         self._strict = not str(BRIDGES.ours.get(name, "")).startswith("txt1.")
         self.leave: Callable[[], None] = lambda: None
         """Unsubscribes from the bus."""
@@ -176,6 +177,8 @@ class RobotEnd:
         self._seldom: frozenset[str] | None = frozenset()
         self._interval, self._due, self._due_seldom = 0.1, 0.0, 0.0
         self._events: deque[dict[str, object]] = deque(maxlen=EVENTS_MAX)
+        # the newest of each sensor that the bridge has named
+        self._newest: dict[Topic[Any], Any] = {}
         self._requests: dict[str, Callable[..., object]] = {
             "subscribe": self._subscribe,
             "drive": self.drive,
@@ -200,7 +203,8 @@ class RobotEnd:
         if now >= self._due_seldom and topics is not None:
             self._due_seldom = now + SELDOM
             topics = None if self._seldom is None else topics | self._seldom
-        line = Snapshot.take(robot.runtime.bus, now, robot.runtime.name, topics).encode()
+        snapshot = Snapshot.take(robot.runtime.bus, now, robot.runtime.name, topics)
+        line = (snapshot.replaced(self._newest) if self._newest else snapshot).encode()
         if self._events:
             line = line[:-2] + b',"events":' + json.dumps(list(self._events)).encode() + b"}\n"
             self._events.clear()
@@ -282,6 +286,7 @@ class RobotEnd:
         self._topics, self._seldom = wanted, rarely
         self._due = self._due_seldom = 0.0
         self.leave()
+        self._newest.clear()
         events = [t for t in TOPICS.values() if t.rule is Rule.EVENT and (topics is None or t.name in topics)]
         self.leave = self.robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
 
@@ -296,6 +301,8 @@ class RobotEnd:
 
     def _event(self, topic: Topic[Any], value: Any, time: float) -> None:
         self._events.append({"topic": topic.name, "time": time, "value": plain(value)})
+        if self._strict and self._topics is not None and topic.name.startswith("/sensors/"):
+            self._newest[topic] = value
 
 
 class Desks:

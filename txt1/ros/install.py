@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -34,26 +36,46 @@ WHEELS: Final = {
     ),
 }
 """Wheels of a distribution that fit together."""
+MAKING, FETCHING = "making the environment", "installing the wheels"
+TYPES: Final = "making types (gcc and g++ are needed)"
+# shares of the work: wheels are being fetched, and are installed
+FETCHED, INSTALLED = (0.05, 0.5), 0.7
 # a dependency that the generators' wheels do not declare
 GENERATING: Final = ("catkin-pkg",)
 
 
-def install(place: Path, distribution: str) -> None:
+Told = Callable[[float, str], None]
+"""Takes the share of the work that is done, 0 to 1, and what is being done."""
+
+
+def install(place: Path, distribution: str, told: Told = lambda share, doing: None) -> None:
     """Make the environment, or update its types; raises ConfigError if that is impossible."""
     if sys.platform != "linux" or os.uname().machine != "x86_64":
         raise ConfigError("txt1 ros2 install: there are wheels for Linux on x86-64 alone; install ROS 2 itself here")
     python = place / "bin" / "python"
     if not python.exists():
-        _run("making the environment", sys.executable, "-m", "venv", str(place))
-    pip = ("-m", "pip", "--disable-pip-version-check", "--quiet", "install", *WHEELS[distribution], *GENERATING)
-    _run("installing the wheels", str(python), *pip)
+        told(0.0, MAKING)
+        _run(MAKING, sys.executable, "-m", "venv", str(place))
+    wanted, collected = [*WHEELS[distribution], *GENERATING], 0
+
+    def line_of_pip(line: str) -> None:
+        nonlocal collected
+        if line.startswith("Collecting "):
+            # each wheel that is wanted needs about one more
+            collected += 1
+            told(FETCHED[0] + (FETCHED[1] - FETCHED[0]) * min(1.0, collected / (2.0 * len(wanted))), FETCHING)
+        elif line.startswith("Installing collected"):
+            told(FETCHED[1], FETCHING)
+
+    told(FETCHED[0], FETCHING)
+    pip = ("-m", "pip", "--disable-pip-version-check", "install", "--progress-bar", "off", *wanted)
+    _run(FETCHING, str(python), *pip, told=line_of_pip)
+    told(INSTALLED, TYPES)
     definitions = own()
     with tempfile.TemporaryDirectory() as folder:
         write_package(Path(folder), "tf2_msgs", TF2, "transforms")
         write_package(Path(folder), "txt1_msgs", definitions, "the TXT-1's own messages")
-        _run(
-            "making types (gcc and g++ are needed)", str(python), "-P", str(INTERFACES), folder, "tf2_msgs", "txt1_msgs"
-        )
+        _run(TYPES, str(python), "-P", str(INTERFACES), folder, "tf2_msgs", "txt1_msgs")
     (place / STATE).write_text(state(definitions))
 
 
@@ -68,8 +90,16 @@ def outdated(place: Path) -> bool:
     return not made.exists() or made.read_text() != state(own())
 
 
-def _run(doing: str, *words: str) -> None:
-    done = subprocess.run(words, env=clean(os.environ), capture_output=True, text=True, check=False)  # noqa: S603
-    if done.returncode != 0:
-        lines = (done.stderr or done.stdout).strip().splitlines()[-3:]
-        raise ConfigError(f"{doing}: {' / '.join(lines)}")
+def _run(doing: str, *words: str, told: Callable[[str], None] = lambda line: None) -> None:
+    """Run a program, and pass on its lines; raises ConfigError with the last of them if it fails."""
+    last: deque[str] = deque(maxlen=3)
+    with subprocess.Popen(  # noqa: S603
+        words, env=clean(os.environ), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+    ) as program:
+        assert program.stdout is not None
+        for line in program.stdout:
+            if line.strip():
+                last.append(line.strip())
+            told(line)
+    if program.returncode != 0:
+        raise ConfigError(f"{doing}: {' / '.join(last)}")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from txt1.commands import OK, add_actions, busy, path, takes
+from rich.progress import TaskProgressColumn, TimeElapsedColumn
+
+from txt1.commands import OK, add_actions, path, say, takes
 from txt1.kit.options import CONFIGURATION, loaded
 
 
@@ -33,10 +35,21 @@ def install(arguments: argparse.Namespace) -> int:
     """Install a ROS 2 of its own from wheels (Linux on x86-64; 280 MB), with the robot's types."""
     from txt1.ros import install
     from txt1.ros.python import home
+    from txt1.trials.run import progress
 
-    place = home()
-    with busy(f"installing ROS 2 {arguments.distribution} into {place}, which takes minutes"):
-        install.install(place, arguments.distribution)
+    place, before = home(), ""
+    say(f"installing ROS 2 {arguments.distribution} into {place}, which takes some minutes")
+    with progress("beginning", 1.0, TaskProgressColumn(), TimeElapsedColumn()) as bar:
+
+        def told(share: float, doing: str) -> None:
+            nonlocal before
+            bar.update(bar.task_ids[0], completed=share, description=doing)
+            if doing != before and bar.disable:
+                # without a terminal a line for each part
+                say(doing)
+            before = doing
+
+        install.install(place, arguments.distribution, told)
     print(f"ROS 2 {arguments.distribution} is in {place}; 'txt1 run --ros2' uses it where no other is installed")
     return OK
 
