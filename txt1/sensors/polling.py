@@ -20,8 +20,8 @@ T = TypeVar("T")
 SENSORS_PRIORITY: Final = 0
 # a sensor without a reading for this number of periods,
 STALE_PERIODS: Final = 10
-# and for at least this number of seconds, is unhealthy
-STALE_MIN: Final = 1.0
+# and for at least this number of seconds, is unhealthy: many GPS receivers send once a second
+STALE_MIN: Final = 2.0
 # s within which a sensor must have closed
 CLOSING_MAX: Final = 5.0
 # points of a scan on a screen, at most
