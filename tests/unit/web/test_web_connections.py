@@ -179,6 +179,27 @@ async def test_of_connections_over_their_budget_one_piece_is_read_at_a_time(serv
     assert [pace(), pace(), pace()] == pytest.approx([PACE, 2.0 * PACE, 3.0 * PACE])
 
 
+async def test_it_listens_at_the_address_that_it_is_asked_for_and_no_other(server: Server) -> None:
+    server.connect()
+    with pytest.raises(ConnectionRefusedError):
+        # another address of loopback stands for all others
+        socket.create_connection(("127.0.0.2", server.connections.port))
+
+
+async def test_a_server_that_is_started_again_gets_its_port_at_once(server: Server) -> None:
+    client = server.connect()
+    await server.until(lambda: server.connections.open)
+    port = server.connections.port
+    server.stop()
+    await server.until(server.closed)
+    # the system remembers the connection for a minute
+    client.close()
+    again = Connections(asyncio.Protocol, None, lambda: 100.0)
+    await again.listen("127.0.0.1", port)
+    assert again.port == port
+    again.close()
+
+
 @pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this computer has no IPv6")
 async def test_the_same_port_of_the_other_family_is_free() -> None:
     made = Connections(asyncio.Protocol, None, lambda: 100.0)
