@@ -194,6 +194,17 @@ async def test_a_dear_request_is_paid_as_a_whole(robot: Robot) -> None:
     assert page.account.exceeded and page.counts["dropped"] == 1
 
 
+@pytest.mark.usefixtures("frozen")
+@pytest.mark.parametrize("do", REQUESTS)
+async def test_a_request_costs_what_its_row_says_and_no_more(do: str, robot: Robot) -> None:
+    pages = pages_of(robot)
+    page = join(pages)
+    page.account.own = Budget(0.0, REQUESTS[do].cost)
+    take(pages, page, json.dumps({"do": do}))
+    assert page.counts["dropped"] == 0 and not page.account.exceeded
+    assert not page.account.own.has(0.0, 1e-9)
+
+
 @pytest.mark.parametrize("late", [0.0, 0.1, 0.24])
 async def test_a_command_is_handed_on_with_its_age(late: float, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(requests, "now", lambda: 50.0)
