@@ -12,7 +12,7 @@ import pytest
 
 from tests.patience import LIMIT
 from txt1.web import budgets, connections
-from txt1.web.connections import PACE, REFUSALS, WAITING, Connections
+from txt1.web.connections import PACE, REFUSALS, WAITING, Connections, Metered
 
 TURNS = 50
 """Turns of the event loop in which whatever is due has happened, on however slow a computer."""
@@ -76,8 +76,9 @@ async def server() -> AsyncIterator[Server]:
 
 
 @pytest.fixture
-async def secure() -> AsyncIterator[Server]:
-    """A server that waits for handshakes, which its clients do not begin."""
+async def secure(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Server]:
+    """A server that waits for handshakes without an end, which its clients do not begin."""
+    monkeypatch.setattr(connections, "STRANGER", 1e6)
     made = Server(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER))
     await made.open()
     yield made
@@ -146,6 +147,29 @@ async def test_the_oldest_handshake_makes_room_for_a_new_one(secure: Server, mon
     assert third in secure.clients
 
 
+async def test_a_handshake_that_has_ended_takes_no_room(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "CONNECTIONS_MAX", 2)
+    for number in (1, 2):
+        server.connect()
+        await server.until(lambda number=number: len(server.connections.open) == number or server.closed())
+    assert server.closed() == []
+
+
+async def test_handshakes_and_connections_take_room_together(secure: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "CONNECTIONS_MAX", 2)
+    page = Metered(secure.connections, "127.0.0.1")
+    page.page = True
+    page.connection_made(asyncio.Transport())
+    first = secure.connect()
+    for _ in range(TURNS):
+        await asyncio.sleep(0)
+    assert secure.closed() == []
+    secure.connect()
+    await secure.until(secure.closed)
+    assert secure.closed() == [first]
+    page.connection_lost(None)
+
+
 async def test_pages_make_no_room_for_others(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connections, "CONNECTIONS_MAX", 1)
     server.connect()
@@ -164,8 +188,7 @@ async def test_a_server_that_closes_closes_its_connections(server: Server) -> No
     assert server.closed() == [client]
 
 
-async def test_a_server_that_closes_waits_for_no_handshake(secure: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "STRANGER", 1e6)
+async def test_a_server_that_closes_waits_for_no_handshake(secure: Server) -> None:
     client = secure.connect()
     for _ in range(TURNS):
         await asyncio.sleep(0)
