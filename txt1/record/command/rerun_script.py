@@ -13,7 +13,8 @@ def layout() -> rrb.Blueprint:
             rrb.Spatial3DView(name="World", origin="/"),
             rrb.Vertical(
                 rrb.Spatial2DView(name="Camera", origin="/sensors/camera"),
-                rrb.TimeSeriesView(name="Odometry", origin="/odom"),
+                rrb.TimeSeriesView(name="Odometry", origin="/odom/speeds"),
+                rrb.TimeSeriesView(name="Set-point", origin="/setpoint/speeds"),
                 rrb.TimeSeriesView(name="Outputs", origin="/pwm"),
                 rrb.TextLogView(name="Events", origin="/rosout"),
             ),

@@ -1,8 +1,9 @@
 """`txt1 log view`: a recording in a viewer of others, with all that it needs to show it.
 
-First a copy of the recording is made, with additions for viewers. Scans, walls of a map, particles and the path on the
-map are added as points, because Rerun shows no sensor_msgs/LaserScan, nav_msgs/OccupancyGrid or
-geometry_msgs/PoseArray. The sensors' places are added as static transforms.
+First a copy of the recording is made, with additions for viewers. Scans, walls of a map, particles, the paths, and the
+outlines of body, room and obstacles are added as points, because Rerun shows no sensor_msgs/LaserScan,
+nav_msgs/OccupancyGrid, geometry_msgs/PoseArray or visualization_msgs/Marker. Speeds of odometry and set-point are added
+as sensor_msgs/JointState, whose numbers it plots. The sensors' places are added as static transforms.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 from mcap.writer import Writer
+from numpy.typing import NDArray
 
 from txt1.errors import ConfigError
 from txt1.installing import installs_package
@@ -30,13 +32,21 @@ from txt1.record.options import LAYOUT
 from txt1.record.reader import Decoding, FilePass, Item
 from txt1.sensors.mounts import fixed, links_of
 from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+from txt1.tasks.controller import SETPOINT
+from txt1.tasks.encoder import ODOMETRY as ODOMETRY_TOPIC
+from txt1.tasks.markers import CUBE, LINES
 from txt1.telemetry.messages import define, schema_name, schema_text
 
+Array = NDArray[np.float64]
 define("sensor_msgs/PointField", "string name\nuint32 offset\nuint8 datatype\nuint32 count")
 POINTS: Final = define(
     "sensor_msgs/PointCloud2",
     "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\n"
     "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense",
+)
+SPEEDS: Final = define(
+    "sensor_msgs/JointState",
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
 )
 # a PointField's datatype
 FLOAT32: Final = 7
@@ -46,10 +56,14 @@ _FIELDS: Final = [
 SCAN: Final = "sensor_msgs/msg/LaserScan"
 MAP: Final = "nav_msgs/msg/OccupancyGrid"
 PARTICLES: Final = "geometry_msgs/msg/PoseArray"
+ODOMETRY: Final = "nav_msgs/msg/Odometry"
 PLACE: Final = "geometry_msgs/msg/PoseWithCovarianceStamped"
+OUTLINES: Final = "visualization_msgs/msg/MarkerArray"
 # per cent: no floor to drive on
 OCCUPIED_FROM: Final = 50
 WAY: Final = 0.05  # m
+# m between two points of an outline
+DOTS: Final = 0.03
 SCRIPT: Final = Path(__file__).with_name("rerun_script.py")
 
 
@@ -82,18 +96,55 @@ def particles(poses: Any) -> dict[str, Any]:
 
 
 class _Way:
-    """The way on the map so far, as points, once it has grown by `WAY`."""
+    """The way so far, as points, each time that it has grown by `WAY` and by a fiftieth."""
 
     def __init__(self) -> None:
         self._places: list[tuple[float, float]] = []
+        self._due = 0
 
     def points(self, message: Any) -> dict[str, Any] | None:
-        """Return the way with another pose, a PoseWithCovarianceStamped; None where it has not grown."""
+        """Return the way with another pose, a PoseWithCovarianceStamped or Odometry; None where it has not grown."""
         place = message.pose.pose.position
         if self._places and hypot(place.x - self._places[-1][0], place.y - self._places[-1][1]) < WAY:
             return None
         self._places.append((place.x, place.y))
+        if len(self._places) <= self._due:
+            return None
+        self._due = len(self._places) + len(self._places) // 50
         return _cloud(message.header, *zip(*self._places, strict=True))
+
+
+def outlines(markers: Any) -> dict[str, dict[str, Any]]:
+    """Return the outlines in a MarkerArray as the fields of PointCloud2s, by their frames."""
+    found: dict[str, list[Array]] = defaultdict(list)
+    headers: dict[str, Any] = {}
+    for each in markers.markers:
+        x, y = each.pose.position.x, each.pose.position.y
+        if each.type == CUBE:
+            a, b = 0.5 * each.scale.x, 0.5 * each.scale.y
+            corners = np.array([(x + a, y + b), (x - a, y + b), (x - a, y - b), (x + a, y - b), (x + a, y + b)])
+        elif each.type == LINES:
+            corners = np.array([(x + point.x, y + point.y) for point in each.points]).reshape(-1, 2)
+        else:
+            corners = np.array([(x, y)])
+        headers[each.header.frame_id] = each.header
+        found[each.header.frame_id].append(_dotted(corners))
+    return {frame: _cloud(headers[frame], *np.vstack(parts).T) for frame, parts in found.items()}
+
+
+def _dotted(corners: Array) -> Array:
+    """Return points along a line through corners, (n, 2) in m, `DOTS` apart."""
+    if len(corners) < 2:
+        return corners
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))))
+    places = np.linspace(0.0, along[-1], max(2, min(int(along[-1] / DOTS), 100_000)))
+    return np.column_stack([np.interp(places, along, corners[:, axis]) for axis in (0, 1)])
+
+
+def speeds(header: Any, twist: Any) -> dict[str, Any]:
+    """Return v (m/s) and omega (rad/s) of a Twist as the fields of a JointState, whose numbers viewers plot."""
+    stamp = {"sec": header.stamp.sec, "nanosec": header.stamp.nanosec}
+    return {"header": {"stamp": stamp}, "name": ["v", "omega"], "position": [twist.linear.x, twist.angular.z]}
 
 
 def _cloud(header: Any, x: Any, y: Any) -> dict[str, Any]:
@@ -145,17 +196,30 @@ def viewable(source: Path, target: Path) -> int:
     """
     reading, decoding, clouds = FilePass(source), Decoding(), 0
     shown, ways = {SCAN: points, MAP: walls, PARTICLES: particles}, defaultdict[str, _Way](_Way)
+    paths = (PLACE, ODOMETRY)
     with target.open("wb") as file:
         writer = Writer(file)
         writer.start("ros2", "txt1")
         copy = _Copy(writer)
         for item in _with_places(reading, copy):
+            time = item.message.log_time
+            if not item.schema.name:
+                # of another program, without a definition: viewers cannot read it, either
+                continue
             copy.add(item.topic, item.schema.name, item.schema.data, item.message.log_time, item.message.data)
-            made = ways[item.topic].points if item.schema.name == PLACE else shown.get(item.schema.name)
+            made = ways[item.topic].points if item.schema.name in paths else shown.get(item.schema.name)
             cloud = None if made is None else made(decoding.message(item))
             if cloud is not None:
                 clouds += 1
-                copy.tell(f"{item.topic}/points", POINTS, item.message.log_time, cloud)
+                copy.tell(f"{item.topic}/points", POINTS, time, cloud)
+            if item.schema.name == OUTLINES:
+                for frame, cloud in outlines(decoding.message(item)).items():
+                    clouds += 1
+                    copy.tell(f"{item.topic}/{frame}", POINTS, time, cloud)
+            elif item.name in (ODOMETRY_TOPIC.name, SETPOINT.name):
+                message = decoding.message(item)
+                twist = message.twist.twist if item.schema.name == ODOMETRY else message.twist
+                copy.tell(f"{item.topic}/speeds", SPEEDS, time, speeds(message.header, twist))
         writer.finish()  # type: ignore[no-untyped-call]
     return clouds
 
