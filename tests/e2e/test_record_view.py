@@ -98,13 +98,18 @@ def subscribed(client: ClientConnection, topic: str) -> Any:
 
 
 def messages(client: ClientConnection, decode: Any) -> Iterator[tuple[float, Any]]:
-    """Log time in s and content of every message on the subscription."""
+    """Log time in s since the first message, and content of every message on the subscription."""
+    first = None
     while True:
         data = client.recv(timeout=LIMIT)
         if isinstance(data, bytes) and data[0] == MESSAGE_DATA:
             subscription, stamp = struct.unpack_from("<IQ", data, 1)
             assert subscription == 7
-            yield stamp / 1e9, decode(data[13:])
+            if first is None:
+                first = stamp
+                # a time of day
+                assert abs(stamp / 1e9 - time.time()) < LIMIT
+            yield (stamp - first) / 1e9, decode(data[13:])
 
 
 def drive(client: ClientConnection, v: float, omega: float = 0.0) -> None:

@@ -18,6 +18,7 @@ from PIL import Image
 
 import txt1
 from lerobot_robot_txt1.config_txt1 import Txt1Config
+from txt1.commands import say
 from txt1.errors import HalError, NotArmed
 
 STATE: Final = {"x_m": "x", "y_m": "y", "theta_rad": "theta", "v_m_s": "v", "omega_rad_s": "omega"}
@@ -42,6 +43,8 @@ class Txt1(Robot):
         self._error: BaseException | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._robot: Any = None
+        # number of actions, and whether one of them was not 0
+        self._actions, self._moved = 0, False
 
     @property
     def observation_features(self) -> dict[str, Any]:
@@ -142,6 +145,7 @@ class Txt1(Robot):
         v, omega = (float(action[each]) for each in ACTION)
         limit = robot.config.safety.v_max
         told = max(-limit, min(limit, v)), omega
+        self._actions, self._moved = self._actions + 1, self._moved or any(told)
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._command, *told)
         return dict(zip(ACTION, told, strict=True))
@@ -156,6 +160,12 @@ class Txt1(Robot):
         """Stop the robot safely, and close it."""
         if not self.is_connected or self._loop is None:
             raise DeviceNotConnectedError(f"{self} is not connected")
+        if self._actions and not self._moved:
+            say(
+                f"all {self._actions} actions were 0, so what was recorded is a robot that stands; "
+                "see that the teleoperator drives"
+            )
+        self._actions, self._moved = 0, False
         self._loop.call_soon_threadsafe(self._end.set)
         assert self._thread is not None
         self._thread.join()

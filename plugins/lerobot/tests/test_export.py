@@ -65,6 +65,26 @@ def test_a_drive_is_an_episode_and_what_is_there_is_not_overwritten(
     assert "choose another name" in capsys.readouterr().err
 
 
+def test_a_dataset_of_a_robot_that_stands_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, drive, zeros in (("stands", "0,0", 1), ("drives", "0.4,0.2", 0)):
+        file = tmp_path / f"{name}.mcap"
+        run = [
+            "run",
+            "--headless",
+            "--speed",
+            "max",
+            "--json",
+            "--duration",
+            "3",
+            f"--drive={drive}",
+            "--log",
+            str(file),
+        ]
+        assert execute(run) == 0
+        assert execute(["log", "export", str(file), "--lerobot", str(tmp_path / name)]) == 0
+        assert capsys.readouterr().err.count("actions are 0, so the dataset shows a robot that stands") == zeros
+
+
 def test_a_cameras_pictures_are_in_it_as_they_were_recorded(tmp_path: Path) -> None:
     file, out = tmp_path / "run.mcap", tmp_path / "dataset"
     run = ["run", "--headless", "--speed", "max", "--duration", "3", "--drive", "0.5,0.3"]

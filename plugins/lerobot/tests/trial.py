@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import av
@@ -18,7 +19,9 @@ QUIET = "--play_sounds=false"
 DRIVE = "[[2.0, 0.4, 0.3], [2.0, 0.4, -0.3]]"
 RECORDING = ["--dataset.single_task=drive", "--dataset.num_episodes=1", "--dataset.episode_time_s=5"]
 RECORDING += ["--dataset.reset_time_s=0", "--dataset.fps=10", "--dataset.push_to_hub=false"]
-RECORDING += ["--dataset.vcodec=h264", "--display_data=false"]
+# the option's place changed with LeRobot 0.6
+CODEC = "rgb_encoder.vcodec" if tuple(map(int, version("lerobot").split(".")[:2])) >= (0, 6) else "vcodec"
+RECORDING += [f"--dataset.{CODEC}=h264", "--display_data=false"]
 # a small network for plain processors; pretrained weights would come from a hub
 POLICY = ["--policy.type=act", "--policy.device=cpu", "--policy.push_to_hub=false"]
 POLICY += ["--policy.pretrained_backbone_weights=null", "--policy.dim_model=64", "--policy.n_heads=4"]

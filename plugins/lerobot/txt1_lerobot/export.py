@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 from pyarrow import parquet
 
+from txt1.commands import say
 from txt1.errors import ConfigError, RecordingError
 from txt1.record.reader import Decoding, FilePass
 
@@ -186,6 +187,8 @@ def export(path: Path, directory: Path, fps: int, task: str | None) -> tuple[int
         "index": np.arange(total),
         "task_index": np.zeros(total, np.int64),
     }
+    if not columns["action"].any():
+        say(f"{path}: all {total} actions are 0, so the dataset shows a robot that stands; record a drive")
     names = {
         "observation.state": [name for topic in topics for name in STATE[topic].names],
         "action": list(SIGNALS[ACTION].names),
