@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 from typing import Final
 
@@ -60,8 +61,11 @@ class Watched:
         self._stream = pyte.ByteStream(self.screen)
 
     def until(self, *words: str) -> None:
-        """Wait until all these words are on it."""
+        """Wait until all these words are on it; TimeoutError, with what is there, when they do not come."""
+        ends = time.monotonic() + LIMIT
         while not all(word in self.text for word in words):
+            if time.monotonic() > ends:
+                raise TimeoutError(f"{words} not among:\n{self.text}")
             self.told += (new := self.child.read_nonblocking(65536, timeout=LIMIT))
             self._stream.feed(new)
 

@@ -57,7 +57,7 @@ class Offers(NamedTuple):
             bus.offer(encoder.POSE, lambda: state.pose)
         bus.offer(
             mode.MODE,
-            lambda: mode.Mode(gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel),
+            lambda: mode.Mode(gate.armed, gate.stopped, gate.told, state.link, state.power, state.panel),
         )
         if can.pwm:
             bus.offer(controller.MEASURED_BY, lambda: state.control.source)

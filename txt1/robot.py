@@ -290,6 +290,11 @@ class Robot:
         return self.runtime.gate.reason
 
     @property
+    def told(self) -> str:
+        """Why the gate is closed, as people are told: the remedy first; empty while it is open."""
+        return self.runtime.gate.told
+
+    @property
     def stop_state(self) -> Stop | None:
         """Progress of the last stop, if stops are verified; None for a simulation, which always obeys its outputs."""
         return None if self.runtime.watch is None else self.runtime.watch.standstill.stop
@@ -346,6 +351,11 @@ class Robot:
         # earlier commands do not count
         self._wheel.commander.clear(self.now)
         self.runtime.arm()
+
+    def arm_by_hand(self) -> None:
+        """Arm, as `arm` does, for a key or a button: within a second after a stop by a safety rule it is refused."""
+        self.runtime.refuse_hasty()
+        self.arm()
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
         """Stop, and let no command through until armed again."""

@@ -5,12 +5,13 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AsyncExitStack, suppress
 from functools import partial
-from typing import Any, TypeVar
+from math import inf
+from typing import Any, Final, TypeVar
 
 from txt1 import additions
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
-from txt1.control.limits import BLOCKED, LOST, WAY_BACK, Fault, Gate, Guard
+from txt1.control.limits import BLOCKED, LOST, Fault, Gate, Guard
 from txt1.control.loops import Loops, loops_for
 from txt1.control.parameters import Limits
 from txt1.control.standstill import coasting_time
@@ -39,6 +40,8 @@ from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import Snapshot
 
 T = TypeVar("T")
+# s after a stop by a safety rule in which the press of a key does not arm
+LOOK_FIRST: Final = 1.0
 OnFault = Callable[[str, BaseException], None]
 Through = Callable[[str, Sensor[Any]], Sensor[Any]]
 """Given the name of a configured sensor and the sensor, not yet opened, returns the sensor to read in its place."""
@@ -177,6 +180,8 @@ class Runtime:
         self._seen_later = False
         # when a robot that did not obey has certainly rolled out, s of the run
         self._rolls_until = 0.0
+        # when a safety rule last disarmed it, s of the run
+        self._closed_at = -inf
         self.failed = False
         """Whether a task has raised."""
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
@@ -348,6 +353,11 @@ class Runtime:
         self.gate.arm(now)
         self.state.tell(now, "armed")
 
+    def refuse_hasty(self) -> None:
+        """Raise NotArmed within a second after a safety rule has disarmed it: nobody has looked yet."""
+        if self.gate.closed_by is not None and self.now - self._closed_at < LOOK_FIRST:
+            raise NotArmed(f"look first, then press again: {self.gate.told}", remedy="")
+
     def reason_not_to_switch(self, switch: Switch, on: bool, now: float) -> str | None:
         """Return why a supply may not be turned on or off at `now`, with the remedy; None if it may."""
         can, stands = self.hal.capabilities, self.stands(now)
@@ -438,14 +448,15 @@ class Runtime:
             self._seen_later = self.hal.capabilities.blind or lost
             self._rolls_until = self.now + (0.0 if at_rest else coasting_time(self.gate.limits.runaway_speed))
             if blocked is not None:
-                told = f"blocked: {blocked}; {WAY_BACK}" if at_rest else f"{reason}: it is at {blocked}"
+                told = f"blocked: {blocked}" if at_rest else f"{reason}: it is at {blocked}"
                 self.gate.reason = reason = told
             elif reason is LOST and self.state.battery.state in (fields.BatteryState.WARNING, fields.BatteryState.BAD):
                 self.gate.reason = reason = f"{reason}; the battery is empty"
             if lost and self.watch is not None:
                 self.watch.lose_sight(self.now)
-        way_back = "; arm it again to go on (key m)" if self.gate.closed_by in (Fault.MISSED, Fault.SLEPT) else ""
-        self.state.tell(self.now, f"disarmed: {reason}{way_back}")
+        if self.gate.closed_by is not None:
+            self._closed_at = self.now
+        self.state.tell(self.now, f"disarmed: {self.gate.told}")
 
     def _task_failed(self, name: str, error: BaseException) -> None:
         if self.journal.source:

@@ -136,7 +136,8 @@ def test_drive_moves_the_robot_at_the_velocity_asked_for(capsys: Capture) -> Non
 def test_driving_into_a_wall_ends_with_exit_code_3_and_says_why(capsys: Capture) -> None:
     assert execute([*SIM, "--duration", "12", "--drive", "0.5,0", "--json"]) == 3
     out, err = capsys.readouterr()
-    assert err == "txt1: the robot was stopped: blocked: a wall of the 5 x 5 m room; arm it (m) and drive back\n"
+    remedy = "look what is in its way, arm (m), drive back (s)"
+    assert err == f"txt1: the robot was stopped: {remedy}: blocked: a wall of the 5 x 5 m room\n"
     parsed = json.loads(out)
     assert (parsed["armed"], parsed["faults"]["runaway"], parsed["odometry"]["v"]) == (False, 1, 0.0)
     assert parsed["sim_time_s"] == 12.0

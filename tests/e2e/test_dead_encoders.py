@@ -43,7 +43,7 @@ async def test_loops_in_this_host_stop_it_as_soon(v: float) -> None:
 
 async def test_the_way_back_is_to_look_at_it_to_switch_the_esc_on_and_to_arm() -> None:
     async def go_on(robot: Robot, board: Board) -> None:
-        with pytest.raises(NotArmed, match="the ESC is off: switch it on first"):
+        with pytest.raises(NotArmed, match="switch the ESC on first"):
             robot.arm()
         board.happen(BoardEvent("encoders", 1.0))
         robot.switch_power(Switch.ESC, True)

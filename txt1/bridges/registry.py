@@ -184,7 +184,7 @@ class RobotEnd:
             "drive": self.drive,
             "request": self.source.request,
             "release": self.source.release,
-            "arm": robot.arm,
+            "arm": robot.arm_by_hand,
             "disarm": lambda reason="": robot.disarm(str(reason)[:TOLD_MAX] or f"disarmed by bridge '{name}'"),
             "stop": robot.stop,
             "press": lambda button: robot.press(_button(button)),

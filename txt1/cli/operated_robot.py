@@ -82,6 +82,15 @@ def _refuse_screen(arguments: argparse.Namespace) -> None:
         raise ConfigError(f"--screen {arguments.screen}: there is none of this number; there are {there}")
 
 
+def _idle(robot: Robot) -> str:
+    """Return why the driving keys move nothing, with the remedy first; "" if they do."""
+    if not robot.armed:
+        return "press m to arm: w, s, a, d move nothing before"
+    if robot.runtime.state.panel.manual:
+        return "press c for controller mode: in manual mode keys do not drive"
+    return "press e to switch the ESC on: it is off" if robot.runtime.state.power.esc is False else ""
+
+
 def _tell_limits(drive: tuple[float, float], config: Config) -> None:
     """Print the set-point (m/s, rad/s) that the safety gate makes of this one, if the car cannot drive it."""
     nearest = SetpointBounds(config.limits()).nearest(*drive)
@@ -104,7 +113,7 @@ async def _operate(
             robot.runtime.scheduler.end_at(arguments.duration)
         keys = {name: key.meaning for name, key in robot.keys.items()}
         shown = {"SPACE": DRIVING["SPACE"]} | keys | DRIVING if keys else None
-        more = {"e": robot.toggle_esc, **{name: key.do for name, key in robot.keys.items()}}
+        more = {"m": robot.arm_by_hand, "e": robot.toggle_esc, **{name: key.do for name, key in robot.keys.items()}}
         for _ in range((arguments.screen or 1) - 1):
             robot.press(Button.RIGHT)
         start = RunStart(robot, arguments.arm, arguments.drive, steer)
@@ -115,7 +124,7 @@ async def _operate(
             await asyncio.Future()
 
         getting_ready = asyncio.ensure_future(prepare())
-        terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more)
+        terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more, partial(_idle, robot))
         with served(robot.runtime), real_time(robot) if arguments.realtime else nullcontext():
             try:
                 guards = robot.runtime.part(GuardWatch)
@@ -123,7 +132,8 @@ async def _operate(
                 await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready, *ends)
             finally:
                 getting_ready.cancel()
-        if app.code == OK:
+        # who ends the run has seen why it was disarmed; a car that is not known to stand has a code of its own
+        if app.code == OK and not app.quit:
             app.code, app.reason = start.verdict(arguments.duration)
             if app.code == FAULT:
                 say(app.reason)
@@ -175,7 +185,7 @@ class RunStart:
         runtime = self.robot.runtime
         gate, board = runtime.gate, runtime.state.board
         if any(gate.counts[fault] for fault in DISARMING):
-            return DISARMED, gate.reason
+            return DISARMED, gate.told
         if board is not None and self._to_be_armed() and not self.armed:
             return DISARMED, f"never armed: {board.text}"
         if board is not None and duration is not None and not self.linked:

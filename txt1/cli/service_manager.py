@@ -78,4 +78,4 @@ def served(runtime: Runtime) -> Iterator[None]:
 def status_of(runtime: Runtime) -> str:
     """Return one line on the robot for ``systemctl status``."""
     gate = runtime.gate
-    return "armed" if gate.armed else f"disarmed: {gate.reason}"
+    return "armed" if gate.armed else f"disarmed: {gate.told}"

@@ -15,7 +15,7 @@ inside the limits. Everything that is refused or clipped is counted:
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from math import inf, isfinite
 from typing import Final, NamedTuple
@@ -36,9 +36,8 @@ AHEAD: Final = 0.1
 DISAGREEMENT: Final = 0.5
 # a whole number beyond it is no float, so it is not finite either
 LARGEST: Final = sys.float_info.max
-WAY_BACK: Final = "arm it (m) and drive back"
-LOST: Final = "not seen any more: a wall, an obstacle, or dead encoders; look at the robot"
-BLOCKED: Final = f"blocked: a wall or an obstacle, or dead encoders; {WAY_BACK}"
+LOST: Final = "not seen any more: a wall, an obstacle, or dead encoders"
+BLOCKED: Final = "blocked: a wall or an obstacle, or dead encoders"
 
 
 class Fault(StrEnum):
@@ -67,6 +66,21 @@ class Fault(StrEnum):
     UNMOVED = "commanded_not_moving"
     STOP_UNOBEYED = "stop_not_obeyed"
     OBSTACLE = "slowed_for_obstacle"
+
+
+WAY_BACK: Final = "look what is in its way, arm (m), drive back (s)"
+REMEDIES: Final[Mapping[Fault, str]] = {
+    Fault.LINK: "look at the board, its power and its cable, then arm (m)",
+    Fault.MISSED: "end other programs, then arm (m)",
+    Fault.SLEPT: "look where it stands, then arm (m)",
+    Fault.RUNAWAY: "look at the robot and its encoders, then arm (m)",
+    Fault.ODOMETRY: "look at the board and its encoders, then arm (m)",
+    Fault.BATTERY: "change the batteries, then arm (m)",
+    Fault.UNMOVED: "look at motor, ESC and battery, then arm (m)",
+    Fault.STOP_UNOBEYED: "hold it by hand, look at ESC and board, then arm (m)",
+    Fault.TASK: "read the log, then start it again",
+}
+"""For each fault that disarms: what to look at or to mend, then how to go on."""
 
 
 class Outputs(NamedTuple):
@@ -229,6 +243,14 @@ class Gate:
         """Whether a guard holds the robot before something that it sees, which is no loss of anything."""
         self.held = False
         """Whether the outputs are neutral until a board that did not obey for a moment has settled."""
+
+    @property
+    def told(self) -> str:
+        """Why it is closed, as people are told: the remedy first; "" while it is open."""
+        remedy = "" if self.closed_by is None else REMEDIES.get(self.closed_by, "")
+        if remedy and self.reason.startswith("blocked"):
+            remedy = WAY_BACK
+        return f"{remedy}: {self.reason}" if remedy else self.reason
 
     def count(self, fault: Fault) -> None:
         """Count a fault."""

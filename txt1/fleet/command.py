@@ -282,7 +282,7 @@ def verdict(fleet: Fleet) -> tuple[int, str]:
     for name, robot in fleet.robots.items():
         gate = robot.runtime.gate
         if any(gate.counts[fault] for fault in DISARMING):
-            return DISARMED, f"{name} was stopped: {gate.reason}"
+            return DISARMED, f"{name} was stopped: {gate.told}"
     for name, part in fleet.cooperations.items():
         if part.stuck:
             return FAULT, f"{name} is stuck; in its way: {part.stuck}"

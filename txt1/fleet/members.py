@@ -59,7 +59,7 @@ def member_of(robot: Robot, silent: str = "", stuck: str = "") -> Member:
     return Member(
         robot.config.name,
         robot.armed,
-        robot.reason,
+        robot.told,
         pose,
         odometry.v,
         odometry.omega,

@@ -69,6 +69,8 @@ class App:
         self.reason = ""
         # s of the run, up to its end
         self.report: dict[str, Any] | None = None
+        # whether the operator ended the run
+        self.quit = False
         self.subject: Subject | None = None
         """Is disarmed when the run ends, or a signal ends it."""
 
@@ -149,7 +151,7 @@ class App:
             await self._watch(runtime, terminal, view, runtime.scheduler.ended, *alongside)
         finally:
             # an interrupted run has a report, too
-            self.reason = runtime.gate.reason
+            self.reason = runtime.gate.told
             self.report = report(runtime)
 
     async def _watch(
@@ -160,12 +162,12 @@ class App:
                 runtime.add_task("screens", SCREENS_PRIORITY, SCREENS_PERIOD, screens.screens)
                 operator = asyncio.ensure_future(screens.wait())
                 await _first_of(*ends, operator)
-                quit_by_operator = operator.done() and operator.result() == "quit"
+                self.quit = operator.done() and operator.result() == "quit"
                 operator.cancel()
                 assert self.subject is not None
                 # before the screens close, which takes time
                 self.subject.disarm("the run has ended")
-            if quit_by_operator or any(each.done() for each in ends):
+            if self.quit or any(each.done() for each in ends):
                 return
             say("the terminal was lost and the robot disarmed; Ctrl-C ends the run")
             self.code = FAULT

@@ -23,9 +23,9 @@ def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held
         return f"no link to the board yet: {board.text}"
     if not state.link.alive:
         return (
-            f"the link is checked after {FIRST:g} s; try again then"
+            f"try again in a second: the link is checked after {FIRST:g} s"
             if now <= FIRST
-            else "no word from the host for a second; is the program that drives it still running?"
+            else "look at the program that drives it: it was silent for a second"
         )
     if held:
         return (
@@ -33,15 +33,15 @@ def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held
             "dies; with the wheels off the ground, put it into manual mode and set serial.allow_host=true"
         )
     if watch is not None and watch.standstill.stop in UNOBEYED:
-        return "it has not stopped yet; wait until it stands"
+        return "wait until it stands: it has not stopped yet"
     if state.power.esc is False and not hal.capabilities.power_known:
-        return "the ESC is off: switch it on first (e, or Robot.switch_power)"
+        return "switch the ESC on first (e, or Robot.switch_power): it is off"
     if state.power.atx is False:
-        return "the ATX supply is off, so the encoders see nothing: switch it on first"
+        return "switch the ATX supply on first: it is off, so the encoders see nothing"
     if io.read(now).cut_off:
-        return "the batteries are cut off: change them first"
+        return "change the batteries first: they are cut off"
     if state.battery.exhausted:
-        return "batteries bad: change them first"
+        return "change the batteries first: they are bad"
     return None
 
 
@@ -52,5 +52,5 @@ def reason_after_runaway(rolls_until: float, unseen: bool, stands: bool, now: fl
     dead encoders read 0. An `unseen` robot, whose encoders may be dead or which has none, may then be armed.
     """
     if now < rolls_until:
-        return f"it did not obey, and may still roll: try again in {rolls_until - now:.1f} s"
-    return None if unseen or stands else "it did not obey, and still moves: wait until it stands"
+        return f"try again in {rolls_until - now:.1f} s: it did not obey, and may still roll"
+    return None if unseen or stands else "wait until it stands: it did not obey, and still moves"

@@ -66,6 +66,9 @@ class State:
         # counts of faults of the line to the host; written by the reader of the line
         self.line_faults: dict[str, int] = {}
 
+        # the text of the last event, and how often it came in a row
+        self._told, self._times = "", 0
+
         self.warnings: list[Callable[[], str]] = []
         """Functions that return a warning, such as a silent bridge, or ""."""
 
@@ -74,9 +77,15 @@ class State:
         return tuple(text for each in self.warnings if (text := each()))
 
     def tell(self, time: float, text: str) -> None:
-        """Log an event."""
+        """Log an event; one that repeats the event before it is one line with a count."""
         event = Event(time, text)
-        self.events.append(event)
+        if text == self._told:
+            self._times += 1
+            self.events.pop()
+            self.events.append(Event(time, f"{text} ({self._times} times)"))
+        else:
+            self._told, self._times = text, 1
+            self.events.append(event)
         self.bus.publish(LOG, event, time)
 
     def count_on_line(self, reason: str) -> None:

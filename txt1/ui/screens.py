@@ -26,11 +26,11 @@ from rich.text import Text
 
 from txt1 import additions
 from txt1.tasks.battery import BATTERIES
-from txt1.tasks.fields import PAGE, TRAFFIC, WARNINGS, Battery, Traffic
+from txt1.tasks.fields import EVENTS, PAGE, TRAFFIC, Battery, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.panel import buzzer
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.status import state_of
+from txt1.ui.status import notes_of, state_of
 from txt1.ui.text import BAD, DASH, DIM, GOOD, NAME_COLUMN, Column, clean, printable, run_time, styled, table
 from txt1.ui.viewer import DRIVING, Viewer
 
@@ -46,6 +46,8 @@ SCREENS: Final = {
 """The package's own screens in the order of the joystick: the LCD's four, and further screens."""
 
 GROUP: Final = "txt1.screens"
+# s for which an event takes the place of the keys
+NEWS: Final = 4.0
 
 Render = Callable[[Snapshot, Viewer, int, int], RenderableType]
 """Draws a snapshot for a body of `columns` x `rows` cells."""
@@ -75,15 +77,19 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
     names = list(installed())
     # the number chosen with the joystick
     name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]
-    warnings = [Text(f" {printable(each)}", "bold yellow", no_wrap=True) for each in snapshot.get(WARNINGS, ())]
+    told = [line for each in notes_of(snapshot) for line in wrap(printable(each), max(1, width - 2))]
     # the body keeps at least a row
-    warnings = warnings[: max(0, height - 4)]
-    rows = height - 3 - len(warnings)
+    warnings = [Text(f" {line}", "bold yellow", no_wrap=True) for line in told[: max(0, height - 4)]]
+    news = _news(snapshot, width)
+    below = news or [_keys(viewer, width)]
+    rows = height - 2 - len(warnings) - len(below)
     body = _help(viewer, width, rows - 2) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, rows))
-    header, state, keys = _header(snapshot, names, name, width), _state_line(snapshot, viewer), _keys(viewer, width)
+    header, state = _header(snapshot, names, name, width), _state_line(snapshot, viewer)
     layout = Layout()
     above = (header, state, *warnings)
-    layout.split_column(*(Layout(line, size=1) for line in above), Layout(body), Layout(keys, size=1))
+    layout.split_column(
+        *(Layout(line, size=1) for line in above), Layout(body), *(Layout(line, size=1) for line in below)
+    )
     return layout
 
 
@@ -134,6 +140,16 @@ def _state_line(snapshot: Snapshot, viewer: Viewer) -> RenderableType:
     lights = f"{link}  RX {rx}  TX {tx}"
     arms = "" if mode.armed or viewer.keys.get("m") != "arm" else f" {styled('m', 'bold')} arms"
     return _edges(state_of(snapshot) + arms, f"{'[bold black on yellow] BUZZER [/]' if sounds else ''}  {lights}")
+
+
+def _news(snapshot: Snapshot, width: int) -> list[Text]:
+    """Return what was told in the last `NEWS` s, such as the answer to a key, unless a row above says it already."""
+    events, notes = snapshot.get(EVENTS, ()), list(notes_of(snapshot))
+    if not events or snapshot.time - events[-1].time > NEWS or any(note in events[-1].text for note in notes):
+        return []
+    return [
+        Text(f" {line}", "bold cyan", no_wrap=True) for line in wrap(printable(events[-1].text), max(1, width - 2))[:2]
+    ]
 
 
 def _edges(left: str | Text, right: str | Text) -> Table:

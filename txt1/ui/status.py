@@ -1,6 +1,6 @@
 """The STATUS screen: state, batteries, gains in force, faults and the latest events."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from rich.console import Group, RenderableType
 from rich.layout import Layout
@@ -52,7 +52,7 @@ _NUMBER = Column(right=True)
 
 
 def state_of(snapshot: Snapshot) -> str:
-    """Return armed, disarmed with its reason, EMERGENCY STOP, or a failed stop, in colours that stand out."""
+    """Return armed, disarmed, EMERGENCY STOP, or a failed stop, in colours that stand out."""
     mode, stop = snapshot.get(MODE, Mode()), snapshot.get(STOP)
     if stop in (*UNOBEYED, Stop.UNASKED):
         return f"[bold white on red] ▲ {stop.value} [/]"
@@ -60,9 +60,19 @@ def state_of(snapshot: Snapshot) -> str:
         return "[bold white on red] ■ EMERGENCY STOP ■ [/]"
     if mode.armed:
         return "[bold black on green] ▶ ARMED [/]"
-    # the whole reason is among the events
-    reason = f" ({clean(mode.reason)})" if mode.reason else ""
-    return f"[black on yellow] ▌▌disarmed{reason} [/]"
+    return "[black on yellow] ▌▌disarmed [/]"
+
+
+def notes_of(snapshot: Snapshot) -> Iterator[str]:
+    """Yield why the robot does not obey, the remedy first: its reason, mode and ESC; then the warnings."""
+    mode = snapshot.get(MODE, Mode())
+    if mode.reason and not (mode.armed or mode.stopped or mode.reason.startswith("not armed")):
+        yield mode.reason
+    if mode.panel.manual:
+        yield "c: back to controller mode; in manual mode keys do not drive"
+    if mode.power.esc is False:
+        yield "e: switch the ESC on; it is off, so nothing moves"
+    yield from snapshot.get(fields.WARNINGS, ())
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:

@@ -59,8 +59,11 @@ class Teleop:
         self._active = self._refused = False
         self._hold.end(-inf)
 
-    def key(self, key: str, now: float) -> None:
-        """Take a key press, which replaces the opposite key at once; other keys are ignored."""
+    def key(self, key: str, now: float) -> str:
+        """Take a key press, which replaces the opposite key at once; other keys are ignored.
+
+        Returns the new speed, in words, after + and -; "" after any other key.
+        """
         if key in _DRIVE or key in _STEER:
             # no press for a while is a release, unless nobody listened meanwhile: the computer may have stood still
             paused = now - self._pressed > HELD and now - self._listened <= HELD
@@ -69,7 +72,7 @@ class Teleop:
             self._last, self._pressed = key, now
             if self._hold.drives(now) is None:
                 self._refused = True
-                return
+                return ""
         if key in _DRIVE:
             self._drive = _DRIVE[key], now
         elif key in _STEER:
@@ -80,7 +83,9 @@ class Teleop:
         elif key in ("+", "-"):
             speed = round(self.speed + (SPEED_STEP if key == "+" else -SPEED_STEP), 1)
             self.speed = min(self.hand.v_max, max(SPEED_MIN, speed))
+            return f"w and s drive {self.speed:g} m/s, of {SPEED_MIN:g} to {self.hand.v_max:g}"
         self._active |= key in _DRIVE or key in _STEER
+        return ""
 
     def command(self, now: float) -> tuple[float, float] | None:
         """Return (v, omega) in m/s and rad/s; None if the keyboard commands nothing.

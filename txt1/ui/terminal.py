@@ -26,6 +26,7 @@ INTERVAL: Final = 0.1
 # s: older keys, found after this process was delayed, no longer drive or arm
 BACKLOG: Final = 0.5
 _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
+DRIVES: Final = frozenset("wsad")
 _ALWAYS: Final = frozenset(("space", "x", "q"))
 
 
@@ -69,8 +70,8 @@ class Driven(Protocol):
 class DrivingKeys(Protocol):
     """The meaning of the driving keys."""
 
-    def key(self, key: str, now: float, /) -> object:
-        """Take a key."""
+    def key(self, key: str, now: float, /) -> str | None:
+        """Take a key; return what it has changed, in words, unless that is seen anyway."""
 
     def command(self, now: float, /) -> tuple[float, float] | None:
         """Return the command in m/s and rad/s; None without a command. Raises CommandRefused: its hold has ended."""
@@ -84,7 +85,8 @@ class Terminal:
 
     The keys are for `robot`. `keys` takes the commands of the driving keys; None: the driving keys do nothing. `beat`
     is the time between heartbeats of the drawing process, s of real time. `shown` are the keys of the last row and
-    their meaning, by default a robot's. `more` are the actions of further keys (e, b, r, n, x, p); they may refuse.
+    their meaning, by default a robot's. `more` are the actions of further keys (m, e, b, r, n, x, p); they may refuse.
+    `idle` returns why a driving key moves nothing, "" if it does.
     Entering raises TerminalLost if standard input or output is no terminal.
     """
 
@@ -96,12 +98,14 @@ class Terminal:
         teleop: DrivingKeys | None = None,
         shown: Mapping[str, str] | None = None,
         more: Mapping[str, Callable[[], None]] | None = None,
+        idle: Callable[[], str] = lambda: "",
     ) -> None:
         self._robot, self._keys = robot, keys
         # times of the newest command and of the newest snapshot, s of the run
         self._origin = self._sent = -inf
         self._teleop: DrivingKeys = teleop or Teleop()
         self._more = more or {}
+        self._idle = idle
         target, options = "txt1.ui.terminal_process:main", {"keys": shown}
         self._beside = Sidecar(
             target, self.telemetry, self.request, options=options, beat=beat, lost=self._lost, on_terminal=True
@@ -176,7 +180,7 @@ class Terminal:
         elif key == "m":
             # a key pressed while stopped does not count
             self._let_go()
-            self._try(robot.arm)
+            self._try(self._more.get("m", robot.arm))
         elif key in self._more:
             self._try(self._more[key])
         elif key in _BUTTONS:
@@ -184,7 +188,9 @@ class Terminal:
         elif key == "ctrl-z":
             robot.tell("Ctrl-Z does nothing here: a robot that is suspended cannot stop; q quits")
         else:
-            self._teleop.key(key, robot.now)
+            said = self._teleop.key(key, robot.now) or (self._idle() if key in DRIVES else "")
+            if said:
+                robot.tell(said)
 
     def _drive(self) -> None:
         command = self._teleop.command(self._robot.now)

@@ -7,7 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.limits import BLOCKED, LARGEST, LOST, Fault, Gate, Outputs, RunawayWatch, SetpointBounds
+from txt1.control.limits import (
+    BLOCKED,
+    LARGEST,
+    LOST,
+    REMEDIES,
+    WAY_BACK,
+    Fault,
+    Gate,
+    Outputs,
+    RunawayWatch,
+    SetpointBounds,
+)
 from txt1.control.parameters import Limits
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
@@ -371,9 +382,7 @@ def watch(*steps: tuple[int, int, int, int]) -> str | None:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_silence_counts_in_reverse_as_well(sign: int) -> None:
     assert watch((sign * 2001, 0, 0, 14)) is None
-    assert (
-        watch((sign * 2001, 0, 0, 15)) == "blocked: a wall or an obstacle, or dead encoders; arm it (m) and drive back"
-    )
+    assert watch((sign * 2001, 0, 0, 15)) == "blocked: a wall or an obstacle, or dead encoders"
     assert watch((sign * 500, sign * 10, 0, 15)) is None
     assert watch((sign * 500, sign * 10, 0, 15), (500, sign, 0, 1)) == "the left encoder is silent"
     assert watch((sign * 500, 0, sign * 10, 15)) is None
@@ -569,3 +578,18 @@ def test_both_wheels_silent_is_told_as_blocked_and_one_of_them_as_a_runaway() ->
             gate.watch(right, 0, 0.0, None, 0.02)
         reasons.append(gate.reason)
     assert reasons == [BLOCKED, "runaway: the left encoder is silent"]
+
+
+@pytest.mark.parametrize("fault", REMEDIES)
+def test_each_fault_that_disarms_is_told_with_its_remedy_in_the_first_60_columns(fault: Fault) -> None:
+    gate = open_gate()
+    gate.disarm("the cause", fault)
+    assert gate.told == f"{REMEDIES[fault]}: the cause" and len(REMEDIES[fault]) <= 60
+    gate.disarm("by the program")
+    assert gate.told == "the cause", "whoever disarmed it since needs no remedy"
+
+
+def test_at_a_wall_the_remedy_is_to_drive_back() -> None:
+    gate = open_gate()
+    gate.disarm(BLOCKED, Fault.RUNAWAY)
+    assert gate.told == f"{WAY_BACK}: {BLOCKED}" and len(WAY_BACK) <= 60

@@ -24,6 +24,7 @@ def robot(
     """A robot of which only this is known."""
     made = SimpleNamespace(
         config=SimpleNamespace(name="net01", hand=lambda: DEFAULT_HAND),
+        told="",
         armed=True,
         reason="",
         pose=pose,

@@ -12,7 +12,7 @@ from txt1.ui.terminal_process import drawn
 from txt1.ui.viewer import Viewer
 
 COLOUR = re.compile(r"\x1b\[[\d;]*m")
-REASON = "blocked: a wall or an obstacle, or dead encoders; arm it (m) and drive back"
+REASON = "blocked: a wall or an obstacle, or dead encoders"
 
 
 @pytest.mark.parametrize(("width", "rows"), [(60, 20), (80, 24), (132, 40), (200, 50)])

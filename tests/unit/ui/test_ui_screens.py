@@ -112,7 +112,7 @@ def test_an_input_without_a_second_pack_is_told_in_words() -> None:
 def test_help_shows_every_key_of_driving_in_a_small_window() -> None:
     lines = printed(full(), Viewer(help=True), 60, 20)
     keys = {line.removeprefix("│").split()[0] for line in lines if line.startswith("│ ")}
-    assert {"SPACE", "m", "w", "a", "+", "c", "e", "?", "q"} <= keys
+    assert {"SPACE", "m", "w", "a", "+", "c", "e", "?"} <= keys
 
 
 def test_the_state_line_cannot_be_misread() -> None:
@@ -121,12 +121,14 @@ def test_the_state_line_cannot_be_misread() -> None:
     assert "EMERGENCY STOP" in printed(stopped, Viewer(), 80, 24)[1]
     assert "ARMED" not in printed(stopped, Viewer(), 80, 24)[1]
     disarmed = mode(full(), armed=False, reason="link lost")
-    assert "disarmed (link lost)" in printed(disarmed, Viewer(), 80, 24)[1]
+    assert "disarmed  m arms" in printed(disarmed, Viewer(), 80, 24)[1]
+    assert "link lost" in printed(disarmed, Viewer(), 80, 24)[2]
     late = mode(full().replaced({BATTERIES[0]: None}), armed=False, reason="the controller missed 14 cycles")
-    assert "missed 14 cycles)  m arms" in printed(late, Viewer(), 80, 24)[1]
+    assert "m arms" in printed(late, Viewer(), 80, 24)[1] and "missed 14 cycles" in printed(late, Viewer(), 80, 24)[2]
     assert "m arms" not in printed(late, Viewer({"q": "quit"}), 80, 24)[1]  # a recording is not to be armed
     long = mode(full(), armed=False, reason="a very long reason " * 5)
     assert "link alive  RX" in printed(long, Viewer(), 80, 24)[1]
+    assert "\n".join(printed(long, Viewer(), 60, 20)).count("reason") == 5, "nothing of it is cut"
 
 
 def test_buzzer_and_leds_follow_the_robot() -> None:
@@ -251,7 +253,7 @@ def test_many_sensors_are_listed_as_far_as_there_is_room_and_counted() -> None:
         {SENSORS: tuple(sensor._replace(name=f"light{i}") for i in range(40))}
     )
     text = "\n".join(printed(many, Viewer(), 120, 24))
-    assert "light17" in text and "light39" not in text and "and 22 more" in text
+    assert "light16" in text and "light39" not in text and "and 23 more" in text
 
 
 @pytest.mark.parametrize("size", [(20, 5), (40, 10), (1, 1)])
@@ -284,4 +286,4 @@ def test_brackets_in_an_event_a_reason_or_a_name_are_shown_unchanged() -> None:
     told = full().replaced({EVENTS: (Event(1.0, r"[bold]gains[/] of [0.5] \[x] \ "),)}, name="[red]")
     text = "\n".join(printed(mode(told, reason="[/nothing]", armed=False), Viewer(), 120, 24))
     assert r"[bold]gains[/] of [0.5] \[x] \ " in text
-    assert "disarmed ([/nothing])" in text and " [red] " in text and "failed" not in text
+    assert "\n [/nothing]" in text and " [red] " in text and "failed" not in text

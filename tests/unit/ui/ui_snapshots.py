@@ -50,7 +50,7 @@ TEAM = (
     Member(
         "txt02",
         False,
-        "blocked: a wall or an obstacle, or dead encoders; arm it (m) and drive back",
+        "look what is in its way, arm (m), drive back (s): blocked: a wall",
         (10.25, -3.5, 0.0),
         -0.31,
         battery=9.81,
