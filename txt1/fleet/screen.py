@@ -8,7 +8,7 @@ from rich.text import Text
 
 from txt1.fleet.members import FLEET, FLEET_STOP, Member
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.text import BAD, DIM, GOOD, LABEL, Column, clean, duration, number, printable, styled, table
+from txt1.ui.text import BAD, GOOD, LABEL, Column, clean, duration, number, printable, styled, table
 from txt1.ui.viewer import Viewer
 
 # cells of the frame and beside it
@@ -38,6 +38,14 @@ class RobotLine(NamedTuple):
     style: str
 
 
+ALONE: Final = (
+    ("This robot is alone. Three simulated robots in one room:",),
+    ("txt1 fleet --robots 3",),
+    ("On a network: txt1 run --name a --fleet",),
+)
+"""Rows of FLEET without a fleet."""
+
+
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """FLEET for a body of width x rows cells; a narrow one does without some columns, and then cuts the states."""
     members, stop = snapshot.get(FLEET) or (), snapshot.get(FLEET_STOP)
@@ -50,7 +58,7 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
 
 def _table(members: Sequence[Member], width: int, rows: int) -> RenderableType:
     if not members:
-        return table("FLEET", (Column(),), ((styled("this robot is alone", DIM),),))
+        return table("FLEET", (Column(fold=True),), ALONE)
     lines = tuple(map(_line, members[: max(1, rows - 3)]))
     columns = COLUMNS
     longest = max(len(line.cells["state"]) for line in lines)

@@ -154,6 +154,14 @@ def in_force(snapshot: Snapshot) -> int | None:
     return min(equal, key=lambda index: abs(index - expected), default=None)
 
 
+NO_SENSORS: Final = (
+    ("There are none beside the encoders. To see a simulated laser:",),
+    ("txt1 run --set sensors.laser.driver=sim_laser",),
+    ("All drivers: txt1 sensor list",),
+)
+"""Rows of SENSORS without a sensor."""
+
+
 def sensors(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """Return SENSORS for a body of width x rows cells: each sensor with its values, their age, and its health."""
     every = snapshot.get(SENSORS, ())
@@ -171,7 +179,7 @@ def sensors(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Render
     hidden = len(every) - len(cells)
     title = f"SENSORS (and {hidden} more)" if hidden > 0 else "SENSORS"
     if not cells:
-        return table(title, (NAME_COLUMN,), ((styled("none configured", DIM),),), padding=(0, 0))
+        return table(title, (Column(fold=True),), NO_SENSORS, padding=(0, 1))
     columns = (
         Column("sensor", fold=True, least=8),
         Column("value", fold=True, least=8),

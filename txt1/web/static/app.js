@@ -174,9 +174,9 @@ function show() {
   const reason = !silent && !replay && mode && !mode.armed ? mode.reason : ""
   $("reason").hidden = !reason
   $("reason").textContent = reason
-  const warnings = silent || replay ? [] : topics["/warnings"] ?? []
+  const warnings = silent || replay ? [] : [...disobeys(mode), ...topics["/warnings"] ?? []]
   $("warnings").hidden = !warnings.length
-  $("warnings").textContent = warnings.join("; ")
+  $("warnings").textContent = warnings.join("\n")
   const driver = topics["/driver"]?.name ?? ""
   const holder = know.page.wheel, mine = holder && holder === know.page.number
   $("driver").textContent = driver === "web" ? (mine ? "this page" : `page ${holder}`)
@@ -206,6 +206,12 @@ function show() {
   routed = (topics["/route"] ?? []).length > 0
 }
 let routed = false
+
+// Why it moves nothing though it is armed, the remedy first.
+const disobeys = (mode) => [
+  mode?.panel?.manual && "c at the terminal: back to controller mode; in manual mode nothing drives it",
+  mode?.power?.esc === false && "e at the terminal: switch the ESC on; it is off, so nothing moves",
+].filter(Boolean)
 
 const round = (value) => (value === undefined ? NaN : Math.round(value * 100) / 100)
 

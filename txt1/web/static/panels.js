@@ -49,7 +49,7 @@ const events = (know, panel) => {
 
 const fleet = (know, panel) => {
   const all = know.topics["/fleet"] ?? []
-  if (!all.length) return panel.replaceChildren(quiet("no fleet"))
+  if (!all.length) return panel.replaceChildren(quiet("no fleet; two robots on a network: txt1 run --name a --fleet, and the same with --name b"))
   const state = ({ alive, armed, reason, silent }) => !alive ? span("gone", "bad") : silent ? span(`waits for ${silent}`, "warn")
     : armed ? span("armed", "good") : span(reason || "disarmed", "warn")
   panel.replaceChildren(
@@ -61,7 +61,7 @@ const fleet = (know, panel) => {
 
 const sensors = (know, panel) => {
   const all = know.topics["/sensors"] ?? []
-  if (!all.length) return panel.replaceChildren(quiet("no sensors beside the encoders"))
+  if (!all.length) return panel.replaceChildren(quiet("no sensors beside the encoders; a simulated laser: txt1 run --web --set sensors.laser.driver=sim_laser"))
   const trusted = Object.fromEntries((know.topics["/estimation"] ?? []).map((trust) => [trust.name, trust]))
   panel.replaceChildren(...all.flatMap((sensor) => [
     title(sensor.name),
@@ -225,7 +225,7 @@ const files = (know, panel) => {
     element("td", {}, element("a", { href: `recordings/${file.name}`, download: file.name }, file.name),
       element("div", { className: "dim" }, `${new Date(1000 * file.time).toLocaleString()}, ${(file.size / 1e6).toFixed(1)} MB`)),
     element("td", { className: "n" }, element("button", { onclick: () => know.replay(file.name) }, "show")),
-  ])) : quiet("none yet"))
+  ])) : quiet("none yet: the button above begins one"))
   panel.replaceChildren(...parts)
 }
 
