@@ -6,6 +6,7 @@ import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
+from math import atan2, isfinite
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,11 +15,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from txt1.config import flatten, recorded
-from txt1.errors import ConfigError, RecordingError
+from txt1.config import Config, flatten, recorded
+from txt1.errors import ConfigError, MissingExtra, RecordingError
 from txt1.kernel.clock import NS_PER_S
+from txt1.record.moving_drawing import Place, moving_drawing
 from txt1.record.reader import Decoding, FilePass, Item, robot_in, robots_in, trusting
 from txt1.record.summary import TopicSummary
+from txt1.sim.obstacles import outline
+from txt1.sim.parameters import Box
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import PWM, SETPOINT
 from txt1.tasks.diagnostics import FAULTS, LIMITED, TASKS
@@ -38,6 +42,11 @@ BLUE, ORANGE, GREY = "#0072B2", "#E69F00", "0.35"
 SPAN: Final = 1.0
 # m: no robot drives as far between two messages, so it was placed somewhere else
 PLACED: Final = 0.3
+
+
+def _heading(orientation: Any) -> float:
+    """Return the heading (rad) of a quaternion that turns about the vertical."""
+    return 2.0 * atan2(orientation.z, orientation.w)
 
 
 class Content:
@@ -69,6 +78,41 @@ class Content:
         """Times (s of the run) and values of that name as columns; six empty ones where there are none."""
         return np.array(self._rows[name]).T if name in self._rows else np.empty((6, 0))
 
+    @property
+    def config(self) -> Config | None:
+        """The recorded configuration; None for one of another version."""
+        try:
+            return recorded(json.loads(self.metadata.get("txt1", {}).get("config", "{}")))
+        except ConfigError:
+            return None
+
+    @property
+    def place(self) -> Place:
+        """The simulated room of a drive whose true pose is known; an empty place for any other."""
+        config = self.config
+        if config is None or "pose" not in self._rows:
+            return Place()
+        room = config.sim.room
+        try:
+            walls = room.built().walls
+        except (ConfigError, MissingExtra):
+            # its map has gone
+            return Place(light=room.light)
+        if walls is not None:
+            outlines = tuple(walls.outlines)
+        elif isfinite(room.length) and isfinite(room.width):
+            outlines = (outline(Box(0.0, 0.0, room.length, room.width)),)
+        else:
+            outlines = ()
+        return Place((*outlines, *map(outline, config.sim.obstacles)), room.light)
+
+    def moving(self, name: str) -> str:
+        """Return the drive as a moving picture (SVG), in the room where its pose is known; "" for no drive."""
+        config = self.config
+        shape = Config().geometry if config is None else config.geometry
+        way = self.columns("pose") if "pose" in self._rows else self.columns("way")
+        return moving_drawing(way[:4], self.place, (shape.length, shape.width, shape.centre), name)
+
     def _take(self, item: Item, time: float) -> None:
         rows, message = self._rows, self._decoding.message
         match item.name:
@@ -76,9 +120,10 @@ class Content:
                 odometry = message(item)
                 position, twist = odometry.pose.pose.position, odometry.twist.twist
                 rows["odometry"].append((time, position.x, position.y, twist.linear.x, twist.angular.z))
+                rows["way"].append((time, position.x, position.y, _heading(odometry.pose.pose.orientation)))
             case POSE.name:
-                position = message(item).pose.position
-                rows["pose"].append((time, position.x, position.y))
+                pose = message(item).pose
+                rows["pose"].append((time, pose.position.x, pose.position.y, _heading(pose.orientation)))
             case SETPOINT.name:
                 twist = message(item).twist
                 rows["setpoint"].append((time, twist.linear.x, twist.angular.z))
@@ -105,11 +150,17 @@ class Content:
 
 def draw(content: Content) -> bytes:
     """The pictures of a recording as one PNG."""
+    return _png(figure_of(content))
+
+
+def figure_of(content: Content) -> Figure:
+    """Return the pictures of a recording as one figure."""
     figure = Figure(figsize=(13.0, 13.0), layout="constrained")
     axes = figure.subplot_mosaic([["path", "v"], ["path", "omega"], ["motor", "steering"], ["battery", "timing"]])
     time, x, y, v, omega = content.columns("odometry")[:5]
     setpoint, pwm = content.columns("setpoint"), content.columns("pwm")
     path = axes["path"]
+    _room(path, content.place)
     path.plot(*_apart(x, y), color=BLUE, label="odometry, from where it began")
     pose = content.columns("pose")
     if pose.shape[1]:
@@ -134,7 +185,16 @@ def draw(content: Content) -> bytes:
     _lines(axes["timing"], marks, "Time between two cycles", "ms", (time[1:], periods, "controller cycles"))
     if not periods.size or np.ptp(periods) < 1.0:
         axes["timing"].set_ylim(0.0, 40.0)
-    return _png(figure)
+    return figure
+
+
+def _room(axes: Any, place: Place) -> None:
+    """Draw walls, obstacles and light."""
+    for number, edge in enumerate(place.walls):
+        closed = np.array((*edge, edge[0]))
+        axes.plot(closed[:, 0], closed[:, 1], color=GREY, linewidth=1.5, label="" if number else "walls")
+    if place.light is not None:
+        axes.plot(*place.light, "*", color=ORANGE, markersize=12, label="light", linestyle="")
 
 
 def _png(figure: Figure) -> bytes:
@@ -188,6 +248,7 @@ def page(name: str, content: Content, picture: bytes) -> str:
         picture,
         "path, velocities, PWM, battery, timing",
         summary(content),
+        content.moving(name),
         ("The run", ("", ""), [*_facts(content), ("file", "complete" if content.complete else "breaks off")]),
         ("Topics", ("topic", "messages", "rate / Hz", "longest gap / s", "lost"), topics),
         (
@@ -239,8 +300,8 @@ def _facts(content: Content) -> list[tuple[str, str]]:
     return [(key, value) for key, value in about.items() if key not in ("config", "plan", "robots")]
 
 
-def _page(name: str, picture: bytes, shown: str, first: Sequence[str], *parts: Part) -> str:
-    """Return a page: title, summary, picture, and each part folded up below its title, a screen long at most."""
+def _page(name: str, picture: bytes, shown: str, first: Sequence[str], moving: str, *parts: Part) -> str:
+    """Return a page: title, summary, pictures, and each part folded up below its title, a screen long at most."""
     encoded = base64.b64encode(picture).decode("ascii")
     lines = [
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
@@ -248,6 +309,7 @@ def _page(name: str, picture: bytes, shown: str, first: Sequence[str], *parts: P
         f"<title>{html.escape(name)}</title><style>{_STYLE}</style></head><body>",
         f"<h1>{html.escape(name)}</h1>",
         "<ul>" + "".join(f"<li>{html.escape(each)}</li>" for each in first) + "</ul>",
+        moving,
         f'<img alt="{shown}" src="data:image/png;base64,{encoded}">',
     ]
     for title, heads, rows in parts:
@@ -291,6 +353,7 @@ def draw_together(contents: Mapping[str, Content]) -> bytes:
     """The pictures of several robots in one room as one PNG."""
     figure = Figure(figsize=(13.0, 10.0), layout="constrained")
     axes = figure.subplot_mosaic([["path", "v"], ["path", "apart"]], width_ratios=(3, 2))
+    _room(axes["path"], next(iter(contents.values())).place)
     poses = {name: each.columns("pose") for name, each in contents.items()}
     for number, (name, pose) in enumerate(poses.items()):
         colour = TOGETHER[number % len(TOGETHER)]
@@ -310,6 +373,8 @@ def draw_together(contents: Mapping[str, Content]) -> bytes:
     )
     for each in axes.values():
         each.grid(visible=True, alpha=0.3)
+    if axes["path"].get_legend_handles_labels()[0]:
+        axes["path"].legend(loc="lower left", fontsize="small")
     return _png(figure)
 
 
@@ -342,6 +407,7 @@ def page_together(name: str, contents: Mapping[str, Content], picture: bytes) ->
         picture,
         "paths, speeds, distances",
         _together(contents),
+        "",
         ("The run", ("", ""), _facts(next(iter(contents.values())))),
         ("Robots", ("robot", "driven / m", "faults"), robots),
         ("Events", ("t / s", "robot", "what"), [(f"{time:.2f}", robot, text) for time, robot, text in events]),
