@@ -78,6 +78,9 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
         self._remove_writer()
         # unplugged
         with suppress(termios.error, OSError):
+            # the line that was held down is let up
+            if not self._serial.dtr:
+                self._serial.dtr = True
             # closing a UART would wait for it up to 30 s
             self._serial.reset_output_buffer()
         # closed now, so that the port can be opened again at once
@@ -98,12 +101,13 @@ async def open_link(
     secret: bytes | None = None,
     behind: str = BOARD,
     transport: str = "pyserial-asyncio",
+    dtr: bool = True,
 ) -> Link:
     """Open a link to a serial device (8N1, exclusive) or to `socket://host:port`; `end` is connected on return.
 
     A board on a network first gets proof of the secret, if there is one. `behind` is the command that serves such an
-    address. `transport` is `serial.transport`. Raises HalError, which names the address, the cause and the remedy;
-    ConfigError: the transport is not installed.
+    address. `transport` is `serial.transport`. `dtr`: whether the line DTR is up meanwhile; serialx keeps it up. Raises
+    HalError, which names the address, the cause and the remedy; ConfigError: the transport is not installed.
     """
     if "://" in address:
         return await open_socket(address, end, secret, behind)
@@ -113,7 +117,7 @@ async def open_link(
         except OPENING as error:
             raise await asyncio.to_thread(_refusal, address, baud, behind, error) from error
     loop = asyncio.get_running_loop()
-    opening = loop.run_in_executor(None, open_port, address, baud, behind)
+    opening = loop.run_in_executor(None, open_port, address, baud, behind, dtr)
     try:
         device, explain = await asyncio.shield(opening)
     except asyncio.CancelledError:
@@ -139,6 +143,7 @@ class DevicePort:
     A USB device that was opened once is opened again under whatever name it has now, and no other device in its place.
     The first line of `secret_file` is the secret of a board on a network;
     `behind` is the command that serves such a port; `transport` is `serial.transport`.
+    `dtr`: whether the line DTR is up while the port is open; it is up again when the port is closed.
     """
 
     def __init__(
@@ -148,11 +153,13 @@ class DevicePort:
         secret_file: str | None = None,
         behind: str = BOARD,
         transport: str = "pyserial-asyncio",
+        dtr: bool = True,
     ) -> None:
         self.rate = 0
         """The rate at which it is open, or was opened last, bits a second; 0: it was not opened."""
         self._wanted = address
         self._transport = transport
+        self._dtr = dtr
         self._behind = behind
         self._secret_file = secret_file
         self._baud = baud
@@ -181,7 +188,7 @@ class DevicePort:
         if plug is None and "://" not in self.address:
             plug = await asyncio.to_thread(plug_of, self.address)
         self.rate = self._baud if isinstance(self._baud, int) else self._baud()
-        link = await open_link(self.address, end, self.rate, secret, self._behind, self._transport)
+        link = await open_link(self.address, end, self.rate, secret, self._behind, self._transport, self._dtr)
         self._spent, self._plug = made, plug
         return link
 
@@ -232,14 +239,16 @@ def baud_warning(baud: int) -> str | None:
     return f"{baud} baud is unusual (the nearest usual rate is {near}, the board's 57600): the adapter may not know it"
 
 
-def open_port(address: str, baud: int, behind: str = BOARD) -> _Opened:
+def open_port(address: str, baud: int, behind: str = BOARD, dtr: bool = True) -> _Opened:
     """Open a port; return it, and the function that explains its loss.
 
     Opening may block: a modem waits for carrier, a USB stack may be slow.
     """
     try:
         explain = _checked(address, baud)
-        device = _Device(address, baud, exclusive=True, timeout=0, write_timeout=0)
+        device = _Device(None, baud, exclusive=True, timeout=0, write_timeout=0)
+        device.dtr, device.port = dtr, address
+        device.open()
         _keep_up(device)
         return device, explain
     except OPENING as error:
