@@ -61,6 +61,8 @@ class Codec(Generic[T]):
         self.farewell = farewell
         self.greets = bool(greeting)
         """Whether the device takes commands."""
+        self.pause: float | None = None
+        """s after which `resume` is to be called, unless a new pause comes before; None: as before."""
         self._out = greeting
         # bytes of an incomplete piece
         self._rest = b""
@@ -76,6 +78,9 @@ class Codec(Generic[T]):
         """Return the bytes to send now, even before the first byte has come."""
         out, self._out = self._out, b""
         return out
+
+    def resume(self) -> None:
+        """Go on after a pause that it has asked for."""
 
 
 class Framed(Codec[T]):
@@ -183,6 +188,8 @@ class Streamed(Generic[T]):
         port = DevicePort(address, baud, behind=server) if isinstance(address, str) else address
         self._watched = Watched(port, self, patience, greet, self._tell, self._fail)
         self._clock = DeviceClock()
+        # calls the codec after a pause
+        self._timer: asyncio.TimerHandle | None = None
         # s of the loop's clock at the start of the run
         self._origin = inf
         self._newest: tuple[float, T] | None = None
@@ -216,6 +223,7 @@ class Streamed(Generic[T]):
     async def close(self) -> None:
         """Let the device stop, and close the link."""
         self._watched.close()
+        self._pause(inf)
         link, self._link = self._link, None
         if link is not None and link.up:
             if self._codec.farewell:
@@ -298,3 +306,20 @@ class Streamed(Generic[T]):
         data = self._codec.to_send()
         if data and self._link is not None and self._link.up:
             self._link.write(data)
+        pause, self._codec.pause = self._codec.pause, None
+        if pause is not None:
+            self._pause(pause)
+
+    def _pause(self, pause: float) -> None:
+        """Let the codec go on after a pause, s; inf: not at all."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if pause < inf:
+            self._timer = asyncio.get_running_loop().call_later(pause, self._resume, self._codec)
+
+    def _resume(self, codec: Codec[T]) -> None:
+        self._timer = None
+        if codec is self._codec:
+            codec.resume()
+            self._send()
