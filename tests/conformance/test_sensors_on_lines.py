@@ -21,6 +21,7 @@ from txt1.sensors.virtual_gps import VirtualGpsd
 from txt1.sensors.virtual_imu import VirtualImu
 from txt1.sensors.virtual_lasers import VirtualScip, ld19
 from txt1.sensors.virtual_mocap import VirtualVicon
+from txt1.sensors.virtual_rplidar import a1, a3, s2
 from txt1.sensors.virtual_sensor import DeskPort, VirtualSensor
 
 
@@ -83,6 +84,23 @@ class TestLd19(OnALine):
 
     def device(self) -> VirtualSensor:
         return ld19()
+
+
+class TestRplidarExpress(OnALine):
+    driver, shown = "laser_rplidar", ("sim_laser", {"steps": 720, "beams": 720})
+
+    def device(self) -> VirtualSensor:
+        return a1()
+
+
+class TestRplidarUltra(TestRplidarExpress):
+    def device(self) -> VirtualSensor:
+        return a3()
+
+
+class TestRplidarDense(TestRplidarExpress):
+    def device(self) -> VirtualSensor:
+        return s2()
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "kind": {
             "choices": tuple(VIRTUAL),
             "help": "imu: 3DM-GX2; gps: NMEA at --pty, gpsd's JSON at --tcp; "
-            "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19",
+            "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19; "
+            "rplidar, rplidar_a3, rplidar_s2: Slamtec RPLIDAR A1, A3, S2",
         },
         **FAR_END,
         "--drive": takes("V,OMEGA", "velocity of the simulated robot meanwhile: m/s, rad/s", velocity),
@@ -99,6 +100,24 @@ VIRTUAL: Final = {
         {"steps": 450, "beams": 450, "range_max": 12.0},
         "txt1.sensors.virtual_lasers:ld19",
         "txt1.sensors.virtual_lasers:ld19",
+    ),
+    "rplidar": VirtualKind(
+        "sim_laser",
+        {"steps": 720, "beams": 720, "range_max": 12.0},
+        "txt1.sensors.virtual_rplidar:a1",
+        "txt1.sensors.virtual_rplidar:a1",
+    ),
+    "rplidar_a3": VirtualKind(
+        "sim_laser",
+        {"steps": 720, "beams": 720, "range_max": 25.0},
+        "txt1.sensors.virtual_rplidar:a3",
+        "txt1.sensors.virtual_rplidar:a3",
+    ),
+    "rplidar_s2": VirtualKind(
+        "sim_laser",
+        {"steps": 720, "beams": 720, "range_max": 30.0},
+        "txt1.sensors.virtual_rplidar:s2",
+        "txt1.sensors.virtual_rplidar:s2",
     ),
 }
 # m/s and rad/s of the robot that carries a virtual device, a circle of 1 m

@@ -36,6 +36,7 @@ DRIVERS: Final = Registry(
         "mocap_vrpn": "txt1.sensors.mocap_vrpn:create",
         "laser_scip": "txt1.sensors.laser_scip:create",
         "laser_ld19": "txt1.sensors.laser_ld19:create",
+        "laser_rplidar": "txt1.sensors.laser_rplidar:create",
         "sim_imu": "txt1.sensors.sim_imu:simulated",
         "sim_gps": "txt1.sensors.sim_gps:simulated",
         "sim_vicon": "txt1.sensors.sim_vicon:simulated",

@@ -21,6 +21,7 @@ from txt1.sensors.virtual_gps import nmea, sentence
 from txt1.sensors.virtual_imu import VirtualImu
 from txt1.sensors.virtual_lasers import VirtualScip, turn
 from txt1.sensors.virtual_mocap import VirtualVicon
+from txt1.sensors.virtual_rplidar import a1
 
 AT_REST = bytes.fromhex(
     "C8"
@@ -435,7 +436,7 @@ def test_foreign_bytes_make_no_readings_and_no_errors_but_hal_errors(name: str, 
         assert name == "vrpn"
 
 
-@pytest.mark.parametrize("make", [VirtualImu, VirtualScip, VirtualVicon])
+@pytest.mark.parametrize("make", [VirtualImu, VirtualScip, VirtualVicon, a1])
 @given(pieces=st.lists(st.binary(max_size=100), max_size=10))
 def test_a_device_on_the_desk_takes_any_bytes(make: Callable[[], Any], pieces: list[bytes]) -> None:
     device = make()

@@ -193,6 +193,7 @@ def setup(driver: str, **options: Any) -> Any:
         ("imu_3dmgx2", {"port": "/dev/ttyUSB77"}),
         ("laser_scip", {"port": "/dev/ttyACM77"}),
         ("laser_ld19", {"port": "/dev/ttyUSB77"}),
+        ("laser_rplidar", {"port": "/dev/ttyUSB77"}),
         ("gps_gpsd", {"address": "socket://127.0.0.1:9"}),
         ("mocap_vrpn", {"address": "socket://127.0.0.1:9"}),
         ("camera", {"source": "/dev/video77"}),
