@@ -17,6 +17,7 @@ from txt1.sensors.laser_scip import ScipDecoder
 from txt1.sensors.readings import Scan
 from txt1.sensors.registry import DRIVERS
 from txt1.sensors.stream import Measured, Streamed
+from txt1.sensors.virtual_bno08x import bno08x
 from txt1.sensors.virtual_gps import VirtualGpsd
 from txt1.sensors.virtual_imu import VirtualImu
 from txt1.sensors.virtual_lasers import VirtualScip, ld19
@@ -52,6 +53,13 @@ class TestImu(OnALine):
 
     def device(self) -> VirtualSensor:
         return VirtualImu()
+
+
+class TestBno08x(OnALine):
+    driver, shown = "imu_bno08x_rvc", ("sim_imu", {})
+
+    def device(self) -> VirtualSensor:
+        return bno08x()
 
 
 class TestGps(OnALine):

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "choices": tuple(VIRTUAL),
             "help": "imu: 3DM-GX2; gps: NMEA at --pty, gpsd's JSON at --tcp; "
             "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19; "
-            "rplidar, rplidar_a3, rplidar_s2: Slamtec RPLIDAR A1, A3, S2",
+            "rplidar, rplidar_a3, rplidar_s2: Slamtec RPLIDAR A1, A3, S2; bno08x: BNO08x in UART-RVC",
         },
         **FAR_END,
         "--drive": takes("V,OMEGA", "velocity of the simulated robot meanwhile: m/s, rad/s", velocity),
@@ -82,6 +82,12 @@ class VirtualKind(NamedTuple):
 
 VIRTUAL: Final = {
     "imu": VirtualKind("sim_imu", {}, "txt1.sensors.virtual_imu:VirtualImu", "txt1.sensors.virtual_imu:VirtualImu"),
+    "bno08x": VirtualKind(
+        "sim_imu",
+        {},
+        "txt1.sensors.virtual_bno08x:bno08x",
+        "txt1.sensors.virtual_bno08x:bno08x",
+    ),
     "gps": VirtualKind("sim_gps", {}, "txt1.sensors.virtual_gps:VirtualGpsd", "txt1.sensors.virtual_gps:receiver"),
     "vicon": VirtualKind(
         "sim_vicon",

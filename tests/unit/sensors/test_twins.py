@@ -191,6 +191,7 @@ def setup(driver: str, **options: Any) -> Any:
     "given",
     [
         ("imu_3dmgx2", {"port": "/dev/ttyUSB77"}),
+        ("imu_bno08x_rvc", {"port": "/dev/ttyUSB77"}),
         ("laser_scip", {"port": "/dev/ttyACM77"}),
         ("laser_ld19", {"port": "/dev/ttyUSB77"}),
         ("laser_rplidar", {"port": "/dev/ttyUSB77"}),
