@@ -2,7 +2,8 @@
 
 The whole suite runs once; this also compiles numba's loops on a new machine. Tests that wait in real time run 20
 times, the first five of these runs beside four busy loops, because these find most. Then the whole suite runs four
-more times. The page's tests in chromium run beside the busy runs and the whole suite.
+more times. The page's tests in chromium run beside the busy runs and the whole suite. Last, the tests that wait and the
+conformance suites run beside 30 busy loops.
 build/steady.json holds the finished runs and their failures; the output of a failed run is beside it. After a new
 commit or other changes it starts from the beginning.
 """
@@ -27,6 +28,7 @@ KEPT: Final = ROOT / "build" / "steady.json"
 PYTEST: Final = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider")
 SUITE: Final = ("--numprocesses=6", "--dist=worksteal")
 WAITING: Final = (*SUITE, "-m", "waits and not long and not browser")
+CONFORMANCE: Final = ("-n", "0", "tests/conformance")
 BROWSER: Final = ("-m", "browser", "tests/browser")
 HUNG: Final = 1800.0  # s that one pytest may take
 NOTHING: Final = 5  # pytest's exit code where all tests are skipped or none is chosen
@@ -45,6 +47,7 @@ ROUNDS: Final = (
     *(Round(f"the tests that wait, {n} of 20", (WAITING, BROWSER), 4) for n in range(1, 6)),
     *(Round(f"the tests that wait, {n} of 20", (WAITING,)) for n in range(6, 21)),
     *(Round(f"the whole suite, {n} of 5", (SUITE, BROWSER)) for n in range(2, 6)),
+    Round("the tests that wait, and the conformance suites, at a load of 30", (WAITING, CONFORMANCE), 30),
 )
 
 

@@ -19,7 +19,7 @@ from txt1.kit.far_end import FAR_END, listen
 from txt1.kit.options import CONFIGURATION
 from txt1.kit.verdicts import print_verdicts
 from txt1.sensors.base import Reading, Sensor, Setup
-from txt1.sensors.conformance import SensorConformance
+from txt1.sensors.conformance import COMPUTED, SensorConformance
 from txt1.sensors.registry import DRIVERS, create
 from txt1.sensors.virtual_sensor import VirtualSensor
 
@@ -68,7 +68,8 @@ def check_sensor(arguments: argparse.Namespace) -> int:
     def make() -> Sensor[Any]:
         return create(given, Setup(name, given.options, config, pose, hal))
 
-    return print_verdicts(verdicts(SensorConformance, make, speed="max" if make().simulated else None))
+    settings = {"speed": "max", "processor": COMPUTED} if make().simulated else {"speed": None}
+    return print_verdicts(verdicts(SensorConformance, make, **settings))
 
 
 class VirtualKind(NamedTuple):

@@ -60,6 +60,10 @@ def in_an_outage(
     return decorate
 
 
+# s of the processor that a simulated sensor may take: it computes what a device measures
+COMPUTED: Final = 0.0003
+
+
 class SensorConformance(Conformance[Sensor[Any]]):
     """The promises, a test for each. Override `make`; override `absent` and the settings if the defaults do not fit."""
 

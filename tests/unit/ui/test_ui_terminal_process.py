@@ -158,7 +158,8 @@ def test_a_line_that_is_no_snapshot_ends_it_with_the_terminal_restored(drawing: 
 
 def test_the_screens_load_nothing_that_would_hold_up_the_heartbeat() -> None:
     code = (
-        "import sys; from txt1.ui import terminal_process, screens; [screen.load() for screen in screens.installed().values()];"
+        "import sys; from txt1.ui import terminal_process, screens;"
+        "[screen.load() for screen in screens.installed().values()];"
         "sys.exit(', '.join({'numpy', 'pydantic', 'mcap', 'matplotlib'} & sys.modules.keys()) or 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
