@@ -142,9 +142,10 @@ clean:
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-# With what README and `txt1` alone show: recordings, pictures, the page.
+# With what README and `txt1` alone show: recordings, pictures, the page. Without --no-compile pip compiles all modules
+# of all packages, a third of the time until the first screen; Python compiles those that are used, when they are.
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python $(PIP_INSTALL) --editable '.[plots,record,web]'
+	$(BIN)/python $(PIP_INSTALL) --no-compile --editable '.[plots,record,web]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.installed $(PLUGINS:%=%/pyproject.toml)
