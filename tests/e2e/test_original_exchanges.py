@@ -71,11 +71,11 @@ def exchanges() -> Iterator[Exchange]:
         yield said("a header in the data", ANSWER, frame(0x70, bytes.fromhex(3 * header)))
     for data in (bytes(14), GAINS + b"\x01\x02", bytes(range(14)), b"\xfa\xfb" * 7):
         yield said("a PID set of 14 bytes", ANSWER, frame(0x70, data))
-    for sets in (0, 1, 3, 14):
+    for sets in (0, 1, 3, 13):
         for more in (1, 2, 3):
             about = f"a PID set with {sets} angular gains and {more} bytes too many"
             yield said(about, ANSWER, frame(0x70, GAINS + sets * SET + b"\x01\xfa\xfb"[:more]))
-    for length in sorted({*range(12), *range(16, 28), *range(32, 44), 75, 80, 100, 235, 240, 249}):
+    for length in sorted({*range(12), *range(16, 28), *range(32, 44), 75, 80, 100, 235, *range(237, 241), 249}):
         yield said(f"a PID set of {length} bytes, and a good one", ANSWER, frame(0x70, bytes(length)) + GOOD)
 
     for bit in range(8 * 6):
@@ -190,11 +190,15 @@ def heard_of(stream: bytes) -> list[bytes]:
 
 
 def answer_to(stream: bytes) -> bytes:
-    """A PID set is answered if its checksum is right and 12 + 16 n bytes are its whole integers of four bytes."""
+    """A PID set is answered if its checksum is right and its whole integers of four bytes are 12 + 16 n bytes.
+
+    One of more than 236 bytes is not.
+    """
     told = SILENCE
     for each in heard_of(stream):
         integers = each[2] // 4
-        if each[3] == 0x70 and each == frame(0x70, each[4:-2]) and integers >= 3 and integers % 4 == 3:
+        sound = each[2] <= 236 and each == frame(0x70, each[4:-2])
+        if sound and integers >= 3 and integers % 4 == 3:
             told += ANSWER
     return told
 

@@ -7,7 +7,8 @@ Hosts have to cope with these habits, which txt1's own firmware does not have:
 - There is no safety gate. Only the link rule stops it, after 1 to 2 s.
 - In manual mode the last PWM stays for ever. A PWM test is obeyed in every mode. In controller mode the next step of
   the loops overwrites it; without a link, neutral does, which is written every 20 ms.
-- The length of a PID set is counted in whole integers of four bytes, so up to three bytes too many are ignored.
+- The length of a PID set is counted in whole integers of four bytes, so up to three bytes too many are ignored; a PID
+  set longer than a full one is.
 - A frame is looked at once, as a whole: what is wrong with it takes all of it along, a sound frame inside included. A
   header with an impossible length takes 255 bytes along, with itself.
 - Neither the mode nor the switches are reported.
@@ -28,7 +29,7 @@ from txt1.model.battery import remaining_time
 from txt1.model.odometry import Odometry, advance
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.protocol.decoder import DATA_MAX, OVERHEAD, Decoder, Event, receivable
-from txt1.protocol.layout import HEADER, Role, checksum
+from txt1.protocol.layout import HEADER, SETS_MAX, Role, checksum
 from txt1.protocol.messages import (
     BatteryLevels,
     BoardMessage,
@@ -65,8 +66,8 @@ V_MAX: Final = 1.5
 PID_SET: Final = 0x70
 # bytes that a false header with an impossible length takes along, itself included
 SWALLOWED: Final = 255
-# bytes of an integer of a PID set
-INTEGER: Final = 4
+# bytes of an integer of a PID set, and of a full set
+INTEGER, FULL = 4, 12 + 16 * SETS_MAX
 # s without power after which an original board runs again; a host may not notice
 OUTAGE: Final = 0.2
 # m between the encoder wheels
@@ -105,7 +106,7 @@ def _understood(frame: bytes) -> bytes:
     """Return a frame as the original reads it: of a PID set it ignores an unfinished integer at the end."""
     body = frame[3:-2]
     excess = frame[2] % INTEGER
-    if not excess or body[0] != PID_SET or checksum(body) != int.from_bytes(frame[-2:], "big"):
+    if not excess or frame[2] > FULL or body[0] != PID_SET or checksum(body) != int.from_bytes(frame[-2:], "big"):
         return frame
     body = body[:-excess]
     return bytes((*HEADER, frame[2] - excess, *body, *checksum(body).to_bytes(2, "big")))
