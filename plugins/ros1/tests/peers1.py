@@ -12,7 +12,7 @@ import tf
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
-from sensor_msgs.msg import CameraInfo, CompressedImage, Imu, LaserScan, NavSatFix
+from sensor_msgs.msg import CameraInfo, CompressedImage, Imu, Joy, LaserScan, NavSatFix
 from tf2_msgs.msg import TFMessage
 from txt_driver.msg import Battery, Pwm
 from txt_driver.srv import PidLoad, PwmTest, Shutdown, SwitchedPwr, SwitchedPwrRequest
@@ -151,6 +151,46 @@ def ignored():
         drive.publish(command)
         time.sleep(0.1)
     return [[each.level == Log.WARN, each.name, each.msg] for each in told()]
+
+
+def frames():
+    """The frames of /tf without rotation of the wheels: parent, x, y, z and the angles of each."""
+    heard = {}
+
+    def note(told):
+        for each in told.transforms:
+            place, turn = each.transform.translation, each.transform.rotation
+            angles = tf.transformations.euler_from_quaternion((turn.x, turn.y, turn.z, turn.w))
+            heard[each.child_frame_id] = [each.header.frame_id, place.x, place.y, place.z, list(map(abs, angles))]
+
+    rospy.Subscriber("/tf", TFMessage, note)
+    rospy.Subscriber("/tf_static", TFMessage, note)
+    until(lambda: "base_imu_link" in heard and "base_gps_link" in heard)
+    until(lambda: "/base_link" in heard or "base_link" in heard)
+    return {name.lstrip("/"): [each[0].lstrip("/"), *each[1:]] for name, each in heard.items()}
+
+
+def joystick():
+    """What teleop commands: dead-man held, let go, and held by a joystick that falls silent."""
+    heard, told = [], {}
+    pad = rospy.Publisher("/joy", Joy, queue_size=1)
+    rospy.Subscriber("/cmd_vel", Twist, lambda twist: heard.append([twist.linear.x, twist.angular.z]))
+
+    def commanded(buttons, expected):
+        until(
+            lambda: (
+                (buttons is not None and pad.publish(Joy(axes=[-0.5, 0.5], buttons=buttons)))
+                or time.sleep(0.05)
+                or (len(heard) > 3 and all(abs(each[0] - expected) < 1e-6 for each in heard[-3:]))
+            )
+        )
+        return heard[-1]
+
+    told["held"] = commanded([1], 0.75)
+    told["let go"] = commanded([0], 0.0)
+    commanded([1], 0.75)
+    told["silent"] = commanded(None, 0.0)
+    return told
 
 
 def stop():

@@ -12,9 +12,10 @@ import sys
 import time
 import xmlrpc.client
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -26,7 +27,8 @@ from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_com
 from txt1.errors import ConfigError
 from txt1.ros.python import clean
 from txt1_ros1.robot_node import SYSTEM, python
-from txt1_ros1.txt_driver import write_package
+from txt1_ros1.txt_driver import write, write_package
+from txt1_ros1.txt_launch import files
 
 pytestmark = pytest.mark.long
 HERE = Path(__file__).parent
@@ -51,6 +53,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """txt_driver's modules for Python, made by ROS's own generators."""
     folder = tmp_path_factory.mktemp("ros1")
     source = write_package(folder / "src")
+    write(folder / "src" / "txt_launch", files())
     if not GENPY.is_dir():
         pytest.skip("did not run: ROS's generators are not here: 'apt install python3-genpy'")
     where = ["-Itxt_driver:" + str(source / "msg"), "-Istd_msgs:/usr/share/std_msgs/msg"]
@@ -291,6 +294,82 @@ def test_a_launch_file_as_the_original_s_starts_the_robot_with_its_gains(
     wait_until(lambda: "/pid_load" not in ros.names(2))
 
 
+@contextmanager
+def board(*words: str) -> Iterator[Path]:
+    """`txt1 board` at a pseudo-terminal, whose path it yields."""
+    with TemporaryDirectory() as folder:
+        line = Path(folder) / "line"
+        process = subprocess.Popen([*TXT1, "board", *words, "--pty", str(line)], cwd=ROOT, stdout=subprocess.DEVNULL)
+        try:
+            wait_until(line.exists)
+            yield line
+        finally:
+            process.terminate()
+            process.wait(LIMIT)
+
+
+COMMAND = "roslaunch txt_launch txt_node_net.launch host:=localhost client:=localhost"
+"""The thesis's command (B.3), on a single computer."""
+
+
+@contextmanager
+def launched(ros: Ros, port: str, options: str, tmp_path: Path) -> Iterator[None]:
+    """The robot and its frames, started by the thesis's command."""
+    if shutil.which("roslaunch") is None:
+        pytest.skip("did not run: no roslaunch here: 'apt install python3-roslaunch'")
+    path = f"{Path(sys.executable).parent}:{ros.environment['PATH']}"
+    given = {"PATH": path, "ROS_LOG_DIR": str(tmp_path), "TXT_PORT": port, "TXT_OPTIONS": options}
+    wait_until(ros.is_up)
+    launch = subprocess.Popen(COMMAND.split(), env=ros.environment | given)
+    try:
+        yield
+    finally:
+        launch.send_signal(signal.SIGINT)
+        launch.wait(LIMIT)
+
+
+ENDLESS = "--set sim.room.length=.inf --set sim.room.width=.inf"
+
+
+@pytest.mark.parametrize("kind", ["sim", "ours", "original"])
+def test_the_thesis_s_commands_start_the_robot_and_its_example(
+    ros: Ros, client: Path, tmp_path: Path, kind: str
+) -> None:
+    with ExitStack() as stack:
+        port, options = "sim", f"--seed 1 {ENDLESS}"
+        if kind != "sim":
+            port, options = str(stack.enter_context(board(*ENDLESS.split(), "--as", kind))), "--ros1-auto-arm"
+        stack.enter_context(launched(ros, port, options, tmp_path))
+        assert "result: True" in call(ros, "/pid_load")
+        frames = ros.peer("frames")
+        assert ros.peer("alive") is True
+        process = subprocess.Popen(
+            [str(client)], env=ros.environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        time.sleep(8.0 * S)
+        process.terminate()
+        said = process.communicate(timeout=LIMIT)[0]
+    assert "PID Load Response: 1" in said and "PWR Response: 1" in said, said[-3000:]
+    assert re.search(r"odom", said, re.I) and re.search(r"battery", said, re.I)
+    assert frames["base_laser_link"][:4] == ["base_link", 0.1905, 0.0, 0.1435]
+    assert frames["base_imu_link"][4] == pytest.approx([3.1416, 0.0, 3.1416], abs=1e-3), "its z points down"
+    assert frames["base_link"][0] == "base_footprint"
+
+
+def test_a_joystick_drives_while_its_dead_man_is_held_and_it_is_heard(ros: Ros, package: Path) -> None:
+    with robot(ros):
+        assert ros.peer("alive") is True
+        teleop = subprocess.Popen([str(package / "src/txt_launch/bin/txt_teleop")], env=ros.environment)
+        try:
+            told = ros.peer("joystick")
+        finally:
+            teleop.terminate()
+            teleop.wait(LIMIT)
+    assert told["held"] == pytest.approx([0.75, 0.75 / 0.555 * -0.5])
+    assert told["let go"] == [0.0, 0.0]
+    assert told["silent"] == [0.0, 0.0]
+
+
 def test_two_programs_that_drive_are_told_and_what_is_no_number_is_refused(ros: Ros, tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     with robot(ros, "--log", str(file)):
@@ -343,7 +422,10 @@ def test_a_node_that_is_killed_or_stopped_comes_back_by_itself(ros: Ros, what: s
         assert process.poll() is None
 
 
-def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, package: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def client(package: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The thesis's example (B.4), compiled."""
+    tmp_path = tmp_path_factory.mktemp("client")
     if not GENCPP.exists() or shutil.which("g++") is None or not Path("/usr/include/ros/ros.h").exists():
         pytest.skip("did not run: no roscpp here: 'apt install libroscpp-dev libtf-dev python3-gencpp g++'")
     out = tmp_path / "include" / "txt_driver"
@@ -367,7 +449,7 @@ def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, package: Path, tmp
             check=True,
             env=clean(os.environ),
         )
-    client, stub = tmp_path / "client", tmp_path / "bin" / "shutdown"
+    client = tmp_path / "client"
     libraries = ["-lroscpp", "-lrosconsole", "-lroscpp_serialization", "-lrostime", "-ltf", "-ltf2"]
     subprocess.run(
         [
@@ -384,6 +466,11 @@ def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, package: Path, tmp
         ],
         check=True,
     )
+    return client
+
+
+def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, client: Path, tmp_path: Path) -> None:
+    stub = tmp_path / "bin" / "shutdown"
     stub.parent.mkdir()
     record = tmp_path / "shutdowns"
     stub.write_text(f'#!/bin/sh\necho "$@" >> {record}\n')

@@ -8,5 +8,5 @@ ADDITION = Addition(
     beside="txt1_ros1.robot_node:beside",
     options="txt1_ros1.options:OPTIONS",
     sources={"ros1": 20},
-    commands={"ros1": ("txt1_ros1.command", "write the original's messages and services as a package of ROS 1")},
+    commands={"ros1": ("txt1_ros1.command", "write the original's messages, services and launch files as packages")},
 )

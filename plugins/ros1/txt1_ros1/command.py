@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from txt1.commands import OK, add_actions, path, takes
-from txt1_ros1.txt_driver import write_package
+from txt1_ros1.txt_driver import write, write_package
+from txt1_ros1.txt_launch import files
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def package(arguments: argparse.Namespace) -> int:
-    """Write the original's messages and services as the package txt_driver, which catkin builds."""
+    """Write the original's packages txt_driver (messages, services) and txt_launch, which catkin builds."""
     print(write_package(arguments.folder))
+    print(write(arguments.folder / "txt_launch", files()))
     return OK

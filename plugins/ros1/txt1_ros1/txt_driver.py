@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
 MESSAGES: Final = {
@@ -91,22 +92,26 @@ def gains() -> str:
 
 def write_package(folder: Path) -> Path:
     """Write the package for a catkin workspace, for rostopic, rosservice and programs; return its folder."""
-    package = folder / "txt_driver"
     messages = {f"msg/{name}.msg": text for name, text in MESSAGES.items()}
     services = {f"srv/{name}.srv": f"{asked}---\n{answer}" for name, (asked, answer) in SERVICES.items()}
     names = {
         "messages": " ".join(f"{each}.msg" for each in MESSAGES),
         "services": " ".join(f"{s}.srv" for s in SERVICES),
     }
-    for path, text in {
+    own = {
         "package.xml": _MANIFEST,
         "CMakeLists.txt": _CMAKE.format(**names),
         "cfg/pid.yaml": gains(),
         "bin/txt_node": _NODE,
-        **messages,
-        **services,
-    }.items():
+    }
+    return write(folder / "txt_driver", {**own, **messages, **services})
+
+
+def write(package: Path, files: Mapping[str, str]) -> Path:
+    """Write a package's files, by their paths in it; return its folder."""
+    for path, text in files.items():
         (package / path).parent.mkdir(parents=True, exist_ok=True)
         (package / path).write_text(text)
-    (package / "bin" / "txt_node").chmod(0o755)
+        if path.startswith("bin/"):
+            (package / path).chmod(0o755)
     return package
