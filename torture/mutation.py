@@ -24,10 +24,10 @@ import sys
 import threading
 from bisect import bisect_right
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import accumulate, islice
+from itertools import accumulate, chain, islice
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any, Final, NamedTuple
@@ -349,13 +349,25 @@ def _put_in_constants(module: ModuleType, code: CodeType) -> None:
     changed = False
     for name, value in vars(wrong).items():
         right = vars(module).get(name)
-        if name.startswith("__") or isinstance(value, type | FunctionType | ModuleType) or value == right:
+        if name.startswith("__") or not _is_plain(value) or value == right:
             continue
         for other in list(sys.modules.values()):
             if getattr(other, "__dict__", {}).get(name) is right:
                 setattr(other, name, value)
                 changed = True
     assert changed
+
+
+def _is_plain(value: object) -> bool:
+    """Return whether a value holds no function and no class, which would be another module's.
+
+    Tests that put a clock or a limit into the right module would not reach these, and fail whatever the mistake is.
+    """
+    if isinstance(value, Mapping):
+        return all(map(_is_plain, chain(value, value.values())))
+    if isinstance(value, tuple | list | set | frozenset):
+        return all(map(_is_plain, value))
+    return value is None or isinstance(value, int | float | str | bytes)
 
 
 def _code_of(code: CodeType, name: str) -> CodeType:
