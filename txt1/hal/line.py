@@ -92,6 +92,11 @@ class Line:
         """The controller's port."""
         return self.watched.port
 
+    @property
+    def opened(self) -> bool:
+        """Whether it was opened, and not closed since."""
+        return not self._closed
+
     async def open(self) -> None:
         """Open the port; from then on a lost link is opened again until `close`."""
         self.time = asyncio.get_running_loop().time

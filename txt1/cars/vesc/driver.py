@@ -9,7 +9,8 @@ from binascii import crc_hqx
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from struct import Struct, pack
+from math import inf, isfinite
+from struct import Struct, pack, unpack_from
 from typing import Final, NamedTuple
 
 from txt1.config import Config, checked
@@ -47,6 +48,7 @@ class PacketId(IntEnum):
     SET_SERVO_POS = 12
     GET_APPCONF = 17
     ALIVE = 30
+    GET_IMU_DATA = 65
 
 
 FAULTS: Final = {
@@ -197,6 +199,37 @@ def values_of(payload: bytes) -> Values | None:
     )
 
 
+class ImuValues(NamedTuple):
+    """The report of the controller's IMU."""
+
+    # g
+    acceleration: tuple[float, float, float]
+    # degrees/s
+    rates: tuple[float, float, float]
+
+
+# the bits of an IMU's values in a question and its answer: accelerations and rates
+ACCELERATION: Final = (3, 4, 5)
+RATES: Final = (6, 7, 8)
+IMU_QUESTION: Final = packet(pack(">BH", PacketId.GET_IMU_DATA, sum(1 << each for each in (*ACCELERATION, *RATES))))
+
+
+def imu_of(payload: bytes) -> ImuValues | None:
+    """Return the IMU's values in an answer to GET_IMU_DATA; None if any is missing.
+
+    After the command come sixteen bits for the values that follow, and these, float32.
+    """
+    mask = int.from_bytes(payload[1:3])
+    there = [each for each in range(16) if mask >> each & 1]
+    if len(payload) != 3 + 4 * len(there):
+        return None
+    numbers = dict(zip(there, unpack_from(f">{len(there)}f", payload, 3), strict=True))
+    if not all(isfinite(numbers.get(each, inf)) for each in (*ACCELERATION, *RATES)):
+        return None
+    (ax, ay, az), (p, q, r) = ([numbers[each] for each in bits] for bits in (ACCELERATION, RATES))
+    return ImuValues((ax, ay, az), (p, q, r))
+
+
 def trouble_of(values: Values) -> str:
     """Return why the controller does not obey, in words; empty if it does."""
     if values.fault:
@@ -251,6 +284,8 @@ class VescHal(PlainHal):
         sign = -1.0 if options.backwards else 1.0
         self._erpm_per_speed = sign * 60.0 * options.pole_pairs * options.gear / geometry.circumference
         self._count_length = sign * geometry.circumference / (STEPS * options.pole_pairs * options.gear)
+        self.imu: tuple[float, ImuValues] | None = None
+        """The last answer of its IMU, and the loop's time when it came; None: there was none."""
         self._unpacker = Unpacker()
         # faults of earlier streams
         self._skipped = 0
@@ -282,7 +317,7 @@ class VescHal(PlainHal):
         """Discard everything from an earlier line but the car's pose."""
         self._skipped += self._unpacker.faults
         self._unpacker = Unpacker()
-        self._values = self._firmware = self._timeout = None
+        self._values = self._firmware = self._timeout = self.imu = None
         self._asked = self.line.time() - ASK_AGAIN
 
     def read(self, now: float) -> Inputs:
@@ -321,6 +356,10 @@ class VescHal(PlainHal):
         self._halted = True
         self.line.send(self._at_rest())
 
+    def ask_imu(self) -> None:
+        """Ask for the values of its IMU; no command, which the controller's time-out would count."""
+        self.line.send(IMU_QUESTION)
+
     def _at_rest(self) -> bytes:
         if self._halted:
             return order(PacketId.SET_DUTY, 0.0)
@@ -343,6 +382,10 @@ class VescHal(PlainHal):
                     values = values_of(payload)
                     if values is not None:
                         self._take_values(values)
+                case PacketId.GET_IMU_DATA:
+                    imu = imu_of(payload)
+                    if imu is not None:
+                        self.imu = self.line.time(), imu
                 case PacketId.FW_VERSION if len(payload) >= 3:
                     self._take_firmware(payload[1], payload[2])
                 case PacketId.GET_APPCONF:

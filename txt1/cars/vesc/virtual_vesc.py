@@ -5,7 +5,7 @@ rolls. Without a command for the length of the time-out, the motor rolls and the
 values or a servo command does not restart the time-out.
 """
 
-from math import inf
+from math import degrees, inf
 from struct import Struct, pack, unpack_from
 from typing import Final
 
@@ -14,12 +14,16 @@ from txt1.cars.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions
 from txt1.config import Config, checked
 from txt1.hal.simulated_controller import Controller, ControllerPort
 from txt1.link.base import Link
+from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import PWM_MAX
+from txt1.units import GRAVITY
 
 # s; the firmware's default
 VESC_TIMEOUT: Final = 1.0
 # electrical turns a minute below which the speed loop lets the motor roll; the firmware's default
 ERPM_MIN: Final = 900.0
+# s, shortest time in which the simulated IMU measures a turn
+LEAST: Final = 1e-3
 # length of its settings in bytes, about
 APPCONF: Final = 470
 # signature of the settings' layout; every firmware has another
@@ -30,7 +34,7 @@ _VALUES: Final = Struct(">BhhiiiihihiiiiiiBiBhhhii")
 class Vesc(Controller):
     """The controller's end of the line. `firmware` is (major, minor).
 
-    `fault` is a code and may be set, and so may `killed`, its kill switch.
+    `fault` is a code and may be set, and so may `killed`, its kill switch; `imu`: whether it has one, else it tells 0.
     """
 
     def __init__(self, config: Config, firmware: tuple[int, int] = (6, 5), timeout: float = VESC_TIMEOUT) -> None:
@@ -38,6 +42,9 @@ class Vesc(Controller):
         super().__init__(config)
         self.line = far_end(self, config)
         self.firmware, self.timeout, self.fault, self.killed = firmware, timeout, 0, False
+        self.imu = True
+        # time, s, and heading, rad, of the last answer of the IMU
+        self._turned = 0.0, 0.0
         self._options = options
         sign = -1.0 if options.backwards else 1.0
         turns = options.pole_pairs * options.gear / config.geometry.circumference
@@ -106,11 +113,24 @@ class Vesc(Controller):
             self._heard = self.now
         elif command == PacketId.GET_VALUES:
             self.send(packet(self._values()))
+        elif command == PacketId.GET_IMU_DATA and len(body) >= 2:
+            self.send(packet(self._imu(int.from_bytes(body[:2]))))
         elif command == PacketId.FW_VERSION:
             self.send(packet(bytes((command, *self.firmware)) + b"410\0" + bytes(12) + bytes(3)))
         elif command == PacketId.GET_APPCONF:
             settings = pack(">IBI", SIGNATURE, 0, round(1000.0 * self.timeout))
             self.send(packet(bytes((command,)) + settings.ljust(APPCONF, b"\0")))
+
+    def _imu(self, asked: int) -> bytes:
+        """Return the values that are asked for; those that are not simulated are 0."""
+        now, theta = self.now, self.car.vehicle.motion[2]
+        before, old = self._turned
+        rate = wrap_angle(theta - old) / max(now - before, LEAST)
+        self._turned = now, theta
+        across = self.car.vehicle.motion[3] * rate / GRAVITY
+        felt = {4: across, 5: 1.0, 8: degrees(rate)} if self.imu else {}
+        there = [each for each in range(16) if asked >> each & 1]
+        return pack(f">BH{len(there)}f", PacketId.GET_IMU_DATA, asked, *(felt.get(each, 0.0) for each in there))
 
     def _values(self) -> bytes:
         self.step(self.now)
