@@ -34,6 +34,13 @@ class NodeDesk(Protocol):
         """Note that the node has gone."""
 
 
+def started(python: RosPython, target: str) -> tuple[str, ...]:
+    """Return the words that start a node, ``module:function``, under a Python of ROS."""
+    spec = find_spec(target.partition(".")[0])
+    assert spec is not None and spec.origin is not None
+    return (*python.program, str(START), str(Path(spec.origin).parents[1]))
+
+
 @asynccontextmanager
 async def node_beside(
     runtime: Runtime,
@@ -46,8 +53,6 @@ async def node_beside(
 
     `target` is its function, as ``module:function``; `options` are keyword arguments for it.
     """
-    spec = find_spec(target.partition(".")[0])
-    assert spec is not None and spec.origin is not None
     beside = Sidecar(
         target,
         desk.telemetry,
@@ -57,7 +62,7 @@ async def node_beside(
         silence=SILENCE,
         tell=lambda text: desk.say(f" {text}"),
         lost=desk.lost,
-        program=(*python.program, str(START), str(Path(spec.origin).parents[1])),
+        program=started(python, target),
         environment=python.environment,
         niceness=0,
         prompt=True,

@@ -18,7 +18,7 @@ from txt1.model.vehicle import Geometry
 from txt1.record.mcap_records import Encoder
 from txt1.record.reader import Decoding, FilePass, Item, metadata_of, robot_in
 from txt1.ros.definitions import OWNERS
-from txt1.ros.node import START
+from txt1.ros.node import started
 from txt1.ros.publisher import JOINTS, WheelJoints, description, line_of
 from txt1.ros.python import RosPython
 from txt1.ros.robot_node import ros2_python
@@ -29,6 +29,7 @@ from txt1.tasks.controller import PWM
 from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.topics import Topic
 
+NODE: Final = "txt1.ros.ros2:main"
 # s between two checks for messages that are due
 BEAT: Final = 0.01
 # messages after which a line is full
@@ -160,13 +161,13 @@ async def publish(playback: Playback, python: RosPython, namespace: str) -> None
     Raises HalError when the node fails, RecordingError for a damaged file.
     """
     async with Sidecar(
-        "txt1.ros.ros2:main",
+        NODE,
         playback.telemetry,
         playback.request,
         options={"namespace": namespace, "virtual": True},
         beat=BEAT,
         niceness=0,
-        program=(*python.program, str(START)),
+        program=started(python, NODE),
         environment=python.environment,
     ) as beside:
         ended = asyncio.ensure_future(beside.ended())
