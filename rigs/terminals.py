@@ -94,8 +94,22 @@ class Watched:
                     ink, ground = ground, ink
                 left, top = x * width, y * height
                 draw.rectangle((left, top, left + width - 1, top + height - 1), ground)
-                draw.text((left, top), cell.data, ink, fonts[cell.bold])
+                if dots := _dots(cell.data):
+                    for column, row in dots:
+                        a, b = left + 2 + 4 * column, top + 1 + 4.5 * row
+                        draw.ellipse((a, b, a + 2, b + 2), ink)
+                else:
+                    draw.text((left, top), cell.data, ink, fonts[cell.bold])
         image.save(file, optimize=True)
+
+
+def _dots(character: str) -> list[tuple[int, int]]:
+    """Return column and row of each dot of a braille character, which few fonts have."""
+    bits = ord(character[:1] or " ") - 0x2800
+    if not 0 < bits < 256:
+        return []
+    places = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
+    return [place for bit, place in enumerate(places) if bits >> bit & 1]
 
 
 def _colour(name: str, usual: str) -> str:

@@ -1,0 +1,58 @@
+"""The path of a student without a robot, typed word by word as `txt1` alone and the Start page tell it."""
+
+from pathlib import Path
+
+import pexpect
+import pytest
+
+from rigs.terminals import Watched, start
+from txt1.cli import execute
+from txt1.ui.screens import installed
+
+PRACTICE = ("run", "--practice", "--seed", "1")
+KEYS_A_SECOND = 3.0
+FIRST_SUCCESS = 300.0  # s
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(60, 20), (80, 24), (120, 40)])
+def test_no_screen_of_a_practice_is_cut(columns: int, rows: int) -> None:
+    child = start(columns, rows, *PRACTICE)
+    watched = Watched(child, columns, rows)
+    watched.until("ARMED", "http://", "[MAP]")
+    names = list(installed())
+    at = names.index("MAP")
+    for name in names[at + 1 :] + names[: at + 1]:
+        child.send(b"\x1b[C")
+        watched.until(f"[{name}]", "ARMED", "http://")
+        assert "…" not in watched.text, f"{name} is cut:\n{watched.text}"
+    child.send(b"q")
+    child.expect(pexpect.EOF)
+    child.close()
+    assert child.exitstatus == 0
+
+
+def test_a_student_without_a_robot_drives_looks_and_repeats(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "drive.mcap"
+    assert execute([]) == 0
+    told = capfd.readouterr().out
+    assert "txt1 run --practice" in told and "txt1 report drive.mcap" in told
+    child = start(80, 24, *PRACTICE, "--log", str(log))
+    watched = Watched(child, 80, 24)
+    watched.until("ARMED", "⠢ laser", "http://")
+    for key in (b"w", b"w", b"a", b"w"):
+        child.send(key)
+    watched.until("x 0.2")
+    child.send(b"q")
+    child.expect(pexpect.EOF)
+    child.close()
+    assert child.exitstatus == 0
+    assert execute(["report", str(log)]) == 0
+    page = log.with_suffix(".html").read_text("utf-8")
+    assert "<svg" in page and ">walls<" in page and ">car<" in page
+    # by the same patient program
+    again = start(80, 24, "replay", "--verify", str(log))
+    again.expect(pexpect.EOF)
+    again.close()
+    assert again.exitstatus == 0, again.before
+    typed = ["make run", "waaw", "q", "txt1 report drive.mcap", "txt1 replay --verify drive.mcap"]
+    assert sum(map(len, typed)) / KEYS_A_SECOND < FIRST_SUCCESS
