@@ -170,6 +170,17 @@ def test_a_wall_to_the_left_is_seen_to_the_left() -> None:
         assert (x, y) == (pytest.approx(0.0, abs=0.03), pytest.approx(1.0, abs=0.03)), kind
 
 
+def test_a_scanner_that_still_scans_is_stopped_and_quiet_before_it_is_asked() -> None:
+    decoder = RplidarDecoder()
+    assert decoder.to_send() == command(wire.STOP)
+    assert decoder.pause == pytest.approx(0.1)
+    # what an earlier host has asked for is still under way, and is no answer to this one
+    assert decoder.feed(nodes(SCAN) + announce(wire.INFO_TOLD, 20) + bytes(20)) == []
+    assert (decoder.to_send(), decoder.model) == (b"", 0)
+    decoder.resume()
+    assert decoder.to_send() == command(wire.INFO)
+
+
 def test_a_faulty_scanner_is_reset_once_and_then_says_what_is_wrong() -> None:
     assert len(talk(VirtualRplidar(A1, ill=1), RplidarDecoder(), pauses=40)) == 1
     with pytest.raises(HalError, match=r"health 2, error 7.*not even after a reset: switch it off"):
