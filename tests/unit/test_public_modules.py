@@ -63,6 +63,7 @@ NOT_PUBLIC: Final[dict[str, tuple[str, set[str]]]] = {
     "lerobot": (
         "an exporter reads recordings",
         {
+            "txt1.commands",
             "txt1.control.hand",
             "txt1.model.vehicle",
             "txt1.record.reader",
