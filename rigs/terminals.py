@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -62,8 +63,12 @@ class Watched:
 
     def until(self, *words: str) -> None:
         """Wait until all these words are on it; TimeoutError, with what is there, when they do not come."""
+        self.until_seen(lambda text: all(word in text for word in words), f"{words}")
+
+    def until_seen(self, seen: Callable[[str], bool], words: str) -> None:
+        """Wait until `seen` is true of its text; TimeoutError, with these words for it, when it never is."""
         ends = time.monotonic() + LIMIT
-        while not all(word in self.text for word in words):
+        while not seen(self.text):
             if time.monotonic() > ends:
                 raise TimeoutError(f"{words} not among:\n{self.text}")
             self.told += (new := self.child.read_nonblocking(65536, timeout=LIMIT))

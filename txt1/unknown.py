@@ -29,7 +29,7 @@ PLUGINS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = {
         "txt1.additions": ("ros1",),
         "txt1.exporters": ("rosbag1",),
         COMMANDS: ("ros1",),
-        OPTIONS: ("--ros1", "--ros1-name", "--ros1-namespace"),
+        OPTIONS: ("--ros1", "--ros1-auto-arm", "--ros1-name", "--ros1-namespace"),
     },
 }
 """The plug-ins of this repository, by their folders below plugins/: the names of their entry points, by group.

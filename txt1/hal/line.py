@@ -21,7 +21,7 @@ LOST: Final = 0.3
 # s of answers before the first set-point
 SETTLED: Final = 0.5
 # s of silence after which the port is opened again: longer than the silence of boards whose host clears their loops
-PATIENCE: Final = 6.0
+LINE_PATIENCE: Final = 6.0
 # s of silence or unknown bytes after which the line is examined, and the number of bytes examined
 UNDERSTOOD: Final = 1.0
 SILENT: Final = 3.0
@@ -58,7 +58,7 @@ class Line:
         forget: Callable[[], None] = lambda: None,
         hal: str = "",
     ) -> None:
-        self.watched = Watched(port, self, PATIENCE, None, self.tell, self.fail, self._given_up, wrap)
+        self.watched = Watched(port, self, LINE_PATIENCE, None, self.tell, self.fail, self._given_up, wrap)
         """Keeps the port open, and answers the device's silence."""
         self.link: Link | None = None
         self.tap: Callable[[str, bytes], None] = lambda direction, data: None

@@ -203,6 +203,9 @@ class Scheduler:
         if len(self._entries) == TASKS_MAX:
             raise ValueError(f"task '{name}': there are {TASKS_MAX} tasks already, and no room for more")
         entry = _Scheduled(name, priority, period, task)
+        if self.ended.done():
+            # it came too late to be closed by `stop`, and never runs
+            entry.coroutine.close()
         self._entries.append(entry)
         self._rank(entry)
         if self._running:

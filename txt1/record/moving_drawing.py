@@ -22,7 +22,7 @@ PLACED: Final = 0.3
 WALL, PATH, CAR, LIGHT, INK = "#59636e", "#0072B2", "#D55E00", "#E69F00", "#24292f"
 
 
-class Place(NamedTuple):
+class DrawnRoom(NamedTuple):
     """The room in which a car drove: outlines of walls and obstacles, and the light, in m; empty where unknown."""
 
     walls: tuple[Outline, ...] = ()
@@ -30,7 +30,7 @@ class Place(NamedTuple):
 
 
 def moving_drawing(
-    poses: NDArray[np.float64], place: Place, body: tuple[float, float, float], name: str = "the drive"
+    poses: NDArray[np.float64], place: DrawnRoom, body: tuple[float, float, float], name: str = "the drive"
 ) -> str:
     """Return the SVG of a drive; "" for one of fewer than two poses.
 
@@ -95,7 +95,7 @@ def _jumps(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
     return gone > max(PLACED, 8.0 * float(np.median(gone)))
 
 
-def _bounds(poses: NDArray[np.float64], place: Place) -> tuple[float, float, float, float]:
+def _bounds(poses: NDArray[np.float64], place: DrawnRoom) -> tuple[float, float, float, float]:
     """Return left, bottom, right and top of all that is drawn, m."""
     points = [corner for each in place.walls for corner in each] + ([place.light] if place.light else [])
     xs = np.concatenate((poses[1], [a for a, _ in points]))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from txt1.config import Config, flatten, recorded
 from txt1.errors import ConfigError, MissingExtra, RecordingError
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.moving_drawing import Place, moving_drawing
+from txt1.record.moving_drawing import DrawnRoom, moving_drawing
 from txt1.record.reader import Decoding, FilePass, Item, robot_in, robots_in, trusting
 from txt1.record.summary import TopicSummary
 from txt1.sim.obstacles import outline
@@ -87,24 +87,24 @@ class Content:
             return None
 
     @property
-    def place(self) -> Place:
+    def place(self) -> DrawnRoom:
         """The simulated room of a drive whose true pose is known; an empty place for any other."""
         config = self.config
         if config is None or "pose" not in self._rows:
-            return Place()
+            return DrawnRoom()
         room = config.sim.room
         try:
             walls = room.built().walls
         except (ConfigError, MissingExtra):
             # its map has gone
-            return Place(light=room.light)
+            return DrawnRoom(light=room.light)
         if walls is not None:
             outlines = tuple(walls.outlines)
         elif isfinite(room.length) and isfinite(room.width):
             outlines = (outline(Box(0.0, 0.0, room.length, room.width)),)
         else:
             outlines = ()
-        return Place((*outlines, *map(outline, config.sim.obstacles)), room.light)
+        return DrawnRoom((*outlines, *map(outline, config.sim.obstacles)), room.light)
 
     def moving(self, name: str) -> str:
         """Return the drive as a moving picture (SVG), in the room where its pose is known; "" for no drive."""
@@ -188,7 +188,7 @@ def figure_of(content: Content) -> Figure:
     return figure
 
 
-def _room(axes: Any, place: Place) -> None:
+def _room(axes: Any, place: DrawnRoom) -> None:
     """Draw walls, obstacles and light."""
     for number, edge in enumerate(place.walls):
         closed = np.array((*edge, edge[0]))

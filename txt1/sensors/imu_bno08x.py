@@ -24,7 +24,7 @@ HEAD: Final = b"\xaa\xaa"
 # head, index, hundredths of a degree of yaw, pitch and roll, thousandths of g, three reserved bytes, checksum
 FRAME: Final = struct.Struct("<2sB6h3xB")
 # s between two frames
-PERIOD: Final = 0.01
+FRAME_PERIOD: Final = 0.01
 # number of lost frames after which the rates are not known
 GAP_MAX: Final = 10
 # standard gravity, m/s^2
@@ -104,11 +104,11 @@ class RvcDecoder(Framed[ImuReading]):
         c, s = cos(self._yaw), sin(self._yaw)
         before, self._before = self._before, (index, orientation)
         if before is not None and 0 < (gap := (index - before[0]) & 0xFF) <= GAP_MAX:
-            rates = rates_between(before[1], orientation, gap * PERIOD)
+            rates = rates_between(before[1], orientation, gap * FRAME_PERIOD)
             if hypot(*rates) < MOST:
                 force = c * ax - s * ay, s * ax + c * ay, az
                 reading = ImuReading(force, rates, orientation, None, self._mount, self._sigma)
-                found.append(Measured(reading, None, 0.5 * PERIOD))
+                found.append(Measured(reading, None, 0.5 * FRAME_PERIOD))
         return FRAME.size
 
 
@@ -137,7 +137,7 @@ def create(setup: Setup) -> Streamed[ImuReading]:
     given = checked(RvcOptions, setup.options, f"sensors.{setup.name}.options")
     return Streamed(
         imu_topic(setup.name),
-        PERIOD,
+        FRAME_PERIOD,
         given.port,
         lambda: RvcDecoder(given.mount, given.sigma),
         given.baud,

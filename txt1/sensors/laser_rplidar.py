@@ -79,7 +79,7 @@ QUIET: Final = 0.1
 MISSED: Final = 0.5
 RESTART: Final = 2.0
 # s without a turn after which it is greeted again: a reset and the motor take their time
-PATIENCE: Final = 5.0
+SCAN_PATIENCE: Final = 5.0
 # us of a sample of a scanner that does not tell
 SAMPLE_DEFAULT: Final = 500.0
 RANGE_MIN: Final = 0.05  # m
@@ -466,6 +466,6 @@ def create(setup: Setup) -> Streamed[Scan]:
         port,
         lambda: RplidarDecoder(given.mount, known),
         latency=given.latency,
-        patience=PATIENCE,
+        patience=SCAN_PATIENCE,
     )
     return sensor

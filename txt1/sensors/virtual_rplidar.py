@@ -30,7 +30,7 @@ QUALITY: Final = 47
 STANDARD_SAMPLES: Final = 200
 
 
-class Kind(NamedTuple):
+class RplidarModel(NamedTuple):
     """A model: its number, its typical mode, and samples of a turn in this mode, a multiple of those of a packet."""
 
     model: int
@@ -41,9 +41,9 @@ class Kind(NamedTuple):
     name: bytes
 
 
-A1: Final = Kind(0x18, 1, wire.CAPSULE, 384, 12.0, b"Express")
-A3: Final = Kind(0x31, 3, wire.ULTRA, 1536, 25.0, b"Sensitivity")
-S2: Final = Kind(0x71, 1, wire.DENSE, 3200, 30.0, b"DenseBoost")
+A1: Final = RplidarModel(0x18, 1, wire.CAPSULE, 384, 12.0, b"Express")
+A3: Final = RplidarModel(0x31, 3, wire.ULTRA, 1536, 25.0, b"Sensitivity")
+S2: Final = RplidarModel(0x71, 1, wire.DENSE, 3200, 30.0, b"DenseBoost")
 
 
 class VirtualRplidar(VirtualSensor):
@@ -51,7 +51,7 @@ class VirtualRplidar(VirtualSensor):
     its modes.
     """
 
-    def __init__(self, kind: Kind, ill: int = 0, firmware: tuple[int, int] = (1, 29)) -> None:
+    def __init__(self, kind: RplidarModel, ill: int = 0, firmware: tuple[int, int] = (1, 29)) -> None:
         self._kind, self._ill, self._firmware = kind, ill, firmware
         self.turns = kind.model >> 4 in (1, 4)
         """Whether the motor is on: that of an A1 hangs on the line DTR, which this program does not see."""

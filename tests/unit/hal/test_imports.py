@@ -23,7 +23,7 @@ OTHERS = {
 
 HALS = {
     "vesc": ["vehicle=f1tenth", "serial.port=/dev/ttyACM0"],
-    "waveshare": ["vehicle=rover", "serial.port=/dev/ttyAMA0"],
+    "waveshare": ["vehicle=rover", "serial.port=/dev/ttyAMA0", "hal_options.model=ugv-rover"],
     "pi": ["vehicle=donkeycar", "hal_options.bus=registers"],
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Iterable
+from inspect import CORO_CLOSED, getcoroutinestate
 from typing import Any
 
 import pytest
@@ -445,3 +446,29 @@ def test_in_real_time_the_run_time_of_every_cycle_is_measured() -> None:
         assert idling.run_time.count == idling.cycles > 0
 
     run(main())
+
+
+def test_a_task_that_is_added_after_the_end_is_closed_and_never_runs() -> None:
+    ran: list[float] = []
+
+    async def body(ticks: Ticks) -> None:
+        async for now in ticks:
+            ran.append(now)
+
+    async def main() -> Coroutine[Any, Any, None]:
+        scheduler = Scheduler(no_fault)
+        scheduler.start()
+        scheduler.stop()
+        made: list[Coroutine[Any, Any, None]] = []
+
+        def task(ticks: Ticks) -> Coroutine[Any, Any, None]:
+            made.append(body(ticks))
+            return made[0]
+
+        scheduler.add("late", 1, 0.02, task)
+        await asyncio.sleep(1.0)
+        return made[0]
+
+    late = run(main(), speed="max")
+    assert getcoroutinestate(late) == CORO_CLOSED
+    assert ran == []

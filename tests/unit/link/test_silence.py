@@ -145,7 +145,7 @@ class Found(NamedTuple):
     description: str = "adapter"
 
 
-def test_a_device_plugged_in_on_another_name_is_opened_there_and_no_other_in_its_place(
+def test_a_device_plugged_in_on_another_name_is_opened_there_and_no_other_is(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     with opened_pty() as (_, one), opened_pty() as (_, two):

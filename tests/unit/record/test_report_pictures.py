@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from txt1.cli import execute
-from txt1.record.moving_drawing import POSES, Place, moving_drawing
+from txt1.record.moving_drawing import POSES, DrawnRoom, moving_drawing
 
 BODY = (0.51, 0.385, 0.0)
-WALLS = Place((((2.0, 2.0), (-2.0, 2.0), (-2.0, -2.0), (2.0, -2.0)),), (1.0, 1.0))
+WALLS = DrawnRoom((((2.0, 2.0), (-2.0, 2.0), (-2.0, -2.0), (2.0, -2.0)),), (1.0, 1.0))
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -82,10 +82,10 @@ def test_a_car_that_is_put_down_elsewhere_leaves_no_path_between() -> None:
 def test_a_turn_beyond_half_a_circle_goes_on_the_same_way() -> None:
     time = np.linspace(0.0, 10.0, 500)
     theta = (time * 0.8 + pi) % (2.0 * pi) - pi
-    drawn = ElementTree.fromstring(moving_drawing(np.array((time, time, time, theta)), Place(), BODY))
+    drawn = ElementTree.fromstring(moving_drawing(np.array((time, time, time, theta)), DrawnRoom(), BODY))
     turns = [float(each) for each in list(drawn.iter(f"{SVG}animateTransform"))[1].get("values", "").split(";")]
     assert np.all(np.diff(turns) < 0.0), "to the left, anticlockwise, which is negative on a screen"
 
 
 def test_a_drive_of_a_single_pose_has_no_picture() -> None:
-    assert moving_drawing(np.empty((4, 1)), Place(), BODY) == ""
+    assert moving_drawing(np.empty((4, 1)), DrawnRoom(), BODY) == ""

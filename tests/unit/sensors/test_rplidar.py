@@ -27,7 +27,7 @@ from txt1.sensors.laser_rplidar import RplidarDecoder, announce, command
 from txt1.sensors.readings import Scan
 from txt1.sensors.registry import DRIVERS
 from txt1.sensors.stream import Measured
-from txt1.sensors.virtual_rplidar import A1, A3, S2, Kind, VirtualRplidar, nodes
+from txt1.sensors.virtual_rplidar import A1, A3, S2, RplidarModel, VirtualRplidar, nodes
 
 DEGREES = np.arange(720) * 0.5 - 180.0
 # a wall that comes nearer to the left and goes away to the right: a mirrored scan differs by metres
@@ -102,7 +102,7 @@ def test_commands_and_announcements_are_those_of_the_makers_protocol() -> None:
 
 @pytest.mark.waits
 @pytest.mark.parametrize("kind", [A1, A3, S2], ids=["express", "ultra", "dense"])
-async def test_slamtecs_own_sdk_sees_the_room_and_so_do_we(kind: Kind, tmp_path: Path) -> None:
+async def test_slamtecs_own_sdk_sees_the_room_and_so_do_we(kind: RplidarModel, tmp_path: Path) -> None:
     pytest.importorskip("pyrplidarsdk")
     device = VirtualRplidar(kind)
     listener = listen_pty(str(tmp_path / "laser"), device)
@@ -143,7 +143,7 @@ def test_another_reader_understands_a_standard_sample_as_we_do() -> None:
 
 
 @pytest.mark.parametrize("kind", [A1, A3, S2], ids=["express", "ultra", "dense"])
-def test_a_turn_is_as_old_as_its_samples_took(kind: Kind) -> None:
+def test_a_turn_is_as_old_as_its_samples_took(kind: RplidarModel) -> None:
     found = talk(VirtualRplidar(kind), RplidarDecoder())
     assert len(found) == 1
     scan, time, age = found[0]
@@ -188,7 +188,7 @@ def test_a_faulty_scanner_is_reset_once_and_then_says_what_is_wrong() -> None:
 
 
 @pytest.mark.parametrize("kind", [A3, S2], ids=["PWM", "speed"])
-def test_a_motor_is_started_by_its_models_command_and_stopped_at_the_end(kind: Kind) -> None:
+def test_a_motor_is_started_by_its_models_command_and_stopped_at_the_end(kind: RplidarModel) -> None:
     device, decoder = VirtualRplidar(kind), RplidarDecoder()
     assert not device.turns
     talk(device, decoder)
@@ -253,7 +253,7 @@ def test_it_does_not_matter_where_the_answers_are_torn() -> None:
 
 
 @pytest.mark.parametrize("kind", [A1, A3, S2], ids=["express", "ultra", "dense"])
-def test_a_damaged_packet_makes_no_wrong_range(kind: Kind) -> None:
+def test_a_damaged_packet_makes_no_wrong_range(kind: RplidarModel) -> None:
     rng = np.random.default_rng(1)
     device, decoder, line = VirtualRplidar(kind), RplidarDecoder(), Wire()
     talk(device, decoder, turns=0)

@@ -155,7 +155,7 @@ def test_a_car_whose_odometry_is_old_is_not_standing_any_more() -> None:
 
 
 @pytest.mark.parametrize("power", [True, False])
-def test_a_stop_that_is_not_obeyed_takes_a_pwm_test_after_half_a_second_and_then_the_esc(power: bool) -> None:
+def test_a_stop_not_obeyed_takes_a_pwm_test_after_half_a_second_and_then_the_esc(power: bool) -> None:
     car = Car(power=power)
     car.state.servos = 300, -300
     car.goes(1.0, 0.5, asked=0.5)
@@ -173,7 +173,7 @@ def test_a_stop_that_is_not_obeyed_takes_a_pwm_test_after_half_a_second_and_then
     assert len(car.switched) == power
 
 
-def test_a_robot_that_is_not_seen_to_stop_has_failed_to_and_the_line_says_that_it_is_not_seen() -> None:
+def test_a_robot_not_seen_to_stop_has_failed_to_and_is_said_not_to_be_seen() -> None:
     car = Car()
     car.goes(1.0, 0.5, asked=0.5)
     assert car.goes(1.2, None) is Stop.ESC_OFF
@@ -262,7 +262,7 @@ def falls(car: Car) -> float:
     return car.now
 
 
-def test_a_speed_that_falls_faster_than_it_can_is_told_clears_the_loops_and_is_no_standing() -> None:
+def test_a_speed_that_falls_too_fast_is_told_clears_the_loops_and_is_no_standing() -> None:
     car = Car()
     falls(car)
     assert car.goes(1.0, 0.0) is Stop.UNSEEN and not car.watch.settled
@@ -275,9 +275,7 @@ def test_a_speed_that_falls_faster_than_it_can_is_told_clears_the_loops_and_is_n
 
 @pytest.mark.parametrize("power", [True, False])
 @pytest.mark.parametrize("way_back", ["motion", "the ATX supply"])
-def test_a_car_that_is_lost_sight_of_gets_the_strongest_stop_and_is_never_called_standing(
-    way_back: str, power: bool
-) -> None:
+def test_a_car_lost_sight_of_gets_the_strongest_stop_and_is_never_called_standing(way_back: str, power: bool) -> None:
     car = Car(power=power)
     car.goes(1.0, 1.0, asked=1.0)
     car.watch.lose_sight(car.now)
@@ -398,7 +396,7 @@ def slows(car: Car, v: float = 0.2) -> None:
 
 
 @pytest.mark.parametrize("board", [READY, None])
-def test_a_car_that_slows_down_under_its_command_gets_zeros_until_its_board_has_settled(
+def test_a_car_that_slows_under_its_command_gets_zeros_until_its_board_has_settled(
     board: BoardLink | None,
 ) -> None:
     car = Car(board)

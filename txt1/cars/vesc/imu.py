@@ -16,7 +16,7 @@ from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, imu_to
 from txt1.units import NotNegative
 
 # s between two questions
-PERIOD: Final = 0.02
+ANSWER_PERIOD: Final = 0.02
 # standard gravity, m/s^2
 UNIT: Final = 9.80665
 # g: the first acceleration of a car that stands lies within this of 1
@@ -40,7 +40,7 @@ class VescImuOptions:
 class VescImu:
     """Asks the VESC that drives the car. Without a robot, as in a check, it opens the line and commands nothing."""
 
-    period = PERIOD
+    period = ANSWER_PERIOD
 
     def __init__(self, name: str, hal: VescHal, options: VescImuOptions) -> None:
         self.topic = imu_topic(name)
