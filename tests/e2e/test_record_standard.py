@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
+from rigs.recordings import messages
 from txt1.cli import execute
 from txt1.commands import OK
 from txt1.kernel.clock import NS_PER_S, seconds, wall_ns
@@ -27,15 +27,6 @@ from txt1.sensors.readings import BASE, Mount, Scan, scan_topic
 from txt1.tasks.fields import LOG, Event
 
 Capture = pytest.CaptureFixture[str]
-
-
-def messages(file: Path) -> dict[str, list[Any]]:
-    """The messages by topic, as another library reads them."""
-    found: dict[str, list[Any]] = {}
-    with file.open("rb") as stream:
-        for _, channel, _, message in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            found.setdefault(channel.topic, []).append(message)
-    return found
 
 
 def stamp(message: Any) -> int:

@@ -79,6 +79,13 @@ def test_a_car_that_turns_tells_its_rate_and_its_weight() -> None:
     assert reading.value.orientation is None
 
 
+async def state_of_imu() -> Any:
+    """Return the sensor's state after 2 s."""
+    async with Robot.open(settings=[*WITH_IMU]) as robot:
+        await asyncio.sleep(2.0)
+        return robot.sensors["imu"].state()
+
+
 def test_a_vesc_without_an_imu_is_missing_and_never_level(monkeypatch: pytest.MonkeyPatch) -> None:
     made = Vesc.__init__
 
@@ -88,12 +95,7 @@ def test_a_vesc_without_an_imu_is_missing_and_never_level(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(Vesc, "__init__", without)
 
-    async def wait() -> Any:
-        async with Robot.open(settings=[*WITH_IMU]) as robot:
-            await asyncio.sleep(2.0)
-            return robot.sensors["imu"].state()
-
-    state = run(wait(), speed="max")
+    state = run(state_of_imu(), speed="max")
     assert not state.healthy
     assert state.readings == 0
     assert "an acceleration of 0: it has no IMU" in state.reason
@@ -111,12 +113,7 @@ def test_the_first_acceleration_must_be_near_1_g(g: float, passes: bool, monkeyp
 
     monkeypatch.setattr(Vesc, "send", heavy)
 
-    async def wait() -> Any:
-        async with Robot.open(settings=[*WITH_IMU]) as robot:
-            await asyncio.sleep(2.0)
-            return robot.sensors["imu"].state()
-
-    state = run(wait(), speed="max")
+    state = run(state_of_imu(), speed="max")
     assert state.healthy == passes
     assert passes or "g at first, and not 1: let the car stand still" in state.reason
 

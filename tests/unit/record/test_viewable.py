@@ -7,24 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
+from rigs.recordings import messages
 from tests.golden.test_golden import FOLDER
 from txt1.cli import execute
 from txt1.commands import USAGE
 from txt1.record.command import view
 
 RECORDING = FOLDER / "obstacle.mcap"
-
-
-def messages(file: Path) -> dict[str, list[Any]]:
-    """The messages of a file by their topics, as another library reads them."""
-    found: dict[str, list[Any]] = {}
-    with file.open("rb") as stream:
-        for _, channel, _, message in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            found.setdefault(channel.topic, []).append(message)
-    return found
 
 
 def test_a_copy_has_every_message_and_each_scan_as_points_in_the_lasers_frame(tmp_path: Path) -> None:

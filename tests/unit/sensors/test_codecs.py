@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rigs.memory_line import MemoryLine
 from tests.examples import examples
 from txt1.errors import HalError
-from txt1.link.base import Link
 from txt1.sensors import gps_gpsd, imu_3dmgx2, laser_ld19, laser_scip, mocap_vrpn, vrpn_protocol
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import FixReading, ImuReading, Scan, TrackerReading, heading
@@ -31,17 +31,6 @@ AT_REST = bytes.fromhex(
     "012C0000"  # 19 660 800 ticks: 1 s
     "0530"  # 200 + 319 + 191 + 3 * 191 + 45 = 1328
 )
-
-
-class Wire(Link):
-    """Collects what is written."""
-
-    def __init__(self) -> None:
-        self.sent = b""
-        super().__init__("memory", self)  # type: ignore[arg-type]
-
-    def _send(self, data: bytes) -> None:
-        self.sent += data
 
 
 # -- IMU ---------------------------------------------------------------------------------------------------------
@@ -440,7 +429,7 @@ def test_foreign_bytes_make_no_readings_and_no_errors_but_hal_errors(name: str, 
 @given(pieces=st.lists(st.binary(max_size=100), max_size=10))
 def test_a_device_on_the_desk_takes_any_bytes(make: Callable[[], Any], pieces: list[bytes]) -> None:
     device = make()
-    device.connected(Wire())
+    device.connected(MemoryLine())
     for piece in pieces:
         device.received(piece)
 
@@ -450,7 +439,7 @@ def test_a_device_on_the_desk_takes_any_bytes(make: Callable[[], Any], pieces: l
 
 def through(device: Any, decoder: Any, readings: list[Reading[Any]]) -> list[Any]:
     """The readings after the device's end and the host's."""
-    wire, found = Wire(), []
+    wire, found = MemoryLine(), []
     device.connected(wire)
     device.received(decoder.to_send())
     for reading in readings:

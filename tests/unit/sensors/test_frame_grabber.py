@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.patience import LIMIT
-from tests.unit.sensors.test_twins import setup
+from tests.unit.sensors.test_twins import setup, write_video
 from txt1.errors import HalError
 from txt1.sensors.camera import VideoOptions, pictures
 from txt1.sensors.frame_grabber import Frames, Wait
@@ -77,15 +76,8 @@ async def test_a_source_that_does_not_open_at_first_is_not_tried_again() -> None
 
 
 def test_a_picture_that_cannot_be_decoded_costs_itself(tmp_path: Path) -> None:
-    av = pytest.importorskip("av")
     path = tmp_path / "drive.avi"
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mjpeg", rate=15)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
-        for k in range(30):
-            picture = np.full((48, 64, 3), 8 * k, np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        container.mux(stream.encode())
+    write_video(path, "mjpeg", 15, "yuvj420p", 30)
     data, places, at = bytearray(path.read_bytes()), [], 0
     while (at := data.find(b"00dc", at)) >= 0:
         if data[at + 8 : at + 10] == b"\xff\xd8":

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigs.memory_line import MemoryLine
 from tests.patience import LIMIT
 from txt1.config import load
 from txt1.errors import HalError
-from txt1.link.base import Link
 from txt1.link.device import DevicePort
 from txt1.link.pty import listen_pty
 from txt1.sensors import laser_rplidar as wire
@@ -49,23 +49,9 @@ print(json.dumps([info.model, health.status, angles, ranges]))
 """
 
 
-class Wire(Link):
-    """Collects what is written."""
-
-    def __init__(self) -> None:
-        self.sent = b""
-        super().__init__("memory", self)  # type: ignore[arg-type]
-
-    def _send(self, data: bytes) -> None:
-        self.sent += data
-
-    def _close(self) -> None:
-        pass
-
-
 def talk(device: VirtualRplidar, decoder: RplidarDecoder, turns: int = 3, pauses: int = 20) -> list[Measured[Scan]]:
     """The turns that a decoder reads of a device, both in memory; pauses end at once when nothing is under way."""
-    line = Wire()
+    line = MemoryLine()
     device.connected(line)
     for _ in range(pauses):
         device.received(decoder.to_send())
@@ -161,7 +147,7 @@ def test_a_wall_to_the_left_is_seen_to_the_left() -> None:
     for kind in (A1, A3, S2):
         device, decoder = VirtualRplidar(kind), RplidarDecoder()
         talk(device, decoder, turns=0)
-        line = Wire()
+        line = MemoryLine()
         device.connected(line)
         for _ in range(3):
             device.show(Reading(0.0, left))
@@ -238,7 +224,7 @@ async def test_the_line_dtr_is_held_down_while_an_a1_turns(monkeypatch: pytest.M
 
 
 def test_it_does_not_matter_where_the_answers_are_torn() -> None:
-    device, line = VirtualRplidar(A1), Wire()
+    device, line = VirtualRplidar(A1), MemoryLine()
     whole, torn = RplidarDecoder(), RplidarDecoder()
     talk(device, whole, turns=0)
     talk(VirtualRplidar(A1), torn, turns=0)
@@ -255,7 +241,7 @@ def test_it_does_not_matter_where_the_answers_are_torn() -> None:
 @pytest.mark.parametrize("kind", [A1, A3, S2], ids=["express", "ultra", "dense"])
 def test_a_damaged_packet_makes_no_wrong_range(kind: RplidarModel) -> None:
     rng = np.random.default_rng(1)
-    device, decoder, line = VirtualRplidar(kind), RplidarDecoder(), Wire()
+    device, decoder, line = VirtualRplidar(kind), RplidarDecoder(), MemoryLine()
     talk(device, decoder, turns=0)
     device.connected(line)
     for _ in range(10):
@@ -271,7 +257,7 @@ def test_a_damaged_packet_makes_no_wrong_range(kind: RplidarModel) -> None:
 
 
 def test_samples_that_were_lost_are_unknown_and_not_free() -> None:
-    device, decoder, line = VirtualRplidar(S2), RplidarDecoder(), Wire()
+    device, decoder, line = VirtualRplidar(S2), RplidarDecoder(), MemoryLine()
     talk(device, decoder, turns=0)
     device.connected(line)
     for _ in range(3):

@@ -239,16 +239,21 @@ async def test_recorded_distances_are_played(tmp_path: Path) -> None:
     assert reading.value.depths[2, 2] in (1.0, 2.0, 3.0)
 
 
-async def test_a_video_file_is_a_camera(tmp_path: Path) -> None:
+def write_video(path: Path, codec: str, rate: int, pixels: str, pictures: int) -> None:
+    """Write pictures of 64 x 48, each brighter than the one before."""
     av = pytest.importorskip("av")
-    path = tmp_path / "drive.mp4"
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=20)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        for k in range(20):
-            picture = np.full((48, 64, 3), 10 * k, np.uint8)
+        stream = container.add_stream(codec, rate=rate)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, pixels
+        for k in range(pictures):
+            picture = np.full((48, 64, 3), 8 * k, np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         container.mux(stream.encode())
+
+
+async def test_a_video_file_is_a_camera(tmp_path: Path) -> None:
+    path = tmp_path / "drive.mp4"
+    write_video(path, "mpeg4", 20, "yuv420p", 20)
     sensor = setup("camera", source=str(path), rate=20.0, repeat=True)
     await sensor.open()
     begun = asyncio.get_running_loop().time()
