@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from random import Random
 from typing import Any
@@ -13,7 +14,8 @@ from txt1.cli import execute
 from txt1.config import load
 from txt1.conformance import promises, verdicts
 from txt1.errors import HalError
-from txt1.sensors.base import Reading, Sensor, reading_topic
+from txt1.sensors.base import Reading, Sensor, Setup, reading_topic
+from txt1.sensors.camera import jpeg
 from txt1.sensors.conformance import SensorConformance
 from txt1.sensors.light import SimulatedLight, eyes
 from txt1.sensors.registry import DRIVERS, Impaired
@@ -43,6 +45,37 @@ class Thermometer:
 class Absent(Thermometer):
     async def open(self) -> None:
         raise HalError("no thermometer answers at address 0x48: is it plugged in?")
+
+
+# what rpicam-vid writes: a picture, then its metadata; it imports little, so that it starts at once
+RPICAM = """
+import sys, time
+picture, metadata = bytes.fromhex(sys.argv[1]), open(sys.argv[sys.argv.index("--metadata") + 1], "w")
+while True:
+    exposed = time.monotonic_ns()
+    time.sleep(0.02)
+    sys.stdout.buffer.write(picture)
+    sys.stdout.flush()
+    print(f"SensorTimestamp={exposed}", end="\\n\\n", file=metadata, flush=True)
+"""
+
+
+class TestRpiCamera(SensorConformance):
+    speed = None
+
+    def make(self) -> Sensor[Any]:
+        pytest.importorskip("PIL", reason="JPEG needs the extra 'camera'")
+        picture = jpeg(np.zeros((8, 8, 3), np.uint8)).hex()
+        return self.filming(sys.executable, "-S", "-c", RPICAM, picture)
+
+    def absent(self) -> Sensor[Any]:
+        return self.filming("/nowhere/rpicam-vid")
+
+    def filming(self, *program: str) -> Sensor[Any]:
+        sensor: Sensor[Any] = DRIVERS.make(
+            "driver", "camera_rpi", Setup("rpi_filming", {"program": program}, load().config)
+        )
+        return sensor
 
 
 class TestThermometer(SensorConformance):

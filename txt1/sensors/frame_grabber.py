@@ -7,7 +7,7 @@ import asyncio
 import threading
 from collections.abc import Callable, Iterator
 from math import inf
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, NamedTuple, TypeVar
 
 from txt1.errors import HalError, Txt1Error
 from txt1.link.silence import Ladder
@@ -16,11 +16,19 @@ from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
-# waits for this number of s, or until the sensor is closed
+# waits for this number of s, or until the sensor is closed; returns whether it is
 Wait = Callable[[float], object]
 
 # s that the thread has to end
 ENDING: Final = 3.0
+
+
+class Exposed(NamedTuple, Generic[T]):
+    """A frame whose time is known."""
+
+    value: T
+    age: float
+    """Time since its exposure, s."""
 
 
 class Frames(Generic[T]):
@@ -30,16 +38,21 @@ class Frames(Generic[T]):
         topic: topic of the frames.
         period: time between two calls of `read`, s.
         begin: opens the source and returns its frames, in the thread that reads them. Its argument is a function to
-            wait with. None is a frame that cannot be read. It raises HalError with the remedy, and is then called
-            again; a source at its end is not. A generator's ``finally`` closes the source.
-        latency: time from exposure to arrival, s.
+            wait with. None is a frame that cannot be read. A frame with an age is `Exposed`. It raises HalError with
+            the remedy, and is then called again; a source at its end is not. A generator's ``finally`` closes the
+            source.
+        latency: time from exposure to arrival of frames whose age is not known, s.
 
     """
 
     simulated = False
 
     def __init__(
-        self, topic: Topic[T], period: float, begin: Callable[[Wait], Iterator[T | None]], latency: float = 0.0
+        self,
+        topic: Topic[T],
+        period: float,
+        begin: Callable[[Wait], Iterator[Exposed[T] | T | None]],
+        latency: float = 0.0,
     ) -> None:
         self.topic, self.period = topic, period
         self._begin, self._latency = begin, latency
@@ -78,7 +91,7 @@ class Frames(Generic[T]):
             if self._failure:
                 raise HalError(self._failure)
             return None
-        time = max(self._last, min(newest[0] - self._origin - self._latency, now))
+        time = max(self._last, min(newest[0] - self._origin, now))
         if time < 0.0 or time == self._last:
             return None
         self._last = time
@@ -95,7 +108,7 @@ class Frames(Generic[T]):
 
         ladder = Ladder(0.0, greets=False)
         while not over.is_set():
-            frames: Iterator[T | None] | None = None
+            frames: Iterator[Exposed[T] | T | None] | None = None
             try:
                 frames = self._begin(over.wait)
                 for frame in frames:
@@ -103,9 +116,12 @@ class Frames(Generic[T]):
                         return
                     if frame is None:
                         tell(self._skip)
+                        continue
+                    ladder.heard(loop.time())
+                    if isinstance(frame, Exposed):
+                        tell(self._take, frame.value, loop.time() - frame.age, ready)
                     else:
-                        ladder.heard(loop.time())
-                        tell(self._take, frame, ready)
+                        tell(self._take, frame, None, ready)
                 tell(self._fail, HalError("there are no more pictures"), ready)
                 return
             except Exception as error:
@@ -118,8 +134,11 @@ class Frames(Generic[T]):
             ladder.lost(loop.time())
             over.wait(ladder.due - loop.time())
 
-    def _take(self, frame: T, ready: asyncio.Future[None]) -> None:
-        self._newest, self._failure = (asyncio.get_running_loop().time(), frame), ""
+    def _take(self, frame: T, time: float | None, ready: asyncio.Future[None]) -> None:
+        """Keep a frame, with the loop's time of its exposure; None: it is `latency` older than its arrival."""
+        if time is None:
+            time = asyncio.get_running_loop().time() - self._latency
+        self._newest, self._failure = (time, frame), ""
         if not ready.done():
             ready.set_result(None)
 

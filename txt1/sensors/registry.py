@@ -27,6 +27,7 @@ DRIVERS: Final = Registry(
         "sim_light": "txt1.sensors.light:simulated",
         "phidgets_light": "txt1.sensors.light:phidgets",
         "camera": "txt1.sensors.camera:create",
+        "camera_rpi": "txt1.sensors.camera_rpi:create",
         "depth_realsense": "txt1.sensors.depth:realsense",
         "depth_player": "txt1.sensors.depth:player",
         "sim_camera": "txt1.sensors.sim_camera:simulated",

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from tests.patience import LIMIT
+from tests.patience import LIMIT, until
 from tests.unit.sensors.test_twins import setup, write_video
 from txt1.errors import HalError
 from txt1.sensors.camera import VideoOptions, pictures
-from txt1.sensors.frame_grabber import Frames, Wait
+from txt1.sensors.frame_grabber import Exposed, Frames, Wait
 from txt1.sensors.readings import DepthImage, depth_topic
 
 PICTURE = DepthImage(1, 1, b"\0\0", 1.0)
@@ -90,3 +90,20 @@ def test_a_picture_that_cannot_be_decoded_costs_itself(tmp_path: Path) -> None:
     found = list(pictures(VideoOptions(source=str(path), rate=15.0), lambda seconds: None))
     assert (len([each for each in found if each is not None]), found.count(None)) == (29, 1)
     assert setup("camera", source=str(path))
+
+
+async def test_a_frame_of_known_age_has_the_time_of_its_exposure() -> None:
+    def begin(wait: Wait) -> Iterator[Exposed[DepthImage] | DepthImage]:
+        while not wait(0.01):
+            yield Exposed(PICTURE, 0.5)
+
+    # the latency is for frames whose age is not known
+    sensor = Frames(depth_topic("exposed"), 0.01, begin, latency=0.4)
+    await sensor.open()
+    now = asyncio.get_running_loop().time
+    began = now() - 10.0
+    found: list[Any] = []
+    await until(lambda: found.append(sensor.read(now() - began)) or found[-1] is not None)
+    arrived = now() - began
+    assert found[-1].time <= arrived - 0.5
+    await sensor.close()
