@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config
+from txt1.errors import LightFault
 from txt1.learning.agent import Agent, Doubter, Looker
+from txt1.learning.finite_readings import FiniteReadings
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.model.light_sensors import Readings
@@ -224,6 +226,7 @@ class Trial:
         self._under_way: list[tuple[float, tuple[float, float]]] = []
         self._in_force = (0.0, 0.0)
         self._unfit: float | None = None
+        self._gate = FiniteReadings()
         self.phase = Phase.DONE
         self._next()
 
@@ -250,22 +253,34 @@ class Trial:
         self.phase = Phase.REST
         self._began = self.since = now
         self._under_way, self._in_force, self._unfit = [], (0.0, 0.0), None
+        self._gate.clear()
         self.begins()
         if self.world is not None:
             self.world.begin(len(self.episodes) + 1)
         self.agent.begin()
 
     def see(self, now: float, readings: Readings, odometry: Odometry) -> None:
-        """Show the agent a sample of the light, lux."""
-        self.agent.see(readings, self._told(now, odometry))
+        """Show the agent a sample of the light, lux, through the gate for numbers; raises LightFault."""
+        passed = self._gate.readings(now, readings)
+        if passed is None:
+            return
+        try:
+            self.agent.see(passed, self._told(now, odometry))
+        except LightFault as fault:
+            if not self._gate.fault:
+                raise
+            # the sensor counts as dark because of what it reads
+            raise LightFault(self._gate.fault) from fault
 
     def look(self, now: float, points: NDArray[np.float64], odometry: Odometry) -> None:
         """Show an agent that looks where a sweep's beams ended, in the robot's frame, m."""
         if isinstance(self.agent, Looker):
-            self.agent.look(points, self._told(now, odometry))
+            finite = abs(points).sum(axis=1) < inf
+            self.agent.look(points[finite], self._told(now, odometry))
 
     def _told(self, now: float, odometry: Odometry) -> Odometry:
-        return odometry if self.world is None else self.world.odometry(now - self.since, odometry)
+        told = odometry if self.world is None else self.world.odometry(now - self.since, odometry)
+        return self._gate.odometry(told)
 
     def tick(
         self, now: float, armed: bool, pose: Pose, odometry: Odometry, touches: bool = False
