@@ -21,14 +21,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.table_5_3 import TABLE_5_3
 from txt1.config import Config, load
 from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import LEARNED, Plan, summary
 from txt1.learning.light_direction import sector
 from txt1.learning.registry import LEARNERS
 from txt1.learning.settings import LearningConfig, ThesisConfig
-from txt1.learning.thesis import ThesisAgent
+from txt1.learning.thesis import TABLE_5_3, ThesisAgent
 from txt1.learning.trial import AGENT, COMMANDS, TICK, Episode, stream
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import SENSOR_X, SENSOR_Y

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from benchmarks.table_5_3 import TABLE_5_3
 from txt1.config import Config
 from txt1.learning.agent import Agent
 from txt1.learning.registry import make
+from txt1.learning.thesis import TABLE_5_3
 
 EPISODES = 40
 """After as many the thesis's learner explores next to nothing."""

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
 from tests.e2e.skilled import skilled
 from tests.patience import LIMIT, wait_until
@@ -35,6 +34,7 @@ from txt1.learning.experiment import Plan
 from txt1.learning.qtable import StoredTable
 from txt1.learning.registry import make
 from txt1.learning.task import EPISODES, LearningTask
+from txt1.learning.thesis import TABLE_5_3
 from txt1.learning.trial import Episode, Phase, Trial, starts, task_of
 from txt1.navigation import wheel_pose
 from txt1.robot import Robot
@@ -276,7 +276,7 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     assert metrics["last_10"]["mean_time_s"] == pytest.approx(np.mean(won), abs=1e-4)
     assert metrics["last_10"]["mean_regret_s"] > 0.0
     assert qtable.load(out / "qtable.json").about["agent"] == "thesis"
-    assert {path.name for path in out.glob("*.png")} == {"learning_curve.png", "paths.png", "qtable.png"}
+    assert {path.name for path in out.glob("*.png")} == {"times.png", "learning_curve.png", "paths.png", "qtable.png"}
     assert "last 4 episodes" in capsys.readouterr().out
 
 

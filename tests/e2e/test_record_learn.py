@@ -19,7 +19,6 @@ from blockbuster import BlockBuster
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import may_block
 from txt1.cli import execute
 from txt1.config import load
@@ -31,6 +30,7 @@ from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
 from txt1.learning.light_direction import reward
 from txt1.learning.qtable import StoredTable
+from txt1.learning.thesis import TABLE_5_3
 from txt1.learning.trial import Episode
 from txt1.record.session import discard, recording
 from txt1.record.verification import verify

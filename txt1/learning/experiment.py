@@ -31,9 +31,11 @@ from txt1.kernel.loop import Speed
 from txt1.learning import qtable
 from txt1.learning.best_time import Floor, known_floor
 from txt1.learning.qtable import StoredTable
+from txt1.learning.registry import with_settings
 from txt1.learning.settings import LearningConfig
 from txt1.learning.task import SIMULATED
 from txt1.learning.trial import Episode, Start, TrialResult, recorded_plan, robot_config
+from txt1.learning.world import settled
 from txt1.record.session import discard
 from txt1.trials.provenance import code_hash, provenance
 
@@ -252,7 +254,8 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
     if results:
         chosen = best(results)
         about = {**chosen.table.about, "seed": plan.seed, "trial": chosen.trial}
-        qtable.save(out / "qtable.json", StoredTable(chosen.table.values, about))
+        table = with_settings(settled(plan.config), plan.agent, StoredTable(chosen.table.values, about))
+        qtable.save(out / "qtable.json", table)
     return metrics
 
 
@@ -260,8 +263,8 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
     """Return times in s, success as shares, ratios to the optimum and the floor; JSON values. Trials may differ in
     length.
 
-    Failures are counted separately. Times and ratios are of successes, and None if there are none. Only the robot
-    seconds include the time of failures, because the robot drove it.
+    Failures are counted separately. Times and ratios are of successes, and None if there are none. Only
+    `mean_time_of_all_s` and the robot seconds include the time of failures, because the robot drove it.
     """
     every = [one for trial in trials for one in trial]
     if not every:
@@ -300,7 +303,13 @@ def _figures(by_trial: Sequence[Sequence[Episode]], floor: Floor | None) -> dict
     if not some:
         return {"episodes": 0}
     won = [one for one in some if one.success]
-    counts = {"episodes": len(some), "failures": len(some) - len(won), "success": len(won) / len(some)}
+    counts = {
+        "episodes": len(some),
+        "failures": len(some) - len(won),
+        "success": len(won) / len(some),
+        # failures with their time, as in the thesis's learning curve
+        "mean_time_of_all_s": _round(np.mean([one.time for one in some])),
+    }
     if not won:
         return counts
     time, best = _times(won), np.array([one.optimal_time for one in won])

@@ -12,18 +12,20 @@ settings come in ``learning.options``. The table that it stores has its name as 
 """
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from txt1.config import Config
+from txt1.config.sources import with_values
 from txt1.errors import ConfigError, MissingPlugin, QTableError
 from txt1.learning import thesis
 from txt1.learning.agent import Agent
 from txt1.learning.checked_learner import checked
 from txt1.learning.qtable import RELEARN, StoredTable, load
-from txt1.learning.settings import LearningConfig
+from txt1.learning.settings import LearningConfig, section_of, settings_of
 from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
 from txt1.unknown import brought
@@ -69,12 +71,13 @@ def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | 
 def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
     """Return a driver that takes the best action of a stored table and does not learn.
 
-    Raises QTableError: the file is no sound table, or its learner is not installed.
+    Raises QTableError: the file is no sound table, its learner is not installed, or the
+    configuration asks for other settings or actions than it was learned with.
     """
     table = load(path)
     name = str(table.about.get("agent"))
     try:
-        return _made(name, config, rng, table)
+        return _made(name, _as_learned(config, name, table.about), rng, table)
     except MissingPlugin as error:
         raise QTableError(
             str(path), f"was learned by '{name}', in a plug-in that is not installed", error.command
@@ -87,3 +90,28 @@ def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
         # from wrong notes in the table
         problem = f"lacks what '{name}' keeps with its table: {type(error).__name__}: {error}"
         raise QTableError(str(path), problem, "give a table that this agent learned") from error
+
+
+def with_settings(config: Config, name: str, table: StoredTable) -> StoredTable:
+    """Return a learner's table with the settings and actions that give its states and columns their meaning."""
+    learning = config.section(LearningConfig)
+    actions = [list(each) for each in learning.actions]
+    return StoredTable(table.values, {**table.about, "settings": settings_of(learning, name), "commands": actions})
+
+
+def _as_learned(config: Config, name: str, about: Mapping[str, Any]) -> Config:
+    """Return the configuration with the learner's settings of a stored table.
+
+    Raises ValueError: another value is given, or other actions.
+    """
+    learning, section = config.section(LearningConfig), section_of(name)
+    actions, now = about.get("commands"), [list(each) for each in learning.actions]
+    if actions is not None and actions != now:
+        raise ValueError(f"was learned with learning.actions={actions}, not {now}")
+    given, usual = settings_of(learning, name), settings_of(LearningConfig(), name)
+    # tables of before told the direction alone
+    kept = about.get("settings", {key: about[key] for key in ("direction",) if key in about})
+    for key, value in kept.items():
+        if given.get(key) not in (value, usual.get(key)):
+            raise ValueError(f"was learned with learning.{section}.{key}={value}, not {given.get(key)}")
+    return with_values(config, {f"learning.{section}.{key}": value for key, value in kept.items()})

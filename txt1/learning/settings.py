@@ -11,7 +11,7 @@ from txt1.errors import ConfigError
 from txt1.model.vehicle import SPEED, Geometry
 from txt1.units import NotNegative, Positive
 
-# sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2
+# sharpest yaw rate at the learning robot's speed, rad/s: v / R = 0.3 / 0.56 = 0.536, which table 5.2 prints as 0.54
 TURN: Final = SPEED / Geometry().radius_min
 
 GROUP: Final = "txt1.learning"
@@ -58,8 +58,9 @@ class ThesisConfig(Section):
     """Whether the temperature falls with episodes or with decisions."""
     filtered: bool = True
     """Whether the readings pass the filter (5.10)."""
-    direction: Literal["summed", "diagonal", "corrected"] = "summed"
-    """How the readings make a direction: the thesis's sum (5.3), with 45 degrees a sensor, or without compression."""
+    direction: Literal["summed", "diagonal", "corrected"] = "corrected"
+    """How the readings make a direction: the thesis's sum (5.3) by the letter, with 45 degrees a sensor, or without
+    compression (docs/results/thesis.md argues for the last)."""
     training: Annotated[int, Field(ge=0)] | None = None
     """Episodes after which it chooses greedily; null: never."""
     learn_on: bool = True
@@ -110,10 +111,23 @@ class LearningConfig(OpenSection):
         return found
 
 
+def section_of(learner: str) -> str:
+    """Return the name of the section below `learning` that this learner reads."""
+    return learner if learner in {"thesis", "options", *_names()} else "options"
+
+
+def settings_of(learning: LearningConfig, learner: str) -> dict[str, Any]:
+    """Return the settings of a learner, JSON values, with those that are not given."""
+    name = section_of(learner)
+    known = {*LearningConfig.model_fields, *learning.given}
+    whole = learning if name in known else LearningConfig.model_validate({name: {}})
+    found: dict[str, Any] = whole.model_dump(mode="json")[name]
+    return found
+
+
 def refuse_unread(words: Sequence[str], learner: str) -> None:
     """Raise ConfigError if one of the words KEY=VALUE sets what this learner does not read."""
-    others = {"thesis", "options", *_names()}
-    own = learner if learner in others else "options"
+    others, own = {"thesis", "options", *_names()}, section_of(learner)
     for word in words:
         key = word.partition("=")[0]
         section, _, rest = key.partition(".")

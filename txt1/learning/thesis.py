@@ -40,6 +40,20 @@ RATE_DECAY: Final = 0.9
 
 DIRECTIONS: Final = {"summed": direction, "diagonal": diagonal_direction, "corrected": corrected_direction}
 
+# Q-values after 30 repetitions on hardware; rows by state, columns by action (table 5.3)
+TABLE_5_3: Final = (
+    (0.9494, -0.6495, -0.5848),
+    (0.7950, -0.0449, -0.2863),
+    (0.7120, 0.1365, -0.3091),
+    (0.4466, 0.1255, -0.0286),
+    (0.8803, 1.4476, 1.1834),
+    (0.3014, 0.3008, 0.8993),
+    (-0.5585, -0.0546, 1.1205),
+    (-0.3775, 0.0077, 0.8443),
+)
+# stands beside the learned table in the pictures
+REPORTED: Final = ("table 5.3 of the thesis", TABLE_5_3)
+
 # the Q-values of one state's actions
 QRow = NDArray[np.floating[Any]]
 
@@ -273,6 +287,7 @@ class ThesisAgent:
             "states": list(SECTORS),
             "commands": [list(each) for each in self._commands],
             "direction": self.settings.direction,
+            "settings": self.settings.model_dump(mode="json"),
         }
         return StoredTable(self.q.copy(), about)
 

@@ -81,14 +81,14 @@ def eyes(
 
 
 def compass(light: tuple[float, float]) -> See:
-    """Return readings whose direction (`txt1.learning.light_direction`) is the light's bearing, as in the
-    original simulation.
+    """Return readings whose direction without compression (`txt1.learning.light_direction`) is the light's bearing, as
+    in the original simulation.
     """
 
     def see(pose: Pose) -> Readings:
         x, y, theta = pose
         bearing = wrap_angle(atan2(light[1] - y, light[0] - x) - theta)
-        front, left = cos(bearing) / SENSOR_X, sin(bearing) / SENSOR_Y
+        front, left = cos(bearing) / SENSOR_Y, sin(bearing) / SENSOR_X
         return Readings(BASE + front + left, BASE + front - left, BASE - front + left, BASE - front - left)
 
     return see

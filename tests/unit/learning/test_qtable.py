@@ -14,13 +14,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from benchmarks.table_5_3 import TABLE_5_3
 from txt1.config import Config
+from txt1.config import load as configured
 from txt1.errors import QTableError
 from txt1.learning.light_direction import SECTORS
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, initial, load, save, update
-from txt1.learning.registry import from_table
-from txt1.learning.thesis import greedy_action
+from txt1.learning.registry import from_table, make
+from txt1.learning.thesis import TABLE_5_3, ThesisAgent, greedy_action
 
 # -- table and update --------------------------------------------------------------------------------------------
 
@@ -259,3 +259,28 @@ def test_a_file_that_cannot_be_written_says_so_and_an_old_one_survives(tmp_path:
         with pytest.raises(ValueError, match=r"Q-table|JSON|float"):
             save(file, StoredTable(values, about))
     assert file.read_bytes() == old
+
+
+def test_a_stored_table_is_driven_with_the_settings_it_was_learned_with(tmp_path: Path) -> None:
+    path = tmp_path / "qtable.json"
+    learned = configured(None, ["learning.thesis.direction=summed", "learning.thesis.filtered=false"]).config
+    save(path, make("thesis", learned, np.random.default_rng(1)).table())
+    driver = from_table(path, Config(), np.random.default_rng(1))
+    assert isinstance(driver, ThesisAgent)
+    assert (driver.settings.direction, driver.settings.filtered) == ("summed", False)
+    assert driver.settings.policy == "greedy" and not driver.training
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("learning.thesis.direction=diagonal", r"learned with learning\.thesis\.direction=summed, not diagonal"),
+        ("learning.actions=[[0.3, 0.5], [0.3, 0.0], [0.3, -0.5]]", r"learned with learning\.actions="),
+    ],
+)
+def test_a_stored_table_refuses_settings_of_another_meaning(given: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "qtable.json"
+    learned = configured(None, ["learning.thesis.direction=summed"]).config
+    save(path, make("thesis", learned, np.random.default_rng(1)).table())
+    with pytest.raises(QTableError, match=told):
+        from_table(path, configured(None, [given]).config, np.random.default_rng(1))

@@ -7,13 +7,12 @@ from math import radians
 import numpy as np
 import pytest
 
-from benchmarks.table_5_3 import TABLE_5_3
 from txt1.config import load
 from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import Plan
 from txt1.learning.light_direction import sector
 from txt1.learning.settings import TURN, ThesisConfig
-from txt1.learning.thesis import ThesisAgent
+from txt1.learning.thesis import TABLE_5_3, ThesisAgent
 from txt1.learning.trial import COMMANDS
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry

@@ -42,7 +42,7 @@ READINGS: Final[dict[str, dict[str, Any]]] = {
     "the reading held": {},
     "weighted sum, by the letter": SUMMED,
     "45 degrees for each sensor": DIAGONAL,
-    "true bearing, as the original program": {"sim.light.true_bearing": True, "learning.thesis.direction": "summed"},
+    "true bearing, as the original program": {"sim.light.true_bearing": True},
     "1/d^4": FOURTH,
     "weighted sum, 1/d^4": SUMMED | FOURTH,
     "45 degrees, 1/d^4": DIAGONAL | FOURTH,
