@@ -29,7 +29,7 @@ BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"
 def draw(
     out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task, floor: Floor | None = None
 ) -> list[Path]:
-    """The pictures that were written: learning_curve.png, paths.png, qtable.png; raises MissingExtra.
+    """The pictures that were written: times.png, learning_curve.png, paths.png, qtable.png; raises MissingExtra.
 
     With a floor (`txt1.learning.best_time`) the curve has the ratio to it, too.
     """
@@ -44,10 +44,15 @@ def draw(
     learner = str(table.about.get("agent"))
     if of_module(learner, "TABLE_IS_DRAWN", True):
         parts.append(lambda figure, left: _table(figure, left, table, colormaps))
+    title, reported = of_module(learner, "REPORTED", ("", ()))
+    if np.shape(reported) == table.values.shape:
+        beside = StoredTable(np.array(reported), {**table.about, "title": title})
+        parts.append(lambda figure, left: _table(figure, left, beside, colormaps))
     courses = of_module(learner, "courses", None)
     if courses is not None:
         parts.append(lambda figure, left: _floor(figure, left, table, task, courses))
     paintings: tuple[tuple[str, tuple[float, float], Callable[[Any], None]], ...] = (
+        ("times.png", (8.0, 4.0), lambda figure: _seconds(figure, outcomes, ticker)),
         ("learning_curve.png", (8.0, 4.7), lambda figure: _curve(figure, outcomes, floor, ticker, LineCollection)),
         ("paths.png", (PATH * max(1, len(chosen.paths)), 3.6), lambda figure: _paths(figure, chosen, task)),
         ("qtable.png", (PART * len(parts), 4.5), lambda figure: _learned(figure, parts)),
@@ -72,6 +77,22 @@ def _panel(figure: Any, left: float, bottom: float, width: float, height: float)
     axes.xaxis.set_label_coords(0.5, -0.28 / height)
     axes.yaxis.set_label_coords(-0.48 / width, 0.5)
     return axes
+
+
+def _seconds(figure: Any, outcomes: Sequence[TrialResult], ticker: Any) -> None:
+    """Draw the seconds of each episode, as figure 5.10 has them: blue the trials, bold red their mean, failures too."""
+    axes = _panel(figure, 0.65, 0.475, 7.2, 3.1)
+    length = max((len(one.episodes) for one in outcomes), default=0)
+    for trial in outcomes:
+        axes.plot([one.number for one in trial.episodes], [one.time for one in trial.episodes], color=BLUE, lw=0.8)
+    means = [np.mean([one.episodes[k].time for one in outcomes if len(one.episodes) > k]) for k in range(length)]
+    axes.plot(range(1, length + 1), means, color=RED, lw=3.0)
+    axes.set(xlabel="episode", ylabel="time, s", xlim=(0.5, length + 0.5))
+    axes.set_ylim(bottom=0.0)
+    axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
+    axes.grid(alpha=0.3)
+    count = f"{len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}"
+    figure.suptitle(f"{count} (blue) and their mean (red), as figure 5.10", y=0.985, fontsize=10)
 
 
 def _curve(
@@ -211,5 +232,5 @@ def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None
     for (row, column), value in np.ndenumerate(table.values) if table.values.size <= LEGIBLE else ():
         ink = "white" if abs(value) > 0.6 * most else "black"
         axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=ink)
-    axes.set_title("Q(s, a)")
+    axes.set_title(table.about.get("title", "Q(s, a)"))
     figure.colorbar(image, scale)
