@@ -226,6 +226,7 @@ REQUESTS = st.sampled_from(sorted(FIELDS)).flatmap(
 )
 
 
+@pytest.mark.long  # tests/unit/test_every_request.py has a bridge of each kind
 @settings(max_examples=examples(15), deadline=None)
 @given(st.lists(REQUESTS, max_size=20))
 def test_nothing_that_a_bridge_asks_for_raises_and_what_is_right_is_done_after_it(

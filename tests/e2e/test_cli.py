@@ -20,6 +20,7 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import may_block
+from tests.examples import some
 from tests.patience import LIMIT, TXT1, wait_until
 from txt1.board.board import Board
 from txt1.cli import COMMANDS, execute
@@ -403,7 +404,7 @@ def test_a_signal_ends_a_driving_robot_with_its_code_and_neutral_outputs(witness
             assert last == "(0, 0, 0, 0, 0)"
 
 
-@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("second", some(signal.SIGTERM, rest=[signal.SIGINT]))
 def test_a_second_signal_does_not_cut_the_stop_short(witness: Path, second: signal.Signals) -> None:
     report = witness / "report"
     words = ("--hal", "witness", "--headless", "--drive", "0.5,0", "--duration", "3600")
@@ -420,7 +421,7 @@ def test_a_second_signal_does_not_cut_the_stop_short(witness: Path, second: sign
     assert report.read_text().endswith("(0, 0, 0, 0, 0)")
 
 
-@pytest.mark.parametrize("speed", [[], ["--speed", "max"]], ids=["real time", "virtual time"])
+@pytest.mark.parametrize("speed", some(["--speed", "max"], rest=[[]]), ids=["virtual time", "real time"])
 def test_a_signal_ends_a_run_that_has_no_end(speed: list[str]) -> None:
     with start("run", "--headless", *speed, program=TXT1, stdout=subprocess.PIPE) as run:
         assert run.stdout is not None
@@ -430,20 +431,16 @@ def test_a_signal_ends_a_run_that_has_no_end(speed: list[str]) -> None:
     assert (run.returncode, err) == (130, "")
 
 
+@pytest.mark.long  # a pipe that nobody reads: tests/e2e/test_start.py has one of each kind
 @pytest.mark.parametrize(
     "words",
     [
         ["run", "--headless", "--duration", "5"],
         ["config", "show"],
-        *(
-            pytest.param(words, marks=pytest.mark.long)
-            for words in (
-                ["run", "--headless", "--duration", "5", "--speed", "max"],
-                ["run", "--json", "--duration", "5", "--speed", "max"],
-                ["config", "check", "config/txt1.yaml"],
-                ["--help"],
-            )
-        ),
+        ["run", "--headless", "--duration", "5", "--speed", "max"],
+        ["run", "--json", "--duration", "5", "--speed", "max"],
+        ["config", "check", "config/txt1.yaml"],
+        ["--help"],
     ],
     ids=" ".join,
 )

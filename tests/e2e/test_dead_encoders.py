@@ -8,14 +8,15 @@ from contextlib import suppress
 import pytest
 
 from benchmarks.board_faults import BOARDS, lose_encoders, lose_simulated_encoders
+from tests.examples import some
 from txt1.board.board import Board, BoardEvent
 from txt1.errors import NotArmed, Overruled, StopNotVerified
 from txt1.protocol.messages import Switch
 from txt1.robot import Robot
 
 
-@pytest.mark.parametrize("later", [0.0, 0.013, 0.026, 0.039])
-@pytest.mark.parametrize("v", [0.1, 0.3, 0.6, 1.0, -0.6])
+@pytest.mark.parametrize("later", some(0.0, rest=(0.013, 0.026, 0.039)))
+@pytest.mark.parametrize("v", some(0.1, 1.0, -0.6, rest=(0.3, 0.6)))
 @pytest.mark.parametrize("board", BOARDS)
 async def test_it_goes_less_than_a_metre_and_the_esc_is_off(board: str, v: float, later: float) -> None:
     lost = await lose_encoders(board, v, "encoders", later)
@@ -26,7 +27,7 @@ async def test_it_goes_less_than_a_metre_and_the_esc_is_off(board: str, v: float
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize("v", [0.1, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize("v", some(1.0, rest=(0.1, 0.3, 0.6)))
 @pytest.mark.parametrize("board", BOARDS)
 async def test_of_one_encoder_alone_it_stops_by_the_other(board: str, v: float, side: str) -> None:
     lost = await lose_encoders(board, v, f"{side}_encoder", 0.0)
@@ -34,7 +35,7 @@ async def test_of_one_encoder_alone_it_stops_by_the_other(board: str, v: float, 
     assert lost.reason == f"runaway: the {side} encoder is silent"
 
 
-@pytest.mark.parametrize("v", [0.1, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize("v", some(0.1, 1.0, rest=(0.3, 0.6)))
 async def test_loops_in_this_host_stop_it_as_soon(v: float) -> None:
     lost = await lose_simulated_encoders(v, 0.0)
     assert lost.course.way < 0.55
@@ -77,7 +78,7 @@ async def test_a_robot_that_was_lost_sight_of_is_never_called_standing() -> None
     await lose_encoders("original", 1.0, "encoders", 0.0, look)
 
 
-@pytest.mark.parametrize("v", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("v", some(0.6, rest=(0.3, 1.0)))
 @pytest.mark.parametrize("board", BOARDS)
 async def test_at_a_wall_it_is_stopped_too_and_drives_back(board: str, v: float) -> None:
     settings = (*BOARDS[board], "sim.room.length=4", "sim.room.width=4")

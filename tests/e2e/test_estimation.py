@@ -129,6 +129,7 @@ async def test_a_sensor_that_nobody_has_configured_is_named() -> None:
             pass
 
 
+@pytest.mark.long
 def test_a_failing_sensor_of_the_experiment_is_found_out_and_recovers() -> None:
     config = load(None, ["seed=1", "sim.battery.used_1=null"], {}, {}).config
     outcome = run(sensor_failure.drive(config, "gyro", "imu", "not a number"), speed="max")

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import cache
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,8 @@ from txt1.model.battery import pack_voltage
 from txt1.robot import Robot
 
 SERIAL = ("hal=serial", "serial.port=virtual")
+EITHER = (pytest.param((), id="sim"), pytest.param(SERIAL, marks=pytest.mark.long, id="serial"))
+"""The robot behind a wire differs by its delay alone: see test_behind_the_wire_all_comes_later."""
 WEAK_AND_SLOW = (
     "sim.vehicle.speed_gain=0.000231",
     "sim.vehicle.speed_time_constant=0.6",
@@ -42,6 +45,7 @@ def configured(*settings: str) -> Config:
     return load(None, [*ENDLESS, *settings], {}).config
 
 
+@cache
 def measured(name: str, *settings: str, safe_end: bool = True) -> Run:
     profile = load_profile(name)
     outcome, _ = drive(configured(*settings), profile, "max", safe_end=safe_end)
@@ -62,7 +66,7 @@ def test_the_speed_follows_steps_of_both_signs(hal: tuple[str, ...]) -> None:
     assert len(metrics["stops"]) == 8
 
 
-@pytest.mark.parametrize("hal", [(), SERIAL], ids=["sim", "serial"])
+@pytest.mark.parametrize("hal", EITHER)
 def test_the_yaw_rate_follows_steps_and_costs_little_speed(hal: tuple[str, ...]) -> None:
     metrics = measured("angular-steps", *hal).metrics
     turns = [step for step in metrics["steps"] if step["channel"] == "omega"]
@@ -82,7 +86,7 @@ def test_a_circle_has_its_radius_and_overlaps(name: str, radius: float, hal: tup
     assert circle["lap_to_lap"] < 0.05
 
 
-@pytest.mark.parametrize("hal", [(), SERIAL], ids=["sim", "serial"])
+@pytest.mark.parametrize("hal", EITHER)
 def test_waypoints_are_followed_by_odometry(hal: tuple[str, ...]) -> None:
     metrics = measured("waypoints", *hal).metrics
     assert metrics["pose_source"] == "odometry"
@@ -101,7 +105,7 @@ def test_the_battery_run_stops_at_the_safe_end_and_finds_the_discharge_line() ->
     assert metrics["battery"]["intercept"] == pytest.approx(pack_voltage(38.0), rel=0.002)
 
 
-@pytest.mark.parametrize("hal", [(), SERIAL], ids=["sim", "serial"])
+@pytest.mark.parametrize("hal", EITHER)
 def test_with_the_stop_off_the_battery_warns_and_cuts_off(hal: tuple[str, ...]) -> None:
     metrics = measured("battery-run", "sim.battery.used_1=48.5", *hal, safe_end=False).metrics
     assert metrics["battery_warning_s"] is not None

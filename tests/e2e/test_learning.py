@@ -243,14 +243,16 @@ async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(fault
 # -- txt1 learn --------------------------------------------------------------------------------------------------
 
 
-def learn(out: Path, *more: str) -> int:
+def learn(out: Path, *more: str, pictures: bool = False) -> int:
     brief = [word for one in SHORT for word in ("--set", one)]
+    if not pictures:
+        brief.append("--no-pictures")
     return execute(["learn", "--trials", "2", "--episodes", "4", "--jobs", "1", "--out", str(out), *brief, *more])
 
 
 def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "new" / "directory"
-    assert learn(out, "--seed", "3") == 0
+    assert learn(out, "--seed", "3", pictures=True) == 0
     with (out / "learning.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == [
@@ -321,26 +323,29 @@ def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> Non
 
 
 def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def learn_one(out: Path, *more: str) -> int:
+        return learn(out, "--trials", "1", "--episodes", "1", *more)
+
     (tmp_path / "file").write_text("")
     assert learn(tmp_path / "file" / "out") == 2
     assert "--out" in capsys.readouterr().err
     done = tmp_path / "done"
-    assert learn(done) == 0
-    assert learn(done) == 2
+    assert learn_one(done) == 0
+    assert learn_one(done) == 2
     assert "--resume carries it on" in capsys.readouterr().err
-    assert learn(done, "--resume", "--seed", "9") == 2
+    assert learn_one(done, "--resume", "--seed", "9") == 2
     assert "was begun with seed=0, not 9" in capsys.readouterr().err
-    assert learn(done, "--resume", "--set", "learning.time_limit=200") == 2
+    assert learn_one(done, "--resume", "--set", "learning.time_limit=200") == 2
     assert "was begun with learning.time_limit=20.0, not 200.0" in capsys.readouterr().err
     told = (done / "experiment.json").read_text()
     (done / "experiment.json").write_text(told.replace(code_hash(), "0123456789abcdef"))
-    assert learn(done, "--resume") == 2
+    assert learn_one(done, "--resume") == 2
     assert "was begun by other code (0123456789abcdef" in capsys.readouterr().err
     (done / "experiment.json").write_text("{}")
-    assert learn(done, "--resume") == 2
+    assert learn_one(done, "--resume") == 2
     assert "experiment.json is not this program's" in capsys.readouterr().err
     (done / "experiment.json").unlink()
-    assert learn(done, "--resume") == 2
+    assert learn_one(done, "--resume") == 2
     assert "holds trials without their experiment.json" in capsys.readouterr().err
     assert execute(["learn", "--agent", "genius", "--out", str(tmp_path / "x")]) == 2
     assert "there is no learner 'genius'; installed: " in capsys.readouterr().err
@@ -392,7 +397,7 @@ def test_without_matplotlib_everything_but_the_pictures_is_there(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
-    assert learn(tmp_path, "--trials", "1", "--episodes", "1") == 0
+    assert learn(tmp_path, "--trials", "1", "--episodes", "1", pictures=True) == 0
     assert installs("plots") in capsys.readouterr().err
     assert (tmp_path / "metrics.json").exists()
     assert not list(tmp_path.glob("*.png"))

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,7 @@ def stream(path: Path) -> list[tuple[str, int, int, bytes]]:
         ]
 
 
+@cache
 def last(path: Path) -> dict[str, Any]:
     """The last message on every topic, decoded by mcap-ros2-support."""
     with path.open("rb") as file:

@@ -156,7 +156,7 @@ def test_a_recorded_learner_learns_what_it_would_without(tmp_path: Path) -> None
 
 
 def learn(out: Path, log: Path, *more: str) -> int:
-    words = ["learn", "--trials", "2", "--episodes", "3", "--seed", "3", "--jobs", "1"]
+    words = ["learn", "--trials", "2", "--episodes", "3", "--seed", "3", "--jobs", "1", "--no-pictures"]
     return execute([*words, "--out", str(out), "--log", str(log), *more])
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import re
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -147,11 +149,17 @@ def test_what_has_no_snapshots_says_so(circle: Path, tmp_path: Path) -> None:
         Snapshots(tmp_path / "short.mcap")
 
 
-def test_the_report_is_a_picture_and_one_page_that_needs_nothing_else(
-    circle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert execute(["report", str(circle), "-o", str(tmp_path / "report")]) == 0
-    out = capsys.readouterr().out
+@pytest.fixture(scope="module")
+def report(circle: Path) -> tuple[Path, str]:
+    """The page's file, and what the command said."""
+    told = StringIO()
+    with redirect_stdout(told):
+        assert execute(["report", str(circle), "-o", str(circle.parent / "report")]) == 0
+    return circle.parent / "report.html", told.getvalue()
+
+
+def test_the_report_is_a_picture_and_one_page_that_needs_nothing_else(report: tuple[Path, str]) -> None:
+    tmp_path, out = report[0].parent, report[1]
     assert str(tmp_path / "report.png") in out and str(tmp_path / "report.html") in out
     assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     page = (tmp_path / "report.html").read_text()
@@ -162,9 +170,8 @@ def test_the_report_is_a_picture_and_one_page_that_needs_nothing_else(
         assert told in page
 
 
-def test_the_report_begins_with_a_summary_and_fits_a_phone(circle: Path, tmp_path: Path) -> None:
-    assert execute(["report", str(circle), "-o", str(tmp_path / "report")]) == 0
-    page = (tmp_path / "report.html").read_text()
+def test_the_report_begins_with_a_summary_and_fits_a_phone(report: tuple[Path, str]) -> None:
+    page = report[0].read_text()
     assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
     before, _, after = page.partition("<img ")
     assert re.search(r"<li>\d+\.\d\d m in \d+\.\d s by odometry, at most \d\.\d\d m/s\.</li>", before)

@@ -22,7 +22,7 @@ from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.record.options import RecordingAsked
 from txt1.robot import Robot
-from txt1.teaching.lessons import Ask, drive_in, together
+from txt1.teaching.lessons import Ask, HumanDrive, drive_in, together
 from txt1.teaching.policy import Judgement, Policy, load
 from txt1.teaching.policy_driver import LOOK, POLICY, STOPPED, Look
 from txt1.teaching.teach import summary, teach
@@ -90,9 +90,15 @@ def lesson(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def policy(lesson: Path) -> Policy:
+def taken(lesson: Path) -> HumanDrive:
+    """What is taken from it."""
+    return drive_in(lesson, [Ask("laser")])
+
+
+@pytest.fixture(scope="module")
+def policy(taken: HumanDrive) -> Policy:
     """A policy that was taught by it."""
-    return teach([drive_in(lesson, [Ask("laser")])], QUICK, "today", folds=2).policy
+    return teach([taken], QUICK, "today", folds=2).policy
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +111,8 @@ def file(policy: Policy, tmp_path_factory: pytest.TempPathFactory) -> Path:
 # -- lessons -----------------------------------------------------------------------------------------------------
 
 
-def test_what_a_human_drove_is_taken_and_the_rest_left_out_with_its_reason(lesson: Path) -> None:
-    found = drive_in(lesson, [Ask("laser")])
+def test_what_a_human_drove_is_taken_and_the_rest_left_out_with_its_reason(taken: HumanDrive) -> None:
+    found = taken
     assert 66.0 < found.taught.by["gamepad"] < 71.0
     assert found.taught.left_out["nobody drove"] > 1.0
     assert len(found.lessons) == pytest.approx(690, abs=20)
@@ -124,8 +130,8 @@ def test_too_little_or_nobody_is_refused_in_a_line(seconds: float, source: str, 
     assert "\n" not in str(refused.value)
 
 
-def test_recordings_of_two_cars_or_two_lasers_do_not_go_together(lesson: Path) -> None:
-    one = drive_in(lesson, [Ask("laser")])
+def test_recordings_of_two_cars_or_two_lasers_do_not_go_together(taken: HumanDrive) -> None:
+    one = taken
     other = replace(one, taught=replace(one.taught, sha256="other"))
     with pytest.raises(RecordingError, match="another car"):
         together([one, replace(other, radius_min=0.7)])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
+from tests.examples import some
 from txt1.estimation.settings import PRESETS, EstimationConfig
 from txt1.estimation.task import Estimator, Wheels
 from txt1.model.odometry import Odometry
@@ -15,6 +16,7 @@ from txt1.model.vehicle import Geometry
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import FixReading, ImuReading, TrackerReading
 
+PARTS = 12
 SCRIPTS = int(os.environ.get("TXT1_SCRIPTS", "120"))
 """How many; the long test has 10 000."""
 KINDS: dict[str, type] = {"imu": ImuReading, "gps": FixReading, "vicon": TrackerReading}
@@ -71,9 +73,9 @@ def script(seed: int) -> None:
         assert np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() > -1e-6, "but for rounding"
 
 
-@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.long) for part in (1, 2, 3))])
+@pytest.mark.parametrize("part", some(0, rest=range(1, PARTS)))
 def test_any_script_leaves_numbers_and_a_covariance(part: int) -> None:
-    for seed in range(part, SCRIPTS, 4):
+    for seed in range(part, SCRIPTS, PARTS):
         script(seed)
 
 

@@ -40,7 +40,7 @@ FIELDS = (
 MESSAGES = st.dictionaries(st.sampled_from(FIELDS), JSON).map(lambda given: {**PROPER, **given}) | JSON
 
 
-@settings(max_examples=examples(300), deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.binary(max_size=40) | MESSAGES.map(lambda value: json.dumps(value).encode()))
 @example(b"[" * 5000)
 @example(b'{"from": "txt01", "x": ' + b"9" * 5000 + b"}")
@@ -56,7 +56,7 @@ def test_nothing_but_a_value_error_comes_of_a_message(payload: bytes) -> None:
             assert "\n" not in str(error) and len(str(error)) < TEXT_MAX
 
 
-@settings(max_examples=examples(300), deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(MESSAGES.map(lambda value: json.dumps(value).encode()))
 def test_a_state_that_is_accepted_is_finite_and_small(payload: bytes) -> None:
     message = message_of(payload)

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.examples import some
 from txt1.cars.vesc import driver as vesc
 from txt1.cars.vesc.driver import PacketId, Unpacker, VescHal, VescOptions, packet
 from txt1.cars.vesc.virtual_vesc import Vesc
@@ -334,7 +335,7 @@ def test_an_answer_of_old_firmware_ends_no_drive() -> None:
     run(drive(), speed="max")
 
 
-@pytest.mark.parametrize("pause", [0.05, 0.5, 2.0, 10.0, 60.0])
+@pytest.mark.parametrize("pause", some(0.05, 2.0, rest=(0.5, 10.0, 60.0)))
 def test_a_restart_is_noticed_whatever_its_pause_and_the_pose_does_not_leap(
     pause: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

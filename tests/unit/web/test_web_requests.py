@@ -231,7 +231,7 @@ NAMES = (
 ASKED = st.dictionaries(st.sampled_from(NAMES), JSON | st.floats(-1.0, 1.0) | st.integers(0, 99))
 
 
-@settings(max_examples=examples(300), deadline=None)
+@settings(max_examples=examples(120), deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(sorted(REQUESTS)) | JSON, ASKED) | JSON, max_size=20))
 def test_nothing_that_a_page_sends_raises_and_what_is_right_is_done_after_it(messages: list[Any]) -> None:
     async def main() -> None:
