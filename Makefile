@@ -17,12 +17,15 @@ FUZZ := .venv-fuzz
 DOCS := .venv-docs
 # distributions of their own that the tests need, each with its tests
 PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot
+DRIVES = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; extras = project["optional-dependencies"]; print(*project["dependencies"], *extras["record"], *extras["web"], sep="\n")
 PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
 TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
-JOBS ?= 6
+# each process collects all tests, 14 s of a processor; half of the tests wait for real time
+JOBS ?= 4
 APART_TESTS ?= tests
 RUN ?=
+STEADY ?=
 WEB ?= tests/browser
 # the last release: its tag, or the commit that made the version
 BEFORE ?= $(shell git describe --tags --abbrev=0 2>/dev/null || git log -1 --format=%h --grep='^Version [0-9]')
@@ -31,13 +34,16 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
+.PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint types style imports wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
 
-run: $(VENV)/.installed  ## drive a simulated robot from the keyboard or the page; RUN="..." adds options
-	@$(BIN)/python -m txt1 run --practice $(RUN) || test $$? = 130  # Ctrl-C ends a drive, and is no error
+# The first screen waits for what the drive needs. What draws pictures of a recorded drive is fetched beside it.
+run: $(VENV)/.drives  ## drive a simulated robot from the keyboard or the page; RUN="..." adds options
+	@nice -n 19 $(MAKE_COMMAND) --silent $(VENV)/.installed >/dev/null 2>&1 & \
+	$(BIN)/python -m txt1 run --practice $(RUN); ended=$$?; wait; \
+	test $$ended = 0 || test $$ended = 130 || exit $$ended  # Ctrl-C ends a drive, and is no error
 
-test: $(VENV)/.dev  ## the tests, six at a time; three to nine minutes on two cores
-	$(BIN)/python -m pytest --numprocesses=6 --dist=worksteal
+test: $(VENV)/.dev  ## the tests, four at a time
+	$(BIN)/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
 
 test-long: $(VENV)/.dev  ## the long tests, too: many repetitions, long runs, and the compiled wheel
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --hypothesis-profile=others -m "not browser"
@@ -86,15 +92,22 @@ test-lerobot: $(VENV)/.dev  ## LeRobot's commands with plugins/lerobot; LEROBOT=
 	TXT1_LEROBOT=$(wildcard $(LEROBOT)) $(BIN)/python -m pytest -m long -rs plugins/lerobot/tests
 
 steady: $(VENV)/.dev  ## repeats the tests, none of which may fail: those that wait 20 times, also beside busy loops, all tests 5 times; 90 minutes, resumes
-	$(BIN)/python -m tests.steady
+	$(BIN)/python -m tests.steady $(STEADY)
 
 try-bare: $(VENV)/.dev  ## the first hour in a bare Debian root, typed and timed; root, debootstrap and a network; minutes
 	$(BIN)/python tests/bare.py $(BARE)
 
-lint: $(VENV)/.dev  ## style, types, and who imports whom
+lint: $(VENV)/.dev  ## style, types, and who imports whom, two at a time
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync types style imports
+
+types:
+	$(BIN)/mypy
+
+style:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+
+imports:
 	$(BIN)/lint-imports
 	@mkdir -p build; $(BIN)/python -m tests.arrows > build/arrows.txt || { tail -20 build/arrows.txt; false; }
 
@@ -142,18 +155,26 @@ clean:
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-# With what README and `txt1` alone show: recordings, pictures, the page. Without --no-compile pip compiles all modules
-# of all packages, a third of the time until the first screen; Python compiles those that are used, when they are.
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python $(PIP_INSTALL) --no-compile --editable '.[plots,record,web]'
+# With what README and `txt1` alone show: recordings and the page, then pictures. Without --no-compile pip compiles all
+# modules of all packages, a third of the time until the first screen; Python compiles those that are used, when they are.
+# txt1 itself is built beside the fetching of the others, which reads long lists of files for each.
+$(VENV)/.drives: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python $(PIP_INSTALL) --no-compile --no-deps --editable . & txt1=$$!; \
+	$(BIN)/python -c '$(DRIVES)' | $(BIN)/python $(PIP_INSTALL) --no-compile --requirement /dev/stdin && wait $$txt1
 	@touch $@
 
+# txt1 is there, so pip adds what the extra needs, and does not build txt1 anew
+$(VENV)/.installed: $(VENV)/.drives
+	$(BIN)/python $(PIP_INSTALL) --no-compile 'txt1[plots]'
+	@touch $@
+
+# Beside one another at the end: the tests are compiled, or all processes would do it at once, and numba's loops, half a
+# minute, which tests of maps use.
 $(VENV)/.dev: $(VENV)/.installed $(PLUGINS:%=%/pyproject.toml)
 	$(BIN)/python $(PIP_INSTALL) --upgrade 'pip>=25.1'  # knows groups, which a Python's own may not
 	$(BIN)/python $(PIP_INSTALL) --group dev --editable . $(PLUGINS:%=--editable %)
-	$(BIN)/python -m compileall -q txt1 $(PLUGINS)  # as pip does with all others: each process of the tests loads them
-	$(BIN)/python -c 'from txt1.mapping.scan_work import warm; warm()'  # numba's loops, half a minute, which tests of maps use
-	@$(BIN)/python -m pytest --collect-only >/dev/null || true  # compiles the tests, or six processes would do it at once
+	$(BIN)/python -m compileall -j 2 -q txt1 $(PLUGINS)  # as pip does with all others: each process of the tests loads them
+	@$(BIN)/python -m pytest --collect-only >/dev/null 2>&1 & $(BIN)/python -c 'from txt1.mapping.scan_work import warm; warm()' && wait
 	@touch $@
 
 $(FUZZ)/.dev: pyproject.toml

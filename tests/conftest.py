@@ -16,6 +16,8 @@ from tests.examples import SHARE, USUAL
 from tests.patience import surviving
 
 HERE = Path(__file__).parent
+USUAL_MARKS = "not long and not browser"
+APART = ("browser", "ros", "viewers", "wheel")
 
 # A process with a BLAS thread for each processor computes no sooner here, and its threads keep a processor busy while
 # they wait. This has to be said before numpy is imported, and holds for processes that the tests start, too.
@@ -36,6 +38,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             "patient" in item.fixturenames or any(map(has_patience, modules_of(item.module.__name__)))
         ):
             item.add_marker(pytest.mark.waits)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out folders whose tests are all long or in a browser where none of these runs: their imports take time."""
+    apart = collection_path.parent == HERE and collection_path.name in APART
+    return True if apart and config.getoption("markexpr") == USUAL_MARKS else None
 
 
 @pytest.hookimpl(wrapper=True)
