@@ -46,7 +46,8 @@ def cast(grid: Grid, x: Floats | float, y: Floats | float, angles: Floats | floa
 def prepare() -> bool:
     """Compile the caster, so that no ray waits for it; return whether that was possible, and warn once if not.
 
-    It takes a second or two. Sensors that cast rays while a robot runs call it when they are made.
+    It takes a second or two, once: the machine code is kept beside the source. Sensors that cast rays while a robot
+    runs call it when they are made.
     """
     if _compiled() is None:
         # the warning is for the caller's caller
@@ -93,7 +94,12 @@ def _compiled() -> Callable[..., Any] | None:
         return None
     line = "float64[::1]"
     signature = f"void(boolean[:, ::1], {line}, {line}, {line}, float64, {line})"
-    made: Callable[..., Any] = njit(signature, nogil=True, error_model="numpy")(_trace)
+    made: Callable[..., Any]
+    try:
+        made = njit(signature, nogil=True, error_model="numpy", cache=True)(_trace)
+    except RuntimeError:
+        # no folder in which the machine code may be kept
+        made = njit(signature, nogil=True, error_model="numpy")(_trace)
     return made
 
 
