@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
-from txt1.commands import OK, add_actions, busy, count, flag, need, path, takes
+from txt1.commands import OK, add_actions, busy, count, flag, need, number, path, takes
 from txt1.errors import ConfigError
 from txt1.installing import installs_package
 from txt1.plugins import Registry
@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
     chosen = RECORDING | {
         "--topic": takes("TOPIC", "only this one; may be repeated", action="append", default=[]),
-        "--from": takes("S", "only from this time of the run on; in a file of others, time stamp", float, dest="start"),
-        "--to": takes("S", "only up to this time", float, dest="end"),
+        "--from": takes("S", "only from this time of the run; in a file of others, time stamp", number, dest="start"),
+        "--to": takes("S", "only up to this time", number, dest="end"),
     }
     folder = {
         "-o --output": takes("DIR", "where to; FILE's name without .mcap; of one topic a FILE.csv or .parquet", path),

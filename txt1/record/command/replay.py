@@ -3,7 +3,7 @@
 import argparse
 from typing import Final
 
-from txt1.commands import FAULT, OK, add, busy, flag, positive, takes
+from txt1.commands import FAULT, OK, add, busy, flag, number, positive, takes
 from txt1.kernel.loop import run
 from txt1.plugins import Registry
 from txt1.record.options import ONE_ROBOT, RECORDING
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         | {
             "--verify": flag("run the recorded inputs through the tasks and compare"),
             "--speed": takes("N", "as a multiple of real time", positive, default=1.0),
-            "--from": takes("S", "begin at this time of the run", float, dest="start"),
+            "--from": takes("S", "begin at this time of the run", number, dest="start"),
             "--loop": flag("begin anew at the end"),
             "--ros2": flag("publish it as topics of ROS 2, its time as /clock, instead of showing it on the screens"),
             "--ros2-namespace": takes("NS", "of those topics; none by default"),
