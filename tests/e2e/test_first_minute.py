@@ -81,8 +81,9 @@ def test_a_screen_that_is_not_there_is_refused_without_a_terminal_too(
     assert "--screen 9: there is none of this number; there are 1 STATUS, 2 PWM" in capsys.readouterr().err
 
 
-def test_without_its_libraries_a_practice_says_how_to_get_the_page(tmp_path: Path) -> None:
-    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['aiohttp'] = None\n", "utf-8")
+def test_without_its_libraries_a_practice_says_how_to_get_page_and_speed(tmp_path: Path) -> None:
+    without = "import sys\nfor name in ('aiohttp', 'numba'):\n    sys.modules[name] = None\n"
+    (tmp_path / "sitecustomize.py").write_text(without, "utf-8")
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{ROOT}"}
     told = subprocess.run(
         [*TXT1, *PRACTICE, "--headless", "--duration", "0.5"],
@@ -95,3 +96,17 @@ def test_without_its_libraries_a_practice_says_how_to_get_the_page(tmp_path: Pat
     )
     assert told.returncode == 0, told.stderr
     assert "there is no page beside it" in told.stderr and "[web]" in told.stderr
+    (numba,) = (line for line in told.stderr.splitlines() if "numba" in line)
+    assert numba.startswith("txt1: the laser's rays against the map take long without numba: ") and "[fast]" in numba
+    assert "Warning" not in told.stderr
+
+
+@pytest.mark.parametrize("words", ["replay FILE --from nan", "log cat FILE --from inf", "log cat FILE --to x"])
+def test_a_time_that_is_none_is_refused_with_and_without_a_terminal(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "drive.mcap"
+    file.touch()
+    assert execute([str(file) if word == "FILE" else word for word in words.split()]) == USAGE
+    told = capsys.readouterr().err
+    assert f"'{words.rpartition(' ')[2]}' is not" in told

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import warnings
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from typing import Final
 
 from txt1.additions import blamed
@@ -21,6 +23,7 @@ from txt1.control.limits import SetpointBounds
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
 from txt1.hal.base import Button
+from txt1.installing import installs
 from txt1.kernel.ticks import Ticks
 from txt1.kit import options
 from txt1.kit.app import DISARMING, App, conclude, real_time, refusal_of_gains
@@ -50,6 +53,9 @@ def run(arguments: argparse.Namespace, steer: Steer | None = None) -> int:
 
         for remark in read_map(config.sim.room.map).remarks:
             say(remark)
+        if find_spec("numba") is None and any(each.driver == "sim_laser" for each in config.sensors.values()):
+            say(f"the laser's rays against the map take long without numba: {installs('fast')}")
+            warnings.filterwarnings("ignore", "rays against a map", RuntimeWarning)
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
     if arguments.screen is not None:
