@@ -251,6 +251,8 @@ def learn(out: Path, *more: str, pictures: bool = False) -> int:
 
 
 def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from matplotlib.image import imread  # it takes 0.3 s, for each process that collects the tests
+
     out = tmp_path / "new" / "directory"
     assert learn(out, "--seed", "3", pictures=True) == 0
     with (out / "learning.csv").open() as file:
@@ -278,7 +280,11 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     assert metrics["last_10"]["mean_time_s"] == pytest.approx(np.mean(won), abs=1e-4)
     assert metrics["last_10"]["mean_regret_s"] > 0.0
     assert qtable.load(out / "qtable.json").about["agent"] == "thesis"
-    assert {path.name for path in out.glob("*.png")} == {"times.png", "learning_curve.png", "paths.png", "qtable.png"}
+    pictures = {path.name: imread(path) for path in out.glob("*.png")}
+    assert set(pictures) == {"times.png", "learning_curve.png", "paths.png", "qtable.png"}
+    for name, picture in pictures.items():
+        edges = (picture[0], picture[-1], picture[:, 0], picture[:, -1])
+        assert all((edge == 1.0).all() for edge in edges), f"something is cut at an edge of {name}"
     assert "last 4 episodes" in capsys.readouterr().out
 
 

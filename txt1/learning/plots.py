@@ -186,7 +186,7 @@ def _learned(figure: Any, parts: Sequence[Callable[[Any, float], None]]) -> None
 
 def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Callable[..., Any]) -> None:
     """Draw the direction in which it drives for each place of the light, and its estimate of the sensors' places."""
-    axes = _panel(figure, edge + 0.9, 0.475, 3.7, 3.7)
+    axes = _panel(figure, edge + 0.9, 0.475, 3.7, 3.45)
     reach = 4.0 * task.goal_radius
     ahead, left = (each.ravel() for each in np.meshgrid(*[np.linspace(-reach, reach, 15)] * 2, indexing="ij"))
     outside = np.hypot(ahead, left) > task.goal_radius
@@ -196,6 +196,8 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Ca
     turned = 0.5 * np.pi * turns / (np.abs(turns).max() or 1.0) + 0.5 * np.pi
     colours = np.where(turns > 0.3 * turns.max(), BLUE, np.where(turns < 0.3 * turns.min(), RED, GREEN))
     axes.quiver(-left, ahead, np.cos(turned), np.sin(turned), color=colours, pivot="mid", scale=26.0, width=0.005)
+    for colour, way in ((BLUE, "left"), (GREEN, "straight"), (RED, "right")):
+        axes.plot([], [], ">", color=colour, label=way)
     for name, (x, y) in zip(SENSORS, table.about.get("sensors", MOUNT), strict=True):
         axes.plot(-y, x, "ks", markersize=4)
         axes.annotate(name, (-y, x), (3, 3), textcoords="offset points", fontsize=9)
@@ -205,8 +207,9 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Ca
         xlabel="light to the right, m",
         ylabel="light ahead, m",
         aspect="equal",
-        title="which way it drives, by where the light is",
     )
+    axes.set_title("which way it drives, by where the light is", y=1.06)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 0.985), ncols=3, fontsize=8, frameon=False)
 
 
 def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None:

@@ -236,6 +236,7 @@ COLOURS: Final = (
     "#8B4513",
 )
 MARKERS: Final = "os^vDPXp*"  # as colours alone tell no line
+ACROSS: Final = 3  # panels in a row
 
 
 def draw(picture: Path, lines: Sequence[Line]) -> None:
@@ -244,25 +245,37 @@ def draw(picture: Path, lines: Sequence[Line]) -> None:
         from matplotlib.figure import Figure
     except ImportError:
         raise MissingExtra("drawing pictures", "plots") from None
-    figure = Figure(figsize=(9.0, 7.0), dpi=120, layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
     order = [name for name in ALL if any(line["contender"] == name for line in lines)]
-    for name, one in sorted(curves(lines).items(), key=lambda pair: order.index(pair[0]) if pair[0] in order else 99):
+    found = sorted(curves(lines).items(), key=lambda pair: order.index(pair[0]) if pair[0] in order else 99)
+    rows = -(-len(found) // ACROSS)
+    figure = Figure(figsize=(9.0, 3.6 + 1.7 * rows), dpi=120, layout="constrained")
+    grid = figure.add_gridspec(rows + 1, ACROSS, height_ratios=[3.2, *[1.7] * rows])
+    upper = figure.add_subplot(grid[0, :])
+    for number, (name, one) in enumerate(found):
         colour, marker = (COLOURS[ALL.index(name)], MARKERS[ALL.index(name)]) if name in ALL else ("0.4", ".")
         n = sum(line["contender"] == name for line in lines)
-        style = {
+        style: dict[str, Any] = {
             "color": colour, "marker": marker, "ms": 6.0, "mec": "white", "mew": 0.5,
             "ls": "--" if name in TRAINED else "-", "markevery": 1 if name in TRAINED else 3,
         }  # fmt: skip
+        # ratios of contenders lie one over another, so each has a panel
+        lower = figure.add_subplot(grid[1 + number // ACROSS, number % ACROSS])
         for axes, what, factor in ((upper, "success", 100.0), (lower, "ratio", 1.0)):
             axes.plot(one["driven"], factor * one[what], label=f"{name}, {n} trials", **style)
             axes.fill_between(one["driven"], *(factor * one[f"{what}_95"]), color=colour, alpha=0.2, lw=0.0)
-    upper.set(ylabel="episodes that reach the light, %", ylim=(-3.0, 103.0), xscale="log")
-    lower.set(ylabel="time of successes / floor", yscale="log", xlabel="seconds driven, median of trials")
-    lower.set_yticks([1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0], ["1", "1.5", "2", "3", "5", "10", "20"], minor=False)
-    lower.minorticks_off()
-    for axes in (upper, lower):
-        axes.grid(alpha=0.3)
+        lower.set_title(name, fontsize=9)
+        lower.set(yscale="log", xscale="log", xlim=(4.0, 3e4), ylim=(0.9, 30.0))
+        lower.set_yticks([1.0, 2.0, 5.0, 10.0, 20.0], ["1", "2", "5", "10", "20"], minor=False)
+        lower.minorticks_off()
+        lower.grid(alpha=0.3)
+        if number % ACROSS == 0:
+            lower.set(ylabel="time / floor")
+        if number + ACROSS >= len(found):
+            lower.set(xlabel="seconds driven")
+    upper.set(ylabel="episodes that reach the light, %", ylim=(-3.0, 103.0), xscale="log", xlim=(4.0, 3e4))
+    upper.grid(alpha=0.3)
     figure.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    upper.set_title("per seconds driven; bands of 95 % over trials; dashed: trained, tested at checkpoints", fontsize=9)
+    upper.set_title(
+        "above: success; below: time of the successes; bands of 95 % over trials; dashed: trained", fontsize=9
+    )
     figure.savefig(picture)
