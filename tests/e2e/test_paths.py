@@ -1,4 +1,4 @@
-"""The path of a student without a robot, typed word by word as `txt1` alone and the Start page tell it."""
+"""The paths of a student without a robot and of the owner of a Donkey Car, typed word by word as the pages say."""
 
 import re
 from pathlib import Path
@@ -13,6 +13,8 @@ from txt1.ui.screens import installed
 PRACTICE = ("run", "--practice", "--seed", "1")
 KEYS_A_SECOND = 3.0
 FIRST_SUCCESS = 300.0  # s
+# of a line, in which the remedy begins on a narrow terminal
+NARROW = 60
 
 
 def has_driven(text: str) -> bool:
@@ -63,3 +65,28 @@ def test_a_student_without_a_robot_drives_looks_and_repeats(tmp_path: Path, capf
     assert again.exitstatus == 0, again.before
     typed = ["make run", "waaw", "q", "txt1 report drive.mcap", "txt1 replay --verify drive.mcap"]
     assert sum(map(len, typed)) / KEYS_A_SECOND < FIRST_SUCCESS
+
+
+def test_the_owner_of_a_donkey_car_drives_it_on_the_desk_and_is_told_what_it_lacks(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    desk = ["txt1 run --vehicle donkeycar --screen 5", "ww", "q"]
+    child = start(80, 24, *desk[0].split()[1:], "--seed", "1")
+    watched = Watched(child, 80, 24)
+    watched.until("ARMED", "[MAP]")
+    for key in desk[1]:
+        child.send(key)
+    watched.until_seen(has_driven, "more than 0.2 m of way")
+    child.send(desk[2])
+    child.expect(pexpect.EOF)
+    child.close()
+    assert child.exitstatus == 0
+    if Path("/dev/i2c-1").exists():
+        pytest.skip("there is a bus, and perhaps a car")
+    car = ["txt1 doctor --hal pi --vehicle donkeycar", "txt1 run --hal pi --vehicle donkeycar"]
+    assert execute(car[0].split()[1:]) == 1
+    wrong = [line for line in capfd.readouterr().out.splitlines() if line.startswith("! ")]
+    assert wrong and "sudo raspi-config" in wrong[0][:NARROW]
+    assert execute([*car[1].split()[1:], "--headless", "--duration", "1"]) == 1
+    assert "sudo raspi-config" in capfd.readouterr().err[:NARROW]
+    assert sum(map(len, desk + car)) / KEYS_A_SECOND < FIRST_SUCCESS

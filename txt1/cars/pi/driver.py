@@ -299,7 +299,7 @@ def _end(process: subprocess.Popen[bytes], setup: GuardSetup) -> bool:
 
 
 def explain(setup: GuardSetup, error: str) -> str:
-    """Return why a guard cannot start, and the remedy, from its last output."""
+    """Return the remedy for a guard that cannot start, and the reason, from its last output."""
     where = f"I2C bus {setup.bus}" if setup.output == "pca9685" else "GPIO"
     remedy = "see txt1 doctor --hal pi"
     if "No such file" in error:
@@ -314,7 +314,7 @@ def explain(setup: GuardSetup, error: str) -> str:
         remedy = "another program has the pins: end it"
     elif "No module" in error:
         remedy = f"{installs('pi')}; {GET_LGPIO}" if "lgpio" in error else installs("pi")
-    return f"the outputs on {where} cannot be opened ({error}): {remedy}"
+    return f"{remedy}: the outputs on {where} cannot be opened ({error})"
 
 
 class PiHal(PlainHal):
