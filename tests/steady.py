@@ -3,7 +3,7 @@
 The whole suite runs once; this also compiles numba's loops on a new machine. Tests that wait in real time run 20
 times, the first five of these runs beside four busy loops, because these find most. Then the whole suite runs four
 more times. The page's tests in chromium run beside the busy runs and the whole suite. Last, the tests that wait and the
-conformance suites run beside 30 busy loops.
+conformance suites run beside 30 busy loops; `--short` has some of these alone, in ten minutes.
 build/steady.json holds the finished runs and their failures; the output of a failed run is beside it. After a new
 commit or other changes it starts from the beginning.
 """
@@ -30,6 +30,11 @@ SUITE: Final = ("--numprocesses=6", "--dist=worksteal")
 WAITING: Final = (*SUITE, "-m", "waits and not long and not browser")
 CONFORMANCE: Final = ("-n", "0", "tests/conformance")
 BROWSER: Final = ("-m", "browser", "tests/browser")
+# a newcomer's first minute, and what is prompt or holds out against a flood
+SHORT: Final = (
+    ("-n", "0", "tests/e2e/test_first_minute.py", "tests/e2e/test_paths.py"),
+    ("-n", "0", "tests/conformance", "tests/e2e", "tests/unit", "-k", "prompt or flood or busy"),
+)
 HUNG: Final = 1800.0  # s that one pytest may take
 NOTHING: Final = 5  # pytest's exit code where all tests are skipped or none is chosen
 
@@ -49,6 +54,7 @@ ROUNDS: Final = (
     *(Round(f"the whole suite, {n} of 5", (SUITE, BROWSER)) for n in range(2, 6)),
     Round("the tests that wait, and the conformance suites, at a load of 30", (WAITING, CONFORMANCE), 30),
 )
+LOADED: Final = Round("the first minute, and what is prompt, at a load of 30", SHORT, 30)
 
 
 @contextmanager
@@ -104,7 +110,8 @@ def ran(one: Round) -> dict[str, Any]:
         if done.returncode not in (0, NOTHING) and not found:
             found = [f"pytest ended with {done.returncode}"]
         if found:
-            log = KEPT.with_name(f"steady-{ROUNDS.index(one) + 1}.log")
+            number = ROUNDS.index(one) + 1 if one in ROUNDS else "short"
+            log = KEPT.with_name(f"steady-{number}.log")
             log.write_text(f"{log.read_text('utf-8') if failed else ''}{said}", "utf-8")
         failed += found
     return {"seconds": round(time.monotonic() - began), "passed": passed, "failed": failed}
@@ -121,9 +128,17 @@ def main() -> int:
     """Run what has not run yet; 1 when a test has failed in any round."""
     parser = argparse.ArgumentParser(prog="tests.steady", description=__doc__)
     parser.add_argument("--anew", action="store_true", help="forget what ran before")
-    if parser.parse_args().anew:
-        KEPT.unlink(missing_ok=True)
+    parser.add_argument(
+        "--short", action="store_true", help="only a few tests at a load of 30; ten minutes, kept nowhere"
+    )
+    given = parser.parse_args()
     KEPT.parent.mkdir(exist_ok=True)
+    if given.short:
+        result = ran(LOADED)
+        print(told(LOADED, result))
+        return 1 if result["failed"] else 0
+    if given.anew:
+        KEPT.unlink(missing_ok=True)
     progress = kept()
     for one in ROUNDS:
         if one.name not in progress["rounds"]:

@@ -71,3 +71,16 @@ def test_a_failure_in_one_round_is_the_verdict_and_the_rest_runs_nevertheless(
     assert len(told) == len(ROUNDS) + 1
     assert go(lambda one: QUIET) == 1, "as kept"
     assert json.loads(steady.KEPT.read_text())["rounds"][ROUNDS[6].name] == failed
+
+
+def test_the_short_form_is_one_round_at_a_load_of_30_and_nothing_is_kept(go: Callable[..., int]) -> None:
+    seen: list[Round] = []
+
+    def run(one: Round) -> dict[str, Any]:
+        seen.append(one)
+        return QUIET
+
+    assert go(run, "--short") == 0
+    assert seen == [steady.LOADED] and steady.LOADED.busy == 30
+    assert not steady.KEPT.exists()
+    assert go(lambda one: QUIET | {"failed": ["tests/x.py::test_y"]}, "--short") == 1
