@@ -17,7 +17,7 @@ from tests.patience import surviving
 
 HERE = Path(__file__).parent
 USUAL_MARKS = "not long and not browser"
-APART = ("browser", "ros", "viewers", "wheel")
+APART = ("browser", "ros", "viewers")
 
 # A process with a BLAS thread for each processor computes no sooner here, and its threads keep a processor busy while
 # they wait. This has to be said before numpy is imported, and holds for processes that the tests start, too.

@@ -8,6 +8,7 @@ import pytest
 
 from tests import arrows, size
 from tests.arrows import Arrow
+from tests.conftest import APART
 
 
 @pytest.mark.long  # `make lint` asks the same
@@ -134,3 +135,10 @@ def test_the_names_of_tests_are_short_enough_to_be_read() -> None:
     names = [name for file in files for name in re.findall(r"def (test_\w+)", file.read_text("utf-8"))]
     assert len(names) > 1000
     assert [name for name in names if len(name) > 80] == []
+
+
+def test_folders_that_make_test_leaves_out_hold_no_test_that_it_would_run() -> None:
+    files = [file for name in APART for file in (size.ROOT / "tests" / name).glob("test_*.py")]
+    assert len(files) > 5
+    marked = re.compile(r"(?m)^pytestmark = pytest\.mark\.(browser|long)$")
+    assert [file.name for file in files if not marked.search(file.read_text("utf-8"))] == []
