@@ -57,11 +57,11 @@ from txt1.tasks.fields import Battery
 from txt1.telemetry.snapshot import Snapshot
 from txt1.telemetry.topics import Topic
 
+# messages that a slow reader of a stream may lag behind before it loses the oldest
 STREAM_MAX: Final = 1000
-"""Messages that a slow reader of a stream may lag behind before it loses the oldest."""
 
+# command that powers the host down; the only command that this package ever runs
 SHUTDOWN: Final = ("shutdown", "-h", "now")
-"""Command that powers the host down; the only command that this package ever runs."""
 
 T = TypeVar("T")
 

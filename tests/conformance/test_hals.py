@@ -835,7 +835,8 @@ def on_a_pi(vehicle: str, fault: LineFaults = CLEAN, **options: Any) -> Config:
     settings = [f"vehicle={vehicle}", "sim.room.length=.inf", "sim.room.width=.inf"]
     config = load(None, settings, {}, {"hal": "pi"}).config
     serial = config.serial.model_copy(update={"fault": fault})
-    return config.model_copy(update={"hal_options": {"bus": "virtual"} | options, "serial": serial})
+    reversing = {"reverse": "direct", "virtual_esc": "direct"}
+    return config.model_copy(update={"hal_options": {"bus": "virtual"} | reversing | options, "serial": serial})
 
 
 class TestPi(HalConformance):

@@ -17,6 +17,8 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
 from tests.patience import TXT1
+from txt1.cars.pi.driver import PiHal, PiOptions, setup_of
+from txt1.cars.pi.virtual_pi import VirtualPi
 from txt1.cars.vesc.driver import VescHal, VescOptions
 from txt1.cars.vesc.virtual_vesc import Vesc
 from txt1.cli import execute
@@ -405,6 +407,60 @@ def test_a_car_with_a_vesc_that_runs_backwards_and_steers_the_wrong_way() -> Non
     assert options.servo_range < 0.0
     # its range of 0.4 goes beyond the linkage's stop at 0.3, so this is the true radius
     assert config.geometry.radius_min == pytest.approx(0.85, rel=0.05)
+
+
+class Beside(SimulatedOperator):
+    """An operator who sees which way the wheels turn now."""
+
+    v: Callable[[], float]
+
+    async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
+        if key in ("forward", "backwards"):
+            return options[0 if self.v() * (1.0 if key == "forward" else -1.0) > 0.05 else 1]
+        return await super().choose(key, text, options)
+
+
+def found_reverse(*settings: str) -> Config:
+    """What is found of the motor of a Donkey Car behind a virtual servo board; its wires are as `sim.channels` says."""
+    truth = load(
+        None, [*ENDLESS, "hal_options.bus=virtual", *settings], {}, {"vehicle": "donkeycar", "hal": "pi"}
+    ).config
+    desk = VirtualPi(truth, setup_of(checked(PiOptions, truth.hal_options, "x"), truth.geometry))
+
+    @asynccontextmanager
+    async def opened(config: Config, unseen: bool) -> AsyncIterator[Robot]:
+        options = checked(PiOptions, config.hal_options, "x")
+        hal = PiHal(desk, options, config.geometry, config.channels, simulated=True)
+        async with Robot.open(rewired(hal, config.channels, False, unseen), config=config) as robot:
+            yield robot
+
+    async def find() -> Config:
+        operator = Beside(desk.hal, 1)
+        operator.v = lambda: desk.vehicle.state.v
+        bench = Bench(truth, operator, opened, lambda values: None, esc=True)
+        await calibrate(bench, ["motor", "reverse"])
+        return bench.config
+
+    return run(find(), speed="max")
+
+
+@pytest.mark.parametrize("mode", ["direct", "brake_first"])
+def test_the_way_of_an_esc_into_reverse_is_found_with_the_wheels_up(mode: str) -> None:
+    config = found_reverse(f"hal_options.virtual_esc={mode}", "sim.channels.motor.trim=150")
+    assert config.hal_options["reverse"] == mode
+    assert config.channels.motor.direction == 1
+    assert config.channels.motor.trim == pytest.approx(150.0, abs=120.0), "to a step of the servo board"
+
+
+def test_an_esc_with_its_reverse_on_the_side_ahead_has_the_motors_wires_swapped() -> None:
+    with pytest.raises(HalError, match="Swap two wires of the motor"):
+        found_reverse("sim.channels.motor.direction=-1")
+
+
+def test_a_hal_whose_motors_have_escs_has_the_step_reverse_and_no_other_has() -> None:
+    pi = load(None, ["hal_options.bus=virtual"], {}, {"vehicle": "donkeycar", "hal": "pi"}).config
+    assert steps(pi, create(pi)) == ["motor", "reverse", "steering", "straight", "circle", "speeds"]
+    assert "reverse" not in steps(*unknown("donkeycar", 1))
 
 
 @pytest.mark.long

@@ -134,6 +134,8 @@ class Inputs(NamedTuple):
     link: BoardLink | None = None
     battery_time: float | None = None
     """Arrival of the voltages, s of the run; None: just now."""
+    held: bool = False
+    """Whether its motors do not follow the outputs at present, as an ESC that brakes before it reverses."""
 
 
 class Indicators(NamedTuple):
@@ -200,6 +202,10 @@ class Hal(Protocol):
     @property
     def own_channels(self) -> Any:
         """Its own settings for motor and servo, which stand in place of `channels`; None for a layer without them."""
+
+    @property
+    def esc(self) -> bool:
+        """Whether ESCs drive its motors, whose way into reverse is the setting `hal_options.reverse`."""
 
     @property
     def waits(self) -> bool:

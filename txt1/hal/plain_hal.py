@@ -18,6 +18,7 @@ class PlainHal:
     name = "plain"
     capabilities = Capabilities()
     own_channels: Any = None
+    esc = False
     waits = False
 
     def halt(self, outputs: Outputs, now: float) -> None:

@@ -94,7 +94,7 @@ class SimHal(PlainHal):
             self._sensed = sensed
             counted, batteries, cut_off, pose = sensed
             counts = counted if self._as_counted else self._sent(counted)
-            content = (counts, None, 0.0, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
+            content = (counts, None, 0.0, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None, False)
             self._inputs = new(Inputs, content)
         return self._inputs
 

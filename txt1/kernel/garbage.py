@@ -3,8 +3,8 @@
 import gc
 from typing import Final
 
+# new objects after which it looks for cycles while a robot runs: seldom, as the tasks make no cycles
 COLLECT_AFTER: Final = 50_000
-"""New objects after which it looks for cycles while a robot runs: seldom, as the tasks make no cycles."""
 
 _runs = 0
 _freezes = False

@@ -34,8 +34,8 @@ ROAM: Final = 0.25
 # m by which two vehicles may approach in 20 ms: that is 7.5 m/s each
 STEP: Final = 0.3
 
+# vehicles whose circles were nearer than this, m, at their last look, watch each other; 3 for twice a diagonal
 NEAR: Final = 3.0 * ROAM + STEP
-"""Vehicles whose circles were nearer than this, m, at their last look, watch each other; 3 for twice a diagonal."""
 
 NOWHERE: Final = (inf, -inf, inf, -inf)
 

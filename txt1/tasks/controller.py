@@ -92,8 +92,8 @@ COMBINED: Final = Source.COMBINED
 RECKONED: Final = Source.RECKONED
 
 
+# s of commands without effect after which the robot tells why it cannot move
 UNMOVED: Final = 0.5
-"""s of commands without effect after which the robot tells why it cannot move."""
 
 
 def reason_not_to_move(state: State, can: Capabilities) -> str | None:
@@ -165,7 +165,7 @@ class Cycle:
             wheel = abs(odometry.v) + 0.5 * self._geometry.track_width * abs(odometry.omega)
             if self.dt > 0.0 and wheel < inf and (self._closes_loops or wheel >= READ):
                 right, left = wheel_ticks(odometry.v, odometry.omega, self.dt, self._geometry)
-        if right is not None and left is not None:
+        if right is not None and left is not None and not state.held:
             gate.watch(right, left, state.odometry.v, self.v_now if self.source is COMBINED else None, self.dt)
         if now - state.odometry_time > ODOMETRY_TIMEOUT:
             gate.disarm("odometry lost", Fault.ODOMETRY)
@@ -201,6 +201,8 @@ class Cycle:
             gate.guarded(given.v, given.omega, now) if gate.guards else (given.v, given.omega)
         )
         motor = steering = 0.0
+        if state.held:
+            self._loops.clear()
         if self._closes_loops:
             gains = self.gains = state.gains.angular.at(self.v_now)
             motor, steering = self._loops.step(v, omega, self.v_now, self.omega_now, state.gains.linear, gains, self.dt)

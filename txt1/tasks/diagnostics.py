@@ -129,8 +129,8 @@ TASKS: Final = declare(
         in_snapshots=False,
     )
 )
+# counts of values that the gate kept within its limits. They are no faults, so screens leave them out
 LIMITED: Final = ("speed_clipped", "yaw_rate_clipped", "pwm_clipped", "motor_limited", "steering_limited")
-"""Counts of values that the gate kept within its limits. They are no faults, so screens leave them out."""
 FAULTS: Final = declare(
     Topic[dict[str, int]](
         "/faults",

@@ -12,7 +12,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry, WheelOdometry, advance
 from txt1.model.vehicle import Geometry
 from txt1.protocol.messages import BoardMessage, EncoderOdometry
-from txt1.tasks.fields import Encoders
+from txt1.tasks.fields import Control, Encoders
 from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -23,8 +23,8 @@ from txt1.units import new
 BRAKES: Final = 10.0
 # s between two odometry messages: a line may delay some of them, which then arrive in a bunch
 ODOMETRY_PERIOD: Final = 0.05
+# the numbers of a plane pose in a ROS message
 PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
-"""The numbers of a plane pose in a ROS message."""
 _ROBOT: Final = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
 
 
@@ -151,14 +151,16 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
     async for now in ticks:
         inputs = hal.read(now)
         state.pose = inputs.pose
+        state.held = inputs.held
         if inputs.link is not state.board:
             _note(state, inputs.link, now)
         if inputs.ticks is None:
             if hal.capabilities.ticks:
                 raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")
             if hal.capabilities.blind:
-                asked, since = state.control, now - state.odometry_time
-                _put(state, advance(state.odometry, asked.v, asked.omega, since), now, still=False)
+                # motors that do not follow the outputs are taken to stand
+                given = Control() if inputs.held else state.control
+                _put(state, advance(state.odometry, given.v, given.omega, now - state.odometry_time), now, still=False)
                 continue
             take_odometry(state, inputs, now)
         else:

@@ -11,10 +11,10 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 # s
 MODE_PERIOD: Final = 1.0
+# the link is alive if more Velocity messages than this came in a second (the original firmware)
 VELOCITY_MIN: Final = 1
-"""The link is alive if more Velocity messages than this came in a second (the original firmware)."""
+# combined odometry is selected if more of its messages than this came in a second (the original firmware)
 COMBINED_MIN: Final = 2
-"""Combined odometry is selected if more of its messages than this came in a second (the original firmware)."""
 
 
 _MODES: Final = {None: "", False: "controller", True: "manual"}

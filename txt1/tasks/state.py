@@ -52,6 +52,8 @@ class State:
         self.fell_time = 0.0
         self.pose: tuple[float, float, float] | None = None
         self.board: BoardLink | None = None
+        # whether the motors do not follow the outputs: no fault, and nothing to wind up for
+        self.held = False
         # by the mode, controller and battery tasks
         self.link = LinkState()
         self.control = Control()

@@ -47,7 +47,8 @@ def test_pins_and_pulses_are_those_that_donkeycar_puts_out(tmp_path: Path, monke
 def test_a_plain_myconfig_has_donkeycars_own_values(tmp_path: Path) -> None:
     found = wiring(given(tmp_path, "# all is as it was\n"))
     assert found.settings["hal_options.steering_range"] == pytest.approx(345.9, abs=0.1)
-    assert found.remarks == ("full reverse is 610 us from rest, as txt1 has 529 us to both sides",)
+    assert found.remarks[0].startswith("hal_options.reverse is not in this file")
+    assert found.remarks[1:] == ("full reverse is 610 us from rest, as txt1 has 529 us to both sides",)
 
 
 def test_config_py_beside_it_comes_first_and_single_values_change_it(tmp_path: Path) -> None:

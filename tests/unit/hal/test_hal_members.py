@@ -48,7 +48,7 @@ class Stranger:
     offer_odometry, indicate, place = PlainHal.offer_odometry, PlainHal.indicate, PlainHal.place
 
 
-LACKS = ["own_channels", "waits", "tap_line", "clear_loops", "blocked_by", "attitude", "others", "movers"]
+LACKS = ["own_channels", "esc", "waits", "tap_line", "clear_loops", "blocked_by", "attitude", "others", "movers"]
 
 
 def test_no_code_asks_whether_a_hal_has_a_member() -> None:
@@ -70,7 +70,7 @@ def test_a_hal_that_lacks_members_is_refused_with_their_names() -> None:
     async def main() -> None:
         Runtime(Config(), lambda message: None, Stranger())  # type: ignore[arg-type]
 
-    with pytest.raises(HalError, match=r"lacks own_channels, waits, tap_line, .*movers: derive .*PlainHal"):
+    with pytest.raises(HalError, match=r"lacks own_channels, esc, waits, tap_line, .*movers: derive .*PlainHal"):
         run(main(), speed="max")
 
 

@@ -1521,7 +1521,7 @@ COUNT = FRONT.count_length
 def test_an_encoder_of_one_pin_counts_in_the_direction_of_the_motor(
     pins: tuple[int, ...], motors: tuple[int, ...], counts: tuple[int, ...], moved: tuple[int, ...]
 ) -> None:
-    hal, _ = car(*(GuardAnswer(True, None, (count, 0)) for count in counts), encoders=(pins,))
+    hal, _ = car(*(GuardAnswer(True, None, (count, 0)) for count in counts), encoders=(pins,), reverse="direct")
     x = 0.0
     for step, (motor, far) in enumerate(zip(motors, moved, strict=True)):
         now = 0.1 * step
@@ -1556,7 +1556,7 @@ def test_what_rolled_while_the_outputs_were_lost_is_not_taken_for_a_leap() -> No
 
 def test_wires_that_calibration_found_the_other_way_round_turn_odometry_as_well() -> None:
     guard = Holding(*(GuardAnswer(True, None, (count, 0)) for count in (0, 10)))
-    options = checked(PiOptions, {"encoders": ((17,),)}, "x")
+    options = checked(PiOptions, {"encoders": ((17,),), "reverse": "direct"}, "x")
     hal = PiHal(guard, options, FRONT, Channels(motor=Channel(direction=-1), front=Channel(trim=9000.0)))
     hal.write(Outputs(motor=9000, front=9000), 0.0)
     hal.read(0.0)

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from txt1.cars.pi.driver import GET_LGPIO
+from txt1.cars.pi.driver import GET_LGPIO, UNKNOWN
 from txt1.config import Config
 from txt1.installing import installs
 from txt1.kit.findings import Finding, judged
@@ -25,6 +25,8 @@ def findings(config: Config, devices: Path = Path("/dev")) -> Iterator[Finding]:
     """Yield findings on the Raspberry Pi below the car; the devices are in the folder `devices`."""
     options = config.hal_options
     bus = options.get("bus", 1)
+    # no fault: the car drives forward
+    yield Finding("reverse", options.get("reverse") or f"unknown: {UNKNOWN}")
     if isinstance(bus, str):
         return
     gpio = options.get("output") == "gpio"

@@ -20,8 +20,10 @@ from typing import Annotated, Final, Literal, NamedTuple, NoReturn, Protocol
 from annotated_types import Ge, Le
 
 from txt1.cars.pi import guard
+from txt1.cars.pi.esc import BrakeFirst
 from txt1.cars.pi.guard import ANSWER, GuardSetup, pulses_in
 from txt1.config import Config, checked
+from txt1.control.standstill import SPEED_MAX, coasting_time
 from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
 from txt1.hal.plain_hal import PlainHal
@@ -44,6 +46,10 @@ DIES: Final = 1.0
 WRITES: Final = 2.0
 # s of neutral before the first other output, in which an ESC arms
 SETTLED: Final = 1.0
+# counts that are neutral: less than a servo board resolves
+NOTHING: Final = 1.0
+# s without an edge of an encoder after which the car stands
+STILL: Final = 0.1
 # s after which a new guard is started when a guard has ended
 AGAIN: Final = 1.0
 # s that a guard may take to start, as Python on a Raspberry Pi 3; doubled each time that it was not enough
@@ -54,11 +60,16 @@ NOT_NEUTRAL: Final = (
 )
 # us, limits of every output
 PULSES: Final = (500.0, 2500.0)
+UNKNOWN: Final = (
+    "it does not drive backwards, as hal_options.reverse is not set: the step 'reverse' of txt1 calibrate finds it, "
+    "with the wheels up"
+)
 GET_LGPIO: Final = (
     "from Python 3.13 on, where lgpio has no wheel: sudo apt install python3-lgpio, and an "
     "environment made with --system-site-packages"
 )
 
+Reverse = Literal["brake_first", "direct"]
 Pulse = Annotated[float, Ge(PULSES[0]), Le(PULSES[1])]
 Pin = Annotated[int, Ge(0), Le(27)]
 
@@ -85,6 +96,10 @@ class PiOptions:
     """Pulse at which the motor stands, us."""
     motor_range: float = 500.0
     """From neutral to full speed forward, us; negative if longer pulses drive backwards."""
+    reverse: Reverse | None = None
+    """Way of the ESC into reverse: at once, or `brake_first`; null: unknown, so the car does not drive backwards."""
+    virtual_esc: Reverse = "brake_first"
+    """The ESC behind a virtual bus."""
     straight: Pulse = 1500.0
     """Pulse at which it drives straight, us."""
     steering_range: float = 400.0
@@ -321,6 +336,7 @@ class PiHal(PlainHal):
     """An R/C car on a Raspberry Pi."""
 
     name = "pi"
+    esc = True
 
     def __init__(
         self,
@@ -329,6 +345,7 @@ class PiHal(PlainHal):
         geometry: Geometry,
         channels: Channels = STRAIGHT,
         simulated: bool = False,
+        dead_band: float = NOTHING,
     ) -> None:
         encoders = len(options.encoders)
         self.capabilities = Capabilities(
@@ -339,6 +356,8 @@ class PiHal(PlainHal):
             simulated=simulated,
         )
         self._keeper, self._options, self._geometry, self._channels = keeper, options, geometry, channels
+        self._dead_band = max(dead_band, NOTHING)
+        self._skids = geometry.steering == "skid"
         self._neutral = neutral(options, geometry, channels)
         self._forget()
 
@@ -350,6 +369,10 @@ class PiHal(PlainHal):
         self._odometry = Odometry()
         self._voltage: float | None = None
         self._share, self._forward = 0.0, True
+        self._esc = BrakeFirst(2 if self._skids else 1, self._dead_band)
+        # when an encoder last turned, and until when a car without encoders may roll forward, s of the run
+        self._turned = self._rolls_until = -inf
+        self._refused = self._coasts = False
         self._losses, self._failures = 0, 0
         self._text, self._reason = "waiting for the guard of the outputs", ""
         self._link: BoardLink | None = None
@@ -388,6 +411,7 @@ class PiHal(PlainHal):
             odometry_time=heard,
             batteries=None if self._voltage is None else (self._voltage, 0.0),
             link=self._link,
+            held=self._esc.waits or self._refused or self._coasts,
         )
 
     def _lose(self, reason: str) -> None:
@@ -405,6 +429,8 @@ class PiHal(PlainHal):
         dt, self._heard = now - self._heard, now
         before = self._counts
         self._counts = self._past[0] + answer.counts[0], self._past[1] + answer.counts[1]
+        if self._counts != before:
+            self._turned = now
         self._voltage = answer.voltage if self.capabilities.battery else None
         if self.capabilities.odometry and before is not None and dt > 0.0:
             moved = self._counts[0] - before[0]
@@ -416,13 +442,54 @@ class PiHal(PlainHal):
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Send the pulses of these outputs to the guard."""
+        skids = self._skids
         # the ESC reads pulses as the driver means them, whatever the wiring
+        motor, front, rear = self._channels.meant(*outputs[:3], skids)
+        passes = self._into_reverse(sides(motor, rear) if skids else (motor,), outputs, now)
         if self._options.encoders:
-            motor, front, _ = self._channels.meant(*outputs[:3], self._geometry.steering == "skid")
-            self._forward = motor > 0.0 if motor else self._forward
+            self._coasts = False
+            if motor and all(passes) and not self._esc.waits:
+                # an encoder of one pin shows no direction: the car has to stand before its motor turns the other way
+                rolls = len(self._options.encoders[0]) == 1 and now - self._turned < STILL
+                self._coasts = rolls and self._forward is not (motor > 0.0)
+                if self._coasts:
+                    passes = (False,)
+                else:
+                    self._forward = motor > 0.0
             self._share = min(max(-front / STEERING_MAX, -1.0), 1.0)
-        ready = now - self._heard_since >= SETTLED
-        self._keeper.put(pulses_of(outputs, self._options, self._geometry) if ready else self._neutral, now)
+        pulses = self._neutral
+        if now - self._heard_since >= SETTLED:
+            pulses = pulses_of(outputs, self._options, self._geometry)
+            if not all(passes):
+                each = zip(pulses, self._neutral, (*passes, True, True), strict=False)
+                pulses = tuple(pulse if passed else still for pulse, still, passed in each)
+        self._keeper.put(pulses, now)
+
+    def _into_reverse(self, motors: Sequence[float], outputs: Outputs, now: float) -> tuple[bool, ...]:
+        """Return for each motor whether its pulse may be put out: `motors` are the counts, forward positive."""
+        options = self._options
+        if options.reverse == "direct":
+            return (True,) * len(motors)
+        # the set-point of the slower side, m/s
+        turning = 0.5 * self._geometry.track_width * abs(outputs.omega) if self._skids else 0.0
+        slower = outputs.v - turning
+        # a PWM test has no set-point, and neither has a stop, at which loops may brake
+        unknown = outputs.v == outputs.omega == 0.0
+        forward = tuple(counts > -NOTHING for counts in motors)
+        if options.reverse is None:
+            self._refused = not all(forward)
+            if self._refused and (slower < 0.0 or (unknown and not options.encoders)):
+                self._text = UNKNOWN
+            # a rover whose one side stands would turn
+            return (not self._refused,) * len(motors)
+        if max(motors) >= NOTHING:
+            self._rolls_until = now + coasting_time(SPEED_MAX if unknown else abs(outputs.v) + turning)
+        stands = now - self._turned >= STILL if options.encoders else now >= self._rolls_until
+        if slower > 0.0 and not all(forward):
+            # loops that slow down, so the car rolls on
+            self._esc.passes([max(counts, 0.0) for counts in motors], now, stands=stands, brakes=False)
+            return forward
+        return self._esc.passes(motors, now, stands=stands, brakes=slower < 0.0)
 
 
 def pulses_of(outputs: Outputs, options: PiOptions, geometry: Geometry) -> tuple[float, ...]:
@@ -488,11 +555,11 @@ def create(config: Config) -> PiHal:
     setup = setup_of(options, config.geometry, config.channels)
     if options.bus == VIRTUAL:
         keeper: Keeper = BUSES.make("hal", "pi", config, setup)
-        return PiHal(keeper, options, config.geometry, config.channels, simulated=True)
+        return PiHal(keeper, options, config.geometry, config.channels, True, config.car.dead_band)
     on_file = isinstance(options.bus, str)
     if not on_file and (options.output == "pca9685" or options.battery != "none") and find_spec("smbus2") is None:
         raise MissingExtra("the HAL 'pi'", "devices")
     pins = options.output == "gpio" or options.encoders or (options.watchdog is not None and not on_file)
     if pins and find_spec("lgpio") is None:
         raise HalError(f"hal_options: pins need lgpio, which is missing: {GET_LGPIO}")
-    return PiHal(Process(setup), options, config.geometry, config.channels)
+    return PiHal(Process(setup), options, config.geometry, config.channels, dead_band=config.car.dead_band)

@@ -21,6 +21,10 @@ from txt1.sim.random_streams import random_stream
 TRANSFER: Final = 54
 # s for which the watchdog keeps the outputs on after a rising edge
 MONOSTABLE_TIME: Final = 0.2
+# counts around neutral that an ESC takes for it, no more than the dead bands of motors
+NEUTRAL: Final = 300.0
+# m/s at which an ESC takes the car to stand
+STANDS: Final = 0.05
 # s for which a cut line leaves the servo board without power
 AWAY: Final = 1.0
 
@@ -67,6 +71,30 @@ class Monostable:
         return self.edge + MONOSTABLE_TIME
 
 
+class VirtualEsc:
+    """An ESC that goes forward, brakes and reverses, as most hobby ESCs; its neutral is at the counts `neutral`.
+
+    `direct`: it reverses at once.
+    """
+
+    def __init__(self, direct: bool, neutral: float) -> None:
+        self._direct, self._neutral = direct, neutral
+        # what the reverse side has done since the last drive forward, and what it does from the next neutral on
+        self._braked = self._reverses = False
+
+    def drives(self, counts: float, rolls: float) -> float:
+        """Return the counts that act on a car that rolls at `rolls` m/s."""
+        if abs(counts - self._neutral) < NEUTRAL:
+            # only a car that stands is let into reverse, where it stays
+            self._reverses |= self._braked and abs(rolls) < STANDS
+        elif counts > self._neutral:
+            self._braked = self._reverses = False
+        elif not (self._direct or self._reverses):
+            self._braked = True
+            return counts if rolls > STANDS else self._neutral
+        return counts
+
+
 class VirtualPi:
     """A virtual servo board with a simulated car behind it, in the same process and on the same clock."""
 
@@ -81,6 +109,9 @@ class VirtualPi:
         if setup.battery != "none":
             self.bus.chips[setup.battery_address] = self.ina219 if setup.battery == "ina219" else self.ads1115
         self._options, self._setup = options, setup
+        wires = config.sim.channels
+        sides = (wires.right, wires.left) if config.geometry.steering == "skid" else (wires.motor,)
+        self._escs = [VirtualEsc(options.virtual_esc == "direct", each.trim) for each in sides]
         self._encoders = [Quadrature(pins) for pins in setup.encoders]
         self._guard: Guarded | None = None
         self._answer: bytes | None = None
@@ -88,6 +119,8 @@ class VirtualPi:
         self._out, self._time = False, 0.0
         self.hangs = False
         """Whether the guard hangs, as when the kernel holds it in the bus."""
+        # paths of the wheels, and of the edges of their encoders, m
+        self._seen, self._turned = (0.0,) * len(self._encoders), [0.0] * len(self._encoders)
         self._counts_per_m = 0.0 if not setup.encoders else 1.0 / config.geometry.count_length
 
     async def open(self) -> None:
@@ -117,8 +150,13 @@ class VirtualPi:
             self.vehicle.advance_to(max(self.vehicle.time, self.watchdog.ends))
             self._move(now)
         self.vehicle.advance_to(now)
-        for encoder, path in zip(self._encoders, self._paths(), strict=False):
-            encoder.count = int(path * self._counts_per_m)
+        paths = self._paths()
+        for at, (encoder, path) in enumerate(zip(self._encoders, paths, strict=False)):
+            # one pin shows no direction
+            further = path - self._seen[at]
+            self._turned[at] += abs(further) if len(self._setup.encoders[at]) == 1 else further
+            encoder.count = int(self._turned[at] * self._counts_per_m)
+        self._seen = paths
         volts = max(self.vehicle.battery_readings()) / self._setup.divider
         self.ina219.voltage = self.ads1115.voltage = volts
         if self.hangs:
@@ -148,9 +186,10 @@ class VirtualPi:
         self._out = self.watchdog is None or now < self.watchdog.ends
         o = self._options
         pulses = [self.board.pulse(channel) if self._out else 0.0 for channel in self._setup.channels]
+        rolls = self.vehicle.state.v
         motors = [
-            0.0 if not pulse else PWM_MAX * (pulse - o.motor_neutral) / o.motor_range
-            for pulse in pulses[: len(o.motor)]
+            0.0 if not pulse else esc.drives(PWM_MAX * (pulse - o.motor_neutral) / o.motor_range, rolls)
+            for esc, pulse in zip(self._escs, pulses, strict=False)
         ]
         if self.vehicle.skids:
             motor, rear = outputs_of(*motors)

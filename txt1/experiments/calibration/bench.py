@@ -102,6 +102,7 @@ class Bench:
         opened: makes a running robot from a configuration; its flag hides the motion from the tasks.
         keep: called with found values, by dotted key, at once.
         own_loops: whether its hardware closes the velocity loops, so that it cannot be driven by hand.
+        esc: whether ESCs drive its motors, whose way into reverse has to be found.
 
     """
 
@@ -112,8 +113,9 @@ class Bench:
         opened: Callable[[Config, bool], AbstractAsyncContextManager[Robot]],
         keep: Callable[[Mapping[str, Any]], None],
         own_loops: bool = False,
+        esc: bool = False,
     ) -> None:
-        self.config, self.operator, self.own_loops = config, operator, own_loops
+        self.config, self.operator, self.own_loops, self.esc = config, operator, own_loops, esc
         self.driving = 0.0
         """Time in which it was ready to move, s."""
         self._opened, self._keep = opened, keep

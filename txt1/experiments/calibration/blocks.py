@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from txt1.errors import HalError
 from txt1.experiments.calibration.bench import HAND_PERIOD, SETTLE, STAND, Bench, Hands, Operator
+from txt1.model.channels import NEUTRAL_MAX
 from txt1.model.vehicle import PWM_MAX, SIDES, STEERING_MAX
 
 # counts a second by which the motor's output rises until encoders count
@@ -29,6 +30,14 @@ FURTHER: Final = 2000.0
 # scale of a steering that may use the whole range of pulses
 WIDEST: Final = PWM_MAX / STEERING_MAX
 
+# counts beyond the start of turning at which an ESC surely brakes, wherever its neutral is, and s of this
+BRAKED: Final = 2.0 * NEUTRAL_MAX
+CLICK: Final = 0.2
+# s of driving, after which the other direction is a brake to an ESC, and s that the other direction may take
+FORWARD_TIME: Final = 1.5
+BACKWARD_TIME: Final = 3.0
+REVERSE: Final = "hal_options.reverse"
+
 MOTORS: Final = ("motor",)
 OUTPUTS: Final = ("right", "left")
 # settings of a channel that passes counts on unchanged
@@ -43,6 +52,9 @@ async def motor(bench: Bench) -> None:
     as_they_are = {f"channels.{name}.{key}": value for name in names for key, value in AS_IT_IS.items()}
     encoders = {"right_encoder": 1, "left_encoder": 1, "encoders_swapped": False}
     as_they_are |= {f"channels.{key}": value for key, value in encoders.items()}
+    if bench.esc:
+        # the ESC gets the pulses as they are, and its brake from here
+        as_they_are |= {REVERSE: "direct"}
     bands, turned = [], []
     for name in names:
         side = "wheels" if name == "motor" else f"{name} wheels"
@@ -56,6 +68,12 @@ async def motor(bench: Bench) -> None:
             hands.steer(0.0)
             await hands.wait(STAND)
             way = await ask.choose("turned", f"Which way did the {side} turn?", ("forward", "backward"))
+            if bench.esc:
+                _give(hands, name, -begins - BRAKED)
+                await hands.wait(CLICK)
+                hands.steer(0.0)
+                await hands.wait(STAND)
+                await ask.ready("watch", f"Watch the {side} again: they turn the other way.")
             ends = await _until_it_turns(hands, ask, name, -1, side)
         direction = 1 if way == "forward" else -1
         bands.append(0.5 * (begins - ends))
@@ -67,6 +85,50 @@ async def motor(bench: Bench) -> None:
     bench.found({"car.dead_band": float(band), "sim.vehicle.dead_band": float(band)})
     if turned:
         bench.found(_encoders(turned))
+
+
+async def reverse(bench: Bench) -> None:
+    """Find out whether the ESC brakes before it reverses, which only you can see."""
+    ask = bench.operator
+    await ask.ready("blocks", "Put the vehicle on blocks: no wheel may touch the floor.")
+    await ask.ready(
+        "watch", "Watch the wheels: they are told to turn backwards, forward and backwards, without a stop between."
+    )
+    forward, backwards = await _turn_round(bench, "direct")
+    if not forward:
+        raise HalError(
+            "the wheels do not turn forward after a drive backwards: the ESC has its reverse on the side that drives "
+            "forward. Swap two wires of the motor, then do the step 'motor' again"
+        )
+    if backwards:
+        bench.found({REVERSE: "direct"})
+        return
+    await ask.ready("watch", "It brakes first. Watch once more: now neutral and a second pulse follow.")
+    if not (await _turn_round(bench, "brake_first"))[1]:
+        raise HalError(
+            f"the wheels do not turn backwards: has the ESC a mode with reverse? {REVERSE} stays unset, so the vehicle "
+            "drives forward only"
+        )
+    bench.found({REVERSE: "brake_first"})
+
+
+async def _turn_round(bench: Bench, mode: str) -> tuple[bool, bool]:
+    """Return whether the wheels turn forward after a drive backwards, and then backwards again.
+
+    The ESC is driven as one of this mode, and nothing is between the directions.
+    """
+    ask = bench.operator
+    async with bench.by_hand({REVERSE: mode}, unseen=True) as hands:
+        # an ESC that is in reverse already would show nothing
+        hands.steer(-bench.cruise)
+        await hands.wait(FORWARD_TIME)
+        hands.steer(bench.cruise)
+        await hands.wait(FORWARD_TIME)
+        forward = await ask.choose("forward", "Do the wheels turn forward now?", ("yes", "no"))
+        hands.steer(-bench.cruise)
+        await hands.wait(BACKWARD_TIME)
+        backwards = await ask.choose("backwards", "Do the wheels turn backwards now?", ("yes", "no"))
+    return forward == "yes", backwards == "yes"
 
 
 def _give(hands: Hands, name: str, counts: float) -> None:
@@ -100,7 +162,8 @@ async def _until_it_turns(hands: Hands, ask: Operator, name: str, sign: int, sid
             seeing.cancel()
     raise HalError(
         f"the {side} do not turn at {limit} counts, the most that safety.motor_max allows: is the motor's power on? "
-        "Does its controller want neutral first?"
+        "Does its controller want neutral first? Is it an ESC that takes these pulses for its reverse? Then give "
+        "hal_options.motor_range the other sign"
     )
 
 

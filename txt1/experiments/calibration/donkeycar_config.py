@@ -150,7 +150,10 @@ def wiring(file: Path) -> Wiring:
         "hal_options.motor_neutral": round(rest, 1),
         "hal_options.motor_range": round(ahead - rest, 1),
     }
-    remarks = []
+    remarks = [
+        "hal_options.reverse is not in this file, so the car drives forward only: set it to brake_first or direct, or "
+        "let txt1 calibrate find it (step reverse)"
+    ]
     if abs((rest - back) - (ahead - rest)) > 10.0:
         remarks.append(
             f"full reverse is {abs(back - rest):.0f} us from rest, as txt1 has {abs(ahead - rest):.0f} us to both sides"

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from txt1.config import Config
 from txt1.experiments.calibration.bench import Bench
-from txt1.experiments.calibration.blocks import motor, servo, steering
+from txt1.experiments.calibration.blocks import motor, reverse, servo, steering
 from txt1.experiments.calibration.floor_steps import circle, scale, straight, turn
 from txt1.experiments.calibration.model import speeds, tune
 from txt1.hal.base import Hal
@@ -41,6 +41,7 @@ def _counts(config: Config, hal: Hal) -> bool:
 
 STEPS: Final[dict[str, CalibrationStep]] = {
     "motor": CalibrationStep(motor, _by_pwm),
+    "reverse": CalibrationStep(reverse, lambda config, hal: hal.esc),
     "steering": CalibrationStep(steering, _steers),
     "servo": CalibrationStep(servo, lambda config, hal: hal.own_channels is not None),
     "straight": CalibrationStep(straight, _by_pwm),

@@ -112,7 +112,7 @@ def main(arguments: argparse.Namespace) -> int:
         found.update(values)
 
     app = App(arguments.speed if isinstance(operator, Person) else arguments.speed or "max")
-    bench = Bench(config, operator, _opener(app, hal), keep, own_loops=not hal.capabilities.pwm)
+    bench = Bench(config, operator, _opener(app, hal), keep, own_loops=not hal.capabilities.pwm, esc=hal.esc)
     try:
         return app.run(calibrate(bench, names))
     finally:
