@@ -94,12 +94,12 @@ class CommandRefused(Txt1Error):
 
 
 class NotArmed(CommandRefused):
-    """The safety gate is closed, so nothing moves. The message gives the reason, then the remedy."""
+    """The safety gate is closed, so nothing moves. The message gives the remedy, then the reason."""
 
     def __init__(self, reason: str, remedy: str = "call Robot.arm() or press m") -> None:
         # a gate that was never opened gives "not armed yet" as its reason
         told = reason if reason.startswith("not armed") else f"not armed: {reason}"
-        super().__init__(f"{told}; {remedy}" if remedy else told)
+        super().__init__(f"{remedy}: {told}" if remedy else told)
         self.reason = reason
 
 

@@ -65,7 +65,7 @@ def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBust
     may_block(blocking_calls_fail, "txt1/ui/screens.py", "installed")
     may_block(blocking_calls_fail, "txt1/record/verification.py", "_replay", "_replay_steps", "write", "close")
     may_block(blocking_calls_fail, "txt1/record/recorder.py", "_write", "_close_sinks")
-    may_block(blocking_calls_fail, "txt1/ui/replay.py", "play")
+    may_block(blocking_calls_fail, "txt1/record/player.py", "play")
 
 
 @pytest.fixture(autouse=True)

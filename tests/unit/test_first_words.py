@@ -9,6 +9,7 @@ import pytest
 
 from txt1 import __version__
 from txt1.cli import COMMANDS, execute, parsers
+from txt1.errors import NotArmed
 
 
 def test_alone_it_says_in_ten_lines_what_to_type(capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,6 +68,21 @@ def test_the_demo_drives_nothing_but_the_simulation(
 def test_a_first_screen_is_refused_where_there_are_none(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["run", "--headless", "--duration", "1", "--screen", "5"]) == 2
     assert "--screen: without screens it has no effect; leave it out" in capsys.readouterr().err
+
+
+def test_a_learners_setting_is_refused_for_a_robot_that_does_not_learn(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["run", "--headless", "--duration", "1", "--set", "learning.goal_period=1"]) == 2
+    told = "--set learning.goal_period=1: this robot does not learn, so it would have no effect; add --learn"
+    assert told in capsys.readouterr().err
+
+
+def test_learning_tells_its_world_after_all_was_accepted(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["learn", "--agent", "nobody"]) == 2
+    assert "in the world" not in capsys.readouterr().err
+
+
+def test_a_program_that_may_not_drive_is_told_the_remedy_first() -> None:
+    assert str(NotArmed("an empty battery")) == "call Robot.arm() or press m: not armed: an empty battery"
 
 
 def test_a_report_marks_where_the_robot_was_disarmed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,6 +28,9 @@ def asked(arguments: Namespace, config: Config) -> Learner | None:
     if arguments.learn is None and arguments.policy is None:
         if arguments.share is not None:
             raise ConfigError("--share: this robot does not learn; add --learn")
+        unread = next((word for word in arguments.set or () if word.startswith("learning.")), None)
+        if unread is not None:
+            raise ConfigError(f"--set {unread}: this robot does not learn, so it would have no effect; add --learn")
         return None
     steering = [name for name in ("learn", "policy", "drive", "source") if getattr(arguments, name) is not None]
     if len(steering) > 1:

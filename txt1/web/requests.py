@@ -329,6 +329,7 @@ def _gains(pages: Pages, page: Page, table: tuple[object, object], age: float) -
 def _limit(pages: Pages, page: Page, limit: float, age: float) -> None:
     """Limit the speed of visitors, m/s; a visitor who drives faster than that has to begin again."""
     if not LIMIT_MIN <= limit < inf:
+        page.tell(told=f"visitors' speed: {limit:g} m/s; give {LIMIT_MIN:g} or more. It stays {pages.limit:g} m/s")
         return
     for each in pages.connected.values():
         if limit < pages.limit and each.role == "visitor" and each.car.wheel.holder == each.number:

@@ -12,6 +12,8 @@ from txt1.cars.pi.driver import UNKNOWN, PiHal, PiOptions, setup_of
 from txt1.cars.pi.esc import CLICK, FORGOTTEN, BrakeFirst
 from txt1.cars.pi.virtual_pi import VirtualPi
 from txt1.config import Config, checked, load
+from txt1.errors import ConfigError
+from txt1.hal.registry import create
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 
@@ -156,6 +158,11 @@ async def drive_on(robot: Robot) -> None:
     for _ in range(40):
         robot.command(0.6, 0.0)
         await asyncio.sleep(0.05)
+
+
+def test_a_virtual_bus_by_its_old_name_is_no_file() -> None:
+    with pytest.raises(ConfigError, match=r"hal_options.bus: the virtual bus is named 'virtual', not 'desk'"):
+        create(load(None, ["vehicle=donkeycar", "hal_options.bus=desk"], {}, {"hal": "pi"}).config)
 
 
 def put(esc: BrakeFirst, counts: float, begin: float, lasts: float, stands: bool = True) -> list[bool]:

@@ -274,7 +274,8 @@ async def test_the_operator_sets_the_visitors_speed_and_all_are_told(speed: floa
 async def test_a_speed_that_is_none_does_not_become_the_visitors_limit(speed: float, desk: Desk) -> None:
     page = desk.join()
     desk.ask(page, "limit", speed=speed)
-    assert desk.pages.limit == 0.5 and not page.outbox
+    assert desk.pages.limit == 0.5
+    assert told(page) == [f"visitors' speed: {speed:g} m/s; give 0.1 or more. It stays 0.5 m/s"]
 
 
 async def test_a_visitor_who_drives_when_the_limit_falls_begins_again_below_it(desk: Desk) -> None:

@@ -552,6 +552,8 @@ def setup_of(options: PiOptions, geometry: Geometry, channels: Channels = STRAIG
 def create(config: Config) -> PiHal:
     """Make the car as configured."""
     options = checked(PiOptions, config.hal_options, "hal_options")
+    if options.bus == "desk":
+        raise ConfigError(f"hal_options.bus: the virtual bus is named '{VIRTUAL}', not 'desk'")
     setup = setup_of(options, config.geometry, config.channels)
     if options.bus == VIRTUAL:
         keeper: Keeper = BUSES.make("hal", "pi", config, setup)

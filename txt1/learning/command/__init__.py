@@ -79,8 +79,6 @@ def main(arguments: argparse.Namespace) -> int:
     name = arguments.agent or "thesis"
     refuse_unread(arguments.set, name)
     world = _world(arguments, name)
-    if world is not None:
-        say(f"in the world {world}")
     config = loaded(in_world(arguments, world)).config
     # refuses a wrong name or options at once
     make(name, config, np.random.default_rng(0))
@@ -97,6 +95,8 @@ def main(arguments: argparse.Namespace) -> int:
     )
     machines = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
 
+    if world is not None:
+        say(f"in the world {world}")
     out = arguments.out or (Path("out/learn") if arguments.resume else unused(Path("out/learn")))
     with progress("the robot gets ready", plan.trials * plan.episodes) as bar:
 
