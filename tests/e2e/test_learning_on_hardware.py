@@ -254,6 +254,7 @@ class Channel:
         self.interval, self.trigger = 256, 0.001
         self.changed: Callable[[Channel, float], None] | None = None
         self.detached: Callable[[Channel], None] | None = None
+        self.attaches: Callable[[Channel], None] | None = None
 
     def setChannel(self, Channel: int) -> None:
         self.channel = Channel
@@ -266,6 +267,9 @@ class Channel:
 
     def setOnDetachHandler(self, handler: Callable[[Channel], None] | None) -> None:
         self.detached = handler
+
+    def setOnAttachHandler(self, handler: Callable[[Channel], None] | None) -> None:
+        self.attaches = handler
 
     def openWaitForAttachment(self, timeout: int) -> None:
         assert timeout == 5000
@@ -306,6 +310,12 @@ class Channel:
         self.attached = False
         self.detached(self)
 
+    def plug_in(self) -> None:
+        """What the driver's thread does when the kit is back, with an interval and a trigger of its own."""
+        assert self.attaches is not None
+        self.attached, self.interval, self.trigger = True, 256, 0.001
+        self.attaches(self)
+
 
 @pytest.fixture
 def kit(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Channel]]:
@@ -335,6 +345,10 @@ async def test_a_phidgets_kit_is_read_in_lux_from_its_four_inputs(kit: list[Chan
     assert sensor.read(2.0).value == pytest.approx((100.0, 250.0, 1.0, LUX_MAX))
     kit[2].unplug()
     assert np.isnan(sensor.read(3.0).value[2])
+    kit[2].plug_in()
+    assert (kit[2].interval, kit[2].trigger) == (16, 0.0), "as often as before"
+    kit[2].report(0.3)
+    assert sensor.read(4.0).value[2] == pytest.approx(300.0)
     await sensor.close()
     assert not any(one.attached for one in kit)
 

@@ -42,8 +42,10 @@ async def open_serialx(
     serialx = await asyncio.to_thread(library)
     link = SerialxLink(address, end, explain)
     try:
+        # many boards restart when DTR rises, so a closed port leaves it as it is
+        left = {"dtr_on_close": serialx.PinState.UNDEFINED, "rts_on_close": serialx.PinState.UNDEFINED}
         # opens in a thread, and closes what it has opened if this is cancelled
-        await serialx.create_serial_connection(asyncio.get_running_loop(), lambda: link, address, baud)
+        await serialx.create_serial_connection(asyncio.get_running_loop(), lambda: link, address, baud, **left)
     except (serialx.UnsupportedSetting, OverflowError, struct.error) as error:
         raise ValueError(baud) from error
     return link

@@ -174,9 +174,10 @@ class PhidgetLight:
                     one.setDeviceSerialNumber(self._serial_number)
                 one.setOnVoltageRatioChangeHandler(lambda _, ratio, k=k: self._ratios.__setitem__(k, ratio))
                 one.setOnDetachHandler(lambda _, k=k: self._ratios.__setitem__(k, nan))
+                # the library attaches a kit again that was away, with its own interval
+                one.setOnAttachHandler(self._report_often)
                 one.openWaitForAttachment(self.PATIENCE_MS)
-                one.setDataInterval(max(self.INTERVAL_MS, one.getMinDataInterval()))
-                one.setVoltageRatioChangeTrigger(0.0)
+                self._report_often(one)
         except PhidgetException as error:
             self._detach()
             why = " ".join(f"{error.description}: {error.details}".split()).rstrip(":.")
@@ -187,6 +188,11 @@ class PhidgetLight:
         except OSError as error:
             self._inputs.clear()
             raise HalError(f"Phidgets' library cannot be loaded: {error}; Debian has libusb in libusb-1.0-0") from error
+
+    def _report_often(self, one: Any) -> None:
+        """Let an attached channel report every sample."""
+        one.setDataInterval(max(self.INTERVAL_MS, one.getMinDataInterval()))
+        one.setVoltageRatioChangeTrigger(0.0)
 
     async def close(self) -> None:
         """Release the kit."""

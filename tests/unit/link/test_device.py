@@ -105,6 +105,16 @@ def test_a_device_has_one_user(transport: str) -> None:
     run_quietly(main())
 
 
+def test_a_port_that_is_closed_keeps_the_line_up_at_which_boards_restart(transport: str) -> None:
+    async def main() -> None:
+        with opened_pty() as (master, path):
+            link = await open_link(path, End(), transport=transport)
+            assert not termios.tcgetattr(master)[2] & termios.HUPCL
+            link.close()
+
+    run_quietly(main())
+
+
 def test_a_cancelled_opening_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
     go, opened, really_open = threading.Event(), threading.Event(), device.open_port
 

@@ -14,7 +14,7 @@ from tests.unit.link.link_ends import End, opened_pty, run_quietly, turns
 from txt1.errors import HalError
 from txt1.link import ports
 from txt1.link.base import Link
-from txt1.link.device import DevicePort, open_port
+from txt1.link.device import DevicePort
 from txt1.link.silence import FIRST, LONGEST, LOST_LONGEST, Ladder, Step, Watched
 
 
@@ -186,14 +186,3 @@ def test_adapters_with_one_serial_number_or_none_are_known_by_their_sockets(monk
     assert ports.port_with(plug) is None, "perhaps another device"
     plugged[:] = [Found("/dev/ttyS0", None, "", None)]
     assert ports.plug_of("/dev/ttyS0") is None
-
-
-def test_a_port_that_is_closed_keeps_the_line_up_at_which_boards_restart() -> None:
-    import termios
-
-    with opened_pty() as (_, path):
-        device, _ = open_port(path, 57600)
-        try:
-            assert not termios.tcgetattr(device.fd)[2] & termios.HUPCL
-        finally:
-            device.close()

@@ -49,7 +49,7 @@ async def motor(bench: Bench) -> None:
     ask = bench.operator
     await ask.ready("blocks", "Put the vehicle on blocks: no wheel may touch the floor.")
     names = OUTPUTS if bench.skids else MOTORS
-    as_they_are = {f"channels.{name}.{key}": value for name in names for key, value in AS_IT_IS.items()}
+    as_they_are: dict[str, Any] = {f"channels.{name}.{key}": each for name in names for key, each in AS_IT_IS.items()}
     encoders = {"right_encoder": 1, "left_encoder": 1, "encoders_swapped": False}
     as_they_are |= {f"channels.{key}": value for key, value in encoders.items()}
     if bench.esc:
