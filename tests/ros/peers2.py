@@ -383,6 +383,41 @@ def stamped():
     return told | {"counts": counted}
 
 
+def clocks():
+    """Stamped commands of a computer whose clock is 70 s ahead, then a day behind, and a burst of old ones."""
+    peer = Peer()
+    peer.hear("/txt1/setpoint", "geometry_msgs/TwistStamped")
+    made = kind("geometry_msgs/TwistStamped")()
+    publisher = peer.create_publisher(kind("geometry_msgs/TwistStamped"), "cmd_vel", 50)
+    peer.until(lambda: peer.seen["/txt1/setpoint"] and publisher.get_subscription_count())
+    made.twist.linear.x = 0.4
+
+    def give(shift):
+        now = time.time() + shift
+        made.header.stamp.sec, made.header.stamp.nanosec = int(now), int(now % 1.0 * 1e9)
+        publisher.publish(made)
+
+    def moves():
+        return peer.last["/txt1/setpoint"].twist.linear.x > 0.3
+
+    def drive(shift, reached):
+        """Give commands until the robot moves or not; return the s that it took."""
+        began = time.monotonic()
+        peer.until(lambda: give(shift) or peer.run(0.05) or reached())
+        return time.monotonic() - began
+
+    drive(70.0, moves)
+    stopped = drive(-86400.0, lambda: not moves())
+    again = drive(-86400.0, moves)
+    peer.run(2.0)
+    stands = not moves()
+    for late in range(40):
+        give(-86400.0 - 2.0 + 0.04 * late)
+    burst = []
+    peer.run(1.0, 0.02, lambda: burst.append(moves()))
+    return {"stopped": stopped, "again": again, "stands": stands, "burst": any(burst), "after": drive(-86400.0, moves)}
+
+
 def two():
     """One publisher that stutters, and then two at a time."""
     peer, other = Peer("one"), Peer("other")

@@ -208,6 +208,17 @@ def test_stamps_of_the_past_the_future_and_no_numbers_are_refused_and_counted(
     assert told["counts"]["from_the_past"] == 2 and told["counts"]["from_the_future"] == 2
 
 
+def test_commands_of_another_clock_are_driven_and_a_step_of_it_is_a_stop(
+    ros: RosPython, domain: dict[str, str]
+) -> None:
+    with robot(domain, "--ros2-stamped"):
+        told = ask(ros, domain, "clocks")
+    assert told["stopped"] < 2.0, "a clock that is set in a drive is a stop"
+    assert told["again"] < 2.0, "and fresh commands drive on, after half a second on an idle computer"
+    assert told["stands"] and not told["burst"], "old commands that come at once move nothing"
+    assert told["after"] < 2.0
+
+
 def test_two_publishers_are_told_apart_from_one_that_stutters(ros: RosPython, domain: dict[str, str]) -> None:
     with robot(domain) as process:
         told = ask(ros, domain, "two")
