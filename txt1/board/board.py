@@ -19,14 +19,15 @@ from txt1.board.line_faults import far_end
 from txt1.board.original import PID_SET, Framer, OriginalFirmware
 from txt1.board.settings import BoardConfig
 from txt1.config import Config
-from txt1.errors import CommandRefused, EncodeError, HalError, LinkLost, NotArmed
+from txt1.errors import CommandRefused, EncodeError, LinkLost, NotArmed
 from txt1.hal.base import LINK, Button
 from txt1.hal.registry import create_sim
 from txt1.kernel.ticks import Ticks
 from txt1.link.base import End, Link, connect
-from txt1.link.device import open_link
+from txt1.link.device import DevicePort
 from txt1.link.impairments import paced
 from txt1.link.receiver import Receiver
+from txt1.link.silence import Watched
 from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import BoardMessage, HostMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
@@ -35,9 +36,6 @@ from txt1.telemetry.snapshot import Snapshot
 
 # s without a commanded motion after which the board obeys again
 LET_GO: Final = 1.0
-
-# s after which a lost serial device is tried again
-REOPEN: Final = 0.5
 
 SPACER: Final = b"\x00"
 """Sent between frames back to back: original hosts lose the byte that follows a frame if it has already arrived."""
@@ -280,36 +278,24 @@ class Board:
 
 
 class DevicePlace:
-    """A board's serial device, which may be unplugged and come back."""
+    """A board's serial device, which may be unplugged and come back, also on another name."""
 
     def __init__(self, board: Board, device: str) -> None:
         self.address = device
         self._board = board
-        self._link: Link | None = None
-        self._keeper: asyncio.Task[None] | None = None
+        port = DevicePort(device, board.runtime.config.serial.baud)
+        # a host may be silent for ever
+        self._watched = Watched(port, board.faulty, inf, None, board.tell, lambda error: board.tell(str(error)))
 
     async def open(self) -> None:
         """Open the device, and open it again whenever it is lost. Raises HalError if the first attempt fails."""
-        await self._open()
-        self._keeper = asyncio.ensure_future(self._keep())
-
-    async def _open(self) -> None:
-        self._link = await open_link(self.address, self._board.faulty, self._board.runtime.config.serial.baud)
-
-    async def _keep(self) -> None:
-        while True:
-            await asyncio.sleep(REOPEN)
-            if self._board.link is None:
-                # the device is not back yet
-                with suppress(HalError):
-                    await self._open()
+        await self._watched.open()
 
     def close(self) -> None:
         """Close the device."""
-        if self._keeper is not None:
-            self._keeper.cancel()
-        if self._link is not None:
-            self._link.close()
+        self._watched.close()
+        if self._board.link is not None:
+            self._board.link.close()
 
 
 class VirtualPort:
