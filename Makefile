@@ -38,8 +38,10 @@ MIKE ?=
 
 # The first screen waits for what the drive needs. What draws pictures of a recorded drive is fetched beside it.
 run: $(VENV)/.drives  ## drive a simulated robot from the keyboard or the page; RUN="..." adds options
-	@nice -n 19 $(MAKE_COMMAND) --silent $(VENV)/.installed >/dev/null 2>&1 & \
-	$(BIN)/python -m txt1 run --practice $(RUN); ended=$$?; wait; \
+	@nice -n 10 $(MAKE_COMMAND) --silent $(VENV)/.installed >/dev/null 2>&1 & \
+	$(BIN)/python -m txt1 run --practice $(RUN); ended=$$?; \
+	test -e $(VENV)/.installed || echo "fetching what draws pictures of a drive; Ctrl-C leaves it for the next time"; \
+	wait; \
 	test $$ended = 0 || test $$ended = 130 || exit $$ended  # Ctrl-C ends a drive, and is no error
 
 test: $(VENV)/.dev  ## the tests, four at a time
