@@ -30,7 +30,9 @@ from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
 from txt1.unknown import brought
 
-LEARNERS: Final = Registry("learner", "txt1.learners", {"thesis": thesis.create})
+LEARNERS: Final = Registry(
+    "learner", "txt1.learners", {"thesis": thesis.create, "locator": "txt1.learning.locator:create"}
+)
 
 
 def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
@@ -41,7 +43,7 @@ def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
 def _made(name: str, config: Config, rng: np.random.Generator, stored: StoredTable | None) -> Agent:
     agent: Agent = LEARNERS.make("agent", name, config, rng, stored)
     place = LEARNERS.place("agent", name)
-    if callable(place) or name in brought(LEARNERS.group):
+    if callable(place) or name in {*LEARNERS.table, *brought(LEARNERS.group)}:
         return agent
     return checked(agent, f"the learner '{name}' ({place})", len(config.section(LearningConfig).actions))
 

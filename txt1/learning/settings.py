@@ -17,6 +17,9 @@ TURN: Final = SPEED / Geometry().radius_min
 GROUP: Final = "txt1.learning"
 """Entry points by which packages bring keys to the section: each names the type of a key's value."""
 
+OURS: Final = ("thesis", "locator", "options")
+"""The sections of learners that are not brought."""
+
 T = TypeVar("T")
 
 # (v, omega) of one of the learner's actions, m/s and rad/s
@@ -73,6 +76,13 @@ class ThesisConfig(Section):
         return self
 
 
+class LocatorConfig(Section):
+    """The learner that fits the light's place (`txt1.learning.locator`)."""
+
+    alarm: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.02
+    """Probability that it doubts its model in an episode that is fine."""
+
+
 class LearningConfig(OpenSection):
     """The learning task (thesis 5), and the learners' settings by their names."""
 
@@ -99,9 +109,12 @@ class LearningConfig(OpenSection):
     """The learner's world: composed (by world_options), or another package's; null: sim.light and odometry."""
     world_options: dict[str, Any] = {}
     """Its settings, handed to it as they are."""
+    randomised: dict[str, tuple[float, float]] = {}
+    """Ranges of numbers, by dotted key, that environments draw anew for each episode of a robot."""
     sensor: Annotated[str, Field(min_length=1)] = "light"
     """Name of the four light sensors; if it is not among `sensors`, a simulated robot gets simulated sensors."""
     thesis: ThesisConfig = ThesisConfig()
+    locator: LocatorConfig = LocatorConfig()
     options: dict[str, Any] = {}
     """Settings of a learner from another package."""
 
@@ -113,7 +126,7 @@ class LearningConfig(OpenSection):
 
 def section_of(learner: str) -> str:
     """Return the name of the section below `learning` that this learner reads."""
-    return learner if learner in {"thesis", "options", *_names()} else "options"
+    return learner if learner in {*OURS, *_names()} else "options"
 
 
 def settings_of(learning: LearningConfig, learner: str) -> dict[str, Any]:
@@ -127,7 +140,7 @@ def settings_of(learning: LearningConfig, learner: str) -> dict[str, Any]:
 
 def refuse_unread(words: Sequence[str], learner: str) -> None:
     """Raise ConfigError if one of the words KEY=VALUE sets what this learner does not read."""
-    others, own = {"thesis", "options", *_names()}, section_of(learner)
+    others, own = {*OURS, *_names()}, section_of(learner)
     for word in words:
         key = word.partition("=")[0]
         section, _, rest = key.partition(".")

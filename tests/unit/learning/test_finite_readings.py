@@ -57,7 +57,9 @@ def test_odometry_that_is_no_number_repeats_the_last() -> None:
     assert gate.odometry(there._replace(x=inf)) is there
 
 
-@pytest.mark.parametrize("name", LEARNERS.names())
+@pytest.mark.parametrize(
+    "name", [pytest.param(each, marks=pytest.mark.long) if each == "pilot" else each for each in LEARNERS.names()]
+)  # which is compiled
 def test_every_learner_survives_readings_that_are_no_numbers(name: str) -> None:
     """2 % of the readings are NaN or infinite, over two episodes on a circle."""
     config = load(None, ()).config

@@ -1,0 +1,447 @@
+"""A learner that fits the place of the light and its sensors' law to its last readings, and plans a short way.
+
+It is told the distance at which the goal begins, and has odometry. It assumes a point light whose brightness falls with
+a power of the distance. Where its sensors sit and what its actions do, it learns. In each decision, 0.1 s:
+
+    z        <- logarithm of each sensor's mean reading since the last decision
+    d, h     <- way and turn since then, by odometry
+    fit         z = g - n/2 log(|q - p|^2 + u)          over the last `ROWS` decisions (`_fit`)
+                p, g: place and sensitivity of each sensor; n, u: power, square of the light's height above the sensors
+                q: place of the light in each episode, from a path whose turns are s h
+    effects     d' = k d + c(a), (h/d)' = l h/d + e(a)  over the same decisions (`_learn_effects`)
+                a: the action of L decisions before; the delay L with the least misfit counts
+    plan        the first action of the quickest course "a for m decisions, then b" to the goal (`_plan`)
+
+**The fit** is least squares by Levenberg and Marquardt. A misfit counts the less, the larger it is (Cauchy), and each
+sensor by its own noise, the median of its misfits; so a sensor that lies has little weight. Readings that stay the same
+while others change have none: the sensor is dead, frozen or dazzled. At first, and where the misfit stays large, it
+begins from a grid of places of the light: for each, the law's first order is linear in all else (`_anew`).
+
+**The plan** moves the light in the robot's frame through the actions under way. Action b then goes on along its arc to
+the goal circle. An arc that grazes the circle may miss it and go round once more; the standard deviation of the light's
+place tells how likely that is.
+
+**The doubt** is a test. The logarithm of time / first plan is taken as normal over fine episodes, with the mean and
+deviation of the last twenty and a usual one as prior. Once an episode lasts longer than a fine one does with the
+probability `alarm`, it says that its model does not fit. After such an episode, or a failed one, it says so at the
+start of the next.
+"""
+
+from math import cos, hypot, inf, log, pi, sin, sqrt
+from statistics import NormalDist
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config
+from txt1.learning.agent import Decision, PeriodicAgent
+from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import LearningConfig
+from txt1.model.kinematics import wrap_angle
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN
+from txt1.model.odometry import Odometry
+
+Array = NDArray[np.float64]
+TABLE_IS_DRAWN: Final = False
+# decisions that a fit uses; s of one; decisions for which each action is tried at first
+ROWS, PERIOD, TRIES = 240, 0.1, 5
+# delays of actions that are tried, and decisions in which way and curvature settle
+DELAYS, SETTLE = 7, 6
+# columns of a decision: episode, samples, way, turn, action, logarithms of the readings, whether each counts
+EPISODE, COUNT, WAY, TURN, ACTION, LOGS, SOUND, COLUMNS = 0, 1, 2, 3, 4, slice(5, 9), slice(9, 13), 13
+# numbers of the law: places of the sensors (x, y), then these
+GAINS, POWER, HEIGHT, SCALE, LAW = slice(8, 12), 12, 13, 14, 15
+# the law before anything is known, and standard deviations; of a light's place, m
+PRIOR: Final = np.array([0.0] * 8 + [log(135.0)] * 4 + [2.0, 0.0, 1.0])
+SPREAD: Final = np.array([0.3] * 8 + [3.0] * 4 + [0.7, 1.0, 0.1])
+FAR: Final = 4.0
+# standard deviations: of the law as a share of a reading, of a reading at first, of log(time / plan) at first
+MODEL, NOISY, USUAL = 0.03, 0.3, 0.15
+# weight of the usual deviation, in episodes; share of the goal's distance by which a course should enter it
+WEIGHT, GRAZE = 8.0, 0.06
+# mean square of the misfits, in their deviations, above which the fit begins anew
+LARGE: Final = 2.5
+# weight of the effects known before in the next: about a decision's, for ways and for turns
+KNOWN: Final = (1.0, 1e-3)
+LATE: Final = "how long the way takes"
+# places in a grid around the start, m, shape (places, 2)
+PLACES: Final = np.array(
+    [(r * cos(k * pi / 12.0), r * sin(k * pi / 12.0)) for r in (0.5, 0.8, 1.2, 1.8, 2.7) for k in range(24)]
+)
+
+
+class Fit(NamedTuple):
+    """What the readings tell."""
+
+    law: Array
+    # place of the light in the odometry of each episode, m; its deviation in the last
+    lights: Array
+    deviation: float
+    # of each sensor's samples
+    noise: Array
+    # mean square of the last episode's misfits in their deviations, and the sum of all with the prior
+    misfit: float
+    cost: float
+
+
+class Motion(NamedTuple):
+    """The effects of some actions: d' = k d + c, (h/d)' = keeps h/d + e; turns are `scale` times odometry's."""
+
+    k: float
+    c: Array
+    keeps: float
+    e: Array
+    scale: float
+
+
+def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "LocatorAgent":
+    """Return the learner, or one that goes on from a stored table; ValueError: the table does not fit."""
+    del rng
+    learning = config.section(LearningConfig)
+    agent = LocatorAgent(len(learning.actions), learning.goal_radius, learning.locator.alarm)
+    if table is not None:
+        agent.recall(table.about["memory"])
+    return agent
+
+
+class LocatorAgent(PeriodicAgent):
+    """The learner; see the module."""
+
+    name = "locator"
+
+    def __init__(self, actions: int, goal: float, alarm: float) -> None:
+        super().__init__(PERIOD)
+        self._actions, self._goal, self._alarm = actions, goal, alarm
+        self._rows: Array = np.empty((0, COLUMNS))
+        self._fitted: Fit | None = None
+        self._effects, self._delay = np.zeros((2, actions + 2)), 0
+        # distances at which episodes ended, and log(time / plan) of fine ones
+        self._ends: list[float] = []
+        self._late: list[float] = []
+        self._episode, self._warned = 0, False
+        self.begin()
+
+    def begin(self) -> None:
+        """An episode begins."""
+        self._before = self.memory()
+        self._rest()
+        self._at: Odometry | None = None
+        self._history: list[int] = []
+        self._value = np.zeros(self._actions)
+        self._began = self._planned = inf
+        self.unfit = LATE if self._warned else ""
+
+    def act(self, now: float, odometry: Odometry) -> int:
+        """Learn from the readings since the last decision, and return the next action."""
+        self._decides(now)
+        self._look(odometry)
+        done = len(self._history)
+        if done % SETTLE == 0:
+            self._learn_effects()
+        if done % 3 == 0 or self._fitted is None:
+            self._fitted = self._refit(done)
+        if self._fitted is None or (not self._ends and done < TRIES * self._actions):
+            action = done // TRIES % self._actions
+        else:
+            self._value = self._plan(self._fitted)
+            action = int(self._value.argmin())
+            if self._planned == inf:
+                self._began, self._planned = now, max(PERIOD * float(self._value[action]), 10.0 * PERIOD)
+            elif improbable(log(max(now - self._began, PERIOD) / self._planned), self._late, self._alarm):
+                self.unfit = self.unfit or LATE
+        self._history.append(action)
+        return action
+
+    def end(self, success: bool, odometry: Odometry) -> None:
+        """The episode is over: learn how far the goal was, and how late it was."""
+        late = log(max(self._due - self._began, PERIOD) / self._planned) if self._planned < inf else inf
+        if self._samples:
+            self._look(odometry)
+        self._warned = not success or improbable(late, self._late, self._alarm)
+        if success and self._fitted is not None:
+            self._ends = [*self._ends, hypot(*self._light(self._fitted))][-20:]
+            self._late = self._late if self._warned else [*self._late, late][-20:]
+        self._episode += 1
+
+    def void(self) -> None:
+        """The episode does not count."""
+        self.recall(self._before)
+
+    # -- what it sees ------------------------------------------------------------------------------------------------
+
+    def _look(self, odometry: Odometry) -> None:
+        """Add a row: the readings since the last decision, and the way that odometry tells."""
+        lux = np.clip(self._seen(), LUX_MIN, LUX_MAX)
+        at = self._at or odometry
+        turn = wrap_angle(odometry.theta - at.theta)
+        middle = at.theta + 0.5 * turn
+        way = cos(middle) * (odometry.x - at.x) + sin(middle) * (odometry.y - at.y)
+        self._at = odometry
+        same = np.ptp(lux, axis=0) == 0.0
+        sound = (lux.max(axis=0) < LUX_MAX) & (~same | same.all())
+        action = self._history[-1] if self._history else self._actions
+        row = [self._episode, len(lux), way, turn, action, *np.log(lux.mean(axis=0)), *sound]
+        self._rows = np.vstack([self._rows, row])
+        while len(self._rows) > ROWS and (first := self._rows[0, EPISODE]) != self._episode:
+            self._rows = self._rows[self._rows[:, EPISODE] != first]
+            if self._fitted is not None:
+                self._fitted = self._fitted._replace(lights=self._fitted.lights[1:])
+
+    def _paths(self, scale: float) -> tuple[Array, Array]:
+        """Return the poses in the middle of each row and at its end, from its episode's start; (rows, 3)."""
+        first = np.searchsorted(self._rows[:, EPISODE], self._rows[:, EPISODE])
+        turn, way = scale * self._rows[:, TURN], self._rows[:, WAY]
+        heading = np.cumsum(turn)
+        heading -= (heading - turn)[first]
+        steps = way * np.array([np.cos(heading - 0.5 * turn), np.sin(heading - 0.5 * turn)])
+        places = np.cumsum(steps, axis=1)
+        places -= (places - steps)[:, first]
+        return np.vstack([places - 0.5 * steps, heading - 0.5 * turn]).T, np.vstack([places, heading]).T
+
+    def _light(self, fit: Fit) -> tuple[float, float]:
+        """Return the light's place in the robot's frame now, m."""
+        ahead, left = _seen_from(self._paths(float(fit.law[SCALE]))[1][-1:], fit.lights[-1:])
+        return float(ahead[0]), float(left[0])
+
+    # -- the fit -----------------------------------------------------------------------------------------------------
+
+    def _refit(self, done: int) -> Fit | None:
+        """Return the fit with the newest row; None: there is too little yet."""
+        fit = self._fitted
+        if fit is None:
+            return self._anew() if len(self._rows) > 2 * TRIES and len(self._rows) % TRIES == 0 else None
+        if len(fit.lights) < len(np.unique(self._rows[:, EPISODE])):
+            fit = fit._replace(lights=np.vstack([fit.lights, self._nearest(fit)]))
+        fit = self._fit(fit.law, fit.lights, fit.noise, 2)
+        if done % (2 * TRIES) == 0:
+            other = np.vstack([fit.lights[:-1], self._nearest(fit)])
+            fit = min(fit, self._fit(fit.law, other, fit.noise, 3), key=lambda one: one.cost)
+        if done % (2 * TRIES) == 0 and done > 3 * TRIES and fit.misfit > LARGE:
+            kept = self._rows
+            again = self._anew()
+            if again.misfit < 0.5 * fit.misfit:
+                return again
+            self._rows = kept
+        return fit
+
+    def _anew(self) -> Fit:
+        """Return the best fit to this episode alone from the likeliest places of the light in a grid."""
+        self._rows = self._rows[self._rows[:, EPISODE] == self._episode]
+        ahead, left = _seen_from(self._paths(1.0)[0], PLACES[:, None])
+        near = np.maximum(np.hypot(ahead, left), 0.3)
+        design = np.stack([np.ones_like(near), -np.log(near), ahead / near**2, left / near**2], axis=-1)
+        # g, n, n p in first order, with a ridge
+        usual, ridge = np.array([log(135.0), 2.0, 0.0, 0.0]), np.diag(1.0 / np.array([3.0, 0.7, 0.6, 0.6]) ** 2)
+        weight = self._rows[:, SOUND] * self._rows[:, COUNT, None] / NOISY**2
+        cost, found = np.zeros(len(PLACES)), np.zeros((len(PLACES), 4, 4))
+        for s in range(4):
+            weighed = design * weight[:, s, None]
+            right = np.swapaxes(weighed, 1, 2) @ self._rows[:, LOGS][:, s] + ridge @ usual
+            found[:, s] = np.linalg.solve(np.swapaxes(weighed, 1, 2) @ design + ridge, right[..., None])[..., 0]
+            misfit = self._rows[:, LOGS][:, s] - (design @ found[:, s, :, None])[..., 0]
+            cost += misfit**2 @ weight[:, s] + (((found[:, s] - usual) @ ridge) * (found[:, s] - usual)).sum(axis=1)
+        fits = []
+        for k in np.argsort(cost)[:4]:
+            power = max(float(np.median(found[k, :, 1])), 0.5)
+            law = np.concatenate([found[k, :, 2:].ravel() / power, found[k, :, 0], [power, 0.0, 1.0]])
+            fits.append(self._fit(law, PLACES[k][None], np.full(4, NOISY), 12))
+        return min(fits, key=lambda one: one.cost)
+
+    def _nearest(self, fit: Fit) -> Array:
+        """Return the place in a grid where the light fits the last episode best by the law."""
+        rows = self._rows[last := self._rows[:, EPISODE] == self._episode]
+        square = _squares(*_seen_from(self._paths(float(fit.law[SCALE]))[0][last], PLACES[:, None]), fit.law)[0]
+        misfit = rows[:, LOGS] - fit.law[GAINS] + 0.5 * fit.law[POWER] * np.log(square)
+        weight = rows[:, SOUND] / (fit.noise**2 / rows[:, COUNT, None] + MODEL**2)
+        best: Array = PLACES[np.log1p(misfit**2 * weight).sum(axis=(1, 2)).argmin()]
+        return best
+
+    def _fit(self, law: Array, lights: Array, noise: Array, steps: int) -> Fit:
+        """Return the fit after some steps of Levenberg and Marquardt from a law and places of the light."""
+        sound, counts = self._rows[:, SOUND], self._rows[:, COUNT, None]
+        x, mean = np.concatenate([law, lights.ravel()]), np.concatenate([PRIOR, np.zeros(lights.size)])
+        certain = 1.0 / np.concatenate([SPREAD, np.full(lights.size, FAR)]) ** 2
+        variance, damping, least = noise**2 / counts + MODEL**2, 1e-3, inf
+        at, misfit, normal, right = x, np.zeros_like(sound), np.eye(len(x)), np.zeros(len(x))
+        for _ in range(steps + 1):
+            tried, slope = self._slopes(x)
+            square = tried**2 / variance
+            cost = float(4.0 * (sound * np.log1p(square / 4.0)).sum() + ((x - mean) ** 2 * certain).sum())
+            if cost < least:
+                weight = (sound / variance / (1.0 + square / 4.0)).ravel()
+                flat = slope.reshape(-1, len(x))
+                normal = flat.T @ (flat * weight[:, None]) + np.diag(certain)
+                right = flat.T @ (weight * tried.ravel()) + certain * (mean - x)
+                least, at, misfit, damping = cost, x, tried, max(damping / 5.0, 1e-6)
+            else:
+                damping *= 20.0
+            x = at + np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+            x[POWER], x[HEIGHT], x[SCALE] = max(x[POWER], 0.5), max(x[HEIGHT], 0.0), min(max(x[SCALE], 0.5), 1.5)
+        seen = sound.sum(axis=0) > TRIES
+        spread = np.where(sound > 0.0, np.abs(misfit) * np.sqrt(counts), np.nan)[:, seen]
+        noise = noise.copy()
+        noise[seen] = np.maximum(1.48 * np.nanmedian(spread, axis=0), MODEL)
+        last = self._rows[:, EPISODE] == self._episode
+        fits = float((sound * misfit**2 / variance)[last].sum() / max(sound[last].sum(), 1.0))
+        deviation = sqrt(max(float(np.trace(np.linalg.inv(normal)[-2:, -2:])) / 2.0, 0.0))
+        return Fit(at[:LAW], at[LAW:].reshape(-1, 2), deviation, noise, fits, least)
+
+    def _slopes(self, x: Array) -> tuple[Array, Array]:
+        """Return the misfits, (rows, 4), and the derivatives of the law by all unknowns, (rows, 4, unknowns)."""
+        law, lights, n = x[:LAW], x[LAW:].reshape(-1, 2), x[POWER]
+        number = np.unique(self._rows[:, EPISODE], return_inverse=True)[1]
+        poses = self._paths(float(law[SCALE]))[0]
+        square, away = _squares(*_seen_from(poses, lights[number]), law)
+        other, _ = _squares(*_seen_from(self._paths(float(law[SCALE]) + 1e-4)[0], lights[number]), law)
+        slope, rows = np.zeros((len(poses), 4, len(x))), np.arange(len(poses))
+        toward = n * away / square[..., None]
+        for s in range(4):
+            slope[:, s, 2 * s : 2 * s + 2], slope[:, s, 8 + s] = toward[:, s], 1.0
+        slope[:, :, POWER], slope[:, :, HEIGHT] = -0.5 * np.log(square), -0.5 * n / square
+        slope[:, :, SCALE] = -0.5 * n * np.log(other / square) / 1e-4
+        c, s_ = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+        slope[rows, :, LAW + 2 * number] = s_ * toward[..., 1] - c * toward[..., 0]
+        slope[rows, :, LAW + 2 * number + 1] = -s_ * toward[..., 0] - c * toward[..., 1]
+        return self._rows[:, LOGS] - law[GAINS] + 0.5 * n * np.log(square), slope
+
+    # -- what the actions do, and the plan ---------------------------------------------------------------------------
+
+    def _learn_effects(self) -> None:
+        """Learn the effects of the actions and their delay by least squares over the rows."""
+        rows, least, effects = self._rows, inf, self._effects
+        if len(rows) < 2 * TRIES:
+            return
+        first = np.searchsorted(rows[:, EPISODE], rows[:, EPISODE])[1:]
+        within = rows[1:, EPISODE] == rows[:-1, EPISODE]
+        way, before = rows[1:, WAY], rows[:-1, WAY]
+        bend = np.where(np.abs(before) > 1e-3, rows[:-1, TURN] / np.where(before, before, 1.0), 0.0)
+        for delay in range(DELAYS):
+            at = np.arange(1, len(rows)) - delay
+            action = np.where(at > first, rows[np.maximum(at, 0), ACTION], self._actions)
+            taken = action[:, None] == np.arange(self._actions + 1)
+            found, cost = [], 0.0
+            designs = np.column_stack([before, taken]), way[:, None] * np.column_stack([bend, taken])
+            for design, seen, known, weight in zip(designs, (way, rows[1:, TURN]), self._effects, KNOWN, strict=True):
+                design, seen = design[within], seen[within]
+                # what an action did before counts as one decision, or it would be forgotten with its rows
+                normal = design.T @ design + weight * np.eye(len(known))
+                found.append(np.linalg.solve(normal, design.T @ seen + weight * known))
+                cost += log(((seen - design @ found[-1]) ** 2).sum() + 1e-9)
+            if cost < least:
+                least, effects, self._delay = cost, np.array(found), delay
+        self._effects = effects
+        self._effects[:, 0] = np.clip(effects[:, 0], 0.0, 0.95)
+
+    def _plan(self, fit: Fit) -> Array:
+        """Return the number of decisions to the goal by the quickest course that begins with each action."""
+        (k, *c), (keeps, *e) = self._effects.tolist()
+        way, turn, scale = self._rows[-1, WAY], self._rows[-1, TURN], float(fit.law[SCALE])
+        state = np.array([*self._light(fit), way, turn / way if abs(way) > 1e-3 else 0.0])
+        under_way = [self._actions] * self._delay + self._history
+        for a in under_way[len(under_way) - self._delay :]:
+            state = _course(state, Motion(k, np.array(c[a]), keeps, np.array(e[a]), scale), 1)[:, 0]
+        motion = Motion(k, np.array(c[:-1]), keeps, np.array(e[:-1]), scale)
+        goal = (1.0 - GRAZE) * (sum(self._ends) + 3.0 * self._goal) / (len(self._ends) + 3.0)
+        # where the episode goes on although it should be there, the goal is nearer
+        goal = min(goal, 0.9 * hypot(state[0], state[1]))
+        doubt, here = hypot(fit.deviation, GRAZE * goal), np.repeat(state[:, None], self._actions, axis=1)
+        switches = np.array([m for m in range(1, 120) if m < 9 or m % 3 == 0])
+        # a for m decisions, then b: shape (actions a, decisions m, actions b)
+        after = _course(here, motion, int(switches[-1]))[..., switches - 1]
+        times = switches[:, None] + _onward(after, motion, goal, doubt)
+        best: Array = np.minimum(times.min(axis=(1, 2)), np.diagonal(_onward(here, motion, goal, doubt)))
+        return best
+
+    # -- what it keeps -----------------------------------------------------------------------------------------------
+
+    def decision(self, odometry: Odometry) -> Decision:
+        """Return the decisions to the goal by each action, as costs."""
+        del odometry
+        return Decision(None, None, tuple((-self._value).tolist()))
+
+    def table(self) -> StoredTable:
+        """Return the law as a row, and all else beside it."""
+        law = PRIOR if self._fitted is None else self._fitted.law
+        about = {"agent": self.name, "episodes": self._episode, "memory": self.memory()}
+        return StoredTable(law[None].copy(), {**about, "sensors": law[:8].reshape(4, 2).tolist()})
+
+    def memory(self) -> dict[str, Any]:
+        """All that it needs to carry on later."""
+        fit = None if self._fitted is None else [np.asarray(each).tolist() for each in self._fitted]
+        told = {"fit": fit, "rows": self._rows.tolist(), "effects": self._effects.tolist(), "delay": self._delay}
+        return told | {"ends": self._ends, "late": self._late, "episode": self._episode, "warned": self._warned}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Carry on from the result of `memory`; ValueError: it knows another number of actions."""
+        effects, fit = np.array(memory["effects"], float), memory["fit"]
+        if effects.shape != (2, self._actions + 2):
+            raise ValueError(f"knows {effects.shape[-1] - 2} actions where {self._actions} are needed")
+        self._rows, self._effects = np.array(memory["rows"], float).reshape(-1, COLUMNS), effects
+        if fit is not None:
+            fit = Fit(np.array(fit[0]), np.array(fit[1]), float(fit[2]), np.array(fit[3]), float(fit[4]), float(fit[5]))
+        self._fitted, self._delay = fit, int(memory["delay"])
+        self._ends, self._late = list(map(float, memory["ends"])), list(map(float, memory["late"]))
+        self._episode, self._warned = int(memory["episode"]), bool(memory["warned"])
+
+
+def improbable(late: float, known: list[float], alarm: float) -> bool:
+    """Return whether a fine episode has such a log(time / plan) with less than the probability `alarm`.
+
+    `known` are those of fine episodes.
+    """
+    count = len(known) + WEIGHT
+    mean = sum(known) / count
+    square = (WEIGHT * USUAL**2 + sum((each - mean) ** 2 for each in known)) / count
+    return late > mean + sqrt(square) * NormalDist().inv_cdf(1.0 - alarm)
+
+
+def _seen_from(poses: Array, places: Array) -> tuple[Array, Array]:
+    """Return places in the frames of poses, ahead and left, m."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    dx, dy = places[..., 0] - poses[:, 0], places[..., 1] - poses[:, 1]
+    return c * dx + s * dy, c * dy - s * dx
+
+
+def _squares(ahead: Array, left: Array, law: Array) -> tuple[Array, Array]:
+    """Return the squares of the light's distances from the sensors, (..., 4), and the vectors to it, (..., 4, 2)."""
+    away = np.stack([ahead, left], axis=-1)[..., None, :] - law[:8].reshape(4, 2)
+    return np.maximum((away**2).sum(axis=-1) + law[HEIGHT], 1e-3), away
+
+
+def _course(state: Array, motion: Motion, decisions: int) -> Array:
+    """Return the light ahead and left, way and curvature after each decision, shape (4, ..., decisions)."""
+    (ahead, left, way, bend), j = state[..., None], np.arange(1, decisions + 1)
+    k, c, keeps, e, scale = motion
+    ways = (c / (1.0 - k))[..., None] + (way - (c / (1.0 - k))[..., None]) * k**j
+    bends = (e / (1.0 - keeps))[..., None] + (bend - (e / (1.0 - keeps))[..., None]) * keeps**j
+    turns = scale * bends * ways
+    heading = np.cumsum(turns, axis=-1)
+    dx = ahead - np.cumsum(ways * np.cos(heading - 0.5 * turns), axis=-1)
+    dy = left - np.cumsum(ways * np.sin(heading - 0.5 * turns), axis=-1)
+    c, s = np.cos(heading), np.sin(heading)
+    return np.stack([c * dx + s * dy, c * dy - s * dx, ways, bends])
+
+
+def _onward(state: Array, motion: Motion, goal: float, doubt: float) -> Array:
+    """Return the mean number of decisions to the goal by each action from states (4, ...); shape (..., actions)."""
+    start = np.repeat(state[..., None], len(motion.c), axis=-1)
+    course = _course(start, motion, SETTLE)
+    near = np.hypot(course[0], course[1])
+    before = np.concatenate([np.hypot(start[0], start[1])[..., None], near[..., :-1]], axis=-1)
+    # the decision that enters the goal counts in part
+    first = (near <= goal).argmax(axis=-1)[..., None]
+    part = np.clip((before - goal) / np.maximum(before - near, 1e-9), 0.0, 1.0)
+    entered = (first + np.take_along_axis(part, first, axis=-1))[..., 0]
+    step, curve = motion.c / (1.0 - motion.k), motion.scale * motion.e / (1.0 - motion.keeps)
+    step, curve = np.where(np.abs(step) < 1e-4, 1e-4, step), np.where(np.abs(curve) < 1e-3, 1e-3, curve)
+    radius, circle = 1.0 / np.abs(curve), 2.0 * pi / max(float(np.abs(curve).max()), 0.1)
+    ahead = np.where(step > 0.0, course[0, ..., -1], -course[0, ..., -1])
+    side = np.where(curve < 0.0, -course[1, ..., -1], course[1, ..., -1]) - radius
+    rho = np.hypot(ahead, side)
+    cosine = np.clip((rho**2 + radius**2 - goal**2) / (2.0 * rho * radius + 1e-12), -1.0, 1.0)
+    angle = (np.arctan2(side, ahead) - np.arccos(cosine) + 0.5 * pi) % (2.0 * pi)
+    deep = goal - np.abs(rho - radius)
+    again = (0.5 - 0.5 * np.tanh(0.8 * deep / doubt)) * (circle + np.maximum(-deep, 0.0))
+    onward = SETTLE + (radius * angle + again) / np.abs(step)
+    return np.where((near <= goal).any(axis=-1), entered, onward)
