@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from txt1.config.sources import checked
 from txt1.errors import ConfigError, MissingExtra
 from txt1.file_limits import POLICY_MAX, read_bytes
-from txt1.teaching.features import Sight, shape_of
+from txt1.teaching.features import Sight, check, seen, shape_of
 from txt1.teaching.network import PolicyNetwork, Shape
 from txt1.teaching.onnx_file import Norm, PolicyError, card_of, read, written
 
@@ -149,9 +149,9 @@ class Policy:
         except OSError as error:
             raise PolicyError(f"{path}: cannot write it: {error.strerror}") from None
 
-    def outputs(self, seen: Sequence[Array]) -> Array:
+    def outputs(self, inputs: Sequence[Array]) -> Array:
         """Return the networks' outputs, (networks, n, 2), for many inputs at once, by numpy."""
-        normal = normalised(seen, self.card.norms)
+        normal = normalised(inputs, self.card.norms)
         return np.stack([network(normal) for network in self.networks])
 
     @cached_property
@@ -167,10 +167,20 @@ class Policy:
         options.log_severity_level = 4
         return onnxruntime.InferenceSession(self.data, options, providers=["CPUExecutionProvider"])
 
-    def judge(self, seen: Sequence[Array]) -> Judgement:
+    def judged(self, values: Sequence[Any]) -> Judgement:
+        """Return the judgement of its sensors' values.
+
+        Raises Unfit: a value is from another device than in the lessons.
+        """
+        sights = self.card.sees
+        for sight, value in zip(sights, values, strict=True):
+            check(sight, value)
+        return self.judge([seen(sight, value) for sight, value in zip(sights, values, strict=True)])
+
+    def judge(self, inputs: Sequence[Array]) -> Judgement:
         """Return the judgement of one input per sight, (rows, columns, channels) each."""
-        inputs = {name: each[None] for name, each in zip(self.card.names, seen, strict=True)}
-        (commands,) = self.session.run(None, inputs)
+        named = {name: each[None] for name, each in zip(self.card.names, inputs, strict=True)}
+        (commands,) = self.session.run(None, named)
         return judgement(commands)
 
 
