@@ -24,14 +24,15 @@ from txt1.control.parameters import Safety
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.processors import processors
 from txt1.learning.batch import TICK_MS, Batch
-from txt1.learning.env import DECISION_MS, LightSeekingVectorEnv
+from txt1.learning.drive_tasks import ToLight
+from txt1.learning.env import DriveVectorEnv
 from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
 from txt1.sim.lamp import PointLight
 from txt1.sim.parameters import VehicleParameters
 
 COUNT, ROUNDS = 4000, 7
-TICKS = DECISION_MS // TICK_MS  # vehicle steps of a decision
+TICKS = round(1000.0 * ToLight.period) // TICK_MS  # vehicle steps of a decision
 
 
 def robots(*, sense: bool) -> Callable[[], int]:
@@ -52,7 +53,7 @@ def robots(*, sense: bool) -> Callable[[], int]:
 
 def environment() -> Callable[[], int]:
     """A round of the environment: twenty decisions; returns the vehicle steps."""
-    many = LightSeekingVectorEnv(COUNT)
+    many = DriveVectorEnv(COUNT)
     many.reset(seed=1)
     rng = np.random.default_rng(1)
 

@@ -42,6 +42,9 @@ SHARE_MIN: Final = 200
 # robots that are moved together: their state stays in the processor's nearest cache
 BLOCK: Final = 128
 
+# numbers of a robot that differs from the others: those of its vehicle (`Dynamics`), then its light (`PointLight`)
+OWN: Final = 26
+
 # for loops without knowledge of the car
 UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or CarParameters(*[1.0] * 9)
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
@@ -141,12 +144,24 @@ def _run(
     linear: Gains,
     car: CarParameters,
     known: bool,
+    own: Array,
     begin: int,
     end: int,
 ) -> None:
-    """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`."""
-    for at in range(begin, end, BLOCK):
-        until = min(at + BLOCK, end)
+    """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`.
+
+    `own` has a row of OWN numbers for each robot where robots differ, else none.
+    """
+    size = 1 if own.shape[0] else BLOCK
+    for at in range(begin, end, size):
+        until = min(at + size, end)
+        if own.shape[0]:
+            o = own[at]
+            parameters = (
+                o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9], o[10], o[11], o[12], o[13], o[14], o[15],
+                o[16], o[17], o[18], o[19], o[20],
+            )  # fmt: skip
+            light = PointLight(o[21], o[22], o[23], o[24], o[25])
         # a copy, so that its rows lie together
         block = robots[:, at:until].copy()
         rolled, target, remaining = block[:2].copy(), block[0].copy(), block[0].copy()
@@ -168,7 +183,8 @@ class Batch:
     """Simulated robots side by side, each with its velocity loops and its light sensors.
 
     `noise` and `drag` are standard deviations: `noise` of a reading, as its share; `drag` of the floor's drag, as a
-    share of the speed.
+    share of the speed. Robots differ where `own` has a row of OWN numbers for each, and `noise` and `drag` are arrays
+    then, of shape (count, 1) and (count,).
     """
 
     def __init__(
@@ -184,8 +200,9 @@ class Batch:
         self.robots: Array = np.zeros((ROWS, count))
         self.commands: Array = np.zeros((count, 2))
         self.light = light
-        self.noise = noise
-        self.drag = drag
+        self.noise: float | Array = noise
+        self.drag: float | Array = drag
+        self.own: Array = np.empty((0, OWN))
         self.tick = 0
         self._parameters = dynamics(parameters, body)
         self._body = body
@@ -241,6 +258,7 @@ class Batch:
             LINEAR_GAINS,
             UNKNOWN,
             False,
+            self.own,
         )
         if self._threads is None:
             run(*self._shares[0])

@@ -1,77 +1,159 @@
-"""The learning task as Gymnasium environments (extra `gym`).
+"""The tasks of `txt1.learning.drive_tasks` as Gymnasium environments (extra `gym`), of one robot and of many.
 
     gymnasium.make("txt1.learning.env:txt1/LightSeeking-v0")      # Gymnasium imports the module before the colon
+    gymnasium.make("txt1.learning.env:txt1/Drive-v0", task="track", config=load(overrides=["sim.room.map=oval"]).config)
+    gymnasium.make_vec("txt1/LightSeeking-v0", num_envs=4000, vectorization_mode="vector_entry_point")
 
-A step is a decision of the thesis's learner, 0.5 s.
+How it works. `Bodies` are n simulated robots that can be placed, drive on for a decision, and are seen. `Drives` lets
+them do episodes of a task: starts, observations, rewards and ends, as arrays. Both environments are a thin form of it,
+so one robot and thousands have the same numbers.
 
-- Observation: the logarithms of the four filtered readings over the logarithm of a sensor's upper limit, FL FR RL RR, 0
-  to 1; and the sensed v (m/s) and omega (rad/s). Shape (6,), float32.
-- Action: 0 right, 1 straight, 2 left (table 5.2).
-- Reward: the thesis's, from one sector of the light's direction to the next (5.8): -1, 0 or 1.
-- Terminated at the goal circle, outside the boundary, and by touching a post, a box or a wall (`info` says which);
-  truncated after `time_limit` s.
-- ``render_mode="rgb_array"``: a picture from above (`txt1.learning.picture`).
+- `ManyBodies` is quick (`txt1.learning.batch`, with the extra `fast`). It takes one robot, too.
+- `OneBody` models more: a delay, worlds, dead sensors, obstacles that move. It is used where the configuration asks for
+  something that `ManyBodies` lacks; many robots are then single environments side by side, and a warning says so.
 
-``make_vec(..., vectorization_mode="vector_entry_point")`` gives many robots at once (`txt1.learning.batch`), quick with
-the extra `fast`. It does not model a delay, a world or dead sensors; with these settings it gives single environments
-side by side. `txt1.learning.parallel_env` has several robots in one room.
+`learning.randomised` changes the world from robot to robot: each number named there is drawn anew for each episode.
+
+An episode ends at the goal, or where the robot is lost (`info["touched"]` if it touched something); it is truncated
+after the task's time limit. ``render_mode="rgb_array"`` gives a picture from above. `txt1.learning.parallel_env` has
+several robots in one room, `txt1.learning.robot_env` the same tasks on the running robot.
 """
 
+from collections.abc import Mapping
 from contextlib import suppress
-from math import hypot, inf, log, pi
-from typing import Any, Final, cast
+from dataclasses import replace
+from math import inf
+from typing import Any, ClassVar, Final, Protocol
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, load
+from txt1.config.sources import with_values
 from txt1.control.limits import clip
 from txt1.control.loops import loops_for
 from txt1.control.pid import at_rest
-from txt1.errors import ConfigError, LightFault, MissingExtra, NoDirection
+from txt1.errors import ConfigError, LightFault, MissingExtra
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
 from txt1.learning.batch import TICK_MS, Batch, only_ours
-from txt1.learning.light_direction import LightFilter, direction, reward, sector
+from txt1.learning.drive_tasks import RAYS, Array, Bools, DriveTask, Generator, Judged, Seen, task_named
+from txt1.learning.finite_readings import FiniteReadings
+from txt1.learning.light_direction import LightFilter
 from txt1.learning.modelled_settings import BATCH, ONE, refuse_others
 from txt1.learning.picture import Overview, picture
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import Start, ready_to_learn, task_of
-from txt1.learning.world import LightWorld, settled, world_of
-from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y, Readings
+from txt1.learning.world import TOUCH, LightWorld, settled, world_of
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry, WheelOdometry
+from txt1.sensors.sim_laser import standing
 from txt1.sim.batch import powered
+from txt1.sim.dynamics import dynamics
 from txt1.sim.lamp import PointLight, noise_for_jitter
+from txt1.sim.rays import cast
+from txt1.sim.room import clearance
 from txt1.sim.world import World
 
 try:
     import gymnasium
-    from gymnasium.spaces import Box, Discrete
+    from gymnasium.spaces import Box, Discrete, Space
     from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
     from gymnasium.vector.utils import batch_space
 except ModuleNotFoundError:
     raise MissingExtra("txt1.learning.env", "gym") from None
 
 Observation = NDArray[np.float32]
-Many = VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]
-DECISION_MS: Final = 500
 # between two samples of the light, ms
 LIGHT_MS: Final = 16
 # random starts that are tried where something may be in the way
 STARTS: Final = 200
 # rest on the start before the first observation, ms: the filter settles
 REST_MS: Final = 600
-SPACE: Final = Box(np.array([0, 0, 0, 0, -2, -10], np.float32), np.array([1, 1, 1, 1, 2, 10], np.float32))
+# of `learning.randomised`, those that many robots at once may differ in
+OF_MANY: Final = ("sim.vehicle.", "sim.light.intensity", "sim.light.height", "sim.light.noise", "sim.noise.drag")
 
 
-def _observe(readings: NDArray[np.float64], velocities: NDArray[np.float64]) -> Observation:
-    """Observations, shape (..., 6)."""
-    lux = np.log(np.clip(readings, 1.0, LUX_MAX)) / log(LUX_MAX)
-    both: Observation = np.clip(np.concatenate([lux, velocities], axis=-1), SPACE.low, SPACE.high).astype(np.float32)
-    return both
+class Bodies(Protocol):
+    """Robots that a task drives."""
+
+    def place(self, which: Bools, poses: Array, rng: Generator) -> Bools:
+        """Put the robots in `which` at rest at poses, shape (which.sum(), 3); return which of these have no room."""
+
+    def drive(self, commands: Array, duration: int, rng: Generator) -> None:
+        """Drive on for `duration` ms by v and omega, m/s and rad/s, shape (n, 2)."""
+
+    def seen(self) -> Seen:
+        """Return what is known of the robots now."""
+
+
+class ManyBodies:
+    """Robots side by side, each in a room of its own; see the module. ConfigError: a setting is not modelled."""
+
+    def __init__(self, config: Config, task: DriveTask) -> None:
+        only_ours(config)
+        room = ("sim.room.map", "sim.room.length", "sim.room.width") if task.laser else ()
+        refuse_others(config, (*BATCH, *room, "learning.randomised"), "environments of many robots at once")
+        self.config, self._task = config, task
+        self._ranges = config.section(LearningConfig).randomised
+        if other := [key for key in self._ranges if not key.startswith(OF_MANY)]:
+            raise ConfigError(f"learning.randomised: {other[0]}: many robots at once do not differ in it; leave it out")
+        light, place = config.sim.light, config.sim.room.light
+        exponent = float(light.exponent)
+        noise = noise_for_jitter(exponent=exponent, height=light.height) if light.noise is None else light.noise
+        self._source = PointLight(*place, light.intensity, exponent, light.height)
+        self._vehicle = powered(config.sim.vehicle, config.sim.battery)
+        geometry = config.geometry
+        self.batch = Batch(
+            task.count, self._source, noise, config.sim.noise.drag, self._vehicle, geometry, config.safety
+        )
+        if self._ranges:
+            self.batch.own = np.tile([*dynamics(self._vehicle, geometry), *self._source], (task.count, 1))
+            self.batch.noise, self.batch.drag = (
+                np.full((task.count, 1), noise),
+                np.full(task.count, config.sim.noise.drag),
+            )
+        self._shapes, self._room = standing(config), config.sim.room.built()
+
+    def place(self, which: Bools, poses: Array, rng: Generator) -> Bools:
+        """As `Bodies`."""
+        for k in np.flatnonzero(which) if self._ranges else ():
+            self._draw(int(k), rng)
+        self.batch.place(which, poses, rng)
+        return self._touches()[which]
+
+    def drive(self, commands: Array, duration: int, rng: Generator) -> None:
+        """As `Bodies`."""
+        self.batch.commands[:] = commands
+        self.batch.run(duration // TICK_MS, rng, sense=self._task.light)
+
+    def seen(self) -> Seen:
+        """As `Bodies`."""
+        poses, n = self.batch.poses, self._task.count
+        ranges = _ranges(poses, self._shapes) if self._task.laser else np.empty((n, 0))
+        return Seen(poses, self.batch.velocities, self.batch.readings, ranges, self._touches())
+
+    def _touches(self) -> Bools:
+        if not self._task.laser:
+            return np.zeros(self._task.count, bool)
+        body = self.config.geometry
+        poses = self.batch.poses.tolist()
+        return np.array([clearance(x, y, theta, self._room, body) < TOUCH for x, y, theta in poses])
+
+    def _draw(self, k: int, rng: Generator) -> None:
+        """Give a robot a world of its own."""
+        drawn = {key: float(rng.uniform(*each)) for key, each in self._ranges.items()}
+        own = {key.rpartition(".")[2]: value for key, value in drawn.items() if key.startswith("sim.vehicle.")}
+        source = self._source
+        for name in ("intensity", "height"):
+            source = source._replace(**{name: drawn.get(f"sim.light.{name}", getattr(source, name))})
+        self.batch.own[k] = *dynamics(replace(self._vehicle, **own), self.config.geometry), *source
+        self.batch.noise[k] = drawn.get("sim.light.noise", self.batch.noise[k, 0])  # type: ignore[index]
+        self.batch.drag[k] = drawn.get("sim.noise.drag", self.batch.drag[k])  # type: ignore[index]
 
 
 class EpisodeCar:
@@ -111,61 +193,86 @@ class EpisodeCar:
         self.odometry = self._wheels.odometry
 
 
-class Seeker:
-    """A simulated robot on its way to the light, for the environments of one robot and of several.
+class OneBody:
+    """A robot in the whole simulation, also among others in one room (`world`); see the module."""
 
-    Raises ValueError: there is an obstacle at its start.
-    """
+    def __init__(self, config: Config, task: DriveTask, world: World | None = None) -> None:
+        self.config, self._task, self._shared = config, task, world
+        self._shapes = standing(config)
+        self.way: list[tuple[float, float]] = []
+        self._hal: SimHal | None = None
 
-    def __init__(self, config: Config, hal: SimHal, start: Start, rng: np.random.Generator) -> None:
-        self.task = task_of(config)
-        hal.place(*start.pose(self.task), 0.0)
-        self._commands = config.section(LearningConfig).actions
-        self._car = EpisodeCar(rewired(hal, config.channels, config.geometry.steering == "skid"), config)
+    def place(self, which: Bools, poses: Array, rng: Generator) -> Bools:
+        """As `Bodies`."""
+        del which
+        config = self.config
+        if ranges := config.section(LearningConfig).randomised:
+            config = with_values(config, {key: float(rng.uniform(*each)) for key, each in ranges.items()})
+        if self._hal is None or self._shared is None:
+            seeded = config.model_copy(update={"seed": int(rng.integers(2**32))})
+            self._hal = create_sim(seeded, self._shared)
+        with suppress(ValueError):
+            x, y, theta = poses[0].tolist()
+            self._hal.place(x, y, theta, 0.0)
+            self._begin(config, self._hal, rng)
+            return np.array([self.touched])
+        return np.array([True])
+
+    def _begin(self, config: Config, hal: SimHal, rng: Generator) -> None:
         movers = hal.movers if config.sim.movers else tuple
+        self._car = EpisodeCar(rewired(hal, config.channels, config.geometry.steering == "skid"), config)
         self._world = world_of(config, rng, movers) or LightWorld(config, rng, movers)
         self._world.begin(1)
-        self._blocked_by = hal.blocked_by
-        self._filter = LightFilter(spread=inf)
+        self._filter, self._gate = LightFilter(spread=inf), FiniteReadings()
         # when each command reaches the robot, ms
         self._under_way: list[tuple[int, tuple[float, float]]] = []
-        self._in_force = (0.0, 0.0)
-        self._ms = 0
-        self.way: list[tuple[float, float]] = []
-        self.sector = 0
-        self.touched = False
+        self._in_force, self._ms, self.way = (0.0, 0.0), 0, []
+        self.touched = hal.blocked_by() is not None
 
-    def act(self, action: int) -> None:
-        """Begin an action, given its number."""
-        self._under_way.append((self._ms + round(1000.0 * self.task.delay), self._commands[action]))
+    def act(self, v: float, omega: float) -> None:
+        """Begin an action; it reaches the robot after the configured delay."""
+        late = round(1000.0 * self.config.section(LearningConfig).delay)
+        self._under_way.append((self._ms + late, (v, omega)))
 
     def stand(self) -> None:
         """Stand still from now on."""
         self._under_way, self._in_force = [], (0.0, 0.0)
 
+    def drive(self, commands: Array, duration: int, rng: Generator) -> None:
+        """As `Bodies`."""
+        del rng
+        self.act(*commands[0].tolist())
+        for _ in range(duration):
+            self.tick()
+
     def tick(self) -> None:
         """Simulate a millisecond."""
+        assert self._hal is not None
         ms, now = self._ms, self._ms / 1000.0
         while self._under_way and self._under_way[0][0] <= ms:
             self._in_force = self._under_way.pop(0)[1]
         if ms % TICK_MS == 0:
             self._car.command = self._world.command(now, self._in_force)
             self._car.control(now)
-            self.touched = self.touched or self._blocked_by() is not None
+            self.touched = self.touched or self._hal.blocked_by() is not None
         if ms % LIGHT_MS == 0:
             pose = self._car.pose(now)
             self.way.append(pose[:2])
-            self._look(self._world.see(now, pose))
+            with suppress(LightFault):
+                passed = self._gate.readings(now, self._world.see(now, pose))
+                self._filter.step(Readings(0.0, 0.0, 0.0, 0.0) if passed is None else passed)
         self._ms += 1
 
-    def earned(self) -> float:
-        """Return the reward of the last decision."""
-        before, self.sector = self.sector, self._state(self.sector)
-        return float(reward(before, self.sector))
-
-    def rested(self) -> None:
-        """End its rest at the start, and measure the light's direction."""
-        self.sector = self._state(0)
+    def seen(self) -> Seen:
+        """As `Bodies`; the place is told in the frame of the light, which a world may move."""
+        now = self._ms / 1000.0
+        poses = np.array([self.pose])
+        told = self._world.odometry(now, self._car.odometry)
+        lux = np.array([self._filter.readings or (0.0, 0.0, 0.0, 0.0)])
+        ranges = _ranges(poses, self._shapes) if self._task.laser else np.empty((1, 0))
+        if self._task.light:
+            poses[0, :2] += np.array(self.config.sim.room.light) - self.light
+        return Seen(poses, np.array([told[3:]]), lux, ranges, np.array([self.touched]))
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -177,142 +284,139 @@ class Seeker:
         """The place of its light, m."""
         return self._world.goal(self._ms / 1000.0)
 
-    def outcome(self) -> tuple[bool, bool, bool]:
-        """Return whether it is at the light, whether its episode is over, and whether its time is over."""
-        (x, y, _), light = self.pose, self.light
-        success = hypot(x - light[0], y - light[1]) <= self.task.goal_radius and not self.touched
-        over = success or self.touched or max(abs(x), abs(y)) > self.task.boundary
-        return success, over, self._ms - REST_MS >= 1000.0 * self.task.time_limit
 
-    def _look(self, sample: Readings) -> None:
-        """Take a sample; a reading that is no number counts as dark."""
-        self._filter.step(Readings(*(lux if 0.0 <= lux < inf else 0.0 for lux in sample)))
+class Drives:
+    """Episodes of a task on some robots; see the module."""
 
-    def _state(self, otherwise: int) -> int:
-        assert self._filter.readings is not None
-        try:
-            return sector(direction(self._filter.readings))
-        except (NoDirection, LightFault):
-            # of a dead sensor, too
-            return otherwise
+    def __init__(self, task: DriveTask, bodies: Bodies) -> None:
+        self.task, self.bodies = task, bodies
+        # decisions since the start of each episode
+        self.steps = np.zeros(task.count, int)
+        self.touched = np.zeros(task.count, bool)
 
-    def observation(self) -> Observation:
-        """The environment that the module describes."""
-        assert self._filter.readings is not None
-        told = self._world.odometry(self._ms / 1000.0, self._car.odometry)
-        return _observe(np.array(self._filter.readings), np.array(told[3:]))
+    def place(self, which: Bools, rng: Generator, own: Mapping[int, Generator] = {}) -> None:
+        """Put robots on starts with room; `own` are random values of single robots. ConfigError: there is no room."""
+        left = which.copy()
+        for _ in range(STARTS):
+            places = np.flatnonzero(left)
+            if own:
+                poses = np.concatenate([self.task.begin(1, own[int(k)]) for k in places])
+            else:
+                poses = self.task.begin(len(places), rng)
+            left[places] = self.bodies.place(left, poses, rng)
+            if not left.any():
+                break
+        else:
+            raise ConfigError(
+                "learning.start_radius: something is in the way at every start that was tried; set another, or move "
+                "sim.obstacles"
+            )
+        self.steps[which] = 0
+
+    def begin(self, which: Bools) -> NDArray[np.float32]:
+        """Begin the episodes of robots that have rested on their starts; return all observations."""
+        seen = self.bodies.seen()
+        self.task.begun(seen, which)
+        return self.task.observed(seen)
+
+    def decide(self, commands: Array, rng: Generator, resting: Bools) -> tuple[NDArray[np.float32], Judged, Bools]:
+        """Drive on by a decision; return observations, what came of it, and whose time is over.
+
+        Robots in `resting` stand, and begin their episodes with it.
+        """
+        self.bodies.drive(np.where(resting[:, None], 0.0, commands), round(1000.0 * self.task.period), rng)
+        return self.judged(resting)
+
+    def judged(self, resting: Bools) -> tuple[NDArray[np.float32], Judged, Bools]:
+        """Return as `decide`, after the robots have driven on."""
+        task, seen = self.task, self.bodies.seen()
+        self.touched = seen.touched
+        judged = task.judged(seen)
+        task.begun(seen, resting)
+        self.steps += ~resting
+        moves = ~resting
+        late = (self.steps * task.period >= task.time_limit - 1e-9) & moves
+        judged = Judged(np.where(resting, 0.0, judged.rewards), judged.success & moves, judged.lost & moves)
+        return task.observed(seen), judged, late
 
 
-def placed(config: Config, rng: np.random.Generator, world: World | None = None) -> tuple[Seeker, Start]:
-    """Return a robot at a random start with room; ConfigError: there is no room."""
-    hal = create_sim(config.model_copy(update={"seed": int(rng.integers(2**32))}), world)
-    for _ in range(STARTS):
-        start = Start(*map(float, rng.uniform(-pi, pi, 2)))
-        with suppress(ValueError):
-            return Seeker(config, hal, start, rng), start
-    raise ConfigError(
-        f"learning.start_radius: {config.section(LearningConfig).start_radius:g}: something is in the way at every "
-        "start that was tried; set another, or move sim.obstacles"
-    )
+class DriveEnv(gymnasium.Env[Observation, Any]):
+    """One robot that does a task; see the module."""
 
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}  # type: ignore[misc]
 
-def ready(config: Config | None) -> Config:
-    """Return the checked configuration of an environment of single robots; raises ConfigError."""
-    one = settled(load().config if config is None else config)
-    refuse_others(one, ONE, "environments")
-    refuse_unsolvable(one)
-    return ready_to_learn(one)
-
-
-def shows(render_mode: str | None) -> str | None:
-    """Return the render mode; ConfigError: there is no mode of this name."""
-    if render_mode not in (None, "rgb_array"):
-        raise ConfigError(f"render_mode: {render_mode}: there is none such; set rgb_array, or leave it out")
-    return render_mode
-
-
-class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
-    """One robot that looks for the light; see the module."""
-
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012 - as gymnasium has it
-
-    def __init__(self, config: Config | None = None, render_mode: str | None = None) -> None:
+    def __init__(self, task: str = "light", config: Config | None = None, render_mode: str | None = None) -> None:
         self.render_mode = shows(render_mode)
-        self._config = ready(config)
-        self.observation_space = SPACE
-        self.action_space = Discrete(len(self._config.section(LearningConfig).actions))
-        self._robot: Seeker
-
-    @property
-    def sector(self) -> int:
-        """The sector of the light's direction."""
-        return self._robot.sector
+        one = settled(load().config if config is None else config)
+        made = task_named(task, one)
+        bodies: ManyBodies | OneBody
+        try:
+            if one.sim.obstacles or one.sim.movers or self.render_mode:
+                raise ConfigError("they are in the whole simulation alone")
+            bodies = ManyBodies(one, made)
+        except ConfigError:
+            one = ready(one, task)
+            made = task_named(task, one)
+            bodies = OneBody(one, made)
+        if task == "light":
+            refuse_unsolvable(one)
+        self.drives, self._config = Drives(made, bodies), one
+        self.observation_space, self.action_space = spaces(made)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode at rest on a random start; return its first observation."""
         super().reset(seed=seed, options=options)
-        self._robot, start = placed(self._config, self.np_random)
-        self._run(REST_MS)
-        self._robot.rested()
-        return self._robot.observation(), {"optimal_time": start.optimal_time(self._robot.task)}
+        drives, one = self.drives, np.ones(1, bool)
+        drives.place(one, self.np_random)
+        drives.bodies.drive(np.zeros((1, 2)), REST_MS, self.np_random)
+        first = drives.begin(one)[0]
+        if not isinstance(drives.task.commands, np.ndarray):
+            return first, {}
+        pose = drives.bodies.seen().poses[0]
+        return first, {"optimal_time": start_of(pose, self._config).optimal_time(task_of(self._config))}
 
-    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carry out a decision; return observation, reward, terminated, truncated and `info`.
 
         Raises ValueError: the action is not in the space.
         """
         if not self.action_space.contains(action):
             raise ValueError(f"action {action!r} is none of {self.action_space}")
-        robot = self._robot
-        robot.act(int(action))
-        self._run(DECISION_MS)
-        earned = robot.earned()
-        success, over, late = robot.outcome()
-        return robot.observation(), earned, over, late, {"success": success, "touched": robot.touched}
+        drives = self.drives
+        commands = drives.task.driven(np.asarray(action)[None])
+        seen, (rewards, success, lost), late = drives.decide(commands, self.np_random, np.zeros(1, bool))
+        told = {"success": bool(success[0]), "touched": bool(drives.touched[0])}
+        return seen[0], float(rewards[0]), bool(success[0] | lost[0]), bool(late[0]), told
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture from above, shape (400, 400, 3); None without ``render_mode``."""
-        if self.render_mode is None:
+        body = self.drives.bodies
+        if self.render_mode is None or not isinstance(body, OneBody):
             return None
-        robot = self._robot
-        return picture(Overview(self._config, robot.light, [robot.pose], [robot.way]))
-
-    def _run(self, duration_ms: int) -> None:
-        """Simulate the robot for a time."""
-        for _ in range(duration_ms):
-            self._robot.tick()
+        return picture(Overview(self._config, body.light, [body.pose], [body.way]))
 
 
-class LightSeekingVectorEnv(Many):
-    """Many robots, each with a light of its own; after an episode's end the next step begins a new one."""
+class DriveVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
+    """Many robots, each in a room of its own; after an episode's end the next step begins a new one."""
 
-    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
+    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # type: ignore[misc]
 
-    def __init__(self, num_envs: int = 1, config: Config | None = None) -> None:
-        one = load().config if config is None else config
-        only_ours(one)
-        refuse_others(one, BATCH, "environments of many robots at once")
-        refuse_unsolvable(one)
-        commands = one.section(LearningConfig).actions
+    def __init__(self, num_envs: int = 1, task: str = "light", config: Config | None = None) -> None:
+        one = settled(load().config if config is None else config)
+        made = task_named(task, one, num_envs)
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = SPACE, Discrete(len(commands))
-        self.observation_space = batch_space(SPACE, num_envs)
+        self.bodies = ManyBodies(one, made)
+        if task == "light":
+            refuse_unsolvable(one)
+        self.drives = Drives(made, self.bodies)
+        self.single_observation_space, self.single_action_space = spaces(made)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._task = task_of(one)
-        light, (x, y) = one.sim.light, self._task.light
-        exponent = float(light.exponent)
-        noise = noise_for_jitter(exponent=exponent, height=light.height) if light.noise is None else light.noise
-        source = PointLight(x, y, light.intensity, exponent, light.height)
-        vehicle = powered(one.sim.vehicle, one.sim.battery)
-        self.robots = Batch(num_envs, source, noise, one.sim.noise.drag, vehicle, one.geometry, one.safety)
-        self._commands = np.array(commands)
-        self.sectors = np.zeros(num_envs, int)
-        self.steps = np.zeros(num_envs, int)
         self._over = np.ones(num_envs, bool)
         # random starts of each robot, if each was given a seed
-        self._own: list[np.random.Generator] = []
+        self._own: dict[int, Generator] = {}
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -326,48 +430,28 @@ class LightSeekingVectorEnv(Many):
             if len(seed) != self.num_envs:
                 raise ValueError(f"{len(seed)} seeds for {self.num_envs} robots; give one for each")
             drawn = [np.random.SeedSequence(each) for each in seed]
-            self._own = [np.random.default_rng(each) for each in drawn]
-            self.np_random = np.random.default_rng(
-                np.random.SeedSequence([int(each.generate_state(1)[0]) for each in drawn])
-            )
+            self._own = {k: np.random.default_rng(each) for k, each in enumerate(drawn)}
+            together = np.random.SeedSequence([int(each.generate_state(1)[0]) for each in drawn])
+            self.np_random = np.random.default_rng(together)
         else:
             super().reset(seed=seed, options=options)
             if seed is not None:
-                self._own = []
+                self._own = {}
         mask = (options or {}).get("reset_mask")
         which = np.ones(self.num_envs, bool) if mask is None else np.asarray(mask)
         if which.shape != (self.num_envs,) or which.dtype != bool or not which.any():
             raise ValueError(f"reset_mask: give {self.num_envs} of true and false, at least one of them true")
-        others, over = self.robots.robots[:, ~which].copy(), self._over & ~which
-        self._over = which
-        self._begin()
+        robots = self.bodies.batch.robots
+        self.drives.place(which, self.np_random, self._own)
         # the others keep their state while the restarted robots rest
-        if others.size:
-            self.robots.run(REST_MS // TICK_MS, self.np_random)
-            self.robots.robots[:, ~which] = others
-        self._over = over
-        self.sectors = np.where(which, self.states(), self.sectors)
-        return self._observations(), {}
-
-    def _begin(self) -> None:
-        """Put robots whose episode is over on new starts; they rest while the others make a step."""
-        count = int(self._over.sum())
-        if not count:
-            return
-        bearing, heading = self.np_random.uniform(-pi, pi, (2, count))
-        if self._own:
-            bearing, heading = np.array([self._own[k].uniform(-pi, pi, 2) for k in np.flatnonzero(self._over)]).T
-        x, y = self._task.light
-        radius = self._task.start_radius
-        poses = np.stack([x + radius * np.cos(bearing), y + radius * np.sin(bearing), heading], axis=1)
-        rest = self._over
-        self.robots.place(rest, poses, self.np_random)
-        if rest.all():
-            self.robots.run(REST_MS // TICK_MS, self.np_random)
-        self.steps[rest] = 0
+        others = robots[:, ~which].copy()
+        self.bodies.drive(np.zeros((self.num_envs, 2)), REST_MS, self.np_random)
+        robots[:, ~which] = others
+        self._over = self._over & ~which
+        return self.drives.begin(which), {}
 
     def step(
-        self, actions: NDArray[np.int64]
+        self, actions: NDArray[Any]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Return observations, rewards, terminated, truncated and `success` of each robot after a decision.
 
@@ -375,51 +459,76 @@ class LightSeekingVectorEnv(Many):
         """
         if not self.action_space.contains(np.asarray(actions)):
             raise ValueError(f"actions {actions!r} are not in {self.action_space}")
-        fresh = self._over.copy()
-        self.robots.commands[:] = self._commands[actions]
-        # their command is 0, as their first step is the rest on the start
-        self._begin()
-        self.robots.run(DECISION_MS // TICK_MS, self.np_random)
-        before, self.sectors = self.sectors, self.states()
-        task = self._task
-        poses = self.robots.poses
-        success = np.hypot(poses[:, 0] - task.light[0], poses[:, 1] - task.light[1]) <= task.goal_radius
-        lost = np.abs(poses[:, :2]).max(axis=1) > task.boundary
-        self.steps += ~fresh
-        terminated = (success | lost) & ~fresh
-        truncated = (self.steps * DECISION_MS >= 1000.0 * task.time_limit) & ~fresh
-        self._over = terminated | truncated
-        rewards = np.where(fresh, 0.0, REWARDS[before, self.sectors])
-        return self._observations(), rewards, terminated, truncated, {"success": success}
-
-    def states(self) -> NDArray[np.int64]:
-        """The sectors, as `txt1.learning.light_direction` computes them."""
-        fl, fr, rl, rr = self.robots.readings.T
-        angle = np.arctan2(SENSOR_Y * (fl + rl - fr - rr), SENSOR_X * (fl + fr - rl - rr))
-        sectors: NDArray[np.int64] = ((np.floor(angle / (pi / 4.0) + 0.5) + 4) % 8).astype(np.int64)
-        return sectors
-
-    def _observations(self) -> Observation:
-        return _observe(self.robots.readings, self.robots.velocities)
+        resting = self._over
+        if resting.any():
+            self.drives.place(resting, self.np_random, self._own)
+        commands = self.drives.task.driven(actions)
+        seen, (rewards, success, lost), late = self.drives.decide(commands, self.np_random, resting)
+        terminated = success | lost
+        self._over = terminated | late
+        return seen, rewards, terminated, late, {"success": success}
 
 
-REWARDS: Final = np.array([[reward(s, s_next) for s_next in range(8)] for s in range(8)], float)
+def start_of(pose: Array, config: Config) -> Start:
+    """Return the start of an episode at a pose."""
+    x, y = config.sim.room.light
+    return Start(float(np.arctan2(pose[1] - y, pose[0] - x)), float(pose[2]))
 
 
-def many(num_envs: int = 1, config: Config | None = None, render_mode: str | None = None) -> Many:
+def spaces(task: DriveTask) -> tuple[Space[Any], Space[Any]]:
+    """Return the spaces of a task's observations and actions."""
+    seen = Box(task.low.astype(np.float32), task.high.astype(np.float32))
+    if task.commands is not None:
+        return seen, Discrete(len(task.commands))
+    return seen, Box(np.array([0.0, -1.0], np.float32), np.array([1.0, 1.0], np.float32))
+
+
+def ready(config: Config | None, task: str = "light") -> Config:
+    """Return the checked configuration of an environment of single robots; raises ConfigError."""
+    one = settled(load().config if config is None else config)
+    refuse_others(one, ONE, "environments")
+    if task != "light":
+        return one
+    refuse_unsolvable(one)
+    return ready_to_learn(one)
+
+
+def shows(render_mode: str | None) -> str | None:
+    """Return the render mode; ConfigError: there is no mode of this name."""
+    if render_mode not in (None, "rgb_array"):
+        raise ConfigError(f"render_mode: {render_mode}: there is none such; set rgb_array, or leave it out")
+    return render_mode
+
+
+def _ranges(poses: Array, shapes: Any) -> Array:
+    """Return the ranges along RAYS from poses, shape (n, rays), m."""
+    x, y, theta = (np.repeat(each, len(RAYS)) for each in poses.T)
+    return cast(x, y, theta + np.tile(RAYS, len(poses)), shapes).reshape(len(poses), len(RAYS))
+
+
+def many(
+    num_envs: int = 1, task: str = "light", config: Config | None = None, render_mode: str | None = None
+) -> VectorEnv[Any, Any, Any]:
     """Make many robots at once: in one fast simulation if it models the configuration, else side by side."""
     one = settled(load().config if config is None else config)
+    if task == "light":
+        refuse_unsolvable(one)
+    why = "render_mode: rgb_array: many robots at once show no picture"
     try:
         if render_mode is None:
-            return LightSeekingVectorEnv(num_envs, one)
-    except ConfigError:
+            return DriveVectorEnv(num_envs, task, one)
+    except ConfigError as error:
         refuse_others(one, ONE, "environments")
-    return cast("Many", SyncVectorEnv([lambda: LightSeekingEnv(one, render_mode)] * num_envs))
+        why = str(error)
+    warn(f"{num_envs} single environments side by side, which is slower: {why}", RuntimeWarning, stacklevel=2)
+    return SyncVectorEnv([lambda: DriveEnv(task, one, render_mode)] * num_envs)
 
 
-if "txt1/LightSeeking-v0" not in gymnasium.registry:
-    gymnasium.register(
-        "txt1/LightSeeking-v0",
-        entry_point=f"{__name__}:LightSeekingEnv",
-        vector_entry_point=f"{__name__}:many",
-    )
+def _register(name: str, **usual: str) -> None:
+    if name not in gymnasium.registry:
+        single, vector = f"{__name__}:DriveEnv", f"{__name__}:many"
+        gymnasium.register(name, entry_point=single, vector_entry_point=vector, kwargs=usual)
+
+
+_register("txt1/LightSeeking-v0", task="light")
+_register("txt1/Drive-v0")

@@ -31,6 +31,7 @@ BATCH: Final = (
     "sim.light.exponent", "sim.light.height", "sim.light.noise", "learning.time_limit",
 )  # fmt: skip
 ONE: Final = (
+    "learning.randomised",
     *NAMES, *CAR, *WHEELS, *LOOPS, *VEHICLE, *TASK, "learning.delay", "learning.time_limit", "sim.light",
     "sim.room.light", *SHOWN, "sim.movers", "sim.faults.right_encoder", "sim.faults.left_encoder",
     *(f"{wired}.{name}" for wired in ("channels", "sim.channels") for name in STEERED),

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
 from txt1.hal.registry import world_of
-from txt1.learning.env import DECISION_MS, REST_MS, SPACE, Observation, Seeker, placed, ready, shows
+from txt1.learning.drive_tasks import ToLight
+from txt1.learning.env import REST_MS, Drives, Observation, OneBody, ready, shows, spaces, start_of
 from txt1.learning.picture import Overview, picture
 from txt1.learning.settings import LearningConfig
+from txt1.learning.trial import task_of
 
 try:
-    from gymnasium.spaces import Discrete
     from pettingzoo import ParallelEnv
 except ModuleNotFoundError:
     raise MissingExtra("txt1.learning.parallel_env", "gym") from None
@@ -44,10 +45,11 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
             raise ConfigError("sim.room.map: several robots at once are in a plain room; leave it out")
         self.possible_agents = [f"robot_{k}" for k in range(robots)]
         self.agents: list[str] = []
-        self.observation_spaces: dict[str, Space[Any]] = dict.fromkeys(self.possible_agents, SPACE)
-        actions = len(self._config.section(LearningConfig).actions)
-        self.action_spaces: dict[str, Space[Any]] = {name: Discrete(actions) for name in self.possible_agents}
-        self.robots: dict[str, Seeker] = {}
+        self.task = ToLight(self._config)
+        made = {name: spaces(self.task) for name in self.possible_agents}
+        self.observation_spaces: dict[str, Space[Any]] = {name: seen for name, (seen, _) in made.items()}
+        self.action_spaces: dict[str, Space[Any]] = {name: acts for name, (_, acts) in made.items()}
+        self.robots: dict[str, Drives] = {}
         self._rng = np.random.default_rng()
 
     def observation_space(self, agent: str) -> Space[Any]:
@@ -72,12 +74,12 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
             aside = (reach * (2.0 * k / max(1, len(self.agents) - 1) - 1.0), 0.5 * width - 0.5, 0.0)
             sim = self._config.sim.model_copy(update={"start": aside})
             own = self._config.model_copy(update={"name": name, "sim": sim})
-            self.robots[name], start = placed(own, self._rng, room)
-            told[name] = {"optimal_time": start.optimal_time(self.robots[name].task)}
+            self.robots[name] = Drives(ToLight(own), OneBody(own, self.task, room))
+            self.robots[name].place(np.ones(1, bool), self._rng)
+            start = start_of(np.array(body_of(self.robots[name]).pose), own)
+            told[name] = {"optimal_time": start.optimal_time(task_of(own))}
         self._run(REST_MS)
-        for robot in self.robots.values():
-            robot.rested()
-        return {name: robot.observation() for name, robot in self.robots.items()}, told
+        return {name: robot.begin(np.ones(1, bool))[0] for name, robot in self.robots.items()}, told
 
     def step(self, actions: dict[str, Any]) -> tuple[Told, Told, Told, Told, Told]:
         """Return, for each robot under way, observation, reward, terminated, truncated and `info`.
@@ -90,22 +92,24 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
             if not self.action_spaces[name].contains(action):
                 raise ValueError(f"action {action!r} of {name} is none of {self.action_spaces[name]}")
         for name, action in actions.items():
-            self.robots[name].act(int(action))
-        self._run(DECISION_MS)
+            v, omega = self.task.driven(np.asarray(action)[None])[0].tolist()
+            body_of(self.robots[name]).act(v, omega)
+        self._run(round(1000.0 * self.task.period))
         seen, earned, over, late, told = Told(), Told(), Told(), Told(), Told()
         for name in self.agents:
             robot = self.robots[name]
-            success, over[name], late[name] = robot.outcome()
-            seen[name], earned[name] = robot.observation(), robot.earned()
-            told[name] = {"success": success, "touched": robot.touched}
+            found, (rewards, success, lost), times = robot.judged(np.zeros(1, bool))
+            over[name], late[name] = bool(success[0] | lost[0]), bool(times[0])
+            seen[name], earned[name] = found[0], float(rewards[0])
+            told[name] = {"success": bool(success[0]), "touched": body_of(robot).touched}
             if over[name] or late[name]:
-                robot.stand()
+                body_of(robot).stand()
         self.agents = [name for name in self.agents if not (over[name] or late[name])]
         return seen, earned, over, late, told
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture from above, shape (400, 400, 3); None without ``render_mode``."""
-        robots = list(self.robots.values())
+        robots = list(map(body_of, self.robots.values()))
         if self.render_mode is None or not robots:
             return None
         scene = Overview(self._config, robots[0].light, [each.pose for each in robots], [each.way for each in robots])
@@ -118,4 +122,10 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
         """Let all go on together."""
         for _ in range(duration_ms):
             for robot in self.robots.values():
-                robot.tick()
+                body_of(robot).tick()
+
+
+def body_of(robot: Drives) -> OneBody:
+    """Return the robot's body."""
+    assert isinstance(robot.bodies, OneBody)
+    return robot.bodies

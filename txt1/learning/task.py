@@ -7,7 +7,7 @@ can place the robot, it is placed at the next start; otherwise it drives there.
 import asyncio
 from collections.abc import Callable, Sequence
 from math import degrees, nan
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -97,7 +97,7 @@ DOUBT: Final = declare(
 
 
 class LearningTask:
-    """A trial, conducted on a robot.
+    """A trial, conducted on a robot: a `Trial`, or a `StepTrial` whose actions come from elsewhere.
 
     A disarm voids the episode, and so does another source of commands that takes the wheel. After the arm the robot
     goes to the start once more and repeats the episode.
@@ -108,14 +108,19 @@ class LearningTask:
     """
 
     def __init__(
-        self, robot: Robot, trial: Trial, pose: PoseSource | None = None, stopped: Callable[[], bool] = lambda: False
+        self,
+        robot: Robot,
+        trial: Any,
+        pose: PoseSource | None = None,
+        stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.trial = trial
         trial.decided = self._tell
         # the last episode is over, or the trial was stopped: no more commands
         self.ended = asyncio.Event()
         self._robot = robot
-        self._light = robot.sensors[robot.config.section(LearningConfig).sensor]
+        # a task without light needs none
+        self._light = robot.sensors.get(robot.config.section(LearningConfig).sensor)
         by = robot.config.section(LearningConfig).pose
         self._given = _told_pose(robot, by) if pose is None and by not in ("truth", "odometry") else pose
         self._stopped = stopped
@@ -138,9 +143,9 @@ class LearningTask:
     def start(self) -> None:
         """Listen to the light sensors during episodes, and add the task to the robot's tasks."""
         trial = self.trial
-        light = self._light
-        light.needed = lambda: trial.phase is Phase.REST or trial.phase is Phase.DRIVE
-        self._robot.runtime.bus.subscribe(self._see, [light.sensor.topic])
+        if (light := self._light) is not None:
+            light.needed = lambda: trial.phase is Phase.REST or trial.phase is Phase.DRIVE
+            self._robot.runtime.bus.subscribe(self._see, [light.sensor.topic])
         sweeps = [one.sensor.topic for one in self._robot.sensors.values() if issubclass(one.sensor.topic.type, Scan)]
         if sweeps and isinstance(trial.agent, Looker):
             self._robot.runtime.bus.subscribe(self._look, sweeps)
@@ -181,7 +186,7 @@ class LearningTask:
                     trial.void()
                     self._wheel.command(0.0, 0.0)
                     continue
-                if self._light.reason:
+                if self._light is not None and self._light.reason:
                     raise HalError(f"sensor '{self._light.name}': {self._light.reason}")
                 before = trial.phase
                 self._wheel.command(*trial.tick(now, robot.armed, pose, robot.odometry, bool(self._touches())))

@@ -116,6 +116,7 @@ class Phase(StrEnum):
     REST = "rests on the start"
     DRIVE = "looks for the light"
     DONE = "has done all episodes"
+    WAIT = "waits to be asked for an episode"
 
 
 @dataclass

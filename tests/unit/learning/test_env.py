@@ -16,11 +16,12 @@ from gymnasium.utils.env_checker import check_env
 import txt1
 from tests.patience import LIMIT
 from txt1.config import load
-from txt1.errors import ConfigError
+from txt1.errors import ConfigError, NoDirection
 from txt1.hal.registry import create_sim
 from txt1.learning import env, picture
 from txt1.learning.best_time import known_floor
-from txt1.learning.light_direction import direction, sector
+from txt1.learning.drive_tasks import PAYS
+from txt1.learning.light_direction import corrected_direction, sector
 from txt1.learning.trial import COMMANDS
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
@@ -37,16 +38,16 @@ def test_the_environment_passes_gymnasiums_own_check() -> None:
 def test_many_robots_at_once_refuse_physics_that_they_do_not_have() -> None:
     other = load(None, ["sim.physics=mujoco"], {}, {}).config
     with pytest.raises(ConfigError, match=r"not mujoco; set sim\.physics=plain, or take one robot"):
-        env.LightSeekingVectorEnv(2, other)
+        env.DriveVectorEnv(2, "light", other)
     assert known_floor(load(None, (), {}, {}).config) is not None
     assert known_floor(other) is None
 
 
 @pytest.mark.parametrize("setting", ["sim.room.light=[9,0]", "learning.goal_radius=0.01", "learning.start_radius=20"])
 def test_many_robots_at_once_refuse_a_world_that_cannot_be_solved(setting: str) -> None:
-    for begin in (env.LightSeekingVectorEnv, env.many):
+    for begin in (env.DriveVectorEnv, env.many):
         with pytest.raises(ConfigError, match=re.escape(setting.split("=")[0])):
-            begin(2, load(None, [setting]).config)
+            begin(2, "light", load(None, [setting]).config)
 
 
 @pytest.mark.parametrize(
@@ -54,26 +55,105 @@ def test_many_robots_at_once_refuse_a_world_that_cannot_be_solved(setting: str) 
     ["gymnasium", *(pytest.param(each, marks=pytest.mark.long) for each in ("gymnasium, txt1", "txt1, gymnasium"))],
 )
 def test_the_environment_is_found_whatever_was_imported_first(imports: str) -> None:
-    made = "gymnasium.make('txt1.learning.env:txt1/LightSeeking-v0')"
+    made = "gymnasium.make('txt1.learning.env:txt1/LightSeeking-v0', render_mode='rgb_array')"
     program = f"import {imports}; print({made}.reset(seed=1)[0].shape)"
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=LIMIT)
     assert shown.stdout == "(6,)\n"
 
 
-def test_who_drives_at_the_light_is_rewarded_and_reaches_it() -> None:
-    made = env.LightSeekingEnv()
-    _, info = made.reset(seed=3)
+def whole() -> env.DriveEnv:
+    """An environment of one robot in the whole simulation, which is not compiled."""
+    return env.DriveEnv(render_mode="rgb_array")
+
+
+def steered(seen: np.ndarray) -> int:
+    """The action that turns to where the readings are brightest."""
+    try:
+        where = sector(corrected_direction(Readings(*(1000.0 ** seen[:4]).tolist())))
+    except NoDirection:
+        return 1
+    return 1 if where == 4 else 2 if where > 4 else 0
+
+
+def test_who_drives_at_the_light_reaches_it_and_time_is_what_it_costs() -> None:
+    made = whole()
+    seen, info = made.reset(seed=3)
     total = steps = 0.0
     over = False
     while not over:
-        where = made.sector
-        _, gained, over, late, told = made.step(np.int64(1 if where == 4 else 2 if where > 4 else 0))
+        seen, gained, over, late, told = made.step(np.int64(steered(seen)))
         total += gained
         steps += 1
         assert not late
     assert told["success"]
-    assert total > 0.0
     assert 0.5 * steps > info["optimal_time"] > 2.0
+    # the way from the start pays for 2.5 s
+    assert total == pytest.approx(PAYS + 2.5 - 0.5 * steps, abs=0.6)
+
+
+@pytest.mark.long  # it is compiled
+def test_one_robot_and_one_of_many_have_the_same_numbers() -> None:
+    one, many = env.DriveEnv(), env.DriveVectorEnv(1)
+    assert isinstance(one.drives.bodies, env.ManyBodies), "the quick simulation takes one robot, too"
+    first, _ = one.reset(seed=5)
+    other, _ = many.reset(seed=5)
+    assert np.array_equal(first, other[0])
+    for action in (0, 1, 2, 1):
+        seen, reward, over, late, _ = one.step(np.int64(action))
+        all_seen, rewards, terminated, truncated, _ = many.step(np.array([action]))
+        assert np.array_equal(seen, all_seen[0])
+        assert (reward, over, late) == (rewards[0], terminated[0], truncated[0])
+
+
+@pytest.mark.long  # it is compiled
+def test_the_quick_simulation_and_the_whole_one_agree() -> None:
+    """Without noise, from the same start, by the same actions."""
+    calm = ["sim.light.noise=0", "sim.noise.drag=0", "sim.vehicle.voltage=0"]
+    quick = env.DriveEnv("light", load(None, calm).config)
+    whole = env.DriveEnv("light", load(None, calm).config, render_mode="rgb_array")
+    assert isinstance(whole.drives.bodies, env.OneBody)
+    assert np.allclose(quick.reset(seed=5)[0][:4], whole.reset(seed=5)[0][:4], atol=0.01)
+    for action in (1, 1, 2, 0):
+        seen, reward, *_ = quick.step(np.int64(action))
+        other, earned, *_ = whole.step(np.int64(action))
+        assert np.allclose(seen[:4], other[:4], atol=0.03)
+        assert reward == pytest.approx(earned, abs=0.05)
+
+
+@pytest.mark.long  # it is compiled
+def test_domain_randomisation_gives_each_robot_a_world_of_its_own() -> None:
+    ranges = "learning.randomised={sim.light.intensity: [50, 400], sim.vehicle.scrub: [0.0, 0.2]}"
+    config = load(None, [ranges, "sim.light.noise=0"]).config
+    many = env.DriveVectorEnv(4, "light", config)
+    seen, _ = many.reset(seed=1)
+    lux = 1000.0 ** seen[:, :4].astype(float)
+    assert np.ptp(lux.max(axis=1)) > 30.0
+    again, _ = many.reset()
+    assert not np.allclose(seen, again)
+    one = env.DriveEnv("light", load(None, [ranges, "learning.delay=0.1"]).config)
+    brightest = {round(float(one.reset(seed=seed)[0][:4].max()), 2) for seed in range(4)}
+    assert len(brightest) > 2
+    with pytest.raises(ConfigError, match="do not differ in it"):
+        env.DriveVectorEnv(2, "light", load(None, ["learning.randomised={learning.goal_radius: [0.4, 0.5]}"]).config)
+
+
+@pytest.mark.long  # it is compiled
+@pytest.mark.parametrize("task", ["pose", "clear", "track"])
+def test_each_task_is_an_environment(task: str) -> None:
+    config = load(None, ["sim.room.map=oval"] if task == "track" else []).config
+    one = gymnasium.make("txt1/Drive-v0", task=task, config=config).unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(one)
+    one.reset(seed=1)
+    total, moved = 0.0, 0
+    for _ in range(40):
+        _, reward, over, late, told = one.step(np.array([1.0, 0.0], np.float32))
+        total, moved = total + float(reward), moved + 1
+        if over or late:
+            break
+    assert moved > 3 and np.isfinite(total)
+    assert bool(told["touched"]) is (over and not told["success"])
 
 
 def test_the_environments_robot_drives_as_the_running_robot_does() -> None:
@@ -104,7 +184,7 @@ def test_the_environments_robot_drives_as_the_running_robot_does() -> None:
 
 
 def test_the_same_seed_is_the_same_episode() -> None:
-    one, other = env.LightSeekingEnv(), env.LightSeekingEnv()
+    one, other = whole(), whole()
     assert np.array_equal(one.reset(seed=5)[0], other.reset(seed=5)[0])
     for action in (0, 1, 2, 2, 1):
         first, second = one.step(np.int64(action)), other.step(np.int64(action))
@@ -120,32 +200,22 @@ def test_many_robots_at_once_find_the_light_as_one_does_and_begin_anew() -> None
     seen, _ = many.reset(seed=1)
     assert many.observation_space.contains(seen)
     inner = many.unwrapped
-    assert isinstance(inner, env.LightSeekingVectorEnv)
+    assert isinstance(inner, env.DriveVectorEnv)
     episodes = won = 0
     for _ in range(80):
-        where = inner.sectors
-        seen, rewards, terminated, truncated, info = many.step(np.where(where == 4, 1, np.where(where > 4, 2, 0)))
+        seen, _, terminated, truncated, info = many.step(np.array([steered(each) for each in seen]))
         assert many.observation_space.contains(seen)
-        assert set(np.unique(rewards)) <= {-1.0, 0.0, 1.0}
         assert not truncated.any()
         episodes += int(terminated.sum())
         won += int((terminated & info["success"]).sum())
     assert episodes > 2 * count
     assert won == episodes
-    start = np.hypot(*inner.robots.poses[inner.steps == 0, :2].T)
+    start = np.hypot(*inner.bodies.batch.poses[inner.drives.steps == 0, :2].T)
     assert start == pytest.approx(np.full(len(start), 1.25))
 
 
-@pytest.mark.long
-def test_the_vector_forms_sectors_are_the_learners() -> None:
-    many = env.LightSeekingVectorEnv(200)
-    many.reset(seed=2)
-    expected = [sector(direction(Readings(*row))) for row in many.robots.readings.tolist()]
-    assert many.states().tolist() == expected
-
-
 def test_actions_outside_the_space_are_refused() -> None:
-    one = env.LightSeekingEnv()
+    one = whole()
     one.reset(seed=1)
     for wrong in (-1, 3, 1.7):
         with pytest.raises(ValueError, match="none of"):
@@ -154,7 +224,7 @@ def test_actions_outside_the_space_are_refused() -> None:
 
 @pytest.mark.long  # it is compiled
 def test_actions_outside_the_space_are_refused_for_each_of_many_robots() -> None:
-    many = env.LightSeekingVectorEnv(2)
+    many = env.DriveVectorEnv(2)
     many.reset(seed=1)
     for wrong in (-1, 3, 1.7):
         with pytest.raises(ValueError, match="not in"):
@@ -162,7 +232,7 @@ def test_actions_outside_the_space_are_refused_for_each_of_many_robots() -> None
 
 
 def test_the_environment_has_the_configured_actions_and_delay() -> None:
-    slow = env.LightSeekingEnv(load(None, ["learning.actions=[[0.3, 0.0], [0.3, 0.5]]", "learning.delay=0.5"]).config)
+    slow = env.DriveEnv("light", load(None, ["learning.actions=[[0.3, 0.0], [0.3, 0.5]]", "learning.delay=0.5"]).config)
     slow.reset(seed=1)
     assert slow.action_space == gymnasium.spaces.Discrete(2)
     first, *_ = slow.step(np.int64(0))
@@ -171,7 +241,7 @@ def test_the_environment_has_the_configured_actions_and_delay() -> None:
 
 
 def test_a_dead_sensor_is_lived_with() -> None:
-    dead = env.LightSeekingEnv(load(None, ["sim.light.faults=[dead, nan, none, none]"]).config)
+    dead = env.DriveEnv("light", load(None, ["sim.light.faults=[dead, nan, none, none]"]).config)
     seen, _ = dead.reset(seed=1)
     assert seen[0] == 0.0 and np.isfinite(seen).all()
     assert np.isfinite(dead.step(np.int64(1))[0]).all()
@@ -179,24 +249,24 @@ def test_a_dead_sensor_is_lived_with() -> None:
 
 @pytest.mark.long  # it is compiled
 def test_a_mask_begins_some_robots_anew_and_leaves_the_others_as_they_are() -> None:
-    many = env.LightSeekingVectorEnv(3)
+    many = env.DriveVectorEnv(3)
     many.reset(seed=1)
     many.step(np.array([1, 1, 1]))
-    before = many.robots.robots.copy()
+    before = many.bodies.batch.robots.copy()
     many.reset(options={"reset_mask": np.array([False, True, False])})
-    assert (many.robots.robots[:, [0, 2]] == before[:, [0, 2]]).all()
-    assert (many.robots.poses[1] != before[:3, 1]).any() and list(many.steps) == [1, 0, 1]
+    assert (many.bodies.batch.robots[:, [0, 2]] == before[:, [0, 2]]).all()
+    assert (many.bodies.batch.poses[1] != before[:3, 1]).any() and list(many.drives.steps) == [1, 0, 1]
     with pytest.raises(ValueError, match="reset_mask"):
         many.reset(options={"reset_mask": [1, 2]})
 
 
 @pytest.mark.long  # it is compiled
 def test_a_list_of_seeds_gives_each_robot_a_start_of_its_own() -> None:
-    many = env.LightSeekingVectorEnv(2)
+    many = env.DriveVectorEnv(2)
     starts = []
     for seeds in ([1, 2], [1, 3], [2, 2]):
         many.reset(seed=list(seeds))
-        starts.append(many.robots.poses.copy())
+        starts.append(many.bodies.batch.poses.copy())
     assert (starts[0][0] == starts[1][0]).all() and (starts[0][1] != starts[1][1]).any()
     assert starts[2][0] == pytest.approx(starts[2][1])
     with pytest.raises(ValueError, match="3 seeds for 2 robots"):
@@ -207,16 +277,15 @@ def test_stable_baselines3s_own_check_passes() -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        checker.check_env(env.LightSeekingEnv(render_mode="rgb_array"), warn=True)
+        checker.check_env(env.DriveEnv(render_mode="rgb_array"), warn=True)
 
 
-def driven(one: env.LightSeekingEnv, seed: int = 2, steps: int = 60) -> dict[str, object]:
+def driven(one: env.DriveEnv, seed: int = 2, steps: int = 60) -> dict[str, object]:
     """What came of an episode that is steered at the light."""
-    one.reset(seed=seed)
+    seen, _ = one.reset(seed=seed)
     told: dict[str, object] = {}
     for _ in range(steps):
-        where = one.sector
-        _, _, over, late, told = one.step(np.int64(1 if where == 4 else 2 if where > 4 else 0))
+        seen, _, over, late, told = one.step(np.int64(steered(seen)))
         if over or late:
             break
     return told
@@ -224,14 +293,14 @@ def driven(one: env.LightSeekingEnv, seed: int = 2, steps: int = 60) -> dict[str
 
 def test_touching_a_post_ends_an_episode_and_the_next_one_begins() -> None:
     around = ", ".join(f"{{kind: post, x: {x}, y: {y}, radius: 0.2}}" for x in (-0.5, 0.5) for y in (-0.5, 0.5))
-    one = env.LightSeekingEnv(load(overrides=[f"sim.obstacles=[{around}]"]).config)
+    one = env.DriveEnv("light", load(overrides=[f"sim.obstacles=[{around}]"]).config)
     assert {bool(driven(one, seed)["touched"]) for seed in range(6)} >= {True}
     assert driven(one)["success"] is not None
 
 
 def test_a_start_where_something_stands_is_drawn_again() -> None:
     wall = "sim.obstacles=[{kind: box, x: 1.7, y: 0.0, length: 0.5, width: 3.0}]"
-    one = env.LightSeekingEnv(load(overrides=[wall]).config)
+    one = env.DriveEnv("light", load(overrides=[wall]).config)
     for seed in range(8):
         one.reset(seed=seed)
 
@@ -239,7 +308,7 @@ def test_a_start_where_something_stands_is_drawn_again() -> None:
 def test_a_picture_has_the_robot_the_light_and_posts() -> None:
     post, box = "{kind: post, x: 0.6, y: 0.4, radius: 0.1}", "{kind: box, x: -0.6, y: 0.4, length: 0.1, width: 0.2}"
     settings = [f"sim.obstacles=[{post}, {box}]"]
-    one = env.LightSeekingEnv(load(overrides=settings).config, render_mode="rgb_array")
+    one = env.DriveEnv("light", load(overrides=settings).config, render_mode="rgb_array")
     one.reset(seed=3)
     first = one.render()
     one.step(np.int64(1))
@@ -248,20 +317,21 @@ def test_a_picture_has_the_robot_the_light_and_posts() -> None:
     assert first.shape == (400, 400, 3) and first.dtype == np.uint8 and (first != second).any()
     colours = {tuple(each) for each in first.reshape(-1, 3).tolist()}
     assert {picture.FLOOR, picture.GOAL, picture.LIGHT, picture.WALL, picture.CARS[0]} <= colours
-    assert env.LightSeekingEnv().render() is None
+    assert env.DriveEnv().render() is None
     with pytest.raises(ConfigError, match="render_mode: human"):
-        env.LightSeekingEnv(render_mode="human")
+        env.DriveEnv(render_mode="human")
 
 
 def test_many_robots_have_what_one_has_where_the_quick_simulation_lacks_it() -> None:
     config = load(overrides=["learning.delay=0.5", "sim.light.faults=[dead, none, none, none]"]).config
-    two = gymnasium.make_vec("txt1/LightSeeking-v0", 2, vectorization_mode="vector_entry_point", config=config)
+    with pytest.warns(RuntimeWarning, match=r"2 single environments side by side, which is slower: sim\.light\.faults"):
+        two = gymnasium.make_vec("txt1/LightSeeking-v0", 2, vectorization_mode="vector_entry_point", config=config)
     seen, _ = two.reset(seed=[1, 2])
-    one = env.LightSeekingEnv(config)
+    one = env.DriveEnv("light", config)
     assert np.array_equal(seen[1], one.reset(seed=2)[0])
     assert seen[0, 0] == 0.0
     two.step(np.array([1, 1]))
     kept, _ = two.reset(options={"reset_mask": np.array([True, False])})
     assert np.array_equal(kept[1], one.step(np.int64(1))[0])
     with pytest.raises(ConfigError, match=r"safety\.v_max"):
-        env.many(2, load(overrides=["safety.v_max=3.0"]).config)
+        env.many(2, "light", load(overrides=["safety.v_max=3.0"]).config)

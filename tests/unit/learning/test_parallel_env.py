@@ -14,6 +14,7 @@ pytest.importorskip("pettingzoo")
 
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
+from tests.unit.learning.test_env import steered
 from txt1.learning.parallel_env import LightSeekingParallelEnv
 
 
@@ -26,12 +27,11 @@ def test_pettingzoos_own_tests_pass() -> None:
 
 def test_robots_share_the_room_and_an_episode_of_one_ends_alone() -> None:
     env = LightSeekingParallelEnv(load(overrides=["learning.time_limit=60"]).config, robots=4, render_mode="rgb_array")
-    env.reset(seed=1)
+    seen, _ = env.reset(seed=1)
     ended: dict[str, dict[str, bool]] = {}
     while env.agents:
-        wheres = {name: env.robots[name].sector for name in env.agents}
-        actions = {name: np.int64(1 if each == 4 else 2 if each > 4 else 0) for name, each in wheres.items()}
-        _, _, over, late, told = env.step(actions)
+        actions = {name: np.int64(steered(seen[name])) for name in env.agents}
+        seen, _, over, late, told = env.step(actions)
         ended |= {name: told[name] for name in told if over[name] or late[name]}
     assert len(ended) == 4 and any(each["success"] for each in ended.values())
     picture = env.render()

@@ -16,7 +16,7 @@ from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.fleet.law import make_law
 from txt1.kernel.loop import run
-from txt1.learning.env import LightSeekingVectorEnv
+from txt1.learning.env import DriveVectorEnv
 from txt1.maps.files import Map
 from txt1.maps.grid import Grid
 from txt1.model.light_sensors import LUX_MIN
@@ -150,7 +150,7 @@ def test_what_knows_no_walls_refuses_a_map() -> None:
     with pytest.raises(
         ConfigError, match=r"sim\.room\.map: flat: environments of many robots at once do not model it.*take it out"
     ):
-        LightSeekingVectorEnv(2, load(overrides=["sim.room.map=flat"]).config)
+        DriveVectorEnv(2, "light", load(overrides=["sim.room.map=flat"]).config)
     with pytest.raises(ConfigError, match=r"cooperate\.law: coverage sweeps a rectangle: give sim\.room\.length and"):
         make_law("a", ["a", "b"], (inf, inf), {"law": "coverage"})
 

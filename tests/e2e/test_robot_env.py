@@ -1,0 +1,127 @@
+"""The tasks of the environments on the running robot, over the wire, behind the gate."""
+
+from __future__ import annotations
+
+import asyncio
+from math import atan2, hypot, pi
+
+import numpy as np
+import pytest
+
+from tests.e2e.conftest import ENDLESS
+from tests.e2e.test_learning_on_hardware import vehicle_of
+from txt1.config import load
+from txt1.learning.drive_tasks import task_named
+from txt1.learning.robot_env import RobotEnv, Step, StepTrial
+from txt1.learning.task import LearningTask
+from txt1.navigation import PoseSource
+from txt1.robot import Robot
+
+pytest.importorskip("gymnasium")
+
+WIRE = (*ENDLESS, "serial.port=virtual", "safety.v_max=0.6")
+
+
+def steered(seen: np.ndarray) -> np.ndarray:
+    """Drive at the place that is seen."""
+    return np.array([1.0, np.clip(2.0 * atan2(seen[1], seen[0]), -1.0, 1.0)], np.float32)
+
+
+class Outside:
+    """Whoever gives the actions, in the robot's own time."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        config = load(None, WIRE).config
+        self.trial = StepTrial(task_named("pose", config), np.random.default_rng(3))
+        LearningTask(robot, self.trial, PoseSource("ceiling", vehicle_of(robot))).start()
+
+    async def handed(self) -> Step:
+        """Return what is handed over next."""
+        async with asyncio.timeout(200.0):
+            while self.trial.handed.empty():
+                await asyncio.sleep(0.01)
+        return self.trial.handed.get()
+
+    async def step(self, action: np.ndarray) -> Step:
+        """Give an action, and return what came of it."""
+        v, omega = self.trial.task.driven(action[None])[0].tolist()
+        self.trial.actions.put((v, omega))
+        return await self.handed()
+
+
+async def test_over_the_wire_episodes_begin_at_their_starts_and_steps_last_a_period() -> None:
+    async with Robot.open("serial", settings=WIRE, seed=1) as robot:
+        assert await robot.load_gains()
+        outside = Outside(robot)
+        where = vehicle_of(robot)
+        for _ in range(2):
+            outside.trial.ask()
+            first = await outside.handed()
+            x, y, theta = where()
+            away = hypot(x - outside.trial.start[0], y - outside.trial.start[1])
+            assert away < 0.1 and abs((theta - outside.trial.start[2] + pi) % (2.0 * pi) - pi) < 0.2
+            assert outside.trial.task.low.shape == first.seen.shape and first.reward == 0.0
+            began, one, total, count = robot.now, first, 0.0, 0
+            while not (one.terminated or one.truncated) and count < 40:
+                one = await outside.step(steered(one.seen))
+                total, count = total + one.reward, count + 1
+            assert robot.now - began == pytest.approx(count * outside.trial.task.period, abs=0.15)
+            assert outside.trial.late == 0
+            assert np.isfinite(total)
+            outside.trial.void()
+            while not outside.trial.handed.empty():
+                outside.trial.handed.get()
+        assert robot.faults["command_stale"] == 0
+
+
+async def test_an_action_that_comes_late_is_told_and_the_robot_stands_meanwhile() -> None:
+    async with Robot.open("sim", settings=(*ENDLESS, "learning.boundary=50"), seed=1) as robot:
+        assert await robot.load_gains()
+        config = robot.config
+        trial = StepTrial(task_named("pose", config), np.random.default_rng(3))
+        LearningTask(robot, trial).start()
+        trial.ask()
+        await asyncio.sleep(2.0)
+        trial.handed.get_nowait()
+        for pause in (0.0, 0.0, 0.0, 3.0):
+            await asyncio.sleep(pause)
+            standing = abs(robot.odometry.v) < 0.02
+            trial.actions.put((0.3, 0.0))
+            while trial.handed.empty():
+                await asyncio.sleep(0.01)
+            one = trial.handed.get()
+        assert one.late == pytest.approx(3.0, abs=0.15) and trial.late == 1
+        assert standing
+
+
+async def test_a_stop_voids_the_episode_and_nothing_of_it_is_counted() -> None:
+    async with Robot.open("serial", settings=WIRE, seed=1) as robot:
+        assert await robot.load_gains()
+        outside = Outside(robot)
+        voids = 0
+        for _ in range(20):
+            outside.trial.ask()
+            one = await outside.handed()
+            for _ in range(3):
+                one = await outside.step(steered(one.seen))
+            assert not one.void
+            robot.disarm()
+            one = await outside.handed()
+            voids += one.void
+            assert (one.reward, one.truncated, one.terminated) == (0.0, True, False)
+            await asyncio.sleep(1.5)
+            assert outside.trial.handed.empty(), "nothing is handed over while it is disarmed"
+            robot.arm()
+        assert voids == 20
+
+
+def test_the_environment_runs_the_robot_in_a_thread_and_stops_it() -> None:
+    with RobotEnv("pose", settings=[*ENDLESS, "seed=2"], hal="sim") as env:
+        seen, _ = env.reset()
+        for _ in range(3):
+            seen, reward, _, _, told = env.step(steered(seen))
+            assert env.observation_space.contains(seen) and np.isfinite(reward)
+            assert set(told) == {"success", "touched", "late_s", "void"}
+        with pytest.raises(ValueError, match="none of"):
+            env.step(np.array([np.nan, 0.0], np.float32))
