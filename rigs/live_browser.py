@@ -24,6 +24,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.kit.app import real_time
 from txt1.robot import Robot
 from txt1.sidecar import Sidecar
+from txt1.web.robot_end import cameras_of
 
 T = TypeVar("T")
 
@@ -55,6 +56,9 @@ class Live:
         self.samples: list[Sample] = []
         self.beside: Sidecar
         """The page's server."""
+        self.eyes: Sidecar | None = None
+        """The server of the cameras' pictures, and its port, if there are any."""
+        self.camera = 0
 
     @property
     def url(self) -> str:
@@ -127,6 +131,17 @@ def live(
             assert not thread.is_alive(), "the robot did not end"
 
 
+async def _answers(port: int) -> None:
+    """Wait until something listens there."""
+    while True:
+        try:
+            _, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.close()
+            return
+        except OSError:
+            await asyncio.sleep(0.05)
+
+
 async def _main(
     begun: Future[tuple[asyncio.AbstractEventLoop, asyncio.Task[None]]],
     started: Future[Live],
@@ -150,14 +165,14 @@ async def _main(
             here = Live(robot, asyncio.get_running_loop(), given["port"])
             robot.add_task("watch", 0.02, here.watch, -10)
             services = Services(robot, robot.config, None, folder)
+            if cameras := cameras_of(robot):
+                here.camera = given["camera"] = free_port()
+                page = {name: given[name] for name in ("host", "token", "certificate", "key") if name in given}
+                looks = {"host": "127.0.0.1", **page, "port": here.camera, "page": here.port, "cameras": cameras}
+                here.eyes = await rights.enter_async_context(bridge(robot, "web_camera", looks, silence=silence))
+                await _answers(here.camera)
             async with bridge(robot, "web", given, services.requests, silence=silence) as beside:
-                while True:
-                    try:
-                        _, writer = await asyncio.open_connection("127.0.0.1", given["port"])
-                        writer.close()
-                        break
-                    except OSError:
-                        await asyncio.sleep(0.05)
+                await _answers(here.port)
                 here.beside = beside
                 started.set_result(here)
                 with suppress(asyncio.CancelledError):

@@ -581,10 +581,10 @@ def test_a_camera_s_picture_is_on_the_page(browser: Any, tmp_path: Path) -> None
     eye = f"sensors.eye={{driver: camera, options: {{source: {film}, repeat: true}}}}"
     with live((eye,)) as car:
         for page in opened(browser, car):
-            page.wait_for_function("() => document.getElementById('camera').naturalWidth === 64")
+            page.wait_for_function("() => document.getElementById('camera-picture').width === 64")
             assert page.locator("#camera").is_visible()
-            first = page.locator("#camera").get_attribute("src")
-            page.wait_for_function("(first) => document.getElementById('camera').src !== first", arg=first)
+            seen = "document.getElementById('camera-picture').toDataURL()"
+            page.wait_for_function(f"(first) => {seen} !== first", arg=page.evaluate(seen))
             page.locator("[data-tab=sensors]").click()
             page.wait_for_function("() => document.getElementById('panel').innerText.includes('eye')")
             assert overlaps(page) == []
@@ -623,3 +623,21 @@ def test_it_drives_the_virtual_board_as_well(browser: Any) -> None:
             drives(page, board, 0, -70, lambda robot: robot.odometry.v > 0.3)
             page.mouse.up()
             board.until(lambda robot: robot.odometry.v == 0.0)
+
+
+def test_the_cameras_picture_tells_its_age_and_is_greyed_when_it_is_old(browser: Any, tmp_path: Path) -> None:
+    with live(("sensors.camera.driver=sim_camera",), folder=tmp_path) as car:
+        for page in opened(browser, car):
+            assert waits(page, "() => /^\\d+ ms, /.test(document.getElementById('camera-age').textContent)")
+            assert page.evaluate("document.getElementById('camera-picture').width") == 160
+            assert car.eyes is not None
+            os.kill(car.eyes.pid or 0, signal.SIGSTOP)
+            assert waits(page, "() => /^\\d+\\.\\d s old$/.test(document.getElementById('camera-age').textContent)")
+            assert "old" in (page.get_attribute("#camera", "class") or "")
+            os.kill(car.eyes.pid or 0, signal.SIGCONT)
+            assert waits(page, "() => !document.getElementById('camera').classList.contains('old')")
+            # a press enlarges it
+            page.click("#camera-picture")
+            assert "large" in (page.get_attribute("#camera", "class") or "")
+            page.click("#camera-picture")
+            assert "large" not in (page.get_attribute("#camera", "class") or "")

@@ -29,9 +29,11 @@ from typing import Any, Final
 
 from txt1.errors import CommandRefused, Txt1Error
 from txt1.hal.base import Button
+from txt1.kernel.clock import RealClock, seconds
 from txt1.plugins import Registry
 from txt1.robot import Robot
 from txt1.runtime import Runtime
+from txt1.sensors.readings import Image
 from txt1.sidecar import SERVE_PRIORITY, TELEMETRY_PERIOD, Request, Restart, Sidecar
 from txt1.telemetry.snapshot import Snapshot, plain
 from txt1.telemetry.topics import TOPICS, Rule, Topic
@@ -56,6 +58,8 @@ SELDOM: Final = 1.0
 # events kept for a bridge between two pieces of telemetry; the oldest are dropped first
 EVENTS_MAX: Final = 100
 
+_clock: Final = RealClock()
+
 
 @asynccontextmanager
 async def bridge(
@@ -67,15 +71,16 @@ async def bridge(
     restart: Restart = RESTART,
     silence: float | None = SILENCE,
     ready: Callable[[], None] = lambda: None,
+    niceness: int = BRIDGE_NICENESS,
 ) -> AsyncIterator[Sidecar]:
     """Run a bridge beside a robot until the block is left. `options` are keyword arguments for its function.
 
     `requests` are further requests, beyond driving and the joystick: functions of the request's fields. After `silence`
     s without a heartbeat the bridge is ended (None: never), and started again by `restart`. `ready` is called whenever
-    it has started. Raises ConfigError: there is no bridge of this name, or it already runs.
+    it has started. `niceness` is its process's. Raises ConfigError: no bridge has this name, or it already runs.
     """
     desk = RobotEnd(robot, name, requests or {})
-    async with _at_work(name, options, desk, [desk], restart, silence, ready) as beside:
+    async with _at_work(name, options, desk, [desk], restart, silence, ready, niceness) as beside:
         yield beside
 
 
@@ -109,6 +114,7 @@ async def _at_work(
     restart: Restart,
     silence: float | None,
     ready: Callable[[], None] = lambda: None,
+    niceness: int = BRIDGE_NICENESS,
 ) -> AsyncIterator[Sidecar]:
     def let_go() -> None:
         for desk in desks:
@@ -123,7 +129,7 @@ async def _at_work(
         end.request,
         options=options or {},
         restart=restart,
-        niceness=BRIDGE_NICENESS,
+        niceness=niceness,
         silence=silence,
         tell=lambda text: first.say(f" {text}"),
         lost=let_go,
@@ -177,6 +183,8 @@ class RobotEnd:
         self._seldom: frozenset[str] | None = frozenset()
         self._interval, self._due, self._due_seldom = 0.1, 0.0, 0.0
         self._events: deque[dict[str, object]] = deque(maxlen=EVENTS_MAX)
+        # of each camera the picture that waits, and its time: an older one is dropped
+        self._pictures: dict[Topic[Any], tuple[Any, float]] = {}
         # the newest of each sensor that the bridge has named
         self._newest: dict[Topic[Any], Any] = {}
         self._requests: dict[str, Callable[..., object]] = {
@@ -205,6 +213,11 @@ class RobotEnd:
             topics = None if self._seldom is None else topics | self._seldom
         snapshot = Snapshot.take(robot.runtime.bus, now, robot.runtime.name, topics)
         line = (snapshot.replaced(self._newest) if self._newest else snapshot).encode()
+        for topic, (value, time) in self._pictures.items():
+            # on the clock that both processes share
+            exposed = seconds(_clock.now_ns()) - (now - time)
+            self._events.append({"topic": topic.name, "time": time, "exposed": exposed, "value": plain(value)})
+        self._pictures.clear()
         if self._events:
             line = line[:-2] + b',"events":' + json.dumps(list(self._events)).encode() + b"}\n"
             self._events.clear()
@@ -287,6 +300,7 @@ class RobotEnd:
         self._due = self._due_seldom = 0.0
         self.leave()
         self._newest.clear()
+        self._pictures.clear()
         events = [t for t in TOPICS.values() if t.rule is Rule.EVENT and (topics is None or t.name in topics)]
         self.leave = self.robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
 
@@ -300,7 +314,10 @@ class RobotEnd:
                 raise ValueError(f"topics: this robot has no {shown(name)}; {hint}")
 
     def _event(self, topic: Topic[Any], value: Any, time: float) -> None:
-        self._events.append({"topic": topic.name, "time": time, "value": plain(value)})
+        if topic.type is Image:
+            self._pictures[topic] = value, time
+        else:
+            self._events.append({"topic": topic.name, "time": time, "value": plain(value)})
         if self._strict and self._topics is not None and topic.name.startswith("/sensors/"):
             self._newest[topic] = value
 

@@ -8,5 +8,5 @@ ADDITION = Addition(
     beside="txt1.web.robot_end:beside",
     options="txt1.web.options:OPTIONS",
     sources={"web": 30},
-    parts={"txt1.bridges": {"web": "txt1.web.server:main"}},
+    parts={"txt1.bridges": {"web": "txt1.web.server:main", "web_camera": "txt1.web.camera_server:main"}},
 )

@@ -64,6 +64,11 @@ class WebPage(NamedTuple):
         del options["places"]
         return "web", options
 
+    def camera_bridge(self, port: int, cameras: list[str]) -> tuple[str, dict[str, object]]:
+        """Return the name and options of the bridge that serves pictures at a port."""
+        files = {name: str(value) for name in ("token", "certificate", "key") if (value := getattr(self, name))}
+        return "web_camera", {"host": self.host, "port": port, "page": self.port, "cameras": cameras, **files}
+
 
 def web_page(arguments: argparse.Namespace) -> WebPage | None:
     """Return the requested page, or None. Make its files, and print its address; raises ConfigError."""
@@ -132,7 +137,7 @@ def _free(host: str, port: int) -> int:
         raise ConfigError(f"--web {host}:{port}: cannot listen there: {why}; choose another address") from None
 
 
-def _free_or_any(host: str, port: int) -> int:
+def free_or_any(host: str, port: int) -> int:
     """Return the port if it is free, else any free port."""
     try:
         return _free(host, port)
@@ -158,7 +163,7 @@ def asked(arguments: argparse.Namespace, config: Config) -> PageAsked | None:
     if arguments.practice and arguments.web is None and arguments.speed != "max" and view_of(arguments) != "nothing":
         try:
             need("the page", "web", *MODULES)
-            arguments.web = HERE[0], _free_or_any(*HERE)
+            arguments.web = HERE[0], free_or_any(*HERE)
         except MissingExtra as error:
             say(f"there is no page beside it: {error}")
     page = web_page(arguments)

@@ -134,13 +134,21 @@ class Pages:
         others: addresses of other robots' pages, by the robots' names.
         fleet: names of the robots behind `robot`, if there are several.
         invites: whether the operator may invite visitors.
+        camera: the port of the cameras' pictures, if there are any.
 
     """
 
     def __init__(
-        self, robot: Robots, folder: Path, limit: float, others: Mapping[str, str], fleet: list[str], invites: bool
+        self,
+        robot: Robots,
+        folder: Path,
+        limit: float,
+        others: Mapping[str, str],
+        fleet: list[str],
+        invites: bool,
+        camera: int | None = None,
     ) -> None:
-        self.folder, self.limit = folder, limit
+        self.folder, self.limit, self.camera = folder, limit, camera
         self.cars = {name: PageRobot(name) for name in fleet or [""]}
         self.connected: dict[int, Page] = {}
         # set when the robot's process has gone
@@ -264,6 +272,7 @@ class Pages:
                     "replay": page.player and page.player.status(),
                     "fleet": self._fleet,
                     "robot": page.car.name,
+                    "camera": self.camera,
                 },
                 ping=now(),
             )

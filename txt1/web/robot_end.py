@@ -1,15 +1,17 @@
 """Serves the web page beside a robot."""
 
+import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 
 from txt1.bridges.registry import bridge
 from txt1.bridges.services import services
 from txt1.commands import say
 from txt1.robot import Key, Robot
-from txt1.sidecar import Sidecar
+from txt1.sensors.readings import Image
+from txt1.sidecar import NICENESS, Sidecar
 from txt1.tasks.fields import PAGE
-from txt1.web.options import PageAsked
+from txt1.web.options import PageAsked, free_or_any
 
 
 @asynccontextmanager
@@ -38,7 +40,18 @@ async def beside(robot: Robot, asked: PageAsked) -> AsyncIterator[None]:
     server: Sidecar | None = None
     robot.keys["p"] = Key("page", tell)
     robot.runtime.bus.offer(PAGE, lambda: asked.page.places[0] if server is not None and server.answers else None)
-    async with services(robot, asked.speed, asked.page.folder) as requests:
-        name, given = asked.page.bridge()
-        async with bridge(robot, name, given, {**requests, "stop": stop}, ready=ready) as server:
-            yield
+    name, given = asked.page.bridge()
+    async with AsyncExitStack() as stack:
+        requests = await stack.enter_async_context(services(robot, asked.speed, asked.page.folder))
+        if cameras := cameras_of(robot):
+            port = await asyncio.to_thread(free_or_any, asked.page.host, asked.page.port + 1)
+            given["camera"] = port
+            pictures = asked.page.camera_bridge(port, cameras)
+            await stack.enter_async_context(bridge(robot, *pictures, niceness=NICENESS))
+        server = await stack.enter_async_context(bridge(robot, name, given, {**requests, "stop": stop}, ready=ready))
+        yield
+
+
+def cameras_of(robot: Robot) -> list[str]:
+    """Return the names of the sensors that give pictures."""
+    return [name for name, each in robot.sensors.items() if each.sensor.topic.type is Image]

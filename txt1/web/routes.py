@@ -6,17 +6,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from io import BytesIO
-from typing import Final, NamedTuple
+from typing import Final
 from urllib.parse import parse_qs
 
 from aiohttp import WSMsgType, web
 
-from txt1.kernel.clock import NS_PER_S, wall_ns
-from txt1.web.auth import Auth, Role
-from txt1.web.budgets import FRAME, PING, REQUEST, SIGN_IN
-from txt1.web.connections import STRANGER, Metered
+from txt1.web.admission import MESSAGE_MAX, PARTING, SOCKET_BEAT, STRANGERS, Admission, Route, wall
+from txt1.web.auth import Auth
+from txt1.web.budgets import FRAME, PING, SIGN_IN
+from txt1.web.connections import STRANGER
 from txt1.web.files import page_files
 from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME
@@ -25,118 +24,20 @@ from txt1.web.requests import EVERYBODY, OPERATOR, take
 PAGES_MAX: Final = 100
 # pages of these that are kept for operators
 OPERATORS: Final = 20
-# bytes of a page's longest message
-MESSAGE_MAX: Final = 8192
-# s that a disconnected page has to close its socket
-PARTING: Final = 0.02
 # messages of a page beyond its budget that are searched for a stop in one turn
 SEARCHED: Final = 32
-# s between two pings of a socket; without an answer within half of it, the socket is closed
-SOCKET_BEAT: Final = 4.0
-
-HEADERS: Final = {
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Permissions-Policy": "gamepad=(self), camera=(), microphone=(), geolocation=()",
-}
 
 
-def wall() -> float:
-    """Return seconds since 1970, for sessions only."""
-    return wall_ns() / NS_PER_S
-
-
-def _limit(request: web.Request, answer: web.StreamResponse) -> None:
-    """Add the headers that limit what a browser may do with an answer."""
-    answer.headers.update(HEADERS)
-    sockets = f"{'wss' if request.secure else 'ws'}://{request.host}"
-    answer.headers["Content-Security-Policy"] = (
-        f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
-        f"connect-src 'self' {sockets}; manifest-src 'self'; form-action 'self'; base-uri 'none'; "
-        "frame-ancestors 'none'"
-    )
-
-
-class Route(NamedTuple):
-    """A route: who may ask for it, and which method of `Routes` answers."""
-
-    method: str
-    path: str
-    who: frozenset[Role | None]
-    """None is a stranger."""
-    answer: Callable[[Routes, web.Request], Awaitable[web.StreamResponse]]
-
-
-class Routes:
+class Routes(Admission):
     """Answers requests of admitted pages."""
 
     def __init__(self, door: Auth, pages: Pages) -> None:
-        self._door, self._pages = door, pages
-
-    def application(self) -> web.Application:
-        """Return all routes."""
-        app = web.Application(middlewares=[self._guard], client_max_size=MESSAGE_MAX)
-        for route in ROUTES:
-            app.router.add_route(route.method, route.path, self._admitting(route))
-        return app
-
-    def _admitting(self, route: Route) -> Callable[[web.Request], Awaitable[web.StreamResponse]]:
-        """Return the handler of a route, for those alone who may ask for it."""
-
-        async def handle(request: web.Request) -> web.StreamResponse:
-            role = self._role(request)
-            if role not in route.who:
-                raise web.HTTPForbidden(text="sign in first\n" if role is None else "this is the operator's\n")
-            return await route.answer(self, request)
-
-        return handle
-
-    @web.middleware
-    async def _guard(
-        self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
-    ) -> web.StreamResponse:
-        """Have a request paid, check its host and origin, and add the headers of every answer."""
-        if len(request.headers.getall("Host", ())) != 1:
-            # aiohttp would ask a name server for the name of this computer
-            return web.Response(status=400, text="which host? give its name once\n")
-        try:
-            self._pay(request)
-            if not self._door.knows_host(request.host):
-                raise web.HTTPMisdirectedRequest(text="this robot is not known by that name\n")
-            foreign = not self._door.knows_origin(request.headers.get("Origin"), request.host)
-            if foreign and (request.method != "GET" or request.path == "/socket"):
-                raise web.HTTPForbidden(text="only the robot's own page may ask for that\n")
-            response = await handler(request)
-        except web.HTTPException as answer:
-            _limit(request, answer)
-            raise
-        except (TimeoutError, ConnectionError):
-            # the client sends no request, or is gone before the answer
-            response = web.Response(status=408)
-        if not response.prepared:
-            _limit(request, response)
-        return response
-
-    def _pay(self, request: web.Request, cost: float = REQUEST) -> Metered:
-        """Have a request's connection pay, and return it; raises ConnectionError: it cannot, and is closed."""
-        metered = None if request.transport is None else request.transport.get_protocol()
-        if not isinstance(metered, Metered):
-            raise ConnectionResetError
-        metered.asked = True
-        if self._role(request) == "operator":
-            metered.account.operator = metered.account.address.operator = True
-        if not metered.account.spend(now(), cost):
-            raise ConnectionResetError
-        return metered
-
-    def _role(self, request: web.Request) -> Role | None:
-        return self._door.role(request.cookies.get(self._door.cookie), wall())
+        super().__init__(door, camera=pages.camera)
+        self._pages = pages
 
     async def index(self, request: web.Request) -> web.Response:
         """Return the page, or the door for a stranger."""
-        return self._answer(request, "index.html" if self._role(request) else "sign-in.html")
+        return self._answer(request, "index.html" if self.role(request) else "sign-in.html")
 
     async def file(self, request: web.Request) -> web.Response:
         """Return a file of the page, by its name."""
@@ -153,7 +54,7 @@ class Routes:
 
     async def sign_in(self, request: web.Request) -> web.Response:
         """Return a cookie for the right token."""
-        self._pay(request, SIGN_IN)
+        self.pay(request, SIGN_IN)
         try:
             async with asyncio.timeout(STRANGER):
                 body = await request.read()
@@ -200,12 +101,12 @@ class Routes:
 
     async def socket(self, request: web.Request) -> web.StreamResponse:
         """Connect a page until it leaves."""
-        role = self._role(request)
+        role = self.role(request)
         assert role is not None
         room = PAGES_MAX if role == "operator" else PAGES_MAX - OPERATORS
         if len(self._pages.connected) >= room:
             raise web.HTTPServiceUnavailable(text=f"there are {room} pages already\n")
-        metered = self._pay(request, 0.0)
+        metered = self.pay(request, 0.0)
         # pings are answered by `listen`, when they are paid
         socket = web.WebSocketResponse(
             heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False, timeout=PARTING, autoping=False
@@ -222,7 +123,6 @@ class Routes:
         return socket
 
 
-STRANGERS: Final[frozenset[Role | None]] = frozenset({None, "visitor", "operator"})
 ROUTES: Final = (
     Route("GET", "/", STRANGERS, Routes.index),
     Route("POST", "/sign-in", STRANGERS, Routes.sign_in),

@@ -21,13 +21,14 @@ import txt1.web  # noqa: E402
 from tests.patience import LIMIT  # noqa: E402
 from tests.unit.web.test_web_requests import Robot, Socket  # noqa: E402
 from txt1.kernel.clock import NS_PER_S  # noqa: E402
-from txt1.web import files, routes  # noqa: E402
+from txt1.web import admission, files, routes  # noqa: E402
+from txt1.web.admission import HEADERS  # noqa: E402
 from txt1.web.auth import Auth, visitors_token  # noqa: E402
 from txt1.web.budgets import Budgets  # noqa: E402
 from txt1.web.connections import Connections  # noqa: E402
 from txt1.web.files import page_files  # noqa: E402
 from txt1.web.pages import Pages  # noqa: E402
-from txt1.web.routes import HEADERS, Routes, listen  # noqa: E402
+from txt1.web.routes import ROUTES, Routes, listen  # noqa: E402
 
 TOKEN: Final = "t0ken-of-the-robot-long-enough"
 WORDS: Final = {"operator": TOKEN, "visitor": visitors_token(TOKEN)}
@@ -42,7 +43,7 @@ class Site:
     def __init__(self, folder: Path, token: str | None) -> None:
         self.robot, self.door = Robot(), Auth(token, "http", 80)
         self.pages = Pages(self.robot, folder, 0.5, {}, [], invites=token is not None)
-        self.app = Routes(self.door, self.pages).application()
+        self.app = Routes(self.door, self.pages).application(ROUTES)
         self.runner = web.AppRunner(self.app)
         self._writers: list[asyncio.StreamWriter] = []
 
@@ -282,11 +283,11 @@ async def test_a_token_signs_a_page_in_and_out_again(role: str, site: Site) -> N
 
 
 async def test_a_session_lasts_hours_of_the_computer_s_clock(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(routes, "wall_ns", lambda: 2_000_000_000 * NS_PER_S)
+    monkeypatch.setattr(admission, "wall_ns", lambda: 2_000_000_000 * NS_PER_S)
     assert routes.wall() == 2e9
     headers = site.headers("operator")
     for hours, status in ((11, 200), (13, 403)):
-        monkeypatch.setattr(routes, "wall_ns", lambda hours=hours: (2_000_000_000 + hours * 3600) * NS_PER_S)
+        monkeypatch.setattr(admission, "wall_ns", lambda hours=hours: (2_000_000_000 + hours * 3600) * NS_PER_S)
         assert (await site.ask("/recordings/run.mcap", headers=headers))[0] == status
 
 

@@ -149,7 +149,7 @@ def test_by_default_the_page_is_the_computer_s_own_and_visitors_are_slow(monkeyp
     server.main(robot)
     server.main(robot, robots={"b": "http://b/"}, fleet=["a"])
     before = (robot, "127.0.0.1", 8080, None, None, None, Path("out/recordings"), 0.5)
-    assert given == [(*before, {}, []), (*before, {"b": "http://b/"}, ["a"])]
+    assert given == [(*before, {}, [], None), (*before, {"b": "http://b/"}, ["a"], None)]
 
 
 async def test_the_page_is_served_until_the_robot_has_gone_and_then_nothing_is_left(clock: Clock, port: int) -> None:

@@ -1,5 +1,6 @@
 // The page: what comes from the robot goes to map, curves and panels; what is pressed goes to the robot.
 
+import { Camera } from "./camera.js"
 import { Chart, format } from "./chart.js"
 import { Drive } from "./drive.js"
 import { Link } from "./link.js"
@@ -48,6 +49,7 @@ const map = new Map2d($("map"))
 const speeds = new Chart($("v-chart"), ["robot", "goal"], 0.2)
 const turns = new Chart($("w-chart"), ["robot", "goal"], 0.2)
 const charts = [speeds, turns]
+const camera = new Camera({ card: $("camera"), canvas: $("camera-picture"), age: $("camera-age"), trust: $("camera-trust") })
 const link = new Link({ telemetry, message, change })
 const drive = new Drive(link, { stick: $("stick"), knob: $("knob"), arm: $("arm"), speed: changeSpeed }, driving, toast)
 
@@ -87,7 +89,7 @@ function forget() {
   know.look = null
   know.drawn = -1  // which sensors are drawn is found anew
   know.choose(know.plot.topic, know.plot.field)
-  $("camera").hidden = true
+  camera.forget()
 }
 
 function occurred({ topic, time, value }) {
@@ -101,9 +103,23 @@ function occurred({ topic, time, value }) {
   else if (typeof value?.data === "string" && value.width && !("focal" in value)) picture(value)
 }
 
+// Of a recording, or of a robot of a fleet: the pictures of others come by a socket of their own.
 function picture({ data }) {
-  $("camera").src = `data:image/jpeg;base64,${data}`
-  $("camera").hidden = false
+  if (!streamed()) camera.paint(Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0)))
+}
+
+const streamed = () => know.page.camera && !know.page.replay
+
+function lookAtCamera() {
+  const names = (know.topics["/sensors"] ?? []).filter(({ values }) => "kB" in values).map(({ name }) => name)
+  const select = $("cameras"), text = names.join()
+  if (select.dataset.list !== text) {
+    select.dataset.list = text
+    select.replaceChildren(...names.map((name) => element("option", { value: name }, name)))
+    select.hidden = names.length < 2
+  }
+  const scheme = location.protocol === "https:" ? "wss" : "ws"
+  camera.look(streamed() && select.value ? `${scheme}://${location.hostname}:${know.page.camera}/camera/${select.value}` : "")
 }
 
 function plotted(time, value) {
@@ -145,7 +161,7 @@ function subscribe() {
 
 // Of the sensors those that are drawn: lasers, which count their hits, and cameras, which tell the size of a picture.
 function sensorTopics() {
-  const drawn = (know.topics["/sensors"] ?? []).filter(({ values }) => "hits" in values || "kB" in values)
+  const drawn = (know.topics["/sensors"] ?? []).filter(({ values }) => "hits" in values || ("kB" in values && !streamed()))
   return drawn.map((sensor) => `/sensors/${sensor.name}`)
 }
 
@@ -201,6 +217,8 @@ function show() {
   $("w-now").textContent = `${format(round(topics["/odom"]?.omega))} rad/s`
   $("tabs").querySelector("[data-tab=fleet]").hidden = !topics["/fleet"]
   charts.forEach((chart) => chart.draw())
+  lookAtCamera()
+  camera.show()
   panels[tab](know, $("panel"))
   if ((know.page.replay || !(topics["/route"] ?? []).length) && drive.driving && routed) drive.arrived(), routed = false
   routed = (topics["/route"] ?? []).length > 0
@@ -293,6 +311,7 @@ $("take").addEventListener("click", () => {
   drive.letGo()
   link.send({ do: mine ? "give" : "take" })
 })
+$("camera-picture").addEventListener("click", () => $("camera").classList.toggle("large"))
 $("speed").addEventListener("input", () => setSpeed($("speed").valueAsNumber))
 $("robots").addEventListener("change", () => {
   const chosen = $("robots").value
