@@ -15,12 +15,13 @@ from tests.conformance.test_sensors_on_lines import TestImu as OfImu
 from tests.conformance.test_sensors_on_lines import TestLd19 as OfLd19
 from tests.conformance.test_sensors_on_lines import TestRplidarExpress as OfRplidar
 from tests.conformance.test_sensors_on_lines import TestScip as OfScip
+from tests.conformance.test_sensors_on_lines import TestYdlidarX4 as OfYdlidar
 from txt1.link import device, ports
 from txt1.link.base import End, Link, Port
 from txt1.link.device import DevicePort
 from txt1.link.outages import OutagePort
 
-SUITES = [OfImu, OfBno08x, OfScip, OfLd19, OfRplidar, OfSerial, OfVesc, OfWaveshare]
+SUITES = [OfImu, OfBno08x, OfScip, OfLd19, OfRplidar, OfYdlidar, OfSerial, OfVesc, OfWaveshare]
 OLD, NEW = "/dev/ttyUSB0", "/dev/ttyUSB1"
 
 

@@ -24,6 +24,7 @@ from txt1.sensors.virtual_lasers import VirtualScip, ld19
 from txt1.sensors.virtual_mocap import VirtualVicon
 from txt1.sensors.virtual_rplidar import a1, a3, s2
 from txt1.sensors.virtual_sensor import DeskPort, VirtualSensor
+from txt1.sensors.virtual_ydlidar import VirtualYdlidar
 
 
 class OnALine(SensorConformance):
@@ -31,6 +32,7 @@ class OnALine(SensorConformance):
 
     driver: ClassVar[str]
     shown: ClassVar[tuple[str, dict[str, Any]]]
+    options: ClassVar[dict[str, Any]] = {}
     # decoding a scan takes longer than the loop of the suite
     processor = 0.0004
 
@@ -38,8 +40,8 @@ class OnALine(SensorConformance):
         raise NotImplementedError
 
     def behind(self, wrap: Callable[[Port], Port]) -> Sensor[Any]:
-        options: dict[str, Any] = {}
-        sensor: Streamed[Any] = DRIVERS.make("driver", self.driver, Setup(f"on_{self.driver}", options, load().config))
+        setup = Setup(f"on_{self.driver}", self.options, load().config)
+        sensor: Streamed[Any] = DRIVERS.make("driver", self.driver, setup)
         name, given = self.shown
         sensor.port = wrap(DeskPort("desk", self.device, twin(name, **given)))
         return sensor
@@ -109,6 +111,22 @@ class TestRplidarUltra(TestRplidarExpress):
 class TestRplidarDense(TestRplidarExpress):
     def device(self) -> VirtualSensor:
         return s2()
+
+
+class TestYdlidarX2(OnALine):
+    driver, shown = "laser_ydlidar", ("sim_laser", {"steps": 720, "beams": 720})
+    options: ClassVar[dict[str, Any]] = {"model": "x2"}
+
+    def device(self) -> VirtualSensor:
+        return VirtualYdlidar(self.options["model"])
+
+
+class TestYdlidarX4(TestYdlidarX2):
+    options: ClassVar[dict[str, Any]] = {"model": "x4"}
+
+
+class TestYdlidarTg30(TestYdlidarX2):
+    options: ClassVar[dict[str, Any]] = {"model": "tg30"}
 
 
 @pytest.mark.parametrize(

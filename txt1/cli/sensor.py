@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "choices": tuple(VIRTUAL),
             "help": "imu: 3DM-GX2; gps: NMEA at --pty, gpsd's JSON at --tcp; "
             "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19; "
-            "rplidar, rplidar_a3, rplidar_s2: Slamtec RPLIDAR A1, A3, S2; bno08x: BNO08x in UART-RVC",
+            "rplidar, rplidar_a3, rplidar_s2: Slamtec RPLIDAR A1, A3, S2; ydlidar, ydlidar_x4, "
+            "ydlidar_tg30: YDLIDAR X2, X4, TG30; bno08x: BNO08x in UART-RVC",
         },
         **FAR_END,
         "--drive": takes("V,OMEGA", "velocity of the simulated robot meanwhile: m/s, rad/s", velocity),
@@ -125,6 +126,24 @@ VIRTUAL: Final = {
         {"steps": 720, "beams": 720, "range_max": 30.0},
         "txt1.sensors.virtual_rplidar:s2",
         "txt1.sensors.virtual_rplidar:s2",
+    ),
+    "ydlidar": VirtualKind(
+        "sim_laser",
+        {"steps": 720, "beams": 720, "range_max": 8.0},
+        "txt1.sensors.virtual_ydlidar:x2",
+        "txt1.sensors.virtual_ydlidar:x2",
+    ),
+    "ydlidar_x4": VirtualKind(
+        "sim_laser",
+        {"steps": 720, "beams": 720, "range_max": 10.0},
+        "txt1.sensors.virtual_ydlidar:x4",
+        "txt1.sensors.virtual_ydlidar:x4",
+    ),
+    "ydlidar_tg30": VirtualKind(
+        "sim_laser",
+        {"steps": 720, "beams": 720, "range_max": 30.0},
+        "txt1.sensors.virtual_ydlidar:tg30",
+        "txt1.sensors.virtual_ydlidar:tg30",
     ),
 }
 # m/s and rad/s of the robot that carries a virtual device, a circle of 1 m

@@ -18,7 +18,7 @@ The scanner sends no times. So the time of a turn is that of its arrival, and it
 import struct
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from math import inf, nan, pi, tau
+from math import inf, pi
 from typing import Annotated, Final, NamedTuple
 
 import numpy as np
@@ -29,11 +29,11 @@ from txt1.config.sources import checked
 from txt1.errors import HalError
 from txt1.link.device import DevicePort
 from txt1.sensors.base import Setup
+from txt1.sensors.laser_turns import Numbers, beams_for, scan_of_turn
 from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
 from txt1.sensors.stream import Codec, Measured, Streamed
 from txt1.units import NotNegative, PositiveInt
 
-Numbers = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 # commands
@@ -84,9 +84,6 @@ SCAN_PATIENCE: Final = 5.0
 SAMPLE_DEFAULT: Final = 500.0
 RANGE_MIN: Final = 0.05  # m
 RANGE_MAX: Final = 12.0  # m, unless it tells another
-# beams of a turn: of one with fewer samples than MANY, and with more
-FEW: Final = 360
-MANY: Final = 720
 # s that a turn takes at most
 TURN_MAX: Final = 1.0
 # sound samples in a row after which a standard answer is in step again
@@ -397,26 +394,9 @@ class RplidarDecoder(Codec[Scan]):
         if not samples:
             return
         angles, mm = (np.concatenate(each) for each in zip(*samples, strict=True))
-        self._beams = self._beams or (FEW if count < MANY else MANY)
-        beams = self._beams
-        beam = np.rint(angles / 360.0 * beams).astype(int) % beams
-        near = np.where(mm > 0.0, mm / 1000.0, inf)
-        near[(near < RANGE_MIN) | (near > self._range_max)] = inf
-        # a beam without a sample is not known
-        ranges = np.full(beams, nan)
-        np.fmin.at(ranges, beam, near)
+        self._beams = self._beams or beams_for(count)
         turn = count * self._sample * 1e-6
-        scan = Scan(
-            0.0,
-            -tau / beams,
-            turn / beams,
-            ranges.astype(np.float32),
-            RANGE_MIN,
-            self._range_max,
-            None,
-            self._mount,
-            turn,
-        )
+        scan = scan_of_turn(angles, mm, self._beams, turn, RANGE_MIN, self._range_max, self._mount)
         found.append(Measured(scan, None, turn + late * self._sample * 1e-6))
 
 

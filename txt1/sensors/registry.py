@@ -39,6 +39,7 @@ DRIVERS: Final = Registry(
         "laser_scip": "txt1.sensors.laser_scip:create",
         "laser_ld19": "txt1.sensors.laser_ld19:create",
         "laser_rplidar": "txt1.sensors.laser_rplidar:create",
+        "laser_ydlidar": "txt1.sensors.laser_ydlidar:create",
         "sim_imu": "txt1.sensors.sim_imu:simulated",
         "sim_gps": "txt1.sensors.sim_gps:simulated",
         "sim_vicon": "txt1.sensors.sim_vicon:simulated",
