@@ -23,7 +23,8 @@ from txt1.record.mcap_records import Encoder
 from txt1.record.reader import FilePass
 from txt1.record.verification import verify
 from txt1.sensors.mounts import SensorFrames, mounted
-from txt1.sensors.readings import BASE, Mount, Scan, scan_topic
+from txt1.sensors.readings import BASE, DepthImage, Mount, Scan, scan_topic
+from txt1.sensors.ros_messages import depth_points
 from txt1.tasks.fields import LOG, Event
 
 Capture = pytest.CaptureFixture[str]
@@ -90,6 +91,31 @@ def test_a_camera_has_its_model_beside_each_picture(drive: Path) -> None:
             pictures[0].header.frame_id,
         )
         assert (models[0].k[0] > 100.0) is calibrated
+
+
+def test_a_depth_camera_has_the_places_that_it_sees(drive: Path) -> None:
+    told = messages(drive)
+    images, clouds = told["/sensors/depth"], told["/sensors/depth/points"]
+    assert list(map(stamp, images)) == list(map(stamp, clouds))
+    image, cloud, model = images[3], clouds[3], told["/sensors/depth/camera_info"][3]
+    assert (cloud.height, cloud.width, cloud.header.frame_id) == (120, 160, image.header.frame_id)
+    assert [(each.name, each.offset, each.datatype) for each in cloud.fields] == [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)]
+    depths = np.frombuffer(bytes(image.data), "<u2").reshape(120, 160)
+    places = np.frombuffer(bytes(cloud.data), "<f4").reshape(120, 160, 3)
+    assert np.isfinite(places).all(axis=2).tolist() == (depths > 0).tolist(), "NaN where nothing was measured"
+    for row, column in ((10, 20), (60, 80), (110, 150)):
+        z = depths[row, column] / 1000.0
+        assert z > 0.0
+        x, y = (column - model.k[2]) / model.k[0] * z, (row - model.k[5]) / model.k[4] * z
+        assert places[row, column] == pytest.approx((x, y, z), abs=1e-5)
+
+
+def test_a_large_picture_has_a_cloud_of_fewer_places() -> None:
+    image = DepthImage(640, 480, np.full((480, 640), 2000, "<u2").tobytes(), 500.0)
+    cloud = depth_points("/points").make(image)
+    assert (cloud["width"], cloud["height"], cloud["row_step"]) == (160, 120, 160 * 12)
+    last = np.frombuffer(cloud["data"], "<f4").reshape(120, 160, 3)[-1, -1]
+    assert last == pytest.approx(((636 - 319.5) / 250.0, (476 - 239.5) / 250.0, 2.0))
 
 
 def test_what_others_read_changes_nothing_for_a_verification(drive: Path) -> None:

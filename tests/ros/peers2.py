@@ -101,6 +101,7 @@ def circle():
     peer.hear("scan", "sensor_msgs/LaserScan", SENSOR)
     peer.hear("camera/camera_info", "sensor_msgs/CameraInfo", SENSOR)
     peer.hear("camera/depth/camera_info", "sensor_msgs/CameraInfo", SENSOR)
+    peer.hear("camera/depth/points", "sensor_msgs/PointCloud2", SENSOR)
     peer.hear("fix", "sensor_msgs/NavSatFix", SENSOR)
     speeds = {"odom": {}, "odometry/filtered": {}}  # by their stamps: messages of one time do not come together
 
@@ -141,6 +142,7 @@ def circle():
     joints = peer.last["joint_states"].name, peer.last["joint_states"].position
     base, depth = transforms["base_footprint"].transform, peer.last["camera/depth/camera_info"]
     picture, fix = peer.last["camera/camera_info"], peer.last["fix"]
+    cloud = peer.last["camera/depth/points"]
     told = {
         "setpoint": (moving.linear.x, moving.angular.z),
         "odom": [
@@ -159,6 +161,7 @@ def circle():
         "scan": len(peer.last["scan"].ranges),
         "scan_frame": peer.last["scan"].header.frame_id,
         "depth": (depth.width, depth.height, depth.k[0], depth.k[2], depth.k[5], depth.header.frame_id),
+        "points": (cloud.width, cloud.height, len(cloud.data), cloud.header.frame_id),
         "pairs": sum(count == 2 for count in seen.values()),
         "picture": (picture.width, picture.height, picture.k[0]),
         "fix": (fix.latitude, fix.longitude),

@@ -135,6 +135,7 @@ def test_a_left_circle_has_the_signs_of_rep_103_in_every_frame(ros: RosPython, d
     assert frame == "base_camera_optical_link" and told["pairs"] > 5, (
         "a picture and how it was seen have the same stamp"
     )
+    assert told["points"] == [width, height, 12 * width * height, frame]
     assert told["picture"] == [160, 120, 0.0], "nobody has calibrated it"
     assert -90.0 < told["fix"][0] < 90.0 and told["fix"][0] != 0.0
     measured, filtered = told["filtered"]

@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.readings import OPTICAL, DepthImage, FixReading, Image, ImuReading, Scan
-from txt1.sensors.ros_messages import camera_info, fix
+from txt1.sensors.ros_messages import camera_info, depth_points, fix
 from txt1.tasks.encoder import ROOM
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import TOPICS, Rule, Topic
@@ -193,8 +193,12 @@ def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
             else replace(topic, constants={**topic.constants, "header": header})
         )
         told = Publication(f"{place}{known}", "sensor", seen)
-        beside = f"{place}{'depth/' if topic.type is DepthImage else ''}camera_info"
-        return told, Publication(beside, "sensor", camera_info(f"/{beside}"))
+        if topic.type is DepthImage:
+            place += "depth/"
+        info = Publication(f"{place}camera_info", "sensor", camera_info(f"/{place}camera_info"))
+        if topic.type is Image:
+            return told, info
+        return told, info, Publication(f"{place}points", "sensor", depth_points(f"/{place}points"))
     return (Publication(f"{place}{known}", "sensor", topic),)
 
 
@@ -205,6 +209,7 @@ _RECORDED: Final = {
     "sensor_msgs/Image": "camera/depth/image_raw",
     "sensor_msgs/NavSatFix": "fix",
     "sensor_msgs/CameraInfo": "camera/camera_info",
+    "sensor_msgs/PointCloud2": "camera/depth/points",
 }
 """Places of a recorded sensor's messages, by type."""
 

@@ -1,10 +1,15 @@
-"""ROS's standard messages beside a sensor's own: NavSatFix of a GPS, CameraInfo of a camera."""
+"""ROS's standard messages beside a sensor's own: NavSatFix of a GPS, CameraInfo of a camera, PointCloud2 of a depth
+camera.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import nan
+from math import ceil, nan
 from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from txt1.sensors.readings import OPTICAL, DepthImage, FixReading, Image
 from txt1.telemetry.messages import define
@@ -22,6 +27,19 @@ define(
     "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\n"
     "float64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi",
 )
+define("sensor_msgs/PointField", "string name\nuint32 offset\nuint8 datatype\nuint32 count")
+POINTS: Final = define(
+    "sensor_msgs/PointCloud2",
+    "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\n"
+    "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense",
+)
+# a PointField's datatype
+FLOAT32: Final = 7
+POINT_FIELDS: Final = [
+    {"name": name, "offset": 4 * place, "datatype": FLOAT32, "count": 1} for place, name in enumerate("xyz")
+]
+# most points in a row of a depth camera's cloud: a cloud of all pixels has six times the bytes of the picture
+POINTS_ACROSS: Final = 160
 
 
 def _nav_sat_fix(value: FixReading) -> dict[str, Any]:
@@ -81,14 +99,54 @@ def camera_info(name: str) -> Topic[Any]:
     )
 
 
-_BESIDE: Final[Mapping[type, tuple[Any, str]]] = {
-    FixReading: (fix, "fix"),
-    Image: (camera_info, "camera_info"),
-    DepthImage: (camera_info, "camera_info"),
+def cloud(points: NDArray[np.float32]) -> dict[str, Any]:
+    """Return places, (height, width, 3) in m, as the fields of a PointCloud2 without its header."""
+    height, width, _ = points.shape
+    return {
+        "height": height,
+        "width": width,
+        "fields": POINT_FIELDS,
+        "point_step": 12,
+        "row_step": 12 * width,
+        "data": points.tobytes(),
+        "is_dense": bool(np.isfinite(points).all()),
+    }
+
+
+def _places(image: DepthImage) -> dict[str, Any]:
+    """Return the places that a depth camera sees, in its optical frame; NaN where nothing was measured."""
+    step = ceil(image.width / POINTS_ACROSS)
+    depths = image.depths[::step, ::step]
+    u = np.arange(0, image.width, step) - 0.5 * (image.width - 1)
+    v = np.arange(0, image.height, step) - 0.5 * (image.height - 1)
+    points = np.empty((*depths.shape, 3), np.float32)
+    points[..., 0] = depths * (u / image.focal)
+    points[..., 1] = depths * (v / image.focal)[:, None]
+    points[..., 2] = depths
+    return cloud(points)
+
+
+def depth_points(name: str) -> Topic[DepthImage]:
+    """Return the topic of this name with the places that a depth camera sees as PointCloud2."""
+    return Topic(
+        name,
+        DepthImage,
+        "m",
+        POINTS,
+        Rule.EVENT,
+        "places that a depth camera sees",
+        {"header": {"frame_id": OPTICAL}},
+        make=_places,
+    )
+
+
+_BESIDE: Final[Mapping[type, tuple[tuple[Any, str], ...]]] = {
+    FixReading: ((fix, "fix"),),
+    Image: ((camera_info, "camera_info"),),
+    DepthImage: ((camera_info, "camera_info"), (depth_points, "points")),
 }
 
 
 def beside(topic: Topic[Any]) -> tuple[Topic[Any], ...]:
     """Return the topics with standard messages of a sensor's readings, below the name of its own topic."""
-    make, name = _BESIDE.get(topic.type, (None, ""))
-    return () if make is None else (make(f"{topic.name}/{name}"),)
+    return tuple(make(f"{topic.name}/{name}") for make, name in _BESIDE.get(topic.type, ()))

@@ -12,7 +12,7 @@ import tf
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
-from sensor_msgs.msg import CameraInfo, CompressedImage, Imu, Joy, LaserScan, NavSatFix
+from sensor_msgs.msg import CameraInfo, CompressedImage, Imu, Joy, LaserScan, NavSatFix, PointCloud2
 from tf2_msgs.msg import TFMessage
 from txt_driver.msg import Battery, Pwm
 from txt_driver.srv import PidLoad, PwmTest, Shutdown, SwitchedPwr, SwitchedPwrRequest
@@ -121,8 +121,9 @@ def sensors():
         rospy.Subscriber(f"/{name}", kind, lambda told, name=name: heard.setdefault(name, []).append(told))
     rospy.Subscriber("/camera/image_raw/compressed", CompressedImage, lambda told: heard.setdefault("picture", told))
     rospy.Subscriber("/camera/camera_info", CameraInfo, lambda told: heard.setdefault("info", told))
+    rospy.Subscriber("/camera/depth/points", PointCloud2, lambda told: heard.setdefault("points", told))
     rospy.Subscriber("/tf_static", TFMessage, lambda told: heard.setdefault("static", told))
-    until(lambda: len(heard) == 6 and all(len(heard[name]) > 5 for name in ("scan", "imu/data", "fix")))
+    until(lambda: len(heard) == 7 and all(len(heard[name]) > 5 for name in ("scan", "imu/data", "fix")))
     scan, imu, fix = (heard[name][-1] for name in ("scan", "imu/data", "fix"))
     frames = {each.child_frame_id: each.header.frame_id for each in heard["static"].transforms}
     return {
@@ -130,6 +131,7 @@ def sensors():
         "imu": [imu.header.frame_id, imu.linear_acceleration.z, list(imu.angular_velocity_covariance)],
         "fix": [fix.header.frame_id, fix.latitude, fix.position_covariance_type],
         "picture": [heard["picture"].format, heard["picture"].data[:2].hex(), len(heard["info"].K)],
+        "points": [heard["points"].width, len(heard["points"].data), [each.name for each in heard["points"].fields]],
         "frames": frames,
         "late": time.time() - scan.header.stamp.to_sec(),
     }

@@ -136,7 +136,12 @@ def ros(package: Path) -> Iterator[Ros]:
 def robot(ros: Ros, *words: str, path: str = "") -> Iterator[subprocess.Popen[str]]:
     """`txt1 run --ros1`."""
     room = ["--set", "sim.room.length=40", "--set", "sim.room.width=40"]
-    environment = {**os.environ, **ros.uri, "PYTHONPATH": str(ROOT), "PATH": f"{path}:{os.environ['PATH']}"}
+    environment = {
+        **os.environ,
+        **ros.uri,
+        "PYTHONPATH": f"{ROOT}:{ROOT / 'plugins/ros1'}",
+        "PATH": f"{path}:{os.environ['PATH']}",
+    }
     process = subprocess.Popen(
         [*ros.place, *TXT1, "run", "--headless", "--seed", "1", "--ros1", *room, *words],
         env=environment,
@@ -218,8 +223,8 @@ def test_gains_that_are_no_numbers_are_refused_and_the_node_lives(ros: Ros) -> N
 
 
 def test_sensors_are_told_as_programs_of_ros_know_them_and_where_they_sit(ros: Ros) -> None:
-    sensors = ("laser", "sim_laser"), ("imu", "sim_imu"), ("gps", "sim_gps"), ("camera", "sim_camera")
-    words = [word for name, driver in sensors for word in ("--set", f"sensors.{name}.driver={driver}")]
+    sensors = ("laser", "imu", "gps", "camera", "depth")
+    words = [word for name in sensors for word in ("--set", f"sensors.{name}.driver=sim_{name}")]
     with robot(ros, *words):
         told = ros.peer("sensors")
     assert told["scan"][0] == "/base_laser_link"
@@ -231,6 +236,7 @@ def test_sensors_are_told_as_programs_of_ros_know_them_and_where_they_sit(ros: R
     assert told["fix"][0] == "/base_gps_link"
     assert -90.0 < told["fix"][1] < 90.0
     assert told["picture"] == ["jpeg", "ffd8", 9]
+    assert told["points"] == [160, 160 * 120 * 12, ["x", "y", "z"]]
     assert told["frames"]["/base_laser_link"] == "/base_link"
     assert told["frames"]["/base_link"] == "/base_footprint"
     assert abs(told["late"]) < LIMIT, "stamped with the time of day"

@@ -85,6 +85,10 @@ def fill(told: Any, tree: dict[str, Any], place: str) -> Any:
         there = getattr(told, name)
         if name in ("frame_id", "child_frame_id"):
             setattr(told, name, f"{place}{value}")
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            kind = told._slot_types[told.__slots__.index(name)].removesuffix("[]")  # noqa: SLF001  # as genpy does
+            element = genpy.message.get_message_class(kind)
+            setattr(told, name, [fill(element(), each, place) for each in value])
         elif not isinstance(value, dict):
             setattr(told, name, value)
         elif "base64" in value:

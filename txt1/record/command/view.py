@@ -32,27 +32,17 @@ from txt1.record.options import LAYOUT
 from txt1.record.reader import Decoding, FilePass, Item
 from txt1.sensors.mounts import fixed, links_of
 from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+from txt1.sensors.ros_messages import POINTS, cloud
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY as ODOMETRY_TOPIC
 from txt1.tasks.markers import CUBE, LINES
 from txt1.telemetry.messages import define, schema_name, schema_text
 
 Array = NDArray[np.float64]
-define("sensor_msgs/PointField", "string name\nuint32 offset\nuint8 datatype\nuint32 count")
-POINTS: Final = define(
-    "sensor_msgs/PointCloud2",
-    "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\n"
-    "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense",
-)
 SPEEDS: Final = define(
     "sensor_msgs/JointState",
     "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
 )
-# a PointField's datatype
-FLOAT32: Final = 7
-_FIELDS: Final = [
-    {"name": name, "offset": 4 * place, "datatype": FLOAT32, "count": 1} for place, name in enumerate("xyz")
-]
 SCAN: Final = "sensor_msgs/msg/LaserScan"
 MAP: Final = "nav_msgs/msg/OccupancyGrid"
 PARTICLES: Final = "geometry_msgs/msg/PoseArray"
@@ -149,20 +139,14 @@ def speeds(header: Any, twist: Any) -> dict[str, Any]:
 
 def _cloud(header: Any, x: Any, y: Any) -> dict[str, Any]:
     """Return places (m) in the plane of a frame as the fields of a PointCloud2."""
-    cloud = np.zeros((len(x), 3), np.float32)
-    cloud[:, 0], cloud[:, 1] = x, y
+    places = np.zeros((1, len(x), 3), np.float32)
+    places[0, :, 0], places[0, :, 1] = x, y
     return {
         "header": {
             "stamp": {"sec": header.stamp.sec, "nanosec": header.stamp.nanosec},
             "frame_id": header.frame_id,
         },
-        "height": 1,
-        "width": len(cloud),
-        "fields": _FIELDS,
-        "point_step": 12,
-        "row_step": 12 * len(cloud),
-        "data": cloud.tobytes(),
-        "is_dense": True,
+        **cloud(places),
     }
 
 
