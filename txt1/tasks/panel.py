@@ -4,6 +4,7 @@ Drawing takes longer than a controller period, so the screens are drawn elsewher
 """
 
 from collections import deque
+from collections.abc import Mapping
 from typing import Final
 
 from txt1.control.limits import Gate
@@ -14,6 +15,9 @@ from txt1.tasks.state import State
 
 # s, of the button task and of the display task
 PANEL_PERIOD: Final = 0.1
+
+# s for which the buzzer sounds, and then is silent, by the state of the batteries: as on the original boards
+BEEPS: Final[Mapping[BatteryState | None, float]] = {BatteryState.WARNING: 2.0, BatteryState.BAD: 1.0}
 
 
 async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, gate: Gate) -> None:
@@ -62,11 +66,14 @@ def press(panel: Panel, pressed: Button, rows: int, has_pwm: bool) -> Panel:
 
 async def display(ticks: Ticks, state: State, hal: Hal) -> None:
     """Set buzzer and LEDs, once per tick. An LED toggles with every message."""
-    async for _ in ticks:
-        sounds = buzzer(state.link.alive, state.battery.state)
+    async for now in ticks:
+        sounds = buzzer(state.link.alive, state.battery.state, now)
         hal.indicate(Indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
 
 
-def buzzer(link_alive: bool, battery: BatteryState | None) -> bool:
-    """Return whether the buzzer sounds: the link is lost or a battery is low (thesis 3.6.2)."""
-    return not link_alive or battery in (BatteryState.WARNING, BatteryState.BAD)
+def buzzer(link_alive: bool, battery: BatteryState | None, now: float) -> bool:
+    """Return whether the buzzer sounds at `now`, s of the run: without a pause while the link is lost, else in the
+    pattern of the batteries' state (thesis 3.6.2).
+    """
+    period = BEEPS.get(battery) if link_alive else None
+    return not link_alive if period is None else now % (2.0 * period) < period

@@ -131,7 +131,7 @@ def _state_line(snapshot: Snapshot, viewer: Viewer) -> RenderableType:
     """
     mode, traffic = snapshot.get(MODE, Mode()), snapshot.get(TRAFFIC, Traffic())
     alive = mode.link.alive
-    sounds = buzzer(alive, snapshot.get(BATTERIES[0], Battery()).state)
+    sounds = buzzer(alive, snapshot.get(BATTERIES[0], Battery()).state, snapshot.time)
     link = styled("link alive", GOOD) if alive else styled("link lost", "red")
     rx, tx = (
         styled("●", "bright_green") if messages % 2 else styled("○", DIM)
@@ -188,7 +188,7 @@ def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
         ("", ""),
         (DASH, "a value that this hardware layer cannot know"),
         ("on?", "asked for, and confirmed by nobody"),
-        ("BUZZER", "link lost or battery low"),
+        ("BUZZER", "link lost; battery low: 2 s on, 2 s off; empty: 1 s"),
         ("RX TX", "toggle with every message received and sent"),
     )
     rows: tuple[tuple[str, str], ...] = tuple(viewer.keys.items())

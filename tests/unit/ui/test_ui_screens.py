@@ -17,7 +17,18 @@ from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.diagnostics import FAULTS
 from txt1.tasks.encoder import ODOMETRY
-from txt1.tasks.fields import EVENTS, GAIN_TABLE, TRAFFIC, Battery, Event, GainTable, LinkState, Panel, Traffic
+from txt1.tasks.fields import (
+    EVENTS,
+    GAIN_TABLE,
+    TRAFFIC,
+    Battery,
+    BatteryState,
+    Event,
+    GainTable,
+    LinkState,
+    Panel,
+    Traffic,
+)
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.screens import installed, render
@@ -137,6 +148,12 @@ def test_buzzer_and_leds_follow_the_robot() -> None:
     assert "BUZZER" not in printed(snapshot, Viewer(), 80, 24)[1]
     assert "RX ○  TX ●" in printed(snapshot.replaced({TRAFFIC: Traffic(2, 3)}), Viewer(), 80, 24)[1]
     assert "BUZZER" in printed(mode(snapshot, link=LinkState()), Viewer(), 80, 24)[1]
+    low = snapshot.replaced({BATTERIES[0]: Battery(9.3, state=BatteryState.WARNING)})
+    assert ["BUZZER" in printed(low.replaced({}, time), Viewer(), 80, 24)[1] for time in (1.0, 3.0, 5.0)] == [
+        True,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("screen", range(len(installed())))

@@ -198,6 +198,9 @@ function show() {
   $("driver").textContent = driver === "web" ? (mine ? "this page" : `page ${holder}`)
     : driver || (mine ? "this page" : holder ? `page ${holder}` : "nobody")
   $("battery").textContent = battery(topics["/battery1"], topics["/range_left"])
+  const alive = mode?.link.alive !== false, sounds = !silent && !replay && buzzer(alive, topics["/battery1"]?.state, know.time)
+  $("battery").classList.toggle("sounds", sounds && alive)
+  $("link").classList.toggle("sounds", sounds && !alive)
   $("link").textContent = !link.open ? "lost" : silent ? "silent" : mode?.link.alive === false ? "board lost"
     : know.page.round_trip == null ? "alive" : `${Math.round(1000 * know.page.round_trip)} ms`
   $("arm").dataset.armed = mode?.armed && !replay ? "1" : ""
@@ -230,6 +233,10 @@ const disobeys = (mode) => [
   mode?.panel?.manual && "c at the terminal: back to controller mode; in manual mode nothing drives it",
   mode?.power?.esc === false && "e at the terminal: switch the ESC on; it is off, so nothing moves",
 ].filter(Boolean)
+
+// As the board's buzzer: without a pause while the link is lost, else by the batteries' state; s on, and s off.
+const BEEPS = { warning: 2, bad: 1 }
+const buzzer = (alive, state, time) => !alive || time % (2 * (BEEPS[state] ?? 0)) < BEEPS[state]
 
 const round = (value) => (value === undefined ? NaN : Math.round(value * 100) / 100)
 
