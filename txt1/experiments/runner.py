@@ -17,6 +17,7 @@ from txt1.navigation import PoseSource, follow, fused_pose, map_pose, true_pose,
 from txt1.navigation.pose_source import located, places_on_earth, step_between
 from txt1.navigation.waypoints import Point
 from txt1.robot import Robot
+from txt1.tasks.battery import BAD_TIME
 from txt1.tasks.fields import BatteryState
 
 # s between two commands, as in the original tests
@@ -178,7 +179,8 @@ class Experiment:
                 self._warned = driven
             if self.profile.figure == "battery" and battery.remaining is not None:
                 self.progressed(min(driven / (driven + battery.remaining + 1e-9), 1.0))
-            if self.safe_end and battery.remaining == 0.0:
+            # a board that has just got its power reads low at first
+            if self.safe_end and battery.remaining == 0.0 and driven >= BAD_TIME:
                 return SAFE_END
             if now - self._still_since >= STOPPED_TIME:
                 return CUT_OFF if self._empty() else "a vehicle that does not move"
