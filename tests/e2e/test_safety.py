@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from math import inf, nan
+from typing import Any
 
 import pytest
 
@@ -515,6 +516,17 @@ async def test_the_external_supply_drives_without_any_pack() -> None:
         await robot.drive(0.5, 0.0, 3.0)
         assert robot.battery.state == "external power"
         assert true_speed(robot) == pytest.approx(0.5, abs=0.05)
+
+
+async def test_an_external_supply_above_14_v_is_cut_off_and_one_below_spares_the_packs() -> None:
+    async with Robot.open("sim", seed=1, settings=[*ENDLESS, "sim.battery.external=13.9"]) as robot:
+        await robot.load_gains()
+        await robot.drive(0.5, 0.0, 5.0)
+        hal: Any = robot.hal
+        assert hal.vehicle.supply.packs == (0.0, None)
+    async with Robot.open("sim", seed=1, arm=False, settings=[*ENDLESS, "sim.battery.external=14.1"]) as robot:
+        with pytest.raises(NotArmed, match="cut off"):
+            robot.arm()
 
 
 async def test_a_pack_that_is_cut_off_stops_the_robot_and_cannot_be_armed() -> None:

@@ -12,6 +12,8 @@ SAFE_END_MIN: Final = 46.0
 CUT_OFF_MIN: Final = 50.0
 # below this the hardware cuts the power
 CUT_OFF_V: Final = 9.25
+# and above this
+OVERVOLTAGE_V: Final = 14.0
 # 6500 mAh of 11.4 V on average in 50 min: what the robot draws under full load, W
 FULL_LOAD_W: Final = 89.0
 # m/s at which that was measured

@@ -102,7 +102,8 @@ def powered(vehicle: VehicleParameters, batteries: Batteries) -> VehicleParamete
     """Return the parameters with the free speed at the packs' initial voltage, for a vehicle without batteries
     of its own.
     """
-    share = voltage_share(vehicle, Packs(batteries.used_1, batteries.used_2).voltages())
+    voltages = Packs(batteries.used_1, batteries.used_2).voltages()
+    share = voltage_share(vehicle, max(*voltages, batteries.external or 0.0))
     return replace(vehicle, speed_gain=vehicle.speed_gain * share) if share != 1.0 else vehicle
 
 

@@ -4,7 +4,7 @@ from math import sqrt
 from random import Random
 from typing import Final, NamedTuple
 
-from txt1.model.battery import CUT_OFF_V, FULL_LOAD_SPEED, FULL_LOAD_W, pack_voltage
+from txt1.model.battery import CUT_OFF_V, FULL_LOAD_SPEED, FULL_LOAD_W, OVERVOLTAGE_V, pack_voltage
 from txt1.sim.parameters import Batteries, VehicleParameters
 
 # s between two updates of the packs' charge
@@ -88,13 +88,9 @@ def range_left(batteries: Batteries, remaining: float, v_max: float) -> float:
     return remaining * v / load(batteries, v)
 
 
-def voltage_share(vehicle: VehicleParameters, voltages: tuple[float, float]) -> float:
-    """Return the motor's voltage as a share of the voltage for which `speed_gain` holds; 1 without packs.
-
-    The diodes connect the pack with the higher voltage.
-    """
-    highest = max(voltages)
-    return highest / vehicle.voltage if highest and vehicle.voltage else 1.0
+def voltage_share(vehicle: VehicleParameters, voltage: float) -> float:
+    """Return `voltage` as a share of the voltage for which `speed_gain` holds; 1 if either is 0, unknown."""
+    return voltage / vehicle.voltage if voltage and vehicle.voltage else 1.0
 
 
 class Supply:
@@ -112,8 +108,10 @@ class Supply:
         self.packs = Packs(batteries.used_1, batteries.used_2)
         self.voltages = self.packs.voltages()
         """Voltages of the two packs, V; 0 for a pack that is not connected."""
+        self.voltage = max(*self.voltages, batteries.external or 0.0)
+        """Voltage behind the diodes, V; 0: an external supply of an unknown voltage feeds a robot without packs."""
         self.cut_off = False
-        """Whether the cut-off circuit has opened, as no pack is above 9.25 V."""
+        """Whether the cut-off circuit has opened, as this voltage is not between 9.25 and 14 V."""
         self.drawn = 0.0
         """Seconds of full load since the last `settle`."""
         self.settles = 0.0
@@ -131,13 +129,13 @@ class Supply:
         `broken`: reading of a faulty converter, V; None for an intact converter.
         """
         self.settles = now + SETTLE_PERIOD
-        self.packs = discharge(self.packs, self.drawn)
+        if self.voltage in self.voltages:
+            self.packs = discharge(self.packs, self.drawn)
         self.drawn = 0.0
         self.voltages = self.packs.voltages()
+        self.voltage = max(*self.voltages, self.batteries.external or 0.0)
         self._keep_readings(broken)
-        # without packs an external supply feeds the robot
-        fitted = [voltage for voltage in self.voltages if voltage]
-        self.cut_off = bool(fitted) and max(fitted) <= CUT_OFF_V
+        self.cut_off = self.voltage != 0.0 and not CUT_OFF_V < self.voltage <= OVERVOLTAGE_V
 
     def read(self, now: float, broken: float | None) -> None:
         """Take new readings, as many as were due since the last call."""

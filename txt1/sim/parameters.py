@@ -80,6 +80,8 @@ class Batteries:
     """Minutes under full load that pack 1 has given; null: not connected."""
     used_2: NotNegative | None = None
     """Minutes under full load that pack 2 has given; null: not connected."""
+    external: Positive | None = None
+    """Voltage of the external supply, V, whose diode leads while no pack is higher; null: none, but without packs."""
     idle_load: Share = 0.4
     """Current with the motors off, as a share of the full load; assumed."""
     standby_load: Share = 0.1

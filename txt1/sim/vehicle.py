@@ -124,7 +124,7 @@ class Vehicle:
         self._rest = (0.0, 0.0, 0.0, nan, nan)
         self.supply.settle(0.0, None)
         # the motor's voltage, as a share of the voltage for which its parameters hold
-        self._strength = voltage_share(parameters, self.supply.voltages)
+        self._strength = voltage_share(parameters, self.supply.voltage)
         # the 29th attribute: CPython finds those of an object with more of them slowly
         self.motion: Motion = VehicleState()
         self._put_down(*start)
@@ -198,7 +198,7 @@ class Vehicle:
                 self._draw_drag()
             if now >= self.supply.settles:
                 self.supply.settle(now, self.faults.voltage)
-                self._strength = voltage_share(self.parameters, self.supply.voltages)
+                self._strength = voltage_share(self.parameters, self.supply.voltage)
             until = time if time < self.piece_ends else self.piece_ends
             after = self.motion_at(until)
             x_min, x_max, y_min, y_max = self.free
