@@ -51,7 +51,7 @@ class WithFiles(build_py):
 MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "odometry"],
-    "sim": ["battery", "lamp", "obstacles", "room", "vehicle", "dynamics", "world"],
+    "sim": ["battery", "lamp", "obstacles", "room", "vehicle", "dynamics", "sliding", "world"],
     "control": ["commander", "limits", "obedience", "pid", "sight"],
     "estimation": [
         "ahead",

@@ -27,8 +27,7 @@ from txt1.sim.vehicle import Vehicle
 WIRE: Final = ("serial.port=virtual", "sim.room.length=.inf", "sim.room.width=.inf")
 BOARDS: Final[Mapping[str, tuple[str, ...]]] = {
     "ours": WIRE,
-    # its loops spin the wheels of a car with less grip
-    "original": (*WIRE, "board.habits=original", "sim.vehicle.grip=2"),
+    "original": (*WIRE, "board.habits=original"),
 }
 NAMES: Final = {"ours": "board as ours", "original": "board as the originals"}
 STANDS: Final = 0.05

@@ -91,7 +91,7 @@ class InTheAir:
             else:
                 self._speeds[side] = ground
         # a car that stands is not asked how its wheels turn
-        return (*after[:3], after[3] or 1e-9, *after[4:6], rolled[0], rolled[1])
+        return (*after[:3], after[3] or 1e-9, *after[4:6], rolled[0], rolled[1], after[8])
 
 
 def on_the_floor(k: int, before: Motion, after: Motion, free: float, dt: float) -> Motion:

@@ -20,8 +20,7 @@ from txt1.protocol.messages import BatteryLevels, EncoderOdometry, PidSet, Power
 @asynccontextmanager
 async def original(*settings: str, driven: float = 0.0) -> AsyncIterator[tuple[Desk, Board, Host]]:
     """An original board and its host: link alive, gains loaded, driven at so many m/s."""
-    # on tyres that hold what they can: else a kick spins the wheels, and the car gets less of it
-    desk, host = Desk("virtual", "board.habits=original", "sim.vehicle.grip=2", *settings), Host()
+    desk, host = Desk("virtual", "board.habits=original", *settings), Host()
     await desk.power_up()
     connect(host, paced(desk, 57600))
     host.send(GAINS)

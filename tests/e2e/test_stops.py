@@ -24,8 +24,7 @@ from txt1.tasks.encoder import fallen
 from txt1.tasks.mode import MODE
 
 WIRE = ("serial.port=virtual", *ENDLESS)
-# such a board's steps spin the wheels, which is taken for a runaway: here tyres hold what they can
-ORIGINAL = (*WIRE, "board.habits=original", "sim.vehicle.grip=2")
+ORIGINAL = (*WIRE, "board.habits=original")
 
 
 @asynccontextmanager

@@ -34,8 +34,8 @@ TICK_MS: Final = 20
 WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)
 
 # rows of the robots' state: the rows of `txt1.sim.batch` first, then the encoders', the loops' and the light's
-PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED, LEAD = 7, 9, 11, 13, 16, 19, 21, 25
-ROWS: Final = 26
+PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED, LEAD = 8, 10, 12, 14, 17, 20, 22, 26
+ROWS: Final = 27
 
 # with fewer robots a thread of their own does not pay
 SHARE_MIN: Final = 200

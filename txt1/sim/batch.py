@@ -7,7 +7,7 @@ A processor can take several numbers in one instruction, but only if the same is
 is written for one vehicle: it branches, and it loops as often as a servo's turn takes pieces. So here the loops change
 places. The outer loop goes over the pieces of a tick. The inner loop goes over the vehicles, and has no branch.
 
-*Arrays.* The state of n vehicles is an array of shape (7, n): a row for each quantity, so numbers that are used
+*Arrays.* The state of n vehicles is an array of shape (8, n): a row for each quantity, so numbers that are used
 together lie side by side.
 
 *Pieces.* Each vehicle has its own time left of the tick (`remaining`). A pass of `_drive` moves every vehicle by a
@@ -24,8 +24,8 @@ these bounds. Angles of a few turns are first brought to a quarter turn (`_sine_
 its double alone would cost digits.
 
 *Limits.* This form holds for vehicles under power that steer front and rear by opposite angles, as the velocity loops
-do. `dynamics.move` itself moves a vehicle that coasts, or whose tyres are near the friction circle. It moves all
-vehicles if the parameters or the tick exceed the range of the series.
+do. `dynamics.move` itself moves a vehicle that coasts, whose wheels spin, or whose tyres are near the friction circle.
+It moves all vehicles if the parameters or the tick exceed the range of the series.
 
 numba compiles it (extra `fast`): eight times as fast as vehicle by vehicle. Without numba it gives the same results
 slowly. tests/unit/sim/test_many_vehicles.py checks that the two forms agree to 1e-12.
@@ -45,14 +45,14 @@ from numpy.typing import NDArray
 
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX
-from txt1.sim import dynamics
+from txt1.sim import dynamics, sliding
 from txt1.sim.battery import Packs, voltage_share
 from txt1.sim.dynamics import SHORT_RAMP, Dynamics
 from txt1.sim.parameters import Batteries, VehicleParameters
 
 Array = NDArray[np.float64]
 
-X, Y, THETA, V, PHI, RIGHT, LEFT = range(7)
+X, Y, THETA, V, PHI, RIGHT, LEFT, SPIN = range(8)
 """Rows of a batch's state: as in `VehicleState`, but with the front steering angle only; the rear angle is its
 negative.
 """
@@ -225,6 +225,8 @@ def _drive(
         understeer,
         _,
         _,
+        _,
+        _,
         ramp_step,
         steered,
         tan_max,
@@ -289,13 +291,12 @@ _drive_compiled = compiled(_drive, reorder=True)
 
 # numba calls only functions that it has compiled itself
 _EQUATIONS: Final = (
-    *("servo_angle", "steer", "direction", "held", "slide", "drive", "coast"),
+    *("servo_angle", "steer", "direction", "asks", "drive", "coast"),
     *("sideslip", "encoder_wheels", "along_arc"),
 )
 _turn_servos = {"turn_servos": compiled(dynamics.turn_servos)}
-_move_one = compiled(
-    dynamics.move, calls={name: compiled(getattr(dynamics, name), calls=_turn_servos) for name in _EQUATIONS}
-)
+_calls = {name: compiled(getattr(dynamics, name), calls=_turn_servos) for name in _EQUATIONS}
+_move_one = compiled(dynamics.move, calls={**_calls, "slide": compiled(sliding.slide)})
 
 
 def _move(
@@ -311,7 +312,7 @@ def _move(
     """Let vehicles move for `dt` seconds.
 
     Args:
-        batch: states, shape (7, n), changed in place.
+        batch: states, shape (8, n), changed in place.
         motor: PWM counts, shape (n,).
         steering: PWM counts of the rear servos, shape (n,); the front servos get the negative.
         drag: drag of the floor as a share of the speed, shape (n,).
@@ -329,7 +330,7 @@ def _move(
         remaining[i] = dt
         v = batch[V, i]
         free = speed_gain * (motor[i] - copysign(dead_band, motor[i]))
-        calm = abs(v) <= calm_v and abs(free - v) <= calm_pull
+        calm = batch[SPIN, i] == 0.0 and abs(v) <= calm_v and abs(free - v) <= calm_pull
         if abs(motor[i]) <= dead_band or not series_suffice or not calm:
             before = (
                 batch[X, i],
@@ -340,10 +341,13 @@ def _move(
                 -batch[PHI, i],
                 batch[RIGHT, i],
                 batch[LEFT, i],
+                batch[SPIN, i],
             )
-            x, y, theta, v, phi, _, right, left = _move_one(before, motor[i], -steering[i], steering[i], dt, drag[i], p)
+            x, y, theta, v, phi, _, right, left, spin = _move_one(
+                before, motor[i], -steering[i], steering[i], dt, drag[i], p
+            )
             batch[X, i], batch[Y, i], batch[THETA, i], batch[V, i] = x, y, theta, v
-            batch[PHI, i], batch[RIGHT, i], batch[LEFT, i] = phi, right, left
+            batch[PHI, i], batch[RIGHT, i], batch[LEFT, i], batch[SPIN, i] = phi, right, left, spin
             remaining[i] = 0.0
     while (
         _drive_compiled(

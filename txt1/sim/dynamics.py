@@ -5,7 +5,7 @@ proportional to its length. While a servo turns (42 ms from centre to lock) the 
 `ramp_step`, each an arc at the piece's mean steering angle, which is second-order accurate. One call therefore costs
 two or three arcs instead of twenty steps of a 1 kHz integrator, and is more accurate.
 
-Tyres have no state of their own; they are always in balance.
+While the tyres hold what is asked of them, they have no state of their own: wheels roll, and all is in balance.
 
 - *Lateral slip.* A tyre pushes sideways by `cornering` times its load times the sine of its slip angle. So the
   reference point (middle of the vehicle, or of the rear axle if only the front axle steers) slides outwards: sin(angle)
@@ -13,8 +13,10 @@ Tyres have no state of their own; they are always in balance.
 - *The friction circle.* The motor demands an acceleration along the car, a = (v_free - loss v) / tau, and the steering
   demands v^2 curvature across it. If the sum of the two vectors exceeds g `grip`, both are scaled down by the same
   factor.
-- *Wheels that spin or lock.* The motor pushes no more than the tyres hold, so the wheels turn at another speed than the
-  car: loss v_wheel = v_free - tau times the car's acceleration. The encoders count this speed.
+- *Wheels that spin or lock.* What the motor asks for beyond the tyres' hold turns the wheels, which have the share J of
+  the car's inertia, at a speed w of their own. A tyre holds a = g `grip` tanh(`stiffness` slip / `grip`) along, with
+  slip = (w - v) / max(abs(v), abs(w)), and with the force across at most g `grip` in all. Then dv/dt = a and J d(w -
+  v)/dt = (v_free - loss w) / tau - a (`txt1.sim.sliding`). The encoders count w.
 
 Near the circle, pieces are never longer than `ramp_step`; each has the acceleration at its middle.
 
@@ -32,7 +34,7 @@ from txt1.units import GRAVITY
 
 VERSION: Final = (
     # version of these equations: raised with every change, so that results of other versions are not reused
-    2
+    3
 )
 # shares of the tyres' limit: a vehicle that demands less, and is slower, is computed without the circle
 CALM_ALONG: Final = 0.62
@@ -43,8 +45,8 @@ DRAG_MAX: Final = 0.2
 SHORT_RAMP: Final = 0.25
 
 
-Motion = tuple[float, float, float, float, float, float, float, float]
-"""The fields of a `VehicleState` as plain numbers, which are much quicker to make."""
+# the fields of a `VehicleState` as plain numbers, which are much quicker to make
+Motion = tuple[float, float, float, float, float, float, float, float, float]
 
 
 class VehicleState(NamedTuple):
@@ -65,13 +67,15 @@ class VehicleState(NamedTuple):
     right: float = 0.0
     # path rolled by the left encoder wheel, m
     left: float = 0.0
+    # speed of the wheels beyond the car's, m/s: 0 while they roll
+    spin: float = 0.0
 
 
+# the parameters of `move`, in the order in which it unpacks them; see `dynamics`
 Dynamics = tuple[
     float, float, float, float, float, float, float, float, float, float, float, float, float, float, float, float,
-    float, float, float, float, float,
+    float, float, float, float, float, float, float,
 ]  # fmt: skip
-"""The parameters of `move`, in the order in which it unpacks them; see `dynamics`."""
 
 # PWM counts at which the steering is at its stop
 LOCK: Final = float(STEERING_MAX)
@@ -140,19 +144,19 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
     # local names: in plain Python looking up an attribute takes as long as the multiplication
     (
         wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, coast_time_constant,
-        coast_friction, servo_rate, scrub, slip, understeer, _, _, ramp_step, steered, tan_max, hold, sideways,
-        calm_v, calm_pull,
+        coast_friction, servo_rate, scrub, slip, understeer, _, _, inertia, stiffness, ramp_step, steered, tan_max,
+        hold, sideways, calm_v, calm_pull,
     ) = p  # fmt: skip
-    x, y, theta, v, phi_front, phi_rear, right, left = state
+    x, y, theta, v, phi_front, phi_rear, right, left, spin = state
     target_front, target_rear = servo_angle(front, steering_max), servo_angle(rear, steering_max)
     coasting = abs(motor) <= dead_band
-    if coasting and v == 0.0 and phi_front == target_front and phi_rear == target_rear:
+    if coasting and v == spin == 0.0 and phi_front == target_front and phi_rear == target_rear:
         # at rest
         return state
     tau = coast_time_constant if coasting else speed_time_constant
     v_free = speed_gain * (motor - dead_band if motor > 0.0 else motor + dead_band)
-    # whether motor and steering demand so little that the tyres certainly hold
-    calm = -calm_v <= v <= calm_v and (coasting or -calm_pull <= v_free - v <= calm_pull)
+    # whether the wheels roll, and motor and steering demand so little that the tyres certainly hold
+    calm = spin == 0.0 and -calm_v <= v <= calm_v and (coasting or -calm_pull <= v_free - v <= calm_pull)
     remaining = dt
     while remaining > 0.0:
         h, mean_front, mean_rear, phi_front, phi_rear = steer(
@@ -162,15 +166,17 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
         # tau dv/dt = v_free - loss v
         lock = 0.5 * tans / tan_max
         loss = 1.0 + scrub * lock * lock + drag
-        share, along = 1.0, 0.0
+        share = 1.0
         if coasting:
             # dry friction takes the motor's place
             v_free = -coast_friction if v > 0.0 else coast_friction
-        if not calm:
-            share, along = held(v, v_free, tau, loss, turn / wheelbase, h, coasting, hold, understeer)
+        if not calm and (
+            spin != 0.0 or asks(v, v_free, tau, loss, turn / wheelbase, h, coasting, hold, understeer) > hold
+        ):
+            distance, rolled, v, spin, share = slide(
+                v, spin, v_free, tau, loss, turn / wheelbase, h, coasting, hold, stiffness, inertia, understeer
+            )
             turn *= share
-        if share < 1.0:
-            distance, rolled, v = slide(v, v_free, tau, loss, along, h, coasting, slip)
         elif coasting:
             distance, v = coast(v, v_free / loss, tau / loss, h)
             rolled = distance
@@ -188,7 +194,7 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
             left += rolled * along_left
             x, y, theta = along_arc(x, y, theta, distance, curvature, sin_slip, cos_slip)
         remaining -= h
-    return x, y, theta, v, phi_front, phi_rear, right, left
+    return x, y, theta, v, phi_front, phi_rear, right, left, spin
 
 
 # -- servos ------------------------------------------------------------------------------------------------------
@@ -273,7 +279,7 @@ def direction(front: float, rear: float) -> tuple[float, float, float, float, fl
 # -- speed -------------------------------------------------------------------------------------------------------
 
 
-def held(
+def asks(
     v: float,
     v_free: float,
     tau: float,
@@ -283,39 +289,39 @@ def held(
     coasting: bool,
     hold: float,
     understeer: float,
-) -> tuple[float, float]:
-    """Return the share of the demand that the tyres hold, and the acceleration along the car that is left of it,
-    m/s^2: at the beginning of a piece, then at its middle.
+) -> float:
+    """Return the acceleration that motor and steering ask of tyres that roll, m/s^2, in all directions together: at the
+    beginning of a piece; if the tyres hold it, at its middle.
     """
-    share, along, mean_v = 1.0, 0.0, v
+    asked, mean_v = 0.0, v
     for _ in range(2):
         along = (v_free - loss * mean_v) / tau
         across = mean_v * mean_v * bend / (1.0 + understeer * mean_v * mean_v)
         asked = sqrt(along * along + across * across)
-        share = hold / asked if asked > hold else 1.0
-        mean_v = v + 0.5 * h * share * along
-        if share == 1.0 or (coasting and (mean_v > 0.0) != (v > 0.0)):
+        mean_v = v + 0.5 * h * along
+        if asked > hold or (coasting and (mean_v > 0.0) != (v > 0.0)):
             break
-    return share, along * share
+    return asked
 
 
 def slide(
-    v: float, v_free: float, tau: float, loss: float, along: float, h: float, coasting: bool, slip: float
-) -> tuple[float, float, float]:
-    """Return distance, the wheels' path and the speed after h s of an acceleration of `along` m/s^2, the most
-    that the tyres hold.
-    """
-    stop = -v / along if coasting and v * along < 0.0 else h
-    rolling = h if h < stop else stop
-    distance = (v + 0.5 * along * rolling) * rolling
-    wheels = (v_free - tau * along) / loss
-    rolled = wheels * rolling
-    if not coasting:
-        rolled *= 1.0 + slip
-    elif wheels * v <= 0.0:
-        # a locked wheel does not turn
-        rolled = 0.0
-    return distance, rolled, v + along * rolling if stop >= h else 0.0
+    v: float,
+    spin: float,
+    v_free: float,
+    tau: float,
+    loss: float,
+    bend: float,
+    h: float,
+    coasting: bool,
+    hold: float,
+    stiffness: float,
+    inertia: float,
+    understeer: float,
+) -> tuple[float, float, float, float, float]:
+    """Do as `txt1.sim.sliding.slide`, which is loaded when wheels slip for the first time."""
+    from txt1.sim.sliding import slide
+
+    return slide(v, spin, v_free, tau, loss, bend, h, coasting, hold, stiffness, inertia, understeer)
 
 
 def drive(v: float, v_end: float, tau: float, h: float) -> tuple[float, float]:

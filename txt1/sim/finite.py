@@ -1,4 +1,4 @@
-"""Checks a physics: numbers that are not finite end the run, and the vehicle stays where it was."""
+"""Checks a physics: numbers that are not finite, or too few, end the run, and the vehicle stays where it was."""
 
 from collections.abc import Callable
 from math import isfinite
@@ -20,12 +20,17 @@ class Finite:
         return getattr(self._physics, name)
 
     def __call__(self, motion: Motion, motor: float, front: float, rear: float, dt: float, drag: float) -> Motion:
-        """Return the motion `dt` seconds later; raises HalError if a number is not finite."""
+        """Return the motion `dt` seconds later; raises HalError if a number is missing or not finite."""
         if not self._failed:
             after = self._physics(motion, motor, front, rear, dt, drag)
-            if isfinite(sum(after)):
+            count = len(after)
+            if count == len(motion) and isfinite(sum(after)):
                 return after
             self._failed = True
+            if count != len(motion):
+                raise HalError(
+                    f"sim.physics: {self._name} returns {count} numbers, and a motion has {len(motion)}; add the others"
+                )
             raise HalError(
                 f"sim.physics: {self._name} returns a number that is not finite at {motion[3]:.2f} m/s; "
                 "drive slower, or set sim.physics=plain"

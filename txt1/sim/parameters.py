@@ -41,6 +41,14 @@ class VehicleParameters:
     """Sideways force of a tyre, as a share of its load, per slip angle, 1/rad: 1.0489 * 5.4562, from the same
     simulator.
     """
+    inertia: Annotated[float, Ge(0.01), Le(0.9)] = 0.23
+    """Share of the car's inertia that turns: 0.95 kg of wheels and 1.5 kg of rotors, as if at the tyres' rims, beside a
+    mass of 8 kg (docs/physics.md).
+    """
+    stiffness: Annotated[float, Ge(2.5)] = 22.3
+    """Force of a tyre along, as a share of its load, per slip, before it slides: as of the tyre of
+    commonroad-vehicle-models (p_kx1).
+    """
     skid: Positive = 1.0
     """Factor by which sides at two speeds turn it as if it were wider, as tyres scrub sideways; 1: not wider."""
     voltage: NotNegative = INTERCEPT_V

@@ -28,12 +28,12 @@ def move(
         body: dimensions.
 
     """
-    x, y, theta, _, v_right, v_left, right, left = state
+    x, y, theta, _, v_right, v_left, right, left, _ = state
     counts_right, counts_left = sides(motor, min(max(steering, -STEERING_MAX), STEERING_MAX))
     path_right, v_right = _roll(v_right, counts_right, dt, drag, vehicle)
     path_left, v_left = _roll(v_left, counts_left, dt, drag, vehicle)
     if path_right == path_left == v_right == v_left == 0.0:
-        return state if state[3:6] == (0.0, 0.0, 0.0) else (x, y, theta, 0.0, 0.0, 0.0, right, left)
+        return state if state[3:6] == (0.0, 0.0, 0.0) else (x, y, theta, 0.0, 0.0, 0.0, right, left, 0.0)
     distance, turn = 0.5 * (path_right + path_left), (path_right - path_left) / (body.track_width * vehicle.skid)
     if distance:
         x, y, theta = move_along_arc(x, y, theta, distance, turn / distance, 0.0)
@@ -41,7 +41,7 @@ def move(
         theta = move_along_arc(x, y, theta + turn, 0.0, 0.0, 0.0)[2]
     rolled = 1.0 + vehicle.slip
     right, left = right + rolled * path_right, left + rolled * path_left
-    return x, y, theta, 0.5 * (v_right + v_left), v_right, v_left, right, left
+    return x, y, theta, 0.5 * (v_right + v_left), v_right, v_left, right, left, 0.0
 
 
 def _roll(v: float, counts: float, dt: float, drag: float, p: VehicleParameters) -> Side:

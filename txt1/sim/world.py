@@ -241,7 +241,7 @@ class World:
 
 
 def halted(vehicle: Vehicle, before: Motion, after: Motion) -> Motion:
-    """Return the motion at contact: pose and wheels as before, speed 0, the steering as turned."""
-    x, y, theta, _, _, _, right, left = before
+    """Return the motion at contact: pose and wheels as before, at rest, the steering as turned."""
+    x, y, theta, _, _, _, right, left, _ = before
     front, rear = (0.0, 0.0) if vehicle.skids else (after[4], after[5])
-    return x, y, theta, 0.0, front, rear, right, left
+    return x, y, theta, 0.0, front, rear, right, left, 0.0

@@ -19,7 +19,7 @@ from txt1_physics.mjcf import roll_gradient
 from txt1_physics.settings import PhysicsSettings
 
 CARS = {"single-track-drift": "f1tenth", "multi-body": "f1tenth", "mujoco": "txt1"}
-AT_REST: Motion = (0.0,) * 8
+AT_REST: Motion = (0.0,) * 9
 LEFT = (-9000.0, 9000.0)
 # the compilers of commonroad's models take a quarter of a minute where nothing is kept yet
 EACH = [
@@ -46,14 +46,14 @@ def drive(physics: Foreign, motion: Motion, seconds: float, motor: float, front:
 def test_it_drives_a_left_turn_and_stops_by_itself(name: str) -> None:
     given = config(name)
     physics = PHYSICS.make("sim.physics", name, given)
-    x, y, theta, v, front, rear, right, left = drive(physics, AT_REST, 1.0, 2500.0, *LEFT)
+    x, y, theta, v, front, rear, right, left, spin = drive(physics, AT_REST, 1.0, 2500.0, *LEFT)
     free = given.sim.vehicle.speed_gain * (2500.0 - given.sim.vehicle.dead_band)
     assert 0.7 * free < v < 1.1 * free
     assert x > 0.1 and y > 0.0 and theta > 0.1 and right > left > 0.1
     assert front == pytest.approx(0.5 * given.geometry.steering_max, rel=0.2) and rear == pytest.approx(-front, rel=0.3)
     roll, _ = physics.attitude((x, y, theta))
     assert roll > 0.0 or name == "single-track-drift", "the body leans to the right"
-    motion = drive(physics, (x, y, theta, v, front, rear, right, left), 4.0, 0.0, 0.0, 0.0)
+    motion = drive(physics, (x, y, theta, v, front, rear, right, left, spin), 4.0, 0.0, 0.0, 0.0)
     assert motion[3] == 0.0 and drive(physics, motion, 1.0, 0.0, 0.0, 0.0) == motion, "it stands"
 
 

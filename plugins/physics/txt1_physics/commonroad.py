@@ -352,7 +352,8 @@ class CommonRoad(Foreign):
         mean, half = 0.5 * (rolled[0] + rolled[1]), 0.5 * (rolled[0] - rolled[1]) * self._apart
         right, left = motion[6] + self.scale * (mean + half), motion[7] + self.scale * (mean - half)
         phi = float(state[2])
-        after: Motion = (float(x), float(y), theta, root * self.forwards(state), phi, -phi, float(right), float(left))
+        v = root * self.forwards(state)
+        after: Motion = (float(x), float(y), theta, v, phi, -phi, float(right), float(left), 0.0)
         if state[3] != 0.0 and not self.holds(state):
             raise self.lost(motion, "both wheels of a side have left the floor, and the model knows no roll-over")
         return after, state

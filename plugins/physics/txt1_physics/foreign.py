@@ -1,6 +1,6 @@
 """The common part of others' physics: memory, the motor and the steering servo, and refusals.
 
-How it works. A `txt1.sim.vehicle.Vehicle` calls its physics with its motion, eight numbers, and gets eight back.
+How it works. A `txt1.sim.vehicle.Vehicle` calls its physics with its motion, nine numbers, and gets nine back.
 Others' models have more: sideways speeds, angular rates, suspensions. This *hidden* state is stored here for each
 motion returned since the vehicle last moved on, because the world computes possible motions before it chooses one. A
 motion without a stored state was made elsewhere: the vehicle was placed, ran into something, or was pushed. Then the
@@ -21,7 +21,7 @@ from txt1.errors import ConfigError, HalError
 from txt1.hal import STEERING_MAX
 from txt1.sim.dynamics import Motion
 
-OWN: Final = ("slip", "understeer", "grip", "cornering", "skid")
+OWN: Final = ("slip", "understeer", "grip", "cornering", "inertia", "stiffness", "skid")
 """Parameters of the package's vehicle that others' models do not use, as they have tyres of their own."""
 LEVEL: Final = (0.0, 0.0)
 # s: shorter times are rounding errors

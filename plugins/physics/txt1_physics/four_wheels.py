@@ -104,7 +104,7 @@ class FourWheels(Foreign):
         """Return the state of the car on its springs, rolling straight on without slip, with servos as its
         wheels point.
         """
-        x, y, theta, v, front, rear, right, left = motion
+        x, y, theta, v, front, rear, right, left, _ = motion
         data, radius, qpos = self.data, self.radius, self._rest.copy()
         mujoco.mj_resetData(self.model, data)
         qpos[0], qpos[1] = x, y
@@ -170,6 +170,7 @@ class FourWheels(Foreign):
             0.5 * float(qpos[pins[2]] + qpos[pins[3]]),
             radius * float(qpos[angles[1]]),
             radius * float(qpos[angles[0]]),
+            0.0,
         )
         return after, self._kept()
 

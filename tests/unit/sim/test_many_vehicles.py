@@ -40,6 +40,7 @@ def some_vehicles(rng: np.random.Generator, p: Parameters) -> NDArray[np.float64
             rng.uniform(-2.0, 2.0, COUNT) * (rng.random(COUNT) < 0.9),
             rng.uniform(-p.steering_max, p.steering_max, COUNT) * (rng.random(COUNT) < 0.5),
             *rng.uniform(-50.0, 50.0, (2, COUNT)),
+            rng.uniform(-2.0, 2.0, COUNT) * (rng.random(COUNT) < 0.3),
         ]
     )
 
@@ -56,11 +57,17 @@ def test_a_vehicle_moves_in_the_batch_as_alone(p: Parameters, seed: int, dt: flo
     after = before.copy()
     batch.move(after, motor, steering, drag, dt, numbers(p), np.empty(COUNT), np.empty(COUNT))
     for i in range(COUNT):
-        x, y, theta, v, phi, right, left = before[:, i]
+        x, y, theta, v, phi, right, left, spin = before[:, i]
         alone = advance(
-            VehicleState(x, y, theta, v, phi, -phi, right, left), motor[i], -steering[i], steering[i], dt, drag[i], p
+            VehicleState(x, y, theta, v, phi, -phi, right, left, spin),
+            motor[i],
+            -steering[i],
+            steering[i],
+            dt,
+            drag[i],
+            p,
         )
-        expected = [alone.x, alone.y, alone.theta, alone.v, alone.phi_front, alone.right, alone.left]
+        expected = [alone.x, alone.y, alone.theta, alone.v, alone.phi_front, alone.right, alone.left, alone.spin]
         difference = after[:, i] - expected
         difference[batch.THETA] = (difference[batch.THETA] + 1.0) % (2.0 * pi) - 1.0
         assert np.abs(difference).max() < 1e-12
