@@ -8,9 +8,12 @@
     python -m benchmarks.estimation random --seeds 50 --vehicle rover
     python -m benchmarks.estimation failures --seeds 3
     python -m benchmarks.estimation wrong --seeds 10
+    python -m benchmarks.estimation skid --folder FOLDER
+    python -m benchmarks.estimation slow --folder FOLDER
 
-A seed's laps are driven once, steered by the true pose, with all sensors; the filters of the set-ups listen beside one
-another, each the very one that a robot runs.
+Of laps, random, failures and wrong the filter is told a geometry that a person has measured wrongly
+(`benchmarks.mistakes`), or the true one with --exact. A seed's laps are driven once, steered by the true pose, with all
+sensors; the filters of the set-ups listen beside one another, each the very one that a robot runs.
 """
 
 import argparse
@@ -27,7 +30,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks import drawn_drives, drives, failing_sensors, random_drives, seeds, wrong_settings
+from benchmarks import (
+    drawn_drives,
+    drives,
+    failing_sensors,
+    mistakes,
+    others_logs,
+    random_drives,
+    seeds,
+    wrong_settings,
+)
+from benchmarks.mistakes import Mistakes
 from txt1.errors import ConfigError
 from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import EstimationConfig
@@ -89,16 +102,17 @@ class Errors:
         }
 
 
-async def laps(seed: int, count: float) -> dict[str, Errors]:
+async def laps(seed: int, count: float, *, exact: bool) -> dict[str, Errors]:
     """The errors of all set-ups on laps of the rectangle."""
     found = {RAW: Errors(), **{name: Errors() for name in SETUPS}}
     async with Robot.open("sim", seed=seed, settings=(*SLIPPING, *SENSORS)) as robot:
         await robot.load_gains()
+        mistaken = {name: mistakes.of(names, seed, exact=exact) for name, names in SETUPS.items()}
         estimators = {
             name: Estimator(
-                EstimationConfig(sensors=names),
+                mistakes.told(names, mistaken[name]),
                 {each: KINDS[each] for each in names if each in KINDS},
-                robot.config.geometry,
+                (mistaken[name] or Mistakes()).geometry(robot.config.geometry),
             )
             for name, names in SETUPS.items()
         }
@@ -112,7 +126,7 @@ async def laps(seed: int, count: float) -> dict[str, Errors]:
                 true, wheels = robot.pose, wheels_of(robot.runtime)
                 assert true is not None
                 for name, estimator in estimators.items():
-                    estimate = estimator.step(now, wheels)
+                    estimate = estimator.step(now, (mistaken[name] or Mistakes()).wheels(wheels))
                     if estimate.located:
                         found[name].add(now, estimate, true)
                 found[RAW].add(now, wheels.odometry, true)
@@ -131,11 +145,13 @@ def tabulated(results: list[dict[str, dict[str, float]]]) -> dict[str, dict[str,
     }
 
 
-def show_laps(cases: Sequence[str], count: float, kept: Path, minutes: float, file: Path | None) -> None:
+def show_laps(
+    cases: Sequence[str], count: float, kept: Path, minutes: float, file: Path | None, *, exact: bool
+) -> None:
     """Drive, print and draw."""
 
     def case(seed: str) -> dict[str, dict[str, float]]:
-        return {name: errors.result() for name, errors in run(laps(int(seed), count), speed="max").items()}
+        return {name: errors.result() for name, errors in run(laps(int(seed), count, exact=exact), speed="max").items()}
 
     results = seeds.results(kept, cases, case, minutes)
     table = tabulated(list(results.values()))
@@ -151,7 +167,7 @@ def show_laps(cases: Sequence[str], count: float, kept: Path, minutes: float, fi
             f"| {row['settled_m']:.4f} | {row['rms_rad'] * 180 / pi:.3f} | {row['final_rad'] * 180 / pi:.3f} |"
         )
     if file is not None:
-        draw(run(laps(int(cases[0]), count), speed="max"), file, count)
+        draw(run(laps(int(cases[0]), count, exact=exact), speed="max"), file, count)
 
 
 def draw(found: dict[str, Errors], file: Path, count: float) -> None:
@@ -278,14 +294,14 @@ def show_step(runs: int) -> None:
         )
 
 
-def show_random(vehicle: str, numbers: Sequence[int], seconds: float) -> None:
+def show_random(vehicle: str, numbers: Sequence[int], seconds: float, *, exact: bool) -> None:
     """Print how far off the set-ups are on drives as a person makes them, and on two from rest."""
 
     def show(results: list[dict[str, dict[str, float]]]) -> None:
         print(f"{vehicle}, {len(results)} drives of {seconds:g} s, by the last three quarters of each:\n")
         print(random_drives.table(results))
 
-    seeds.each(numbers, "driving", lambda number: random_drives.random(vehicle, number, seconds), show)
+    seeds.each(numbers, "driving", lambda number: random_drives.random(vehicle, number, seconds, exact=exact), show)
     if vehicle == "txt1":
         print("\n1 m/s and 1 rad/s from rest, 10 s:\n")
         print(random_drives.table([random_drives.from_rest(1)]))
@@ -295,18 +311,28 @@ def main(*, quick: bool) -> None:
     """Print the cost of a step, and a short drive's errors."""
     show_step(3 if quick else RUNS)
     with TemporaryDirectory() as folder:
-        show_laps(["1"] if quick else ["1", "2", "3"], 1.0 if quick else 3.0, Path(folder) / "laps.jsonl", inf, None)
+        show_laps(
+            ["1"] if quick else ["1", "2", "3"],
+            1.0 if quick else 3.0,
+            Path(folder) / "laps.jsonl",
+            inf,
+            None,
+            exact=True,
+        )
 
 
 def command() -> None:
     """Do what the arguments ask for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("laps", "circle", "step", "drives", "draw", "random", "failures", "wrong"))
+    parser.add_argument(
+        "what", choices=("laps", "circle", "step", "drives", "draw", "random", "failures", "wrong", "skid", "slow")
+    )
     parser.add_argument("--laps", type=float, default=10.0)
     parser.add_argument("--runs", type=int, default=RUNS, help="of step's drive; default: %(default)s")
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--vehicle", default="txt1", help="of random drives; default: %(default)s")
     parser.add_argument("--seconds", type=float, default=60.0, help="of each; default: %(default)s")
+    parser.add_argument("--exact", action="store_true", help="the filter is told the true geometry, and that it is")
     parser.add_argument("--folder", type=Path, help="of recorded or drawn drives, *.npz")
     seeds.arguments(parser, "out/laps.jsonl", 100)
     given = parser.parse_args()
@@ -323,15 +349,15 @@ def measure(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
     """Measure what was asked for; raises ConfigError: there is no such vehicle."""
     if given.what == "laps":
         wanted = [str(seed) for seed in range(given.first, given.first + given.seeds)]
-        show_laps(wanted, given.laps, given.kept, given.minutes, given.figure)
+        show_laps(wanted, given.laps, given.kept, given.minutes, given.figure, exact=given.exact)
     elif given.what == "circle":
         show_circle(given.seeds)
     elif given.what == "random":
-        show_random(given.vehicle, range(given.first, given.first + given.seeds), given.seconds)
+        show_random(given.vehicle, range(given.first, given.first + given.seeds), given.seconds, exact=given.exact)
     elif given.what == "failures":
-        failing_sensors.show(range(given.first, given.first + given.seeds))
+        failing_sensors.show(range(given.first, given.first + given.seeds), exact=given.exact)
     elif given.what == "wrong":
-        wrong_settings.show(range(given.first, given.first + given.seeds))
+        wrong_settings.show(range(given.first, given.first + given.seeds), exact=given.exact)
     elif given.what == "draw":
         if given.folder is None:
             parser.error("draw needs --folder, where the drives are written")
@@ -342,6 +368,11 @@ def measure(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
         if not any(given.folder.glob("*.npz")):
             parser.error(f"--folder {given.folder} holds no drives, *.npz; draw makes some")
         drives.show(given.folder)
+    elif given.what in ("skid", "slow"):
+        if given.folder is None or not given.folder.is_dir():
+            parser.error(f"{given.what} needs --folder, which holds the logs")
+        show = others_logs.show_skid if given.what == "skid" else others_logs.show_slow
+        show(given.folder)
     else:
         show_step(given.runs)
 

@@ -7,14 +7,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from benchmarks import seeds
+from benchmarks import mistakes, seeds
 from benchmarks.drives import KINDS
+from benchmarks.mistakes import Mistakes
 from benchmarks.random_drives import SETTINGS
 from benchmarks.sensor_failure import BEGIN, END, FAILURES, SETUPS, Failing
 from rigs.human_drive import drive_as_a_person
 from txt1.config import load
 from txt1.estimation.filtering import wheels as wheels_of
-from txt1.estimation.settings import PRESETS, EstimationConfig
+from txt1.estimation.settings import PRESETS
 from txt1.estimation.task import ENCODERS, ESTIMATION_PERIOD, PRIORITY, Estimator
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
@@ -79,9 +80,11 @@ class Found(NamedTuple):
 
 
 class _Watch:
-    def __init__(self, name: str, sensor: str, failure: str, robot: Robot) -> None:
+    def __init__(self, name: str, sensor: str, failure: str, robot: Robot, made: Mistakes | None) -> None:
         kinds = {each: KINDS[each] for each in PRESETS[name] if each in KINDS}
-        self._estimator = Estimator(EstimationConfig(preset=name), kinds, robot.config.geometry)  # type: ignore[arg-type]
+        self._mistakes = made or Mistakes()
+        geometry = self._mistakes.geometry(robot.config.geometry)
+        self._estimator = Estimator(mistakes.told(PRESETS[name], made), kinds, geometry)
         if failure != SOUND:
             self._estimator.through = Failing(sensor, failure, lambda: robot.now)
         for each in kinds:
@@ -93,7 +96,8 @@ class _Watch:
         self._lost, self._again = inf, inf
 
     def step(self, now: float) -> None:
-        true, estimate = self._robot.pose, self._estimator.step(now, wheels_of(self._robot.runtime))
+        wheels = self._mistakes.wheels(wheels_of(self._robot.runtime))
+        true, estimate = self._robot.pose, self._estimator.step(now, wheels)
         assert true is not None
         if now < BEGIN:
             return
@@ -127,11 +131,11 @@ def cases() -> list[tuple[str, str, str]]:
     ]
 
 
-async def _driven(seed: int) -> dict[tuple[str, str, str], Found]:
+async def _driven(seed: int, *, exact: bool) -> dict[tuple[str, str, str], Found]:
     config = load(None, [f"seed={seed}", *SETTINGS]).config
     async with Robot.open(config=config, hal="sim") as robot:
         await robot.load_gains()
-        watches = {each: _Watch(*each, robot) for each in cases()}
+        watches = {each: _Watch(*each, robot, mistakes.of(PRESETS[each[0]], seed, exact=exact)) for each in cases()}
 
         async def measure(ticks: Ticks) -> None:
             async for now in ticks:
@@ -143,9 +147,9 @@ async def _driven(seed: int) -> dict[tuple[str, str, str], Found]:
     return {each: watch.found() for each, watch in watches.items()}
 
 
-def show(numbers: Sequence[int]) -> None:
+def show(numbers: Sequence[int], *, exact: bool) -> None:
     """Drive, and print for each case the worst of the seeds: what got worse since version 0.2.0 first."""
-    seeds.each(numbers, "driving", lambda seed: run(_driven(seed), speed="max"), _print)
+    seeds.each(numbers, "driving", lambda seed: run(_driven(seed, exact=exact), speed="max"), _print)
 
 
 def _print(results: list[dict[tuple[str, str, str], Found]]) -> None:

@@ -3,12 +3,15 @@
 from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from math import cos, pi, sin
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import mistakes
 from benchmarks.drives import BAND, KINDS
+from benchmarks.mistakes import Mistakes
 from rigs.human_drive import SLIP_MAX, drive_as_a_person
 from txt1.config import load
 from txt1.config.sources import vehicle_file
@@ -39,8 +42,8 @@ SHARE: Final = 3.0  # an error is larger than so many sigma
 class Watch:
     """What a set-up's filter told beside the truth."""
 
-    def __init__(self, estimator: Estimator, *, absolute: bool) -> None:
-        self.estimator = estimator
+    def __init__(self, estimator: Estimator, *, absolute: bool, mistakes: Mistakes = Mistakes()) -> None:  # noqa: B008
+        self.estimator, self.mistakes = estimator, mistakes
         self.rows: list[tuple[float, ...]] = []  # time, errors of x, y, theta, NEES, bold, blind
         self.absolute = absolute
         self.start: tuple[float, float, float] | None = None
@@ -49,7 +52,7 @@ class Watch:
         """Take a cycle."""
         true = robot.pose
         assert true is not None
-        estimate = self.estimator.step(now, wheels_of(robot.runtime))
+        estimate = self.estimator.step(now, self.mistakes.wheels(wheels_of(robot.runtime)))
         blind = not any(each.believed for each in self.estimator.trusts())
         if self.start is None:
             self.start = true
@@ -90,8 +93,14 @@ class Watch:
         }
 
 
-async def driven(vehicle: str, seed: int, drive: Drive, configs: Mapping[str, EstimationConfig]) -> dict[str, Watch]:
-    """What the filters of all configurations told on one drive."""
+async def driven(
+    vehicle: str,
+    seed: int,
+    drive: Drive,
+    configs: Mapping[str, EstimationConfig],
+    mistaken: Mapping[str, Mistakes] = MappingProxyType({}),
+) -> dict[str, Watch]:
+    """What the filters of all configurations told on one drive, by geometries with these mistakes."""
     file = vehicle_file(vehicle) if vehicle != "txt1" else None
     config = load(file, [f"seed={seed}", *SETTINGS]).config
     async with Robot.open(config=config, hal="sim") as robot:
@@ -99,10 +108,11 @@ async def driven(vehicle: str, seed: int, drive: Drive, configs: Mapping[str, Es
         watches = {}
         for name, given in configs.items():
             kinds = {each: KINDS[each] for each in given.names if each in KINDS}
-            estimator = Estimator(given, kinds, robot.config.geometry)
+            mistakes = mistaken.get(name, Mistakes())
+            estimator = Estimator(given, kinds, mistakes.geometry(robot.config.geometry))
             for each in kinds:
                 robot.sensors[each].listeners.append(partial(estimator.take, each))
-            watches[name] = Watch(estimator, absolute=bool({"gps", "vicon"} & set(given.names)))
+            watches[name] = Watch(estimator, absolute=bool({"gps", "vicon"} & set(given.names)), mistakes=mistakes)
 
         async def measure(ticks: Ticks) -> None:
             async for now in ticks:
@@ -114,29 +124,33 @@ async def driven(vehicle: str, seed: int, drive: Drive, configs: Mapping[str, Es
     return watches
 
 
-def results(vehicle: str, seed: int, drive: Drive) -> dict[str, dict[str, float]]:
-    """The results of all set-ups on one drive."""
-    configs = {name: EstimationConfig(sensors=PRESETS[name]) for name in SETUPS}
-    watches = run(driven(vehicle, seed, drive, configs), speed="max")
+def results(vehicle: str, seed: int, drive: Drive, *, exact: bool) -> dict[str, dict[str, float]]:
+    """The results of all set-ups on one drive; exact: the filter is told the true geometry, and that it is."""
+    mistaken = {name: mistakes.of(PRESETS[name], seed, exact=exact) for name in SETUPS}
+    configs = {name: mistakes.told(PRESETS[name], each) for name, each in mistaken.items()}
+    made = {name: each for name, each in mistaken.items() if each is not None}
+    watches = run(driven(vehicle, seed, drive, configs, made), speed="max")
     return {name: watch.result() for name, watch in watches.items()}
 
 
-def random(vehicle: str, seed: int, seconds: float, slip_max: float = SLIP_MAX) -> dict[str, dict[str, float]]:
+def random(
+    vehicle: str, seed: int, seconds: float, slip_max: float = SLIP_MAX, *, exact: bool = False
+) -> dict[str, dict[str, float]]:
     """The results of all set-ups on a drive as a person makes it."""
 
     async def drive(robot: Robot) -> None:
         await drive_as_a_person(robot, seed, seconds, slip_max)
 
-    return results(vehicle, seed, drive)
+    return results(vehicle, seed, drive, exact=exact)
 
 
 def from_rest(seed: int) -> dict[str, dict[str, float]]:
-    """The results on ten seconds at 1 m/s and 1 rad/s from rest."""
+    """The results on ten seconds at 1 m/s and 1 rad/s from rest, by the true geometry."""
 
     async def drive(robot: Robot) -> None:
         await robot.drive(1.0, 1.0, 10.0)
 
-    return results("txt1", seed, drive)
+    return results("txt1", seed, drive, exact=True)
 
 
 def table(found_by_seed: list[dict[str, dict[str, float]]]) -> str:

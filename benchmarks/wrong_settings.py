@@ -1,14 +1,16 @@
 """A mount, a clock or a scale that is stated wrongly: whether the filter tells so, once it can know."""
 
 from collections.abc import Sequence
+from functools import partial
 from math import pi
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import seeds
+from benchmarks import mistakes, seeds
 from benchmarks.drives import BAND
+from benchmarks.mistakes import Mistakes
 from benchmarks.random_drives import Watch, driven
 from rigs.human_drive import drive_as_a_person
 from txt1.estimation.settings import PRESETS, EstimationConfig, FusedConfig
@@ -47,7 +49,7 @@ def observable(track: Array, name: str) -> float:
     return float(track[min(int(np.searchsorted(so_far, enough)), len(track) - 1), 0])
 
 
-def _driven(seed: int) -> tuple[Array, dict[str, Watch]]:
+def _driven(seed: int, *, exact: bool) -> tuple[Array, dict[str, Watch]]:
     track: list[tuple[float, ...]] = []
 
     async def drive(robot: Robot) -> None:
@@ -59,10 +61,12 @@ def _driven(seed: int) -> tuple[Array, dict[str, Watch]]:
         robot.add_task("track", 0.02, follow, -2)
         await drive_as_a_person(robot, seed, SECONDS)
 
+    made = Mistakes() if exact else mistakes.drawn(seed, absolute=True)._replace(ahead=0.0, left=0.0)
     configs = {
-        name: EstimationConfig(sensors=PRESETS[setup], settings=settings) for name, (setup, settings) in CASES.items()
+        name: EstimationConfig(sensors=PRESETS[setup], settings=settings, track_sigma=0.0 if exact else 0.05)
+        for name, (setup, settings) in CASES.items()
     }
-    watches = run(driven("txt1", seed, drive, configs), speed="max")
+    watches = run(driven("txt1", seed, drive, configs, dict.fromkeys(CASES, made)), speed="max")
     return np.array(track), watches
 
 
@@ -70,9 +74,9 @@ def _inside(nees: Array) -> float:
     return float(np.mean((nees > BAND[0]) & (nees < BAND[1])))
 
 
-def show(numbers: Sequence[int]) -> None:
+def show(numbers: Sequence[int], *, exact: bool) -> None:
     """Drive, and print of each case what held from `GIVEN` s after it could be known to the end."""
-    seeds.each(numbers, "driving", _driven, _print)
+    seeds.each(numbers, "driving", partial(_driven, exact=exact), _print)
 
 
 def _print(drives: list[tuple[Array, dict[str, Watch]]]) -> None:

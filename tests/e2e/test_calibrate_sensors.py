@@ -40,6 +40,8 @@ def test_a_lever_arm_that_is_5_cm_wrong_is_found_in_a_drive_and_put_right_in_a_f
     told = capsys.readouterr().out
     assert "vicon: " in told
     assert "(sigma " in told
+    assert "track: " in told
+    assert "this drive does not show it: drive " in told
     ahead, left = load(file, ()).config.section(EstimationConfig).settings["vicon"].lever
     assert ahead == pytest.approx(0.0, abs=0.005)
     assert left == pytest.approx(0.0, abs=0.01)

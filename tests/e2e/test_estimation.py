@@ -15,7 +15,7 @@ from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import ConfigError, NotCapable
 from txt1.estimation.calibration import Corrections
-from txt1.estimation.ekf import Seven
+from txt1.estimation.ekf import State
 from txt1.estimation.filtering import wheels
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.settings import EstimationConfig
@@ -191,7 +191,7 @@ async def fused() -> AsyncIterator[Robot]:
 
 
 def in_the_filter(estimator: Estimator, now: float) -> None:
-    def doubt(mean: Seven) -> tuple[float, float, float, float]:
+    def doubt(mean: State) -> tuple[float, float, float, float]:
         raise ValueError("a mistake\nin the filter")
 
     estimator.fusion.doubt = doubt

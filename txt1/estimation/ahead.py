@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from math import inf, sqrt
 from typing import Final
 
-from txt1.estimation.ekf import Belief, Seven, predict
+from txt1.estimation.ekf import OO, UU, Belief, State, predict, turn_share
 from txt1.estimation.measurement import KIND_ENCODERS, KIND_GYRO, Measurement
 from txt1.estimation.spinning import HOLDS
 
@@ -24,9 +24,6 @@ STEP_MAX: Final = 0.1
 TRACKS: Final = 2.0
 # s from one reading of the wheels to the next
 CYCLE: Final = 0.02
-# of the covariance's triangle, the variances of the rates
-UU: Final = 18
-OO: Final = 22
 
 
 def ahead(
@@ -34,17 +31,19 @@ def ahead(
     begin: float,
     now: float,
     readings: Iterable[Measurement],
-    density: Seven,
+    density: State,
     sideways: tuple[float, float],
     *,
     turning: bool,
+    exact: bool = True,
 ) -> Belief:
     """The belief at `now`, s of the run, of one at `begin` and of the readings since, of believed sensors, in order.
 
-    `density` and `sideways` are those of `ekf.predict`; `turning`: the yaw rate is a gyro's, else the wheels'.
+    `density` and `sideways` are those of `ekf.predict`; `turning`: the yaw rate is a gyro's, else the wheels';
+    `exact`: their track width is known.
     """
-    _, _, _, rolled, omega, bias, slip = belief.mean
-    _, _, _, qu, qo, _, _ = density
+    _, _, _, rolled, omega, bias, slip, width = belief.mean
+    _, _, _, qu, qo, _, _, _ = density
     uu, oo = belief.triangle[UU], belief.triangle[OO]
     # of the piece so far, of the wheels, m and rad
     way = turned = 0.0
@@ -65,7 +64,7 @@ def ahead(
                 change, uu = _followed(values[0] - rolled, uu + qu * dt, sigmas[0], HOLDS * CYCLE)
                 rolled, way, rolled_at = rolled + change, way + 0.5 * change * dt, at
             if rows[-1] == 1 and not turning:
-                dt, grip = at - omega_at, 1.0 - slip
+                dt, grip = at - omega_at, 1.0 / turn_share(belief.mean, exact=exact)
                 change, oo = _followed(values[-1] * grip - omega, oo + qo * dt, sigmas[-1] * grip)
                 omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
     way, turned = way + rolled * (now - time), turned + omega * (now - time)
@@ -74,7 +73,7 @@ def ahead(
     spread = list(belief.triangle)
     spread[UU] += qu * (now - rolled_at)
     spread[OO] += qo * (now - omega_at)
-    return Belief((x, y, theta, rolled, omega, bias, slip), tuple(spread), belief.lean)
+    return Belief((x, y, theta, rolled, omega, bias, slip, width), tuple(spread), belief.lean)
 
 
 def _followed(left: float, variance: float, sigma: float, most: float = inf) -> tuple[float, float]:
@@ -99,7 +98,7 @@ def _gone(
     way: float,
     turned: float,
     rates: tuple[float, float],
-    density: Seven,
+    density: State,
     sideways: tuple[float, float],
 ) -> Belief:
     """The belief dt seconds later, after so long a way (m) and turn (rad).
@@ -108,29 +107,31 @@ def _gone(
     """
     if dt <= 0.0:
         return belief
-    x, y, theta, _, _, bias, slip = belief.mean
+    x, y, theta, _, _, bias, slip, width = belief.mean
     (
-        xx, xy, xt, xu, xo, xb, xs,
-        yy, yt, yu, yo, yb, ys,
-        tt, tu, to, tb, ts,
-        uu, uo, ub, us,
-        oo, ob, os,
-        bb, bs,
-        ss,
+        xx, xy, xt, xu, xo, xb, xs, xw,
+        yy, yt, yu, yo, yb, ys, yw,
+        tt, tu, to, tb, ts, tw,
+        uu, uo, ub, us, uw,
+        oo, ob, os, ow,
+        bb, bs, bw,
+        ss, sw,
+        ww,
     ) = belief.triangle  # fmt: skip
-    qx, qy, qt, _, _, qb, qs = density
+    qx, qy, qt, _, _, qb, qs, qw = density
     u, o = sqrt(rates[0] / uu) if uu > 0.0 < rates[0] else 1.0, sqrt(rates[1] / oo) if oo > 0.0 < rates[1] else 1.0
     likely = Belief(
-        (x, y, theta, way / dt, turned / dt, bias, slip),
+        (x, y, theta, way / dt, turned / dt, bias, slip, width),
         (
-            xx, xy, xt, u * xu, o * xo, xb, xs,
-            yy, yt, u * yu, o * yo, yb, ys,
-            tt, u * tu, o * to, tb, ts,
-            rates[0], u * o * uo, u * ub, u * us,
-            rates[1], o * ob, o * os,
-            bb, bs,
-            ss,
+            xx, xy, xt, u * xu, o * xo, xb, xs, xw,
+            yy, yt, u * yu, o * yo, yb, ys, yw,
+            tt, u * tu, o * to, tb, ts, tw,
+            rates[0], u * o * uo, u * ub, u * us, u * uw,
+            rates[1], o * ob, o * os, o * ow,
+            bb, bs, bw,
+            ss, sw,
+            ww,
         ),
         belief.lean,
     )  # fmt: skip
-    return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs), sideways)
+    return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs, qw), sideways)

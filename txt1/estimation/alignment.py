@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from txt1.estimation.ekf import Array, Seven, X, Y
+from txt1.estimation.ekf import Array, State, X, Y
 
 # rad, the standard deviation at which a heading found from positions is good enough
-ALIGNED: Final = 0.1
+ALIGNED: Final = 0.25
 
 # pairs that a frame is found from
 LEAST: Final = 5
@@ -52,7 +52,7 @@ def _fitted(pairs: Array) -> tuple[float, float, float, float, float]:
     return turn, float(dx - c * cx + s * cy), float(dy - s * cx - c * cy), spread, variance
 
 
-def about(spread: Array, mean: Seven, turn: float, pairs: Collection[tuple[float, ...]]) -> Array:
+def about(spread: Array, mean: State, turn: float, pairs: Collection[tuple[float, ...]]) -> Array:
     """The covariance of a frame (x, y, turn) at the centre of the pairs, at where the robot is instead."""
     px, py = np.mean([pair[:2] for pair in pairs], axis=0)
     dx, dy = mean[X] - float(px), mean[Y] - float(py)

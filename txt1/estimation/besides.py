@@ -7,7 +7,7 @@ the pose of the first is p d d^T more (Bar-Shalom, Li, Kirubarajan 2001, 1.4.16)
 from collections.abc import Iterable, Sequence
 from math import cos, exp, sin, sqrt
 
-from txt1.estimation.ekf import Belief
+from txt1.estimation.ekf import XX, YY, Belief
 from txt1.estimation.frame import Frame
 from txt1.estimation.judge import FORGOTTEN, OTHER, Judge
 
@@ -50,7 +50,7 @@ class Besides:
         self._carried = None
         x, y = self._way
         if x or y:
-            self._way = x * after.triangle[0] / before.triangle[0], y * after.triangle[7] / before.triangle[7]
+            self._way = x * after.triangle[XX] / before.triangle[XX], y * after.triangle[YY] / before.triangle[YY]
 
     def covariance(
         self, places: Iterable[tuple[Judge, Frame]], doubt: tuple[float, float, float, float]

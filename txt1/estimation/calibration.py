@@ -31,7 +31,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from txt1.estimation.ekf import OMEGA as TURNING
-from txt1.estimation.ekf import ROLLED, SLIP, THETA, Array, Drift, Seven
+from txt1.estimation.ekf import ROLLED, SLIP, THETA, Array, Drift, State
 from txt1.estimation.measurement import Measurement
 from txt1.model.kinematics import wrap_angle
 
@@ -44,8 +44,11 @@ KEPT: Final = 150
 # s, the longest between two readings of a gyro
 GAP: Final = 0.1
 LX, LY, TAU, SLIPPED, SCALE, BIAS, SIDEWAYS = range(7)
-START: Final = np.array([0.02, 0.02, 0.01, 0.05, 0.01, 0.02, Drift().sideways]) ** 2
-"""Variances at the start: m, m, s, 1, 1, rad/s; a tape measure's, a network's, and a data sheet's; s^2/m."""
+START: Final = np.array([0.3, 0.3, 0.05, 0.05, 0.01, 0.02, Drift().sideways]) ** 2
+"""Variances at the start: m, m, s, 1, 1, rad/s, s^2/m; of a place on the robot where it is wrong."""
+# by how many standard deviations of a tape measure a place is off that was measured from another point, or to the other
+# side
+MISTAKEN: Final = 10.0
 WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias, 1e-4]) ** 2
 """Variances that a second adds; slip and bias are the filter's."""
 # standard deviation of a slip that has changed
@@ -117,12 +120,24 @@ class _Place(NamedTuple):
 
 
 class Calibration:
-    """The calibration of one sensor that tells positions, and of the gyro and wheels beside it."""
+    """The calibration of one sensor that tells positions, and of the gyro and wheels beside it.
 
-    def __init__(self) -> None:
+    Args:
+        lever_sigma: standard deviation of its place on the robot as stated, m.
+        delay_sigma: of its delay, s.
+
+    """
+
+    def __init__(self, lever_sigma: float = 0.03, delay_sigma: float = 0.05) -> None:
         self.corrections = Corrections()
         self.mean: Array = np.zeros(START.size)
-        self.covariance: Array = np.diag(START)
+        self.start: Array = START.copy()
+        """Variances at the start."""
+        self.start[[LX, LY]] = (MISTAKEN * lever_sigma) ** 2
+        self.start[TAU] = delay_sigma**2
+        self.covariance: Array = np.diag(self.start)
+        # m^2
+        self._tape = lever_sigma**2
         self.sideways = Calibrated(0.0, Drift().sideways)
         """How much the car slides outwards in curves, s^2/m, of `ekf.predict`."""
         self.segments = 0
@@ -191,7 +206,7 @@ class Calibration:
         along, _, across, _ = self._left
         return along + across
 
-    def doubt(self, mean: Seven) -> tuple[float, float, float, float]:
+    def doubt(self, mean: State) -> tuple[float, float, float, float]:
         """Variances (x, x and y, y, theta) of the pose, as mount and clock may be other than they are taken for."""
         a, b, d, time = self._left
         c, s, v = cos(mean[THETA]), sin(mean[THETA]), mean[ROLLED] * (1.0 - mean[SLIP])
@@ -319,7 +334,7 @@ class Calibration:
         self._left = self._left_to_doubt()
 
     def _wrong(self, place: int) -> float:
-        return probability(float(self.mean[place]), float(self.covariance[place, place]), float(START[place]))
+        return probability(float(self.mean[place]), float(self.covariance[place, place]), float(self.start[place]))
 
     def _left_to_doubt(self) -> tuple[float, float, float, float]:
         """Return second moments of the remaining errors: lever arm (along, both, across; m^2), clock (s^2).
@@ -328,15 +343,28 @@ class Calibration:
         be wrong for long. Those of the clock, which shows at once, are of both hypotheses.
         """
         used, p = self.corrections, self.covariance
-        left_x, left_y = self.mean[LX] - used.x, self.mean[LY] - used.y
         late = self.mean[TAU] - used.delay
         clock = 1.0 if used.delay else self._wrong(TAU)
-        return (
-            float(p[LX, LX] + left_x * left_x),
-            float(p[LX, LY] + left_x * left_y),
-            float(p[LY, LY] + left_y * left_y),
-            clock * float(p[TAU, TAU] + late * late),
-        )
+        along, chance_x = self._mount_doubt(LX, used.x)
+        across, chance_y = self._mount_doubt(LY, used.y)
+        left_x, left_y = self.mean[LX] - used.x, self.mean[LY] - used.y
+        both = sqrt(chance_x * chance_y) * float(p[LX, LY] + left_x * left_y)
+        return along, both, across, clock * float(p[TAU, TAU] + late * late)
+
+    def _mount_doubt(self, place: int, used: float) -> tuple[float, float]:
+        """The second moment of a lever arm about the one that is used, m^2, and the probability that it is wrong.
+
+        A stated one is either mistaken, or right but for what a tape measure misses, of which the drive tells, too.
+        """
+        value, variance = float(self.mean[place]), float(self.covariance[place, place])
+        if used:
+            return variance + (value - used) ** 2, 1.0
+        wrong = self._wrong(place)
+        # without the prior of one that is mistaken
+        told = 1.0 / max(1.0 / variance - 1.0 / float(self.start[place]), 1e-9)
+        share = self._tape / (self._tape + told)
+        right = share * told + (share * value) ** 2
+        return wrong * (variance + value * value) + (1.0 - wrong) * right, wrong
 
 
 def probability(value: float, variance: float, before: float) -> float:

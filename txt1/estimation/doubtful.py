@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from txt1.estimation.averaging import SLOT
-from txt1.estimation.ekf import OMEGA, ROLLED, SIZE, SLIP, THETA, Array, Belief, Row, belief_of
+from txt1.estimation.ekf import OMEGA, ROLLED, SIZE, SLIP, THETA, WIDTH, Array, Belief, Row, belief_of
 
 # m/s, standard deviation of the speed at the start: it may be driving already
 SPEED: Final = 0.5
@@ -18,21 +18,21 @@ _UNITS: Final = np.eye(SIZE)
 def considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float]) -> Belief:
     """The belief with the rates that wheels tell, which alone tell nothing of their slip.
 
-    The slip is a consider state (S. F. Schmidt, Advances in Control Systems 3, 1966): its uncertainty counts, but it is
-    not estimated, and the pose follows from the rates. Joseph's form holds for any gain.
+    Slip and width are consider states (S. F. Schmidt, Advances in Control Systems 3, 1966): their uncertainty counts,
+    but they are not estimated, and the pose follows from the rates. Joseph's form holds for any gain.
     """
     p, rows = belief.covariance, np.array([_UNITS[row] if isinstance(row, int) else row for row in h])
     noise = np.diag(np.square(sigmas))
     rates = rows.copy()
-    rates[:, SLIP] = 0.0
+    rates[:, SLIP:] = 0.0
     gain = np.zeros((SIZE, len(rows)))
     both = [ROLLED, OMEGA]
     gain[both] = np.linalg.solve(rates @ p @ rates.T + noise, rates @ p[:, both]).T
     left = np.eye(SIZE) - gain @ rows
     lean = belief.lean
     if lean is not None:
-        x, y, theta, rolled, omega, bias, slip = (left @ lean.by).tolist()
-        lean = lean._replace(by=(x, y, theta, rolled, omega, bias, slip))
+        x, y, theta, rolled, omega, bias, slip, width = (left @ lean.by).tolist()
+        lean = lean._replace(by=(x, y, theta, rolled, omega, bias, slip, width))
     return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T, lean)
 
 
@@ -41,7 +41,7 @@ def slipping(belief: Belief, dt: float, density: float) -> Belief:
 
     Way and turn are off by the same share. The slip that lasts is a state of the belief.
     """
-    _, _, theta, rolled, omega, _, slip = belief.mean
+    _, _, theta, rolled, omega, _, slip, _ = belief.mean
     v = rolled * (1.0 - slip)
     missed = np.array([v * cos(theta), v * sin(theta), omega])
     covariance = belief.covariance
@@ -49,29 +49,32 @@ def slipping(belief: Belief, dt: float, density: float) -> Belief:
     return belief_of(belief.mean, covariance, belief.lean)
 
 
-def slip_unknown(belief: Belief, sigma: float) -> Belief:
-    """The belief when nothing is known of the slip but its standard deviation; the car's speed stays as it is."""
+def slip_unknown(belief: Belief, sigma: float, track_sigma: float) -> Belief:
+    """The belief when nothing is known of slip and track width but their standard deviations.
+
+    The car's speed stays as it is.
+    """
     v, covariance = belief.mean[ROLLED] * (1.0 - belief.mean[SLIP]), belief.covariance
-    covariance[SLIP, :] = covariance[:, SLIP] = 0.0
-    covariance[SLIP, SLIP] = sigma**2
+    covariance[SLIP:, :] = covariance[:, SLIP:] = 0.0
+    covariance[SLIP, SLIP], covariance[WIDTH, WIDTH] = sigma**2, track_sigma**2
     covariance[ROLLED, ROLLED] += SPEED**2
-    x, y, theta, _, omega, bias, _ = belief.mean
-    return belief_of((x, y, theta, v, omega, bias, 0.0), covariance, belief.lean)
+    x, y, theta, _, omega, bias, _, _ = belief.mean
+    return belief_of((x, y, theta, v, omega, bias, 0.0, 0.0), covariance, belief.lean)
 
 
 def widened(belief: Belief, by: Array) -> Belief:
-    """The belief with a covariance that is larger by a matrix, shape (7, 7)."""
+    """The belief with a covariance that is larger by a matrix, shape (8, 8)."""
     return belief_of(belief.mean, belief.covariance + by, belief.lean)
 
 
 def moved(belief: Belief, by: tuple[float, float, float]) -> Belief:
     """The belief somewhere else (m, m), with this slip."""
-    x, y, theta, rolled, omega, bias, _ = belief.mean
-    return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2]), belief.triangle, belief.lean)
+    x, y, theta, rolled, omega, bias, _, width = belief.mean
+    return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2], width), belief.triangle, belief.lean)
 
 
 def grown(rows: Sequence[int], residual: Sequence[float], slid: float) -> Array:
-    """The covariance of a pose that is off by a residual, and of motion that has changed, shape (7, 7)."""
+    """The covariance of a pose that is off by a residual, and of motion that has changed, shape (8, 8)."""
     spread = np.zeros((SIZE, SIZE))
     size = hypot(*residual[:2])
     for row, each in zip(rows, residual, strict=False):

@@ -1,4 +1,4 @@
-"""An extended Kalman filter for a car: pose, velocities, the gyro's bias and the wheels' slip.
+"""An extended Kalman filter for a car: pose, velocities, the gyro's bias, slip and track.
 
 Pure functions over numbers. "BLK" is Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking
 and Navigation* (Wiley, 2001):
@@ -30,20 +30,25 @@ from numpy.typing import NDArray
 from txt1.units import new
 
 Array = NDArray[np.float64]
-Seven = tuple[float, float, float, float, float, float, float]
+State = tuple[float, float, float, float, float, float, float, float]
 Triangle = tuple[float, ...]
-"""28 numbers: the upper triangle of a covariance, row by row."""
-Row = Seven | int
+"""36 numbers: the upper triangle of a covariance, row by row."""
+Row = State | int
 """A row of a Jacobian; an index if the measured number is that state itself: of the pose, `ROLLED` or `OMEGA`."""
 
-X, Y, THETA, ROLLED, OMEGA, BIAS, SLIP = range(7)
-"""Places in the state: pose (m, rad), the wheels' speed (m/s), yaw rate (rad/s), the gyro's bias (rad/s), slip.
+X, Y, THETA, ROLLED, OMEGA, BIAS, SLIP, WIDTH = range(8)
+"""Places in the state: pose (m, rad), the wheels' speed (m/s), yaw rate (rad/s), the gyro's bias (rad/s), slip, width.
 
 Slip is the share of the wheels' way that the ground does not see, because they slip or are smaller than believed: the
 car's speed is (1 - slip) of the wheels'. That speed is not in the state itself: then the encoders would seem to tell
 something of the slip whenever it changes, which alone they cannot.
+
+Width is the share by which the wheels turn more than the car, as they stand further apart than was measured, or scrub.
+Where the track width is known well, it is 0, and wheels that turn otherwise than the gyro tell of their slip.
 """
-SIZE: Final = 7
+SIZE: Final = 8
+# places of variances in a covariance's triangle
+XX, YY, TT, UU, OO, SS = 0, 8, 15, 21, 26, 33
 # standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
 STEERING: Final = 0.5
 # m/s below which the steering angle is not told from speed and yaw rate
@@ -62,7 +67,7 @@ class Lean(NamedTuple):
     """
 
     # the mean's change by a unit of the parameter
-    by: Seven
+    by: State
     # sum of the squares of what a unit of it changes of each miss
     known: float
     # ... and of that times the miss
@@ -73,7 +78,7 @@ class Lean(NamedTuple):
 class Belief:
     """A state and its covariance; nothing changes it, and a frozen one takes four times as long to make."""
 
-    mean: Seven
+    mean: State
     # of the covariance
     triangle: Triangle
     # None: of no parameter
@@ -81,7 +86,7 @@ class Belief:
 
     @property
     def covariance(self) -> Array:
-        """The covariance, shape (7, 7)."""
+        """The covariance, shape (8, 8)."""
         matrix = np.empty((SIZE, SIZE))
         matrix[_UPPER] = matrix.T[_UPPER] = self.triangle
         return matrix
@@ -91,20 +96,20 @@ _UPPER: Final = np.triu_indices(SIZE)
 
 
 def belief_of(mean: Sequence[float] | Array, covariance: Array, lean: Lean | None = None) -> Belief:
-    """The belief of a mean and a covariance, shapes (7,) and (7, 7)."""
-    x, y, theta, rolled, omega, bias, slip = map(float, mean)
-    return Belief((x, y, theta, rolled, omega, bias, slip), tuple(covariance[_UPPER].tolist()), lean)
+    """The belief of a mean and a covariance, shapes (8,) and (8, 8)."""
+    x, y, theta, rolled, omega, bias, slip, width = map(float, mean)
+    return Belief((x, y, theta, rolled, omega, bias, slip, width), tuple(covariance[_UPPER].tolist()), lean)
 
 
 def upright(belief: Belief, value: float, variance: float) -> Belief:
     """The belief that leans no more: the parameter has this value, and is uncertain by this variance about it."""
     if belief.lean is None:
         return belief
-    x, y, theta, rolled, omega, bias, slip = belief.mean
-    bx, by, bt, bu, bo, bb, bs = belief.lean.by
+    x, y, theta, rolled, omega, bias, slip, width = belief.mean
+    bx, by, bt, bu, bo, bb, bs, bw = belief.lean.by
     mean = (
         x - value * bx, y - value * by, theta - value * bt, rolled - value * bu,
-        omega - value * bo, bias - value * bb, slip - value * bs,
+        omega - value * bo, bias - value * bb, slip - value * bs, width - value * bw,
     )  # fmt: skip
     pairs = zip(belief.triangle, combinations_with_replacement(belief.lean.by, 2), strict=True)
     return Belief(mean, tuple([each + variance * (a * b) for each, (a, b) in pairs]))
@@ -126,13 +131,15 @@ class Drift:
     bias: float = 0.0002
     # of the wheels: two per cent within 4 s, as floors vary
     slip: float = 0.01
+    # of the track width by which a car turns, where it is not known well: tyres, load and floor
+    width: float = 0.002
     # s^2/m of the tyres' angle to their way, for each m/s^2 across it, before anything is known of it: rubber has 0.02
     sideways: float = 0.02
 
-    def density(self) -> Seven:
+    def density(self) -> State:
         """The variances of a second."""
-        position, bias, slip = self.position**2, self.bias**2, self.slip**2
-        return position, position, self.heading**2, self.speed**2, self.yaw_rate**2, bias, slip
+        position, bias, slip, width = self.position**2, self.bias**2, self.slip**2, self.width**2
+        return position, position, self.heading**2, self.speed**2, self.yaw_rate**2, bias, slip, width
 
 
 def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
@@ -150,13 +157,14 @@ def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
     """
     mean = belief.mean
     (
-        xx, xy, xt, xu, xo, xb, xs,
-        yy, yt, yu, yo, yb, ys,
-        tt, tu, to, tb, ts,
-        uu, uo, ub, us,
-        oo, ob, os,
-        bb, bs,
-        ss,
+        xx, xy, xt, xu, xo, xb, xs, xw,
+        yy, yt, yu, yo, yb, ys, yw,
+        tt, tu, to, tb, ts, tw,
+        uu, uo, ub, us, uw,
+        oo, ob, os, ow,
+        bb, bs, bw,
+        ss, sw,
+        ww,
     ) = belief.triangle  # fmt: skip
     half = 0.5 * dt
     if place == OMEGA:
@@ -166,20 +174,21 @@ def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
         xx, xy, yy = xx + variance * c * c, xy + variance * c * s, yy + variance * s * s
         xu, yu, uu = xu + variance * c, yu + variance * s, uu + variance
     return Belief(mean, (
-        xx, xy, xt, xu, xo, xb, xs,
-        yy, yt, yu, yo, yb, ys,
-        tt, tu, to, tb, ts,
-        uu, uo, ub, us,
-        oo, ob, os,
-        bb, bs,
-        ss,
+        xx, xy, xt, xu, xo, xb, xs, xw,
+        yy, yt, yu, yo, yb, ys, yw,
+        tt, tu, to, tb, ts, tw,
+        uu, uo, ub, us, uw,
+        oo, ob, os, ow,
+        bb, bs, bw,
+        ss, sw,
+        ww,
     ), belief.lean)  # fmt: skip
 
 
 def predict(
     belief: Belief,
     dt: float,
-    density: Seven,
+    density: State,
     sideways: tuple[float, float] = (0.0, 0.0),
     bend: float = 0.0,
     bent: float = 0.0,
@@ -199,17 +208,18 @@ def predict(
         bent: that change times how long it has lasted at the end, s/m.
 
     """
-    x, y, theta, rolled, omega, bias, slip = belief.mean
+    x, y, theta, rolled, omega, bias, slip, width = belief.mean
     (
-        xx, xy, xt, xu, xo, xb, xs,
-        yy, yt, yu, yo, yb, ys,
-        tt, tu, to, tb, ts,
-        uu, uo, ub, us,
-        oo, ob, os,
-        bb, bs,
-        ss,
+        xx, xy, xt, xu, xo, xb, xs, xw,
+        yy, yt, yu, yo, yb, ys, yw,
+        tt, tu, to, tb, ts, tw,
+        uu, uo, ub, us, uw,
+        oo, ob, os, ow,
+        bb, bs, bw,
+        ss, sw,
+        ww,
     ) = belief.triangle  # fmt: skip
-    qx, qy, qt, qu, qo, qb, qs = density
+    qx, qy, qt, qu, qo, qb, qs, qw = density
     grip = 1.0 - slip
     v = rolled * grip
     half = 0.5 * omega * dt
@@ -235,20 +245,23 @@ def predict(
     m_xo = xo + f_xt * to + f_xu * uo + f_xo * oo + f_xs * os
     m_xb = xb + f_xt * tb + f_xu * ub + f_xo * ob + f_xs * bs
     m_xs = xs + f_xt * ts + f_xu * us + f_xo * os + f_xs * ss
+    m_xw = xw + f_xt * tw + f_xu * uw + f_xo * ow + f_xs * sw
     m_yy = yy + f_yt * yt + f_yu * yu + f_yo * yo + f_ys * ys
     m_yt = yt + f_yt * tt + f_yu * tu + f_yo * to + f_ys * ts
     m_yu = yu + f_yt * tu + f_yu * uu + f_yo * uo + f_ys * us
     m_yo = yo + f_yt * to + f_yu * uo + f_yo * oo + f_ys * os
     m_yb = yb + f_yt * tb + f_yu * ub + f_yo * ob + f_ys * bs
     m_ys = ys + f_yt * ts + f_yu * us + f_yo * os + f_ys * ss
-    m_tt, m_tu, m_to, m_tb, m_ts = tt + f_to * to, tu + f_to * uo, to + f_to * oo, tb + f_to * ob, ts + f_to * os
+    m_yw = yw + f_yt * tw + f_yu * uw + f_yo * ow + f_ys * sw
+    m_tt, m_tu, m_to = tt + f_to * to, tu + f_to * uo, to + f_to * oo
+    m_tb, m_ts, m_tw = tb + f_to * ob, ts + f_to * os, tw + f_to * ow
 
     lean = belief.lean
     if lean is not None:
-        (lx, ly, lt, lu, lo, lb, ls), known, told = lean
+        (lx, ly, lt, lu, lo, lb, ls, lw), known, told = lean
         lean = new(Lean, ((
             lx + f_xt * lt + f_xu * lu + f_xo * lo + f_xs * ls, ly + f_yt * lt + f_yu * lu + f_yo * lo + f_ys * ls,
-            lt + f_to * lo, lu, lo, lb, ls,
+            lt + f_to * lo, lu, lo, lb, ls, lw,
         ), known, told))  # fmt: skip
     # how well it follows the steering is one random number of rate and turn
     rate, turned_by = STEERING * v * bend, STEERING * v * bent
@@ -257,24 +270,26 @@ def predict(
     q_xu, q_yu = shared * f_xu, shared * f_yu
     # P' = M F^T + Q dt
     return Belief(
-        (x + v * c, y + v * s, theta + omega * dt + v * bent, rolled, omega + v * bend, bias, slip),
+        (x + v * c, y + v * s, theta + omega * dt + v * bent, rolled, omega + v * bend, bias, slip, width),
         (
             m_xx + m_xt * f_xt + (m_xu + 0.5 * q_xu) * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt + across * s * s,
             m_xy + m_xt * f_yt + (m_xu + 0.5 * q_xu) * f_yu + m_xo * f_yo + m_xs * f_ys - across * s * c,
-            m_xt + m_xo * f_to, m_xu + q_xu, m_xo, m_xb, m_xs,
+            m_xt + m_xo * f_to, m_xu + q_xu, m_xo, m_xb, m_xs, m_xw,
 
             m_yy + m_yt * f_yt + (m_yu + 0.5 * q_yu) * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt + across * c * c,
-            m_yt + m_yo * f_to, m_yu + q_yu, m_yo, m_yb, m_ys,
+            m_yt + m_yo * f_to, m_yu + q_yu, m_yo, m_yb, m_ys, m_yw,
 
-            m_tt + m_to * f_to + qt * dt + turned_by * turned_by, m_tu, m_to + rate * turned_by, m_tb, m_ts,
+            m_tt + m_to * f_to + qt * dt + turned_by * turned_by, m_tu, m_to + rate * turned_by, m_tb, m_ts, m_tw,
 
-            uu + qu * dt, uo, ub, us,
+            uu + qu * dt, uo, ub, us, uw,
 
-            oo + qo * dt + rate * rate, ob, os,
+            oo + qo * dt + rate * rate, ob, os, ow,
 
-            bb + qb * dt, bs,
+            bb + qb * dt, bs, bw,
 
-            ss + qs * dt,
+            ss + qs * dt, sw,
+
+            ww + qw * dt,
         ),
         lean,
     )  # fmt: skip
@@ -302,53 +317,61 @@ def update(
     """
     lean = belief.lean
     (
-        xx, xy, xt, xu, xo, xb, xs,
-        yy, yt, yu, yo, yb, ys,
-        tt, tu, to, tb, ts,
-        uu, uo, ub, us,
-        oo, ob, os,
-        bb, bs,
-        ss,
+        xx, xy, xt, xu, xo, xb, xs, xw,
+        yy, yt, yu, yo, yb, ys, yw,
+        tt, tu, to, tb, ts, tw,
+        uu, uo, ub, us, uw,
+        oo, ob, os, ow,
+        bb, bs, bw,
+        ss, sw,
+        ww,
     ) = belief.triangle  # fmt: skip
     # the mean's change
-    dx = dy = dt = du = do = db = ds = nis = 0.0
+    dx = dy = dt = du = do = db = ds = dw = nis = 0.0
     misses = []
     for place, row in enumerate(h):
         left, noise = residual[place], sigmas[place]
         # c = P h, its spread h c, and the part of what is left that the mean's change says already
         if row is GYRO:
-            cx, cy, ct, cu, co, cb, cs = xo + xb, yo + yb, to + tb, uo + ub, oo + ob, ob + bb, os + bs
+            cx, cy, ct, cu, co = xo + xb, yo + yb, to + tb, uo + ub, oo + ob
+            cb, cs, cw = ob + bb, os + bs, ow + bw
             spread, said = co + cb, do + db
         elif isinstance(row, int):
             if row == ROLLED:
-                cx, cy, ct, cu, co, cb, cs = xu, yu, tu, uu, uo, ub, us
+                cx, cy, ct, cu, co, cb, cs, cw = xu, yu, tu, uu, uo, ub, us, uw
                 spread, said = uu, du
             elif row == OMEGA:
-                cx, cy, ct, cu, co, cb, cs = xo, yo, to, uo, oo, ob, os
+                cx, cy, ct, cu, co, cb, cs, cw = xo, yo, to, uo, oo, ob, os, ow
                 spread, said = oo, do
             elif row == X:
-                cx, cy, ct, cu, co, cb, cs = xx, xy, xt, xu, xo, xb, xs
+                cx, cy, ct, cu, co, cb, cs, cw = xx, xy, xt, xu, xo, xb, xs, xw
                 spread, said = xx, dx
             elif row == Y:
-                cx, cy, ct, cu, co, cb, cs = xy, yy, yt, yu, yo, yb, ys
+                cx, cy, ct, cu, co, cb, cs, cw = xy, yy, yt, yu, yo, yb, ys, yw
                 spread, said = yy, dy
             else:
-                cx, cy, ct, cu, co, cb, cs = xt, yt, tt, tu, to, tb, ts
+                cx, cy, ct, cu, co, cb, cs, cw = xt, yt, tt, tu, to, tb, ts, tw
                 spread, said = tt, dt
         else:
-            hx, hy, ht, hu, ho, hb, hs = row
+            hx, hy, ht, hu, ho, hb, hs, hw = row
             # of the motion
-            if hu or ho or hb or hs:
-                cx, cy = xu * hu + xo * ho + xb * hb + xs * hs, yu * hu + yo * ho + yb * hb + ys * hs
-                ct, cu = tu * hu + to * ho + tb * hb + ts * hs, uu * hu + uo * ho + ub * hb + us * hs
-                co, cb = uo * hu + oo * ho + ob * hb + os * hs, ub * hu + ob * ho + bb * hb + bs * hs
-                cs = us * hu + os * ho + bs * hb + ss * hs
-                spread, said = cu * hu + co * ho + cb * hb + cs * hs, du * hu + do * ho + db * hb + ds * hs
+            if hu or ho or hb or hs or hw:
+                cx = xu * hu + xo * ho + xb * hb + xs * hs + xw * hw
+                cy = yu * hu + yo * ho + yb * hb + ys * hs + yw * hw
+                ct = tu * hu + to * ho + tb * hb + ts * hs + tw * hw
+                cu = uu * hu + uo * ho + ub * hb + us * hs + uw * hw
+                co = uo * hu + oo * ho + ob * hb + os * hs + ow * hw
+                cb = ub * hu + ob * ho + bb * hb + bs * hs + bw * hw
+                cs = us * hu + os * ho + bs * hb + ss * hs + sw * hw
+                cw = uw * hu + ow * ho + bw * hb + sw * hs + ww * hw
+                spread = cu * hu + co * ho + cb * hb + cs * hs + cw * hw
+                said = du * hu + do * ho + db * hb + ds * hs + dw * hw
             else:
                 # of the pose
                 cx, cy, ct = xx * hx + xy * hy + xt * ht, xy * hx + yy * hy + yt * ht, xt * hx + yt * hy + tt * ht
                 cu, co = xu * hx + yu * hy + tu * ht, xo * hx + yo * hy + to * ht
                 cb, cs = xb * hx + yb * hy + tb * ht, xs * hx + ys * hy + ts * ht
+                cw = xw * hx + yw * hy + tw * ht
                 spread, said = cx * hx + cy * hy + ct * ht, dx * hx + dy * hy + dt * ht
         sigma = sqrt(spread + noise * noise)
         miss = (left - said) / sigma
@@ -356,39 +379,43 @@ def update(
         nis += miss * miss
         wx, wy, wt = cx / sigma, cy / sigma, ct / sigma
         wu, wo = cu / sigma, co / sigma
-        wb, ws = cb / sigma, cs / sigma
+        wb, ws, wz = cb / sigma, cs / sigma, cw / sigma
         if lean is not None:
-            lean = _leaning(lean, row, leans, sigma, miss, (wx, wy, wt, wu, wo, wb, ws))
+            lean = _leaning(lean, row, leans, sigma, miss, (wx, wy, wt, wu, wo, wb, ws, wz))
         dx, dy, dt, du = dx + wx * miss, dy + wy * miss, dt + wt * miss, du + wu * miss
         do, db, ds = do + wo * miss, db + wb * miss, ds + ws * miss
+        dw += wz * miss
         # by twos and threes, as more at once make a tuple
         xx, xy, xt = xx - wx * wx, xy - wx * wy, xt - wx * wt
         xu, xo = xu - wx * wu, xo - wx * wo
-        xb, xs = xb - wx * wb, xs - wx * ws
+        xb, xs, xw = xb - wx * wb, xs - wx * ws, xw - wx * wz
         yy, yt, yu = yy - wy * wy, yt - wy * wt, yu - wy * wu
         yo, yb, ys = yo - wy * wo, yb - wy * wb, ys - wy * ws
+        yw, tw = yw - wy * wz, tw - wt * wz
         tt, tu, to = tt - wt * wt, tu - wt * wu, to - wt * wo
         tb, ts = tb - wt * wb, ts - wt * ws
         uu, uo = uu - wu * wu, uo - wu * wo
-        ub, us = ub - wu * wb, us - wu * ws
+        ub, us, uw = ub - wu * wb, us - wu * ws, uw - wu * wz
         oo, ob, os = oo - wo * wo, ob - wo * wb, os - wo * ws
+        ow, bw, sw = ow - wo * wz, bw - wb * wz, sw - ws * wz
         bb, bs = bb - wb * wb, bs - wb * ws
-        ss = ss - ws * ws
+        ss, ww = ss - ws * ws, ww - wz * wz
     if not isfinite(nis):
         return belief, nis, misses
-    x, y, t, u, o, b, s = belief.mean
-    return Belief((x + dx, y + dy, t + dt, u + du, o + do, b + db, s + ds), (
-        xx, xy, xt, xu, xo, xb, xs,
-        yy, yt, yu, yo, yb, ys,
-        tt, tu, to, tb, ts,
-        uu, uo, ub, us,
-        oo, ob, os,
-        bb, bs,
-        ss,
+    x, y, t, u, o, b, s, w = belief.mean
+    return Belief((x + dx, y + dy, t + dt, u + du, o + do, b + db, s + ds, w + dw), (
+        xx, xy, xt, xu, xo, xb, xs, xw,
+        yy, yt, yu, yo, yb, ys, yw,
+        tt, tu, to, tb, ts, tw,
+        uu, uo, ub, us, uw,
+        oo, ob, os, ow,
+        bb, bs, bw,
+        ss, sw,
+        ww,
     ), lean), nis, misses  # fmt: skip
 
 
-def _leaning(lean: Lean, row: Row, leans: float, sigma: float, miss: float, w: Seven) -> Lean:
+def _leaning(lean: Lean, row: Row, leans: float, sigma: float, miss: float, w: State) -> Lean:
     """How the belief leans after a number: its row of the Jacobian, miss, sigma and w, as in `update`.
 
     Only places tell of the parameter: what wheels would tell of it may be slip.
@@ -399,22 +426,30 @@ def _leaning(lean: Lean, row: Row, leans: float, sigma: float, miss: float, w: S
     else:
         expected, tells = sum(map(mul, row, by)), any(row[:ROLLED])
     moved = (leans - expected) / sigma
-    x, y, theta, rolled, omega, bias, slip = by
-    wx, wy, wt, wu, wo, wb, ws = w
+    x, y, theta, rolled, omega, bias, slip, width = by
+    wx, wy, wt, wu, wo, wb, ws, ww = w
     return new(Lean, ((
         x + wx * moved, y + wy * moved, theta + wt * moved, rolled + wu * moved,
-        omega + wo * moved, bias + wb * moved, slip + ws * moved,
+        omega + wo * moved, bias + wb * moved, slip + ws * moved, width + ww * moved,
     ), lean.known + tells * moved * moved, lean.told + tells * moved * miss))  # fmt: skip
 
 
-def encoders(mean: Seven) -> tuple[tuple[float, float], tuple[Row, Row]]:
+def turn_share(mean: State, *, exact: bool) -> float:
+    """By how much the wheels turn more than the car: by their slip if the track width is exact, else by the width."""
+    return 1.0 / (1.0 - mean[SLIP]) if exact else 1.0 + mean[WIDTH]
+
+
+def encoders(mean: State, *, exact: bool = True) -> tuple[tuple[float, float], tuple[Row, Row]]:
     """Speed and yaw rate that the wheels tell in a state, and the rows of their Jacobian."""
-    _, _, _, rolled, omega, _, slip = mean
+    _, _, _, rolled, omega, _, slip, width = mean
+    if not exact:
+        share = 1.0 + width
+        return (rolled, omega * share), (ROLLED, (0.0, 0.0, 0.0, 0.0, share, 0.0, 0.0, omega))
     grip = 1.0 - slip
-    return (rolled, omega / grip), (ROLLED, (0.0, 0.0, 0.0, 0.0, 1.0 / grip, 0.0, omega / (grip * grip)))
+    return (rolled, omega / grip), (ROLLED, (0.0, 0.0, 0.0, 0.0, 1.0 / grip, 0.0, omega / (grip * grip), 0.0))
 
 
-def centred(v: float, omega: float, wheelbase: float, phi: float | None) -> tuple[float, float]:
+def centred(v: float, omega: float, wheelbase: float, phi: float | None, share: float = 1.0) -> tuple[float, float]:
     """Speed and yaw rate of the car's middle by encoder wheels that are steered, m/s and rad/s.
 
     A hub's velocity is projected on its wheel's heading, and the wheels tell that: of both sides the mean v and the
@@ -430,34 +465,38 @@ def centred(v: float, omega: float, wheelbase: float, phi: float | None) -> tupl
         wheelbase: L, m; 0 where the encoder wheels do not steer.
         phi: of the front axle, rad, the rear's being the opposite; None: unknown; then the wheels themselves
             tell it, as without understeer sin(2 phi) = L omega / v.
+        share: by how much they turn more than the car, as their track width is another than was measured.
 
     """
     if not wheelbase:
         return v, omega
     if phi is None:
-        double = wheelbase * omega / v if abs(v) > CRAWL else 0.0
+        double = wheelbase * omega / (share * v) if abs(v) > CRAWL else 0.0
         phi = 0.5 * asin(double) if abs(double) < SINE_MAX else 0.0
     turning = omega / cos(phi)
-    return (v - 0.5 * wheelbase * turning * sin(phi)) / cos(phi), turning
+    return (v - 0.5 * wheelbase * turning / share * sin(phi)) / cos(phi), turning
 
 
-def velocities(mean: Seven) -> tuple[tuple[float, float], tuple[Row, Row]]:
+def velocities(mean: State) -> tuple[tuple[float, float], tuple[Row, Row]]:
     """Speed and yaw rate, and the rows of the Jacobian."""
-    _, _, _, rolled, omega, _, slip = mean
-    return (rolled * (1.0 - slip), omega), ((0.0, 0.0, 0.0, 1.0 - slip, 0.0, 0.0, -rolled), OMEGA)
+    _, _, _, rolled, omega, _, slip, _ = mean
+    return (rolled * (1.0 - slip), omega), ((0.0, 0.0, 0.0, 1.0 - slip, 0.0, 0.0, -rolled, 0.0), OMEGA)
 
 
-def antenna(mean: Seven, at: tuple[float, float]) -> tuple[tuple[float, float], tuple[Seven, Seven]]:
+_NO_MOTION: Final = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def antenna(mean: State, at: tuple[float, float]) -> tuple[tuple[float, float], tuple[State, State]]:
     """Where a receiver at a place on the robot (x forward, y left, m) is, and the rows of the Jacobian."""
     x, y, theta = mean[:3]
     c, s = cos(theta), sin(theta)
     dx, dy = at[0] * c - at[1] * s, at[0] * s + at[1] * c
-    return (x + dx, y + dy), ((1.0, 0.0, -dy, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, dx, 0.0, 0.0, 0.0, 0.0))
+    return (x + dx, y + dy), ((1.0, 0.0, -dy, *_NO_MOTION), (0.0, 1.0, dx, *_NO_MOTION))
 
 
 POSE: Final = (X, Y, THETA)
 """The Jacobian of the pose, by rows."""
-GYRO: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
+GYRO: Final[State] = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
 """The row of a gyro, which tells its bias, too."""
 
 
@@ -480,8 +519,8 @@ def turned(
         turns, mid_x, mid_y, lean_x, lean_y = leans
         lx, ly, lt, *others = lean.by
         lx, ly = lx - lean_x - turns * (py - mid_y), ly - lean_y + turns * (px - mid_x)
-        lu, lo, lb, ls = others
-        lean = lean._replace(by=(c * lx - s * ly, s * lx + c * ly, lt + turns, lu, lo, lb, ls))
+        lu, lo, lb, ls, lw = others
+        lean = lean._replace(by=(c * lx - s * ly, s * lx + c * ly, lt + turns, lu, lo, lb, ls, lw))
     return belief_of((x + c * px - s * py, y + s * px + c * py, theta + turn, *rest), rotated, lean)
 
 
@@ -492,15 +531,16 @@ def outside(
 
     `besides` is what the pose's covariance is larger than believed: at x, at x and y, at y, and at theta.
     """
-    _, _, _, rolled, _, _, slip = belief.mean
+    _, _, _, rolled, _, _, slip, _ = belief.mean
     (
-        xx, xy, xt, xu, xo, _, xs,
-        yy, yt, yu, yo, _, ys,
-        tt, tu, to, _, ts,
-        uu, uo, _, us,
-        oo, _, os,
-        _, _,
-        ss,
+        xx, xy, xt, xu, xo, _, xs, _,
+        yy, yt, yu, yo, _, ys, _,
+        tt, tu, to, _, ts, _,
+        uu, uo, _, us, _,
+        oo, _, os, _,
+        _, _, _,
+        ss, _,
+        _,
     ) = belief.triangle  # fmt: skip
     # by which wheels' speed and slip change it
     a, b = 1.0 - slip, -rolled

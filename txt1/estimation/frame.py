@@ -27,7 +27,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.estimation.ekf import Array, Belief
+from txt1.estimation.ekf import TT, Array, Belief
 from txt1.estimation.judge import FORGOTTEN, OTHER
 from txt1.estimation.measurement import Measurement
 from txt1.units import new
@@ -58,7 +58,8 @@ ASIDE: Final = 0.01
 CORNERING: Final = 0.05
 # rad by which gyro or wheels miss a turn within a window
 TURNED: Final = 0.015
-LEVER: Final = 0.03  # m
+# m by which a mount may be off besides what is known of it
+LEVER: Final = 0.03
 CLOCK: Final = 0.01  # s
 # m/s of the frame
 MOVES: Final = 1.0
@@ -160,6 +161,8 @@ class Frame:
         """Whether it moves."""
         self.probability = 0.0
         """That it does, by the window that makes it most likely."""
+        self.lever = LEVER
+        """Standard deviation of the sensor's place on the robot, m."""
         self._picks: deque[_Pick] = deque(maxlen=round(WINDOWS[-1] / PICKED) + 2)
         self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
         self._last = -1.0
@@ -220,7 +223,7 @@ class Frame:
                 c, s = cos(theta), sin(theta)
                 ahead, left = self._at
                 x, y = values[0] - c * ahead + s * left, values[1] - s * ahead - c * left
-                sigma_theta = sqrt(belief.triangle[13])
+                sigma_theta = sqrt(belief.triangle[TT])
                 self._picks.append(_Pick(time, x, y, theta, sigmas[0], sigma_theta, (here_x, here_y), spot))
                 more = True
         if more:
@@ -269,7 +272,7 @@ class Frame:
         ]).reshape(9 + len(ways), -1)  # fmt: skip
         turned = abs(spots[-1, 3] - spots[0, 3]) / span
         direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()))
-        shared = [1e3, 1e3, USUAL, direction, LEVER, LEVER, CLOCK]
+        shared = [1e3, 1e3, USUAL, direction, self.lever, self.lever, CLOCK]
         noise = hypot(max(each.sigma for each in picks), RECKONED)
         left = np.concatenate((xs - xs.mean(), ys - ys.mean())) / noise
         rows = rows / noise

@@ -36,25 +36,29 @@ from txt1.estimation.ekf import (
     ROLLED,
     SIZE,
     SLIP,
+    SS,
     THETA,
+    WIDTH,
+    YY,
     Array,
     Belief,
     Drift,
     Lean,
     Row,
-    Seven,
+    State,
     antenna,
     belief_of,
     encoders,
     outside,
     predict,
     ramped,
+    turn_share,
     turned,
     update,
     upright,
     velocities,
 )
-from txt1.estimation.frame import LONGEST, USUAL, Frame, Reckoning
+from txt1.estimation.frame import LEVER, LONGEST, USUAL, Frame, Reckoning
 from txt1.estimation.judge import CHI95, CHI99, KEEPS, MOVING, OTHER, SEVERAL, Belonging, Judge
 from txt1.estimation.measurement import (
     KIND_ENCODERS,
@@ -91,6 +95,8 @@ TURNS: Final = 3.0
 CURVE: Final = 0.1
 # s over which the slip of two moments is related: floors, starts and stops; chosen
 FLOOR: Final = 2.0
+# standard deviation of the track width up to which it is exact, as a share
+KNOWN: Final = 0.01
 # of the wheels' way; more is no slip any more, but wheels that tell nothing
 SLIP_MAX: Final = 0.6
 # m/s, standard deviation of the speed of a robot that stands
@@ -111,7 +117,7 @@ RECENT: Final = 1.0
 
 _KEY: Final = attrgetter("key")
 
-Doubt = Callable[[Seven], tuple[float, float, float, float]]
+Doubt = Callable[[State], tuple[float, float, float, float]]
 """Variances (x, x and y, y, theta) that a sensor's errors of mount and clock cause at a mean."""
 
 
@@ -146,6 +152,9 @@ class Fusion:
         start: the pose at the start and its standard deviations (m, m, rad), if they are known.
         gyro_scale: standard deviation of the share by which a gyro reads too much; 0: no matter, as a sensor tells the
             heading, or there is no gyro.
+        track_sigma: standard deviation of the share by which the wheels turn more than the car, as their track width is
+            another than was measured. Up to `KNOWN` it is exact, and wheels that turn otherwise than a gyro tell of
+            their slip. Else they tell of the width, and never of the way.
 
     """
 
@@ -156,6 +165,7 @@ class Fusion:
         slip_sigma: float = 0.03,
         start: tuple[Sequence[float], Sequence[float]] | None = None,
         gyro_scale: float = 0.0,
+        track_sigma: float = 0.0,
     ) -> None:
         self.changes: list[str] = []
         """Messages for the event log: a sensor is believed no longer, or again. The caller that tells them empties the
@@ -169,14 +179,17 @@ class Fusion:
         self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
         self.sideways = 0.0, drift.sideways
         """How much it slides outwards in curves, and the standard deviation of that, s^2/m, of `ekf.predict`."""
-        self._walk = Walk(drift, slip_sigma)
+        self._exact = track_sigma <= KNOWN
+        self.track_sigma = 0.0 if self._exact else track_sigma
+        """Standard deviation of the track width at the start, as a share of it; 0: it is exact."""
+        self._walk = Walk(drift, slip_sigma, exact=self._exact)
         self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
         pose, known = start or ((0.0,) * 3, (BEGUN,) * 3)
-        sigmas = np.array([*known, SPEED, YAW_RATE, BIASED, slip_sigma])
+        sigmas = np.array([*known, SPEED, YAW_RATE, BIASED, slip_sigma, self.track_sigma])
         self._gyro_scale = gyro_scale
-        lean = Lean((0.0,) * 7, 0.0, 0.0) if gyro_scale else None
+        lean = Lean((0.0,) * SIZE, 0.0, 0.0) if gyro_scale else None
         # with its time
-        self._base = belief_of((*pose, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean), -1.0
+        self._base = belief_of((*pose, 0.0, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean), -1.0
         self._entries: list[_Entry] = []
         # of them, those that are taken in; the rest lie beyond what is heard of the place
         self._settled = 0
@@ -226,6 +239,21 @@ class Fusion:
     def doubt_speed(self, speed: float, dt: float) -> None:
         """Note that the speed may have been off by `speed` m/s for dt seconds, so that the pose is off by the way."""
         self._besides.drive(self._newest()[0].mean[THETA], speed, dt)
+
+    def doubt_mount(self, sensor: str, sigma: float) -> None:
+        """Note how well a sensor's place on the robot is known: its standard deviation, m."""
+        self._frames[sensor].lever = max(LEVER, sigma)
+
+    @property
+    def turn_share(self) -> float:
+        """By how much the wheels turn more than the car, as their track width is another than was measured."""
+        return 1.0 if self._exact else 1.0 + self._newest()[0].mean[WIDTH]
+
+    @property
+    def track(self) -> tuple[float, float]:
+        """The share by which the track width is larger than was measured, and its standard deviation."""
+        belief = self._newest()[0]
+        return belief.mean[WIDTH], sqrt(belief.triangle[-1])
 
     def trusts(self) -> tuple[Trust, ...]:
         """How much each sensor is believed."""
@@ -311,7 +339,7 @@ class Fusion:
     def judge_by_vote(self) -> None:
         """Leave out an outvoted gyro or outvoted wheels, unless no other sensor measures the same quantity."""
         self.vote.compare(turning=self._turning)
-        gyro_off, wheels_off = self.vote.outvoted(self._newest()[0].mean[SLIP])
+        gyro_off, wheels_off = self.vote.outvoted(self._newest()[0].mean[SLIP] if self._exact else 0.0)
         placed = self._located and self._placed
         # whoever outvoted a gyro and has failed since was no witness
         alone = not self._rolling and self._names.isdisjoint(self._headings)
@@ -428,12 +456,13 @@ class Fusion:
         density = walk.told
         # of a car that stands, slip does not change
         if begin > walk.blind_from and abs(belief.mean[ROLLED]) > MOVING:
-            density = walk.blind
+            density = walk.blind if self._exact else walk.settled(belief.triangle[SS])
         if not self._rolling:
             density = walk.untold(density)
-        elif not self._turning and not self._placed:
-            density = walk.settled(belief.triangle[-1])
-            belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
+        elif not self._placed and not (self._exact and self._turning):
+            density = walk.settled(belief.triangle[SS])
+            if not self._turning:
+                belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
         return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bend * end - moment)
@@ -477,7 +506,7 @@ class Fusion:
                 bend = moment = 0.0
             time = at
             if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
-                belief = slip_unknown(belief, self._walk.slip_sigma)
+                belief = slip_unknown(belief, self._walk.slip_sigma, self.track_sigma)
             if entry.moved is not None:
                 belief = moved(belief, entry.moved)
             if entry.wider is not None:
@@ -497,7 +526,8 @@ class Fusion:
         if self._settled < len(entries):
             believed = self._names
             later = [each.measurement for each in entries[self._settled :] if each.key[1] in believed]
-            return ahead(belief, time, now, later, self._walk.told, self.sideways, turning=self._turning)
+            density, sideways = self._walk.told, self.sideways
+            return ahead(belief, time, now, later, density, sideways, turning=self._turning, exact=self._exact)
         return self._predicted(belief, time, now) if now - time >= SAME_INSTANT else belief
 
     def _take_out(self, sensor: str, turned: float) -> None:
@@ -557,7 +587,7 @@ class Fusion:
                 if judge.reason not in (OUTVOTED, WHEELS) and judge.fits(measurement.time):
                     self._tell(judge.restore())
                     self._heard_again(entry)
-                    belief = slip_unknown(belief, self._walk.slip_sigma) if entry.fresh else belief
+                    belief = slip_unknown(belief, self._walk.slip_sigma, self.track_sigma) if entry.fresh else belief
                     residual, h = self._expect(belief.mean, measurement)
                     after = update(belief, residual, h, sigmas)[0]
         return after if entry.used else belief
@@ -592,14 +622,16 @@ class Fusion:
         Where it misses by more than chance while turning, the slip has changed: strong tracking, as of the rates.
         """
         told, by_gyro, dt, path = measurement.values
-        _, _, _, _, _, bias, slip = belief.mean
-        grip, turned_by = 1.0 - slip, by_gyro - bias * dt
-        residual = (told - turned_by / grip,)
+        bias = belief.mean[BIAS]
+        share, turned_by = turn_share(belief.mean, exact=self._exact), by_gyro - bias * dt
+        residual = (told - share * turned_by,)
         # wheels that stand tell nothing of slip: the gyro's noise in both is the same, and would be taken for some
-        h = ((0.0, 0.0, 0.0, 0.0, 0.0, -dt / grip, turned_by / (grip * grip) if told else 0.0),)
+        moving = turned_by if told else 0.0
+        of_slip, of_width = (share * share * moving, 0.0) if self._exact else (0.0, moving)
+        h = ((0.0, 0.0, 0.0, 0.0, 0.0, -share * dt, of_slip, of_width),)
         # the slip walks within the turn, too: its mean is so far from the last one
         sigma = hypot(measurement.sigmas[0], path * sqrt(self._walk.told[SLIP] * dt / 3.0))
-        leans = -by_gyro / grip
+        leans = -by_gyro * share
         after, _, (miss,) = update(belief, residual, h, (sigma,), leans)
         if new and abs(turned_by) > CURVE and miss:
             chance = (residual[0] / miss) ** 2
@@ -608,8 +640,8 @@ class Fusion:
             return after
         if abs(turned_by) > CURVE:
             change = min(abs(residual[0] / turned_by), SLID)
-            wide = belief.covariance
-            wide[SLIP, SLIP] += change * change
+            wide, place = belief.covariance, SLIP if self._exact else WIDTH
+            wide[place, place] += change * change
             belief = belief_of(belief.mean, wide, belief.lean)
             _, _, (miss,) = update(belief, residual, h, (sigma,), leans)
         return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),), leans)[0]
@@ -685,7 +717,7 @@ class Fusion:
         if len(residual) == 2:
             noise = sigmas[0] * sigmas[0]
             since = measurement.time - (judge.placed_at or 0.0)
-            judge.averaged(since, residual, (expected[0] + noise, expected[7] + noise))
+            judge.averaged(since, residual, (expected[0] + noise, expected[YY] + noise))
         self._walk.placed(measurement.time, judge.placed_at)
         judge.placed_at = measurement.time
         judge.placed_sigma = measurement.sigmas[0]
@@ -788,7 +820,7 @@ class Fusion:
             self.changes.append(news)
             self._changed = True
 
-    def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Row]]:
+    def _expect(self, mean: State, measurement: Measurement) -> tuple[Sequence[float], Sequence[Row]]:
         """The measurement less its expectation, and the rows of the Jacobian."""
         _, _, kind, rows, values, _, at = measurement
         if kind is KIND_GYRO:
@@ -802,7 +834,7 @@ class Fusion:
             # how far they turn is told by `KIND_TURN`
             if self._turning and measurement[0] - self._turned_at < STALE and rows == (0, 1):
                 return (values[0] - mean[ROLLED],), (ROLLED,)
-            expected, h = encoders(mean)
+            expected, h = encoders(mean, exact=self._exact)
         elif kind is KIND_VELOCITY:
             expected, h = velocities(mean)
         else:
@@ -861,7 +893,7 @@ class Fusion:
 
     def _estimate(self, belief: Belief) -> Estimate:
         belief = self._with_scale(belief)
-        x, y, theta, _, omega, bias, slip = belief.mean
+        x, y, theta, _, omega, bias, slip, _ = belief.mean
         doubt = self.doubt(belief.mean) if self.doubt is not None else (0.0, 0.0, 0.0, 0.0)
         places = [(self._judges[name], frame) for name, frame in self._frames.items()]
         v, told = outside(belief, self._besides.covariance(places, doubt))

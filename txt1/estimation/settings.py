@@ -32,6 +32,12 @@ class FusedConfig(Section):
     """It sits so much further ahead and to the left than its driver says, m."""
     scale: Annotated[float, Field(gt=-0.2, lt=0.2)] = 0.0
     """A gyro's rates are too large by this share."""
+    lever_sigma: Positive = 0.03
+    """Standard deviation of its place on the robot, m: what a tape measure misses."""
+    delay_sigma: Positive = 0.05
+    """Standard deviation of its delay, s."""
+    scale_sigma: NotNegative = 0.017
+    """Standard deviation of a gyro's scale: a data sheet has +-3 % (MPU-6050). 0: it is exact."""
     timeout: Positive = 1.0
     """Time without a reading that came in time, after which it is left out, s."""
     gate: Positive = 5.0
@@ -49,6 +55,8 @@ class EstimationConfig(Section):
     """How they are fused, by their names."""
     slip: Annotated[float, Field(gt=0.0, le=0.5)] = 0.05
     """Standard deviation of the wheels' slip, and error of their radius, before anything is known of it."""
+    track_sigma: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05
+    """Standard deviation of the track width, as a share of it; up to 0.01 it is exact, and turns tell of slip."""
     start: tuple[float, float, float] | None = None
     """The pose at the start, m, m, rad, of a robot that is put on a mark; null: a sensor of positions tells it."""
     start_sigma: tuple[Positive, Positive, Positive] = (0.02, 0.02, 0.03)

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from txt1.estimation.calibration import GYRO_CLOCK, Calibration
-from txt1.estimation.ekf import centred
+from txt1.estimation.ekf import Drift, centred
 from txt1.estimation.fusion import Fusion
 from txt1.estimation.judge import Belonging
 from txt1.estimation.measurement import KIND_ENCODERS, KIND_GYRO, KIND_STEERING, KIND_TURN, Measurement
@@ -57,11 +57,13 @@ TURN_READINGS: Final = 10
 # rad by which the wheels miss it after 1 s besides their counts: the floor; assumed
 TURN_NOISE: Final = 0.001
 # of a turn by which sides at two speeds differ besides, whose tyres scrub
-SKID_SHARE: Final = 0.3
+SKID_SHARE: Final = 0.05
+# standard deviation of the track width by which such a car turns, as a share of the measured one
+SKID_SIGMA: Final = 0.5
+# the same of how it changes in a second: floors
+SKID_WALK: Final = 0.05
 # rad/s, each reading at 100 Hz; assumed
 SIGMA_GYRO: Final = 0.006
-# by which it reads too much: a data sheet has +-3 % (MPU-6050)
-GYRO_SCALE: Final = 0.03 / sqrt(3.0)
 ROOT_2: Final = sqrt(2.0)
 ROOT_6: Final = sqrt(6.0)
 # readings
@@ -169,19 +171,33 @@ class Estimator:
         start = None if config.start is None else (config.start, config.start_sigma)
         scaled = any(kind is ImuReading for kind in kinds.values())
         scaled = scaled and not any(tells_heading(kind, self.settings[name]) for name, kind in kinds.items())
-        self.fusion = Fusion(belongings, slip_sigma=config.slip, start=start, gyro_scale=GYRO_SCALE if scaled else 0.0)
+        skid = geometry.steering == "skid"
+        gyro_scale = max(
+            (self.settings[name].scale_sigma for name, kind in kinds.items() if kind is ImuReading), default=0.0
+        )
+        self.fusion = Fusion(
+            belongings,
+            slip_sigma=config.slip,
+            start=start,
+            gyro_scale=gyro_scale if scaled else 0.0,
+            track_sigma=max(SKID_SIGMA, config.track_sigma) if skid else config.track_sigma,
+            drift=Drift(width=SKID_WALK) if skid else Drift(),
+        )
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
         # without encoders there is no witness of how it rolls
         self._counts = isfinite(geometry.count_length)
         self._calibrations = {
-            name: Calibration() for name, each in belongings.items() if each.tells_pose and self._counts
+            name: Calibration(self.settings[name].lever_sigma, self.settings[name].delay_sigma)
+            for name, each in belongings.items()
+            if each.tells_pose and self._counts
         }
         # less 1
         self._gyro_scale = 0.0
         if self._calibrations:
             self.fusion.absolute = self._place
             self._choose_doubt()
+            self._tell_mounts()
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
         # of it, m, rad and m: they take a while to compute
@@ -287,6 +303,10 @@ class Estimator:
         believed = [each for name, each in self._calibrations.items() if self.fusion.believes(name)]
         self.fusion.doubt = min(believed or self._calibrations.values(), key=_MOUNT_VARIANCE).doubt
 
+    def _tell_mounts(self) -> None:
+        for name, each in self._calibrations.items():
+            self.fusion.doubt_mount(name, sqrt(each.mount_variance))
+
     def _vote(self, now: float, dt: float, bias: float) -> None:
         """Let the witnesses of the yaw rate report, and vote."""
         turns, wheels = self._turns, self._wheels
@@ -295,7 +315,8 @@ class Estimator:
             steered = self._steering is not None and self._geometry.steering != "skid"
             # of wheels that do not turn, though they should, the speed is no witness
             steering = (wheels[0] or self._setpoint) * self._curvature if steered else None
-            self.fusion.cycle(new(WitnessValues, (self._read, *wheels, gyro, steering)), dt)
+            turning = wheels[1] / self.fusion.turn_share
+            self.fusion.cycle(new(WitnessValues, (self._read, wheels[0], turning, gyro, steering)), dt)
             # wheels that are not believed tell nothing of the gyro, nor of a mount
             believed = self.fusion.believes(ENCODERS)
             if believed:
@@ -304,10 +325,11 @@ class Estimator:
                 self._turning = None
                 self._compared.clear()
             ones = list(self._calibrations.values()) if believed else []
-            learned = [each.cycle(now, self._read, dt, *wheels, self._gyro) for each in ones]
+            learned = [each.cycle(now, self._read, dt, wheels[0], turning, self._gyro) for each in ones]
             if True in learned:
                 self._gyro_scale = ones[-1].corrections.scale
                 self.fusion.sideways = min([each.sideways for each in ones], key=_SIGMA)
+                self._tell_mounts()
         turns.clear()
         self._wheels = None
         if not self.fusion.turning:
@@ -375,7 +397,9 @@ class Estimator:
             return
         if self._counts:
             known = self._steering is not None
-            v, omega = centred(v, omega, self._wheelbase, 0.5 * (before + self._angle) if known else None)
+            v, omega = centred(
+                v, omega, self._wheelbase, 0.5 * (before + self._angle) if known else None, self.fusion.turn_share
+            )
             # a count more or less at both ends of the time: a difference of two uniform errors
             count, track_width = self._count_length / dt / ROOT_6, self._geometry.track_width
             own = hypot(count / ROOT_2, SPEED_MODEL), hypot(count * ROOT_2 / track_width, YAW_MODEL)

@@ -16,7 +16,7 @@ from txt1.estimation.measurement import Kind, Measurement
 @pytest.mark.parametrize("turning", [True, False])
 def test_wheels_and_gyro_tell_the_way_of_a_car_that_speeds_up_into_a_curve(late: float, turning: bool) -> None:
     bias, slip = 0.02, 0.05
-    start = belief_of((1.0, 2.0, 0.5, 0.5, 0.1, bias, slip), np.diag([1e-6] * 3 + [1e-5, 1e-5, 1e-8, 1e-6]))
+    start = belief_of((1.0, 2.0, 0.5, 0.5, 0.1, bias, slip, 0.0), np.diag([1e-6] * 3 + [1e-5, 1e-5, 1e-8, 1e-6, 1e-6]))
     rates = [(0.5 + 3.0 * time, 0.1 + 2.0 * time) for time in np.arange(0.005, late, 0.01)]
     readings, x, y, theta = list[Measurement](), 1.0, 2.0, 0.5
     for place, (rolled, omega) in enumerate(rates):
@@ -36,8 +36,8 @@ def test_wheels_and_gyro_tell_the_way_of_a_car_that_speeds_up_into_a_curve(late:
 
 
 def test_on_the_way_to_now_a_belief_leans_with_the_gyros_scale_as_in_the_filter() -> None:
-    lean = Lean((0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0)
-    start = belief_of((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), np.diag([1e-6] * 7), lean)
+    lean = Lean((0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0)
+    start = belief_of((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0), np.diag([1e-6] * 8), lean)
     told = ahead(start, 0.0, 0.2, [], Drift().density(), (0.0, 0.0), turning=True)
     # 1 m/s for 0.2 s with a heading that is 0.3 rad off for a unit of the scale
     assert told.lean is not None and told.lean.by[:3] == pytest.approx((0.0, 0.06, 0.3), abs=0.003)

@@ -80,10 +80,10 @@ def test_slip_of_its_own_in_each_manoeuvre_is_not_taken_for_a_mount(left: float)
     assert sum(miss * miss for miss in misses) < 26.2
 
 
-def test_a_mount_to_the_left_is_told_as_uncertain_as_a_tape_measure_leaves_it() -> None:
-    """Until the drive tells: 2 cm, be the odds that the stated value is right as they may."""
-    along, across = np.sqrt(np.array(Calibration().doubt((0.0,) * 7))[[0, 2]])
-    assert along == across == pytest.approx(0.02)
+def test_a_mount_is_told_as_uncertain_as_a_tape_measure_and_a_mistake_leave_it() -> None:
+    """Until the drive tells: 3 cm, or 30 cm with a probability of 0.1."""
+    along, across = np.sqrt(np.array(Calibration().doubt((0.0,) * 8))[[0, 2]])
+    assert along == across == pytest.approx(np.sqrt(0.9 * 0.03**2 + 0.1 * 0.3**2))
 
 
 def test_a_gyro_that_reads_too_much_is_corrected_in_full() -> None:
@@ -109,7 +109,7 @@ def test_a_corrected_clock_puts_no_reading_into_the_future() -> None:
         await drive_as_a_person(robot, 31, 20.0)
 
     watch = run(random_drives.driven("txt1", 31, drive, configs), speed="max")["vicon"]
-    assert watch.estimator.calibrations["vicon"].corrections.delay == pytest.approx(-0.03)
+    assert watch.estimator.calibrations["vicon"].corrections.delay == pytest.approx(-0.03, abs=0.002)
     assert {each.name: each.late for each in watch.estimator.trusts()}["vicon"] == 0
     # 0.1 m and more
     assert watch.result()["largest"] < 0.02

@@ -21,7 +21,7 @@ def drive(frame: Frame, reckoning: Reckoning, cycles: range, at: tuple[float, fl
         x = V * time + MOVING * max(0.0, min(time, 4.0) - 2.0)
         reckoning.go(time, 0.02, V, 0.0, 0.0, 0.0)
         told = Measurement(time, "vicon", Kind.POSE, (0, 1, 2), (x + at[0], 0.0, 0.0), (0.002, 0.002, 0.003), at)
-        frame.take(told, belief_of([x, 0.0, 0.0, V, 0.0, 0.0, 0.0], CERTAIN))
+        frame.take(told, belief_of([x, 0.0, 0.0, V, 0.0, 0.0, 0.0, 0.0], CERTAIN))
         frame.compare(reckoning)
     return x
 
@@ -39,5 +39,5 @@ def test_what_a_frame_pulled_the_pose_by_is_not_forgotten_at_once(at: tuple[floa
     # and fades without wheels, too
     for cycle in range(400, 2400):
         told = Measurement(0.02 * cycle, "vicon", Kind.POSE, (0, 1, 2), (x, 0.0, 0.0), (0.002, 0.002, 0.003), at)
-        frame.take(told, belief_of([x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], CERTAIN))
+        frame.take(told, belief_of([x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], CERTAIN))
     assert hypot(*frame.past) < 0.05

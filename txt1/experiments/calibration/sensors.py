@@ -4,30 +4,34 @@
 """
 
 from collections.abc import Iterator
-from math import hypot, pi
+from math import hypot, pi, sqrt
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from txt1.errors import ConfigError
-from txt1.estimation.calibration import START, Calibration
-from txt1.estimation.task import Estimator
+from txt1.estimation.calibration import Calibration
+from txt1.estimation.task import ENCODERS, Estimator
 from txt1.record.reader import robot_in
 from txt1.record.verification import verify
 from txt1.runtime import Runtime
 from txt1.sensors.readings import ImuReading
 
 QUANTITIES: Final = {
-    "x": ("further ahead than stated", "m", 1.0),
-    "y": ("further to the left than stated", "m", 1.0),
-    "delay": ("older than its readings say", "ms", 1e3),
-    "slip": ("of the wheels' way, by slip and radius", "%", 100.0),
-    "scale": ("too much, by the gyro", "%", 100.0),
-    "bias": ("told by a gyro that stands", "rad/s", 1.0),
-    "sideways": ("outwards in curves, for each m/s^2", "deg", 180.0 / pi),
+    "x": ("further ahead than stated", "m", 1.0, "curves to both sides"),
+    "y": ("further to the left than stated", "m", 1.0, "narrow curves to both sides, each for some seconds"),
+    "delay": ("older than its readings say", "ms", 1e3, "hard starts and stops"),
+    "slip": ("of the wheels' way, by slip and radius", "%", 100.0, "some metres straight on"),
+    "scale": ("too much, by the gyro", "%", 100.0, "several full circles to one side"),
+    "bias": ("told by a gyro that stands", "rad/s", 1.0, "five seconds at rest"),
+    "sideways": ("outwards in curves, for each m/s^2", "deg", 180.0 / pi, "the same curve slowly and fast"),
 }
-"""The learned quantities: in words, the unit, and the number of units in an SI unit."""
+"""The learned quantities: in words, the unit, the number of units in an SI unit, and the manoeuvre that shows it."""
 # share of its sigma before the drive below which the drive has shown a quantity; chosen
 SHOWN: Final = 0.7
+# m, s and 1, the smallest standard deviations that are written
+LEAST: Final = 0.001
+# standard deviation of slip in curves, which looks like a wider track; chosen
+SLIPS: Final = 0.02
 
 
 class SensorFindings(NamedTuple):
@@ -37,50 +41,74 @@ class SensorFindings(NamedTuple):
     """Each quantity with its standard deviation, in words."""
     settings: dict[str, dict[str, Any]]
     """Settings that differ from the recording's, as `estimation.settings`."""
+    values: dict[str, float]
+    """Others, by their dotted keys."""
 
 
 def learned(recording: Path, robot: str | None) -> SensorFindings:
     """Return the findings of a recorded drive about the sensors of a robot; None: the first robot.
 
-    Raises RecordingError: it cannot be run again. Raises ConfigError: it has no sensor of positions.
+    Raises RecordingError: it cannot be run again. Raises ConfigError: it has neither a sensor of positions nor a gyro.
     """
     runtimes: list[Runtime] = []
     verify(recording, robot_in(recording, robot), runtimes.append)
     runtime = runtimes[0]
     estimator = runtime.part(Estimator)
-    if estimator is None or not estimator.calibrations:
+    gyros = [name for name, each in runtime.sensors.items() if each.sensor.topic.type is ImuReading]
+    gyros = [each for each in gyros if estimator is not None and each in estimator.settings]
+    if estimator is None or not (estimator.calibrations or (gyros and ENCODERS in estimator.settings)):
         raise ConfigError(
-            f"{recording}: nothing to calibrate: drive with a filter that has a sensor of positions, such as "
+            f"{recording}: nothing to calibrate: drive with a filter that has a gyro or a sensor of positions, such as "
             "--set estimation.preset=vicon, and with encoders"
         )
-    gyros = [name for name, each in runtime.sensors.items() if each.sensor.topic.type is ImuReading]
     lines, settings = [], {}
     for name, calibration in estimator.calibrations.items():
         lines += [f"{name}: {line}" for line in _told(calibration)]
-        settings.update(_settings(estimator, name, calibration, [each for each in gyros if each in estimator.settings]))
-    return SensorFindings(lines, settings)
+        settings.update(_settings(estimator, name, calibration, gyros))
+    track, values = _track(estimator, runtime, gyros)
+    return SensorFindings(lines + track, settings, values)
 
 
 def _told(calibration: Calibration) -> Iterator[str]:
     if not calibration.segments:
         yield "the drive shows nothing: it has no motion between positions"
         return
-    for (name, (words, unit, factor)), before in zip(QUANTITIES.items(), START, strict=True):
+    for (name, (words, unit, factor, manoeuvre)), before in zip(QUANTITIES.items(), calibration.start, strict=True):
         value, sigma = calibration.learned(name)
-        shown = "" if sigma < SHOWN * float(before) ** 0.5 else "; this drive does not show it"
+        shown = "" if sigma < SHOWN * sqrt(before) else f"; this drive does not show it: drive {manoeuvre}"
         yield f"{factor * value:.4g} {unit} {words} (sigma {factor * sigma:.2g}{shown})"
+
+
+def _track(estimator: Estimator, runtime: Runtime, gyros: list[str]) -> tuple[list[str], dict[str, float]]:
+    """Return what the drive shows of the track width in words, and settings for it."""
+    if not gyros or ENCODERS not in estimator.settings:
+        return ["track: unknown; a gyro and curves to both sides would tell it"], {}
+    share, sigma = estimator.fusion.track
+    before = estimator.fusion.track_sigma
+    if not before:
+        return ["track: taken for exact, by estimation.track_sigma"], {}
+    line = f"track: {100.0 * share:.3g} % wider than stated, slip in curves included (sigma {100.0 * sigma:.2g}"
+    if sigma >= SHOWN * before:
+        return [f"{line}; this drive does not show it: drive curves to both sides)"], {}
+    width = runtime.config.geometry.track_width * (1.0 + share)
+    found = {"geometry.track_width": round(width, 4), "estimation.track_sigma": round(hypot(sigma, SLIPS), 3)}
+    return [f"{line})"], found if abs(share) > 2.0 * hypot(sigma, SLIPS) else {}
 
 
 def _settings(estimator: Estimator, name: str, calibration: Calibration, gyros: list[str]) -> dict[str, dict[str, Any]]:
     """Return corrected values for the settings that a drive refutes."""
     right, given = calibration.corrections, estimator.settings
     found: dict[str, dict[str, Any]] = {}
+    ahead, left = calibration.learned("x").sigma, calibration.learned("y").sigma
     if hypot(right.x, right.y):
         x, y = given[name].lever
         found[name] = {"lever": [round(x + right.x, 4), round(y + right.y, 4)]}
+        found[name]["lever_sigma"] = round(max(ahead, left, LEAST), 3)
     delay = given[name].delay + right.delay
     if right.delay and delay >= 0.0:
         found.setdefault(name, {})["delay"] = round(delay, 4)
+        found[name]["delay_sigma"] = round(max(calibration.learned("delay").sigma, LEAST), 4)
     for gyro in gyros if right.scale else ():
         found[gyro] = {"scale": round((1.0 + given[gyro].scale) * (1.0 + right.scale) - 1.0, 5)}
+        found[gyro]["scale_sigma"] = round(max(calibration.learned("scale").sigma, LEAST), 4)
     return found

@@ -157,11 +157,13 @@ def _sensors(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--write {file}: --config takes files that end in .yaml; name it {file.stem}.yaml")
     found = sensors.learned(arguments.sensors, arguments.robot)
     print("\n".join(found.lines))
-    if not found.settings:
+    if not found.settings and not found.values:
         print("nothing contradicts the settings")
         return OK
     for name, settings in found.settings.items():
         print(f"estimation.settings.{name}: {settings}")
+    for key, value in found.values.items():
+        print(f"{key}: {value}")
     if file is not None:
         tree = read_yaml(read_text(file)) if file.exists() else {}
         if not isinstance(tree, dict):
@@ -169,6 +171,8 @@ def _sensors(arguments: argparse.Namespace) -> int:
         for name, settings in found.settings.items():
             for key, value in settings.items():
                 _set(tree, f"estimation.settings.{name}.{key}", value)
+        for key, value in found.values.items():
+            _set(tree, key, value)
         run_folder.make(file.parent)
         _write(file, tree, SENSORS)
         print(f"{file}: written; drive with --config {file}")
