@@ -53,23 +53,7 @@ MODULES = {
     "model": ["kinematics", "odometry"],
     "sim": ["battery", "lamp", "obstacles", "room", "vehicle", "dynamics", "sliding", "world"],
     "control": ["commander", "limits", "obedience", "pid", "sight"],
-    "estimation": [
-        "ahead",
-        "averaging",
-        "besides",
-        "doubtful",
-        "ekf",
-        "frame",
-        "fusion",
-        "judge",
-        "measurement",
-        "motor",
-        "readings",
-        "spinning",
-        "task",
-        "vote",
-        "walk",
-    ],
+    "estimation": ["filter", "fusion", "hypotheses", "judging", "sensors", "task"],
     "tasks": ["battery", "controller", "encoder", "panel", "serial", "state"],
     "record": ["mcap_records", "recorder"],
     "telemetry": ["bus"],
@@ -81,7 +65,7 @@ So the driver, the messages and the simulated hardware layer are not here, which
 compiled, they would refuse a wrong value with a TypeError of their own, and nobody could replace their methods.
 Nor is what a snapshot tells in nested tuples: they would lose the types by which they are read back; nor
 `model.light_sensors`: mypyc 2.4 takes a constant of tuples of floats for not set where it is a parameter's default, and
-a tuple of floats likewise, unless its type is `tuple[float, ...]`. `estimation.readings` makes floats of all values.
+a tuple of floats likewise, unless its type is `tuple[float, ...]`. `estimation.sensors` makes floats of all values.
 """
 
 COMPILE = os.environ.get("COMPILE_TXT1") == "1"

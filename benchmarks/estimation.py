@@ -42,9 +42,9 @@ from benchmarks import (
 )
 from benchmarks.mistakes import Mistakes
 from txt1.errors import ConfigError
-from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, ESTIMATION_PERIOD, PRIORITY, Estimator
+from txt1.estimation.task import wheels as wheels_of
 from txt1.experiments.figures import LOOKS
 from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.loop import run

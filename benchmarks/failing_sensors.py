@@ -14,9 +14,9 @@ from benchmarks.random_drives import SETTINGS
 from benchmarks.sensor_failure import BEGIN, END, FAILURES, SETUPS, Failing
 from rigs.human_drive import drive_as_a_person
 from txt1.config import load
-from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import PRESETS
 from txt1.estimation.task import ENCODERS, ESTIMATION_PERIOD, PRIORITY, Estimator
+from txt1.estimation.task import wheels as wheels_of
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle

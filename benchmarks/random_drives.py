@@ -15,9 +15,9 @@ from benchmarks.mistakes import Mistakes
 from rigs.human_drive import SLIP_MAX, drive_as_a_person
 from txt1.config import load
 from txt1.config.sources import vehicle_file
-from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import PRESETS, EstimationConfig
 from txt1.estimation.task import ESTIMATION_PERIOD, PRIORITY, Estimator
+from txt1.estimation.task import wheels as wheels_of
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from txt1.config import Config, load
 from txt1.config.schema import SensorConfig
 from txt1.errors import NotArmed
-from txt1.estimation.measurement import Measurement
+from txt1.estimation.sensors import Measurement
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, Estimator
 from txt1.experiments.figures import LOOKS

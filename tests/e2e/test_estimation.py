@@ -15,11 +15,10 @@ from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import ConfigError, NotCapable
 from txt1.estimation.calibration import Corrections
-from txt1.estimation.ekf import State
-from txt1.estimation.filtering import wheels
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.filter import State
+from txt1.estimation.sensors import Kind, Measurement
 from txt1.estimation.settings import EstimationConfig
-from txt1.estimation.task import ESTIMATION_PERIOD, FILTERED, PRIORITY, TRUSTS, Estimator
+from txt1.estimation.task import ESTIMATION_PERIOD, FILTERED, PRIORITY, TRUSTS, Estimator, wheels
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.navigation import follow, fused_pose

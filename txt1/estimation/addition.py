@@ -6,5 +6,5 @@ ADDITION = Addition(
     name="estimation",
     order=10,
     settings="txt1.estimation.settings:EstimationConfig",
-    prepare="txt1.estimation.filtering:prepare",
+    prepare="txt1.estimation.task:prepare",
 )

@@ -30,9 +30,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.estimation.ekf import OMEGA as TURNING
-from txt1.estimation.ekf import ROLLED, SLIP, THETA, Array, Drift, State
-from txt1.estimation.measurement import Measurement
+from txt1.estimation.filter import OMEGA as TURNING
+from txt1.estimation.filter import ROLLED, SLIP, THETA, Array, Drift, State
+from txt1.estimation.sensors import Measurement
 from txt1.model.kinematics import wrap_angle
 
 # s between two positions that are compared
@@ -139,7 +139,7 @@ class Calibration:
         # m^2
         self._tape = lever_sigma**2
         self.sideways = Calibrated(0.0, Drift().sideways)
-        """How much the car slides outwards in curves, s^2/m, of `ekf.predict`."""
+        """How much the car slides outwards in curves, s^2/m, of `filter.predict`."""
         self.segments = 0
         self.heard = -inf
         """When its newest reading was taken, by its own clock, s of the run."""

@@ -2,14 +2,14 @@
 
 A reading may be up to `HORIZON` late. It is inserted at its time, and all later steps are computed again. So the order
 in which readings arrive makes no difference. Where the most precise sensor of the place is always late, the filter runs
-behind by as much, and `txt1.estimation.ahead` goes on from there. Each belief is one of `ekf`, or of `doubtful` where
+behind by as much, and `txt1.estimation.filter` goes on from there. Each belief is one of `filter`, or of `filter` where
 less is known than before.
 
-The rules by which a reading is taken in are in `txt1.estimation.judge`, `vote` and `frame`; what else may be true is in
-`besides`, and counts in the covariance that is told. Errors of the car's model count as process noise that adapts to
+The rules by which a reading is taken in are in `txt1.estimation.judging` and `hypotheses`; what else may be true is in
+`hypotheses`, and counts in the covariance that is told. Errors of the car's model count as process noise that adapts to
 the innovations (A. H. Mohamed, K. P. Schwarz, J. Geodesy 73, 1999; strong tracking if a single innovation is too
-large). Such errors are hard starts, servos that lag, and slip; the difference between the wheels' yaw rate and the
-gyro's shows slip.
+large). Such errors are hard starts, servos that lag, and slip. The difference between the wheels' yaw rate and the
+gyro's shows slip where the track width is exact, else that width.
 """
 
 from bisect import bisect_right
@@ -22,22 +22,21 @@ from typing import Final
 
 import numpy as np
 
-from txt1.estimation.ahead import STEP_MAX, TRACKS, ahead
-from txt1.estimation.alignment import about, aligned, leaning
-from txt1.estimation.averaging import NEWEST, SAME_INSTANT, SLOT, alike, averaged
-from txt1.estimation.besides import Besides, bent
 from txt1.estimation.calibration import SURE, WORTH_SCALE, probability
-from txt1.estimation.doubtful import SPEED, considered, grown, moved, slip_unknown, slipping, widened
-from txt1.estimation.ekf import (
+from txt1.estimation.filter import (
     BIAS,
     GYRO,
     OMEGA,
     POSE,
     ROLLED,
     SIZE,
+    SLID,
     SLIP,
+    SPEED,
     SS,
+    STEP_MAX,
     THETA,
+    TRACKS,
     WIDTH,
     YY,
     Array,
@@ -46,33 +45,56 @@ from txt1.estimation.ekf import (
     Lean,
     Row,
     State,
+    Walk,
+    ahead,
     antenna,
     belief_of,
+    considered,
     encoders,
+    grown,
+    moved,
     outside,
     predict,
     ramped,
+    slip_unknown,
+    slipping,
     turn_share,
     turned,
     update,
     upright,
     velocities,
+    widened,
 )
-from txt1.estimation.frame import LEVER, LONGEST, USUAL, Frame, Reckoning
-from txt1.estimation.judge import CHI95, CHI99, KEEPS, MOVING, OTHER, SEVERAL, Belonging, Judge
-from txt1.estimation.measurement import (
+from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL, Besides, Frame, Reckoning, about, aligned, bent, leaning
+from txt1.estimation.judging import (
+    CHI95,
+    CHI99,
+    HOLDS,
+    KEEPS,
+    MOVING,
+    OTHER,
+    SEVERAL,
+    STALE,
+    Belonging,
+    Judge,
+    Vote,
+    WitnessValues,
+)
+from txt1.estimation.sensors import (
     KIND_ENCODERS,
     KIND_GYRO,
     KIND_POSE,
     KIND_STEERING,
     KIND_TURN,
     KIND_VELOCITY,
+    NEWEST,
+    SAME_INSTANT,
+    SLOT,
     Measurement,
+    alike,
+    averaged,
 )
-from txt1.estimation.spinning import HOLDS
-from txt1.estimation.trust import Trust
-from txt1.estimation.vote import STALE, Vote, WitnessValues
-from txt1.estimation.walk import SLID, Walk
+from txt1.estimation.settings import Trust
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 from txt1.units import new
@@ -178,7 +200,7 @@ class Fusion:
         self._reckoning = Reckoning()
         self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
         self.sideways = 0.0, drift.sideways
-        """How much it slides outwards in curves, and the standard deviation of that, s^2/m, of `ekf.predict`."""
+        """How much it slides outwards in curves, and the standard deviation of that, s^2/m, of `filter.predict`."""
         self._exact = track_sigma <= KNOWN
         self.track_sigma = 0.0 if self._exact else track_sigma
         """Standard deviation of the track width at the start, as a share of it; 0: it is exact."""
@@ -649,7 +671,7 @@ class Fusion:
     def _place(
         self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float], h: Sequence[Row]
     ) -> Belief:
-        """The belief with a reading of the pose, by the rules of `txt1.estimation.judge`."""
+        """The belief with a reading of the pose, by the rules of `txt1.estimation.judging`."""
         measurement = entry.measurement
         sigmas, expected = measurement.sigmas, belief.triangle
         after, nis, _ = update(belief, residual, h, sigmas)

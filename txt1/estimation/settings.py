@@ -1,6 +1,9 @@
-"""The section ``estimation`` of the configuration."""
+"""The section ``estimation`` of the configuration, and what the filter tells of each sensor.
 
-from typing import Annotated, Final, Literal, Self
+This module is not compiled: snapshots are read back by the types of the fields of `Trust`, which compiled code forgets.
+"""
+
+from typing import Annotated, Final, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -88,3 +91,22 @@ class EstimationConfig(Section):
     def names(self) -> tuple[str, ...]:
         """The sensors that are fused; none: there is no filter."""
         return PRESETS[self.preset] if self.sensors is None else self.sensors
+
+
+class Trust(NamedTuple):
+    """How much a sensor is believed, and why."""
+
+    name: str
+    believed: bool
+    # why not; empty while it is
+    reason: str
+    # readings that were taken in
+    used: int
+    # readings that were not
+    rejected: int
+    # readings that were older than the horizon
+    late: int
+    # mean of NIS over the number of values: about 1 when its covariance is right
+    surprise: float
+    # of the last reading, s of the run
+    time: float | None

@@ -1,28 +1,38 @@
-"""The estimation task: every 20 ms one estimate of all that the sensors have told."""
+"""The filter on a robot: its sensors, its topics, and its task, which makes an estimate every 20 ms."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from math import copysign, cos, hypot, isfinite, sin, sqrt, tan
 from operator import attrgetter, itemgetter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from txt1.config.schema import SensorConfig
+from txt1.errors import ConfigError
 from txt1.estimation.calibration import GYRO_CLOCK, Calibration
-from txt1.estimation.ekf import Drift, centred
+from txt1.estimation.filter import Drift, centred
 from txt1.estimation.fusion import Fusion
-from txt1.estimation.judge import Belonging
-from txt1.estimation.measurement import KIND_ENCODERS, KIND_GYRO, KIND_STEERING, KIND_TURN, Measurement
-from txt1.estimation.motor import MotorWitness
-from txt1.estimation.readings import plan, tells_heading, tells_pose
-from txt1.estimation.settings import EstimationConfig, FusedConfig
-from txt1.estimation.spinning import SpinWitness
-from txt1.estimation.trust import Trust
-from txt1.estimation.vote import STALE, WitnessValues
+from txt1.estimation.judging import STALE, Belonging, MotorWitness, SpinWitness, WitnessValues
+from txt1.estimation.sensors import (
+    KIND_ENCODERS,
+    KIND_GYRO,
+    KIND_STEERING,
+    KIND_TURN,
+    Measurement,
+    fusable,
+    plan,
+    tells_heading,
+    tells_pose,
+)
+from txt1.estimation.settings import EstimationConfig, FusedConfig, Trust
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.protocol.messages import CombinedOdometry
+from txt1.runtime import Runtime
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import ImuReading
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -490,3 +500,60 @@ async def estimation(
 def missing(names: Sequence[str], configured: Mapping[str, object]) -> list[str]:
     """The names of sensors to be fused that are not configured."""
     return [name for name in names if name != ENCODERS and name not in configured]
+
+
+TWINS: Final = {"imu": "sim_imu", "gps": "sim_gps", "vicon": "sim_vicon"}
+"""Drivers of the sensors that a simulated robot gets by itself when they are to be fused."""
+
+
+async def prepare(runtime: Runtime, config: EstimationConfig) -> Estimator | None:
+    """Start the filter and connect its sensors; return it, or None if no sensor is fused.
+
+    Raises ConfigError: a sensor is missing, or its quantity cannot be fused.
+    """
+    if not config.names:
+        return None
+    await _add_twins(runtime, config)
+    kinds = {name: runtime.sensors[name].sensor.topic.type for name in config.names if name != ENCODERS}
+    for name, kind in kinds.items():
+        if not fusable(kind):
+            raise ConfigError(f"estimation: '{name}' tells {kind.__name__}, which cannot be fused")
+    estimator = Estimator(config, kinds, runtime.config.geometry)
+    for name in kinds:
+        runtime.sensors[name].listeners.append(partial(estimator.take, name))
+
+    def offer(estimate: Estimate, now: float) -> None:
+        x, y, theta, v, omega = estimate[:5]
+        runtime.put(CombinedOdometry(x, y, theta, v, omega), now)
+
+    task = partial(
+        estimation, estimator=estimator, wheels=partial(wheels, runtime),
+        offer=offer if config.loops else None, tell=runtime.state.tell,
+    )  # fmt: skip
+    runtime.estimate = lambda: estimator.estimate
+    runtime.bus.offer(FILTERED, runtime.estimate)
+    runtime.bus.offer(TRUSTS, estimator.trusts)
+    runtime.on_place.append(estimator.fusion.lifted)
+    runtime.add_own_task("estimation", PRIORITY, ESTIMATION_PERIOD, task)
+    return estimator
+
+
+def wheels(runtime: Runtime) -> Wheels:
+    """The robot's own part of a cycle of the filter."""
+    state = runtime.state
+    outputs, v = state.control.outputs, state.control.v
+    steering, motor = (float(outputs.rear), float(outputs.motor)) if runtime.hal.capabilities.pwm else (None, None)
+    return Wheels(state.odometry, state.odometry_time, steering, v, motor)
+
+
+async def _add_twins(runtime: Runtime, config: EstimationConfig) -> None:
+    """Give a simulated robot the simulated sensors that are to be fused and were not configured."""
+    absent = missing(config.names, runtime.sensors)
+    for name in absent:
+        if not runtime.hal.capabilities.pose or name not in TWINS:
+            raise ConfigError(
+                f"estimation: there is no sensor '{name}' to be fused; configure sensors.{name}.driver, or choose "
+                "others in estimation.sensors"
+            )
+    for name in absent:
+        await runtime.open_sensor(name, SensorConfig(driver=TWINS[name]))

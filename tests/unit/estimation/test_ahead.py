@@ -7,9 +7,8 @@ import pytest
 
 from tests.unit.estimation.test_fusion import Drive
 from txt1.estimation import fusion
-from txt1.estimation.ahead import ahead
-from txt1.estimation.ekf import Belief, Drift, Lean, belief_of, predict, upright
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.filter import Belief, Drift, Lean, ahead, belief_of, predict, upright
+from txt1.estimation.sensors import Kind, Measurement
 
 
 @pytest.mark.parametrize("late", [0.05, 0.3])

@@ -11,7 +11,7 @@ from benchmarks.drives import BAND
 from rigs.human_drive import drive_as_a_person
 from tests.examples import some
 from txt1.estimation.calibration import Calibration
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.sensors import Kind, Measurement
 from txt1.estimation.settings import EstimationConfig, FusedConfig
 from txt1.kernel.loop import run
 from txt1.robot import Robot

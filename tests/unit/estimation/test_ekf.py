@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.examples import examples
-from txt1.estimation.ekf import (
+from txt1.estimation.filter import (
     GYRO,
     OMEGA,
     POSE,

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import mistakes
 from benchmarks.sensor_failure import added
 from tests.examples import some
-from txt1.estimation.measurement import Measurement
+from txt1.estimation.sensors import Measurement
 from txt1.estimation.settings import PRESETS, EstimationConfig
 from txt1.estimation.task import Estimator, Wheels
 from txt1.model.estimate import Estimate

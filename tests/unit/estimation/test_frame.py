@@ -5,9 +5,9 @@ from math import hypot
 import numpy as np
 import pytest
 
-from txt1.estimation.ekf import SIZE, belief_of
-from txt1.estimation.frame import Frame, Reckoning
-from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.filter import SIZE, belief_of
+from txt1.estimation.hypotheses import Frame, Reckoning
+from txt1.estimation.sensors import Kind, Measurement
 
 V, MOVING = 0.5, 0.1  # m/s, of the car and of the frame, along the car's way
 CERTAIN = np.eye(SIZE) * 1e-6

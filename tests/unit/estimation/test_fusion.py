@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from tests.examples import examples
 from txt1.estimation.fusion import HORIZON, Fusion
-from txt1.estimation.judge import KEEPS, Belonging
-from txt1.estimation.measurement import Kind, Measurement
-from txt1.estimation.vote import WitnessValues
+from txt1.estimation.judging import KEEPS, Belonging, WitnessValues
+from txt1.estimation.sensors import Kind, Measurement
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 

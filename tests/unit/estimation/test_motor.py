@@ -5,9 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.estimation.fusion import Fusion
-from txt1.estimation.judge import Belonging
-from txt1.estimation.measurement import Kind, Measurement
-from txt1.estimation.motor import MotorWitness
+from txt1.estimation.judging import Belonging, MotorWitness
+from txt1.estimation.sensors import Kind, Measurement
 
 PERIOD = 0.02  # s
 

@@ -5,7 +5,7 @@ from math import cos, nan, sin
 import numpy as np
 import pytest
 
-from txt1.estimation.readings import SIGMAS, plan
+from txt1.estimation.sensors import SIGMAS, plan
 from txt1.estimation.settings import FusedConfig
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import TrackerReading

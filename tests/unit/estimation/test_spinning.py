@@ -6,7 +6,7 @@ import pytest
 
 from txt1 import run
 from txt1.config import load
-from txt1.estimation.spinning import SpinWitness
+from txt1.estimation.judging import SpinWitness
 from txt1.hal.sim import SimHal
 from txt1.robot import Robot
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from txt1.estimation.measurement import Kind, Measurement
-from txt1.estimation.vote import Vote, WitnessValues
+from txt1.estimation.judging import Vote, WitnessValues
+from txt1.estimation.sensors import Kind, Measurement
 
 
 def tracked(time: float, x: float) -> Measurement:

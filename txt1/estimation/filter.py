@@ -15,18 +15,32 @@ sigma, sigma^2 = S,
 
 The misses are independent and of variance 1. P is kept as its upper triangle, so it is symmetric whatever is rounded.
 The products are written out, as an array costs more than the numbers in it: a step takes two thirds of numpy's time.
+
+Below are beliefs that know less than before, `Walk`, which has how the state changes by itself, and `ahead`, the way
+from where all sensors have been heard to now.
+
+A sensor that is late tells nothing of the last moments, so the filter runs behind, where each reading has come when its
+turn does. From there an output predictor goes on by the rates that wheels and gyro have told since (A. Khosravian,
+J. Trumpf, R. Mahony, T. Hamel, *Recursive attitude estimation in the presence of multi-rate and multi-delay vector
+measurements*, ACC 2015; the "fusion time horizon" of PX4's filter). So a late reading has nothing computed again.
+
+The rates are followed one by one, each by the gain of a scalar Kalman filter. A rate that has changed by d from one
+reading to the next, in dt seconds, has moved the pose by d dt / 2 more, as of a random walk. The pose and the
+covariance go on in one piece.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from math import asin, cos, isfinite, sin, sqrt
+from math import asin, cos, hypot, inf, isfinite, sin, sqrt
 from operator import mul
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.estimation.judging import HOLDS
+from txt1.estimation.sensors import KIND_ENCODERS, KIND_GYRO, SLOT, Measurement
 from txt1.units import new
 
 Array = NDArray[np.float64]
@@ -506,7 +520,7 @@ def turned(
     """The belief in another frame: turned by `turn` rad about the origin, then moved by (x, y) m.
 
     `spread` is the covariance of x, y and turn, shape (3, 3), of the frame where the robot is now. `leans` is how the
-    frame leans, of `alignment.leaning`.
+    frame leans, of `hypotheses.leaning`.
     """
     px, py, theta, *rest = belief.mean
     c, s = cos(turn), sin(turn)
@@ -529,7 +543,7 @@ def outside(
 ) -> tuple[float, tuple[float, ...]]:
     """The car's speed, m/s, and the covariance of x, y, theta, that speed and the yaw rate, row by row.
 
-    `besides` is what the pose's covariance is larger than believed: at x, at x and y, at y, and at theta.
+    `hypotheses` is what the pose's covariance is larger than believed: at x, at x and y, at y, and at theta.
     """
     _, _, _, rolled, _, _, slip, _ = belief.mean
     (
@@ -555,3 +569,268 @@ def outside(
         xv, yv, tv, vv, ov,
         xo, yo, to, ov, oo,
     )  # fmt: skip
+
+
+# m/s, standard deviation of the speed at the start: it may be driving already
+SPEED: Final = 0.5
+
+_UNITS: Final = np.eye(SIZE)
+
+
+def considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float]) -> Belief:
+    """The belief with the rates that wheels tell, which alone tell nothing of their slip.
+
+    Slip and width are consider states (S. F. Schmidt, Advances in Control Systems 3, 1966): their uncertainty counts,
+    but they are not estimated, and the pose follows from the rates. Joseph's form holds for any gain.
+    """
+    p, rows = belief.covariance, np.array([_UNITS[row] if isinstance(row, int) else row for row in h])
+    noise = np.diag(np.square(sigmas))
+    rates = rows.copy()
+    rates[:, SLIP:] = 0.0
+    gain = np.zeros((SIZE, len(rows)))
+    both = [ROLLED, OMEGA]
+    gain[both] = np.linalg.solve(rates @ p @ rates.T + noise, rates @ p[:, both]).T
+    left = np.eye(SIZE) - gain @ rows
+    lean = belief.lean
+    if lean is not None:
+        x, y, theta, rolled, omega, bias, slip, width = (left @ lean.by).tolist()
+        lean = lean._replace(by=(x, y, theta, rolled, omega, bias, slip, width))
+    return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T, lean)
+
+
+def slipping(belief: Belief, dt: float, density: float) -> Belief:
+    """The belief when slip varies for dt seconds with this spectral density, 1/s, and nothing tells of it.
+
+    Way and turn are off by the same share. The slip that lasts is a state of the belief.
+    """
+    _, _, theta, rolled, omega, _, slip, _ = belief.mean
+    v = rolled * (1.0 - slip)
+    missed = np.array([v * cos(theta), v * sin(theta), omega])
+    covariance = belief.covariance
+    covariance[:3, :3] += density * max(dt, 0.0) * np.outer(missed, missed)
+    return belief_of(belief.mean, covariance, belief.lean)
+
+
+def slip_unknown(belief: Belief, sigma: float, track_sigma: float) -> Belief:
+    """The belief when nothing is known of slip and track width but their standard deviations.
+
+    The car's speed stays as it is.
+    """
+    v, covariance = belief.mean[ROLLED] * (1.0 - belief.mean[SLIP]), belief.covariance
+    covariance[SLIP:, :] = covariance[:, SLIP:] = 0.0
+    covariance[SLIP, SLIP], covariance[WIDTH, WIDTH] = sigma**2, track_sigma**2
+    covariance[ROLLED, ROLLED] += SPEED**2
+    x, y, theta, _, omega, bias, _, _ = belief.mean
+    return belief_of((x, y, theta, v, omega, bias, 0.0, 0.0), covariance, belief.lean)
+
+
+def widened(belief: Belief, by: Array) -> Belief:
+    """The belief with a covariance that is larger by a matrix, shape (8, 8)."""
+    return belief_of(belief.mean, belief.covariance + by, belief.lean)
+
+
+def moved(belief: Belief, by: tuple[float, float, float]) -> Belief:
+    """The belief somewhere else (m, m), with this slip."""
+    x, y, theta, rolled, omega, bias, _, width = belief.mean
+    return Belief((x + by[0], y + by[1], theta, rolled, omega, bias, by[2], width), belief.triangle, belief.lean)
+
+
+def grown(rows: Sequence[int], residual: Sequence[float], slid: float) -> Array:
+    """The covariance of a pose that is off by a residual, and of motion that has changed, shape (8, 8)."""
+    spread = np.zeros((SIZE, SIZE))
+    size = hypot(*residual[:2])
+    for row, each in zip(rows, residual, strict=False):
+        spread[row, row] = each * each if row == THETA else 0.5 * size * size
+    spread[ROLLED, ROLLED] = (size / SLOT) ** 2 if slid == 0.0 else 0.0
+    spread[SLIP, SLIP] = slid * slid
+    return spread
+
+
+# turns over which the walk of the slip is averaged
+MEMORY: Final = 5
+# standard deviation of a slip that has changed
+SLID: Final = 0.1
+# s without a reading of the place, after which slip walks further: the time of so many readings, within these bounds
+BLIND_READINGS: Final = 5
+BLIND_LEAST: Final = 0.1
+BLIND_MOST: Final = 0.5
+# m/s by which a speed that nothing tells changes in a second; chosen
+SPEED_WALK: Final = 0.5
+
+
+class Walk:
+    """The spectral densities of the state's random walks.
+
+    Args:
+        drift: of the state by itself.
+        slip_sigma: standard deviation of the wheels' slip before anything is known of it.
+        exact: the track width is known, so that turns tell of slip; else they tell of that width.
+
+    """
+
+    def __init__(self, drift: Drift, slip_sigma: float, *, exact: bool) -> None:
+        self.slip_sigma = slip_sigma
+        self._exact = exact
+        x, y, theta, rolled, omega, bias, slip, width = drift.density()
+        self._least: State = x, y, theta, rolled, omega, bias, slip, 0.0 if exact else width
+        # much, until turns tell otherwise
+        self._slips = slip_sigma**2
+        self.told = self._with(self._slips)
+        """The variances that a second adds, with slip as turns have told of it."""
+        self.blind = self._with(SLID**2)
+        """The same when no sensor tells the place any more: while one did, the slip was followed before a turn was
+        over, so turns have told too little."""
+        self.blind_from = inf
+        """s of the run, from when on no sensor has told the place for too long."""
+
+    def _with(self, slips: float, widths: float = 0.0) -> State:
+        x, y, theta, rolled, omega, bias, usual, width = self._least
+        widths = 0.0 if self._exact else max(width, widths)
+        return x, y, theta, rolled, omega, bias, max(usual, slips), widths
+
+    def placed(self, time: float, before: float | None) -> None:
+        """Note that a sensor has told the place at a time, s of the run, and before."""
+        waits = BLIND_READINGS * (time - before) if before is not None else BLIND_MOST
+        waits = waits if waits > BLIND_LEAST else BLIND_LEAST
+        self.blind_from = time + (waits if waits < BLIND_MOST else BLIND_MOST)
+
+    def untold(self, density: State) -> State:
+        """These densities when nothing tells how fast the wheels turn."""
+        x, y, theta, _, omega, bias, slip, width = density
+        return x, y, theta, SPEED_WALK**2, omega, bias, slip, width
+
+    def settled(self, variance: float) -> State:
+        """The densities when nothing tells of the slip that lasts, of which so much is unknown.
+
+        It walks until it is as uncertain as at first; while a sensor told the place, it was known better.
+        """
+        x, y, theta, rolled, omega, bias, usual, width = self._least if self._exact else self.blind
+        return x, y, theta, rolled, omega, bias, usual * max(0.0, 1.0 - variance / self.slip_sigma**2), width
+
+    def changed(self, square: float, dt: float) -> None:
+        """Adapt the slip's walk to a turn: the square of its change in dt seconds.
+
+        Covariance matching (A. H. Mohamed and K. P. Schwarz): the excess of the innovation's square over its
+        expectation is added to the expectation.
+        """
+        self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
+        self.told = self._with(self._slips, self._slips)
+
+
+# s, the longest prediction in one piece
+STEP_MAX: Final = 0.1
+# standard deviations of a rate's miss beyond which it is the motion that has changed
+TRACKS: Final = 2.0
+# s from one reading of the wheels to the next
+CYCLE: Final = 0.02
+
+
+def ahead(
+    belief: Belief,
+    begin: float,
+    now: float,
+    readings: Iterable[Measurement],
+    density: State,
+    sideways: tuple[float, float],
+    *,
+    turning: bool,
+    exact: bool = True,
+) -> Belief:
+    """The belief at `now`, s of the run, of one at `begin` and of the readings since, of believed sensors, in order.
+
+    `density` and `sideways` are those of `filter.predict`; `turning`: the yaw rate is a gyro's, else the wheels';
+    `exact`: their track width is known.
+    """
+    _, _, _, rolled, omega, bias, slip, width = belief.mean
+    _, _, _, qu, qo, _, _, _ = density
+    uu, oo = belief.triangle[UU], belief.triangle[OO]
+    # of the piece so far, of the wheels, m and rad
+    way = turned = 0.0
+    time = rolled_at = omega_at = begin
+    for at, _, kind, rows, values, sigmas, _ in readings:
+        if at - begin > STEP_MAX and time > begin:
+            belief = _gone(belief, time - begin, way, turned, (uu, oo), density, sideways)
+            begin, way, turned = time, 0.0, 0.0
+        since, time = at - time, at
+        way, turned = way + rolled * since, turned + omega * since
+        if kind is KIND_GYRO:
+            dt = at - omega_at
+            change, oo = _followed(values[0] - bias - omega, oo + qo * dt, sigmas[0])
+            omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
+        elif kind is KIND_ENCODERS:
+            if rows[0] == 0:
+                dt = at - rolled_at
+                change, uu = _followed(values[0] - rolled, uu + qu * dt, sigmas[0], HOLDS * CYCLE)
+                rolled, way, rolled_at = rolled + change, way + 0.5 * change * dt, at
+            if rows[-1] == 1 and not turning:
+                dt, grip = at - omega_at, 1.0 / turn_share(belief.mean, exact=exact)
+                change, oo = _followed(values[-1] * grip - omega, oo + qo * dt, sigmas[-1] * grip)
+                omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
+    way, turned = way + rolled * (now - time), turned + omega * (now - time)
+    belief = _gone(belief, now - begin, way, turned, (uu, oo), density, sideways)
+    x, y, theta = belief.mean[:3]
+    spread = list(belief.triangle)
+    spread[UU] += qu * (now - rolled_at)
+    spread[OO] += qo * (now - omega_at)
+    return Belief((x, y, theta, rolled, omega, bias, slip, width), tuple(spread), belief.lean)
+
+
+def _followed(left: float, variance: float, sigma: float, most: float = inf) -> tuple[float, float]:
+    """The change of a rate that misses its reading by `left`, and its variance then.
+
+    A reading that misses by more than `most` is of wheels that lock or spin: the car's speed is anywhere between its
+    last one and theirs.
+    """
+    noise, square = sigma * sigma, left * left
+    if square > TRACKS * TRACKS * (variance + noise):
+        # strong tracking, as in the filter
+        variance += square
+        if square > most * most:
+            noise = square
+    gain = variance / (variance + noise)
+    return gain * left, variance * (1.0 - gain)
+
+
+def _gone(
+    belief: Belief,
+    dt: float,
+    way: float,
+    turned: float,
+    rates: tuple[float, float],
+    density: State,
+    sideways: tuple[float, float],
+) -> Belief:
+    """The belief dt seconds later, after so long a way (m) and turn (rad).
+
+    The rates have been as uncertain as they are after their readings, of variances `rates`.
+    """
+    if dt <= 0.0:
+        return belief
+    x, y, theta, _, _, bias, slip, width = belief.mean
+    (
+        xx, xy, xt, xu, xo, xb, xs, xw,
+        yy, yt, yu, yo, yb, ys, yw,
+        tt, tu, to, tb, ts, tw,
+        uu, uo, ub, us, uw,
+        oo, ob, os, ow,
+        bb, bs, bw,
+        ss, sw,
+        ww,
+    ) = belief.triangle  # fmt: skip
+    qx, qy, qt, _, _, qb, qs, qw = density
+    u, o = sqrt(rates[0] / uu) if uu > 0.0 < rates[0] else 1.0, sqrt(rates[1] / oo) if oo > 0.0 < rates[1] else 1.0
+    likely = Belief(
+        (x, y, theta, way / dt, turned / dt, bias, slip, width),
+        (
+            xx, xy, xt, u * xu, o * xo, xb, xs, xw,
+            yy, yt, u * yu, o * yo, yb, ys, yw,
+            tt, u * tu, o * to, tb, ts, tw,
+            rates[0], u * o * uo, u * ub, u * us, u * uw,
+            rates[1], o * ob, o * os, o * ow,
+            bb, bs, bw,
+            ss, sw,
+            ww,
+        ),
+        belief.lean,
+    )  # fmt: skip
+    return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs, qw), sideways)

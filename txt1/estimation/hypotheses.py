@@ -1,6 +1,7 @@
-"""Whether the frame of a sensor of positions moves, or the car does otherwise than its wheels tell.
+"""What else may be true: a frame that moves, a robot that was carried, wheels that err, a frame that is still unknown.
 
-Both make the sensor contradict dead reckoning. What a car can do is bounded, though: its wheels slip along their way,
+Whether the frame of a sensor of positions moves, or the car does otherwise than its wheels tell: both make the sensor
+contradict dead reckoning. What a car can do is bounded, though: its wheels slip along their way,
 it slides aside a little, the mount and the clock are not quite as stated. So over a window the difference between the
 sensor's positions z and the reckoned ones p (both in the room's axes, P from the window's middle) is by hypothesis
 
@@ -16,20 +17,27 @@ So only what goes across its way refutes it: on a straight way slip and a frame 
 the next curve tells. Where gyro and wheels miss the headings, they err, and nothing is decided. Meanwhile the frame's
 probability, by the densities of both hypotheses, weighs the covariance of a pose that follows it: by the way that the
 pose has gone otherwise than reckoned since the frame was last likely to stand, and by what slip may miss of that way.
+
+`Besides` has what the covariance that is told has besides the filter's. The filter follows one hypothesis. Where
+another one has the pose d away, and is as likely as p, the second moment about the pose of the first is p d d^T more
+(Bar-Shalom, Li, Kirubarajan 2001, 1.4.16).
+
+`aligned` finds the frame in which positions are measured, by laying the driven path over them.
 """
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
-from math import cos, exp, hypot, sin, sqrt
+from math import atan2, cos, exp, hypot, sin, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.estimation.ekf import TT, Array, Belief
-from txt1.estimation.judge import FORGOTTEN, OTHER
-from txt1.estimation.measurement import Measurement
+from txt1.estimation.filter import TT, XX, YY, Array, Belief, State, X, Y
+from txt1.estimation.judging import FORGOTTEN, OTHER, Judge
+from txt1.estimation.sensors import Measurement
 from txt1.units import new
 
 # s: a precise sensor tells soon, a GPS of 1 m later
@@ -99,7 +107,7 @@ class Reckoning:
     def go(self, time: float, dt: float, v: float, omega: float, slip: float, sideways: float) -> None:
         """Go on for dt seconds until `time`, at the wheels' speed (m/s), less slip, and a yaw rate (rad/s).
 
-        `sideways` is how much the car slides outwards in curves, s^2/m, of `ekf.predict`.
+        `sideways` is how much the car slides outwards in curves, s^2/m, of `filter.predict`.
         """
         spots = self._spots
         self.slip += (slip - self.slip) * (dt / USUAL_FOR if dt < USUAL_FOR else 1.0)
@@ -350,3 +358,157 @@ def _misfit(left: Array, rows: Array, priors: list[float]) -> tuple[float, float
     normal = rows @ rows.T + np.diag(sigmas**-2.0)
     distance = float(left @ left) - float(side @ np.linalg.solve(normal, side))
     return distance, distance + float(np.linalg.slogdet(normal)[1]) + 2.0 * float(np.log(sigmas).sum())
+
+
+class Besides:
+    """The hypotheses that the filter does not follow."""
+
+    def __init__(self) -> None:
+        # m, m, rad by which a jump may be the robot's
+        self._carried: tuple[float, float, float] | None = None
+        # m, m, rad by which an absolute sensor has overruled dead reckoning
+        self._overruled: Sequence[float] = ()
+        # m in x and y by which the way may be longer than the car's, as speed and heading may be off
+        self._way = 0.0, 0.0
+
+    def missed(self, residual: Sequence[float]) -> None:
+        """Note a reading that leapt by this, m, m and rad: the robot may have been carried there."""
+        dx, dy, *turn = residual
+        self._carried = dx, dy, turn[0] if turn else 0.0
+
+    def overrule(self, before: Belief, after: Belief) -> None:
+        """Note that an absolute sensor has overruled dead reckoning, which may be right."""
+        so_far = self._overruled or (0.0, 0.0, 0.0)
+        pulled = zip(so_far, after.mean, before.mean, strict=False)
+        self._overruled = [each + here - there for each, here, there in pulled]
+
+    def fade(self, dt: float) -> None:
+        """Forget, in dt seconds, by how much dead reckoning was overruled."""
+        if self._overruled:
+            fading = exp(-dt / FORGOTTEN)
+            self._overruled = [each * fading for each in self._overruled]
+
+    def drive(self, theta: float, speed: float, dt: float) -> None:
+        """Note that the speed may have been off by `speed` m/s for dt seconds, so that the pose is off by the way."""
+        x, y = self._way
+        self._way = x + speed * dt * cos(theta), y + speed * dt * sin(theta)
+
+    def place(self, before: Belief, after: Belief) -> None:
+        """Note a position that was taken in: it takes away of the way's error what it takes of the variance."""
+        self._carried = None
+        x, y = self._way
+        if x or y:
+            self._way = x * after.triangle[XX] / before.triangle[XX], y * after.triangle[YY] / before.triangle[YY]
+
+    def covariance(
+        self, places: Iterable[tuple[Judge, Frame]], doubt: tuple[float, float, float, float]
+    ) -> tuple[float, float, float, float]:
+        """Variances of x, of x and y, of y (m^2), and of theta (rad^2), that all of them add.
+
+        `places` are the judges of the sensors that tell positions, and their frames; `doubt` is of mounts and clocks.
+        """
+        xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
+        others: list[tuple[float, Sequence[float]]] = []
+        if self._carried is not None:
+            others.append((OTHER, self._carried))
+        if self._overruled:
+            others.append((OTHER, self._overruled))
+        for judge, frame in places:
+            if judge.mean_variance[0]:
+                others.append((1.0, (*judge.lasting(), 0.0)))
+            if any(frame.past):
+                x, y, sigma = frame.past
+                others.append((1.0, (x, y, 0.0)))
+                xx, yy = xx + sigma * sigma, yy + sigma * sigma
+            if frame.probability:
+                x, y, sigma = frame.pulled
+                others.append((frame.probability, (x, y, 0.0)))
+                more = frame.probability * sigma * sigma
+                xx, yy = xx + more, yy + more
+        for chance, (dx, dy, turn) in others:
+            xx, xy = xx + chance * dx * dx, xy + chance * dx * dy
+            yy, tt = yy + chance * dy * dy, tt + chance * turn * turn
+        more_xx, more_xy, more_yy, more_tt = doubt
+        way_x, way_y = self._way
+        return (
+            xx + more_xx + way_x * way_x,
+            xy + more_xy + way_x * way_y,
+            yy + more_yy + way_y * way_y,
+            tt + more_tt,
+        )
+
+
+def bent(variance: float) -> float:
+    """The share by which a way is shorter along a heading of this variance, rad^2: the root of its second moment.
+
+    A belief has what goes across the way, as it is linear in the heading. Along it the way is longer than the car's by
+    1 - cos of the error: places that are as likely lie on an arc.
+    """
+    mean, square = 1.0 - exp(-0.5 * variance), 1.0 - exp(-variance)
+    return sqrt(mean * mean + 0.5 * square * square)
+
+
+# rad, the standard deviation at which a heading found from positions is good enough
+ALIGNED: Final = 0.25
+
+# pairs that a frame is found from
+LEAST: Final = 5
+# sigma from where a fit has it, beyond which a position is left out: 99.9 % of two numbers
+FAR: Final = 3.7
+
+
+def aligned(pairs: Collection[tuple[float, ...]]) -> tuple[float, float, float, Array] | None:
+    """The turn (rad) and move (m) that bring positions p onto measured ones z, and their covariance; None: too vague.
+
+    Least squares in closed form, S. Umeyama, PAMI 13(4), 1991, in the plane and without scale: with both centred,
+    turn = atan2(sum p x z, sum p . z). Its variance is sigma^2 / sum |p|^2, that of the centre sigma^2 / n. Each pair
+    is p, z, and sigma, m. Pairs that are left more than `FAR` sigma away are left out, the farthest first (trimmed
+    least squares, P. J. Rousseeuw, JASA 79, 1984).
+    """
+    kept = np.array(list(pairs))
+    while len(kept) >= LEAST:
+        turn, x, y, spread, variance = _fitted(kept)
+        c, s = cos(turn), sin(turn)
+        px, py, zx, zy, sigma = kept.T[:5]
+        left = np.hypot(zx - x - c * px + s * py, zy - y - s * px - c * py) / sigma
+        worst = int(left.argmax())
+        if left[worst] > FAR:
+            kept = np.delete(kept, worst, axis=0)
+            continue
+        if spread * ALIGNED**2 < variance:
+            return None
+        return turn, x, y, np.diag((variance / len(kept), variance / len(kept), variance / spread))
+    return None
+
+
+def _fitted(pairs: Array) -> tuple[float, float, float, float, float]:
+    """The turn, the move, the spread of the positions and the variance of a measured one."""
+    px, py, zx, zy, sigma = pairs.T[:5]
+    cx, cy, dx, dy = px.mean(), py.mean(), zx.mean(), zy.mean()
+    px, py, zx, zy = px - cx, py - cy, zx - dx, zy - dy
+    turn = atan2(float(px @ zy - py @ zx), float(px @ zx + py @ zy))
+    c, s = cos(turn), sin(turn)
+    spread, variance = float(px @ px + py @ py), float(np.mean(sigma**2))
+    return turn, float(dx - c * cx + s * cy), float(dy - s * cx - c * cy), spread, variance
+
+
+def about(spread: Array, mean: State, turn: float, pairs: Collection[tuple[float, ...]]) -> Array:
+    """The covariance of a frame (x, y, turn) at the centre of the pairs, at where the robot is instead."""
+    px, py = np.mean([pair[:2] for pair in pairs], axis=0)
+    dx, dy = mean[X] - float(px), mean[Y] - float(py)
+    c, s = cos(turn), sin(turn)
+    j = np.eye(3)
+    j[0, 2], j[1, 2] = -(s * dx + c * dy), c * dx - s * dy
+    moved: Array = j @ spread @ j.T
+    return moved
+
+
+def leaning(pairs: Collection[tuple[float, ...]]) -> tuple[float, float, float, float, float]:
+    """How a turn leans whose pairs lean, rad, and the means of p and of its lean, m; each pair ends with that of p.
+
+    The derivative of the fit's turn by a parameter that moves the positions p, as `filter.Lean` has it.
+    """
+    rows = np.array(list(pairs))
+    cx, cy, lx, ly = (float(each) for each in rows[:, (0, 1, 5, 6)].mean(axis=0))
+    px, py, by_x, by_y = (rows[:, (0, 1, 5, 6)] - (cx, cy, lx, ly)).T
+    return -float(px @ by_y - py @ by_x) / float(px @ px + py @ py), cx, cy, lx, ly

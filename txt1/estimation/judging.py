@@ -1,0 +1,472 @@
+"""The evidence on a sensor: four rules by which a reading is taken in, and a fifth further below.
+
+A sixth is in `hypotheses`.
+
+1. **Valid.** A reading is ignored that is no number, never changes, is later than `fusion.HORIZON`, or of the future,
+   and so is a position that is told again. A sensor that gives no others is left out. These faults show without any
+   other sensor.
+2. **Robust.** A reading within the gate is taken in, with less weight beyond 95 % of chi-square: its sigma grows as
+   Huber's function has it (P. J. Huber, *Robust Statistics*, Wiley 1981; in a filter: C. D. Karlgaard, J. Guidance
+   38(5), 2015).
+3. **Adaptive.** A sensor that measures the pose, is fresh and agrees with itself is right where dead reckoning
+   contradicts it: the model of the car is wrong, as wheels slip and servos lag. From the second reading beyond 99 % of
+   chi-square on, the covariance grows until the miss is what it expects, and the reading is taken in: the strong
+   tracking filter, D. H. Zhou, P. M. Frank, Int. J. Control 65(2), 1996.
+   Where another sensor of positions that is no less precise was taken in within a second, their frames differ: this one
+   is left out.
+   What hides in the noise of single positions shows in their mean: wheels that err, or the sensor itself. Which of the
+   two does is not told apart, so the pose stays, and by so much it is told to be uncertain.
+4. **Jump.** A reading that does not agree with its sensor's own last one, as nothing moves so fast, has two
+   explanations: the sensor's frame has jumped, or the robot was carried away. Readings are left out, while the estimate
+   tells the covariance of both hypotheses (Bar-Shalom, Li, Kirubarajan 2001, 1.4.16). They are taken in again when
+   they are back, or, if no other sensor tells the place, after `KEEPS` without another leap: then the robot was
+   carried.
+
+The fifth rule: three witnesses of the yaw rate vote, and an absolute position overrules the wheels.
+
+Over `WINDOW` the gyro, the wheels, and a third witness (an absolute heading, else the steering) tell how far the robot
+has turned. Two that agree outvote the third: mid-value selection, the common voter of redundant sensors (R. J. Patton,
+P. M. Frank, R. N. Clark, *Fault Diagnosis in Dynamic Systems*, Prentice Hall 1989). They agree within what slip,
+understeer and unequal tyres explain, as these are the car's model and no fault. A gyro that was outvoted has to agree
+more closely to be believed again, as in a curve that much would hide its fault. A late reading is no witness.
+
+The wheels' speed has one better witness, an absolute position. It is always right, by the rules above. The way is
+that of the most precise sensor alone: from one sensor's position to another's there is no way, only their errors.
+
+Two more witnesses are of the wheels' speed. The motor needs the same output for the same set-point: if that changes
+suddenly, either the floor has changed or the encoders err. And no tyre makes a car faster than the floor holds, but a
+motor does so to a wheel. Both leave the encoders believed, and the estimate says less of itself by the way.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import copysign, hypot, sqrt
+from typing import Final, NamedTuple
+
+from txt1.estimation.sensors import KIND_ENCODERS, KIND_POSE, Measurement
+from txt1.estimation.settings import Trust
+from txt1.model.kinematics import wrap_angle
+
+# s for which readings fit before a sensor that failed is believed again,
+FITS: Final = 0.5
+# and at least so many of them
+FITTING: Final = 3
+# equal readings in a row of a sensor that stands still
+SAME_MAX: Final = 5
+# the same of encoders that turn
+SAME_COUNTS: Final = 25
+# m/s from which a position that stays the same stands still
+MOVING: Final = 0.1
+# readings over which a sensor's misses are averaged
+MEMORY: Final = 25
+# s over which the misses of positions are averaged
+MISSED_FOR: Final = 4.0
+# m/s, more than a robot moves at, driven or carried
+MOVES_BY: Final = 5.0
+# rad/s, likewise
+TURNS_BY: Final = 10.0
+# standard deviations that the difference of two readings may have besides
+NOISE: Final = 3.5
+# the same of one reading's
+APART: Final = NOISE * sqrt(2.0)
+# s for which a sensor of the place stays where it jumped to, and is believed again
+KEEPS: Final = 5.0
+# s in which it is forgotten what may have moved the pose: an overruled reckoning, a gyro, a frame; chosen
+FORGOTTEN: Final = 10.0
+# probability of the other hypothesis: that a jump was the robot's, that a sensor drifts away
+OTHER: Final = 0.2
+# readings after a leap, before anybody may have been carried anywhere
+SEVERAL: Final = 3
+# chi-square of 1, 2, 3 numbers at 99 %
+CHI99: Final[tuple[float, ...]] = (6.635, 9.210, 11.345)
+# chi-square of 1, 2, 3 numbers at 95 %
+CHI95: Final[tuple[float, ...]] = (3.841, 5.991, 7.815)
+
+
+@dataclass(frozen=True, slots=True)
+class Belonging:
+    """A sensor's settings."""
+
+    # Mahalanobis distance beyond which a reading is not simply taken in
+    gate: float = 5.0
+    # s without a reading in time after which it is left out
+    timeout: float = 1.0
+    # whether it tells x and y: then the pose is in its frame
+    tells_pose: bool = False
+    # whether something measures it: what was asked for stays the same as long as that does
+    told: bool = True
+
+
+@dataclass(slots=True)
+class Judge:
+    """The evidence on one sensor."""
+
+    name: str
+    settings: Belonging
+    believed: bool = True
+    reason: str = ""
+    used: int = 0
+    rejected: int = 0
+    late: int = 0
+    surprise: float = 1.0
+    time: float | None = None
+    # s by which its readings are late, on average
+    lag: float = 0.0
+    # when a reading came in time, or began to be waited for
+    since: float = 0.0
+    # when any reading came
+    heard: float = 0.0
+    # readings in a row that were equal
+    same: int = 0
+    last: tuple[float, ...] = ()
+    # when a reading of the pose was taken in, s of the run
+    placed_at: float | None = None
+    # ... and its standard deviation, m
+    placed_sigma: float = 0.0
+    # the last reading of the pose, m, m, rad
+    own: tuple[float, ...] = ()
+    own_at: float = 0.0  # s of the run
+    # the residual of a reading beyond the gate, m, m, rad
+    missed: tuple[float, ...] = ()
+    missed_at: float = 0.0  # s of the run
+    # when a reading of the pose was within 99 %, s of the run
+    fitted_at: float | None = None
+    # ... or the covariance grew for it
+    grown_at: float = 0.0
+    # when its readings leapt away from the pose, s of the run
+    jumped_at: float | None = None
+    # readings since then
+    jumped: int = 0
+    # the mean by which positions without a heading have missed the pose, m, and its variances, m^2
+    mean_miss: tuple[float, float] = (0.0, 0.0)
+    mean_variance: tuple[float, float] = (0.0, 0.0)
+    # readings in a row that fitted, of a sensor that is not believed
+    fitting: int = 0
+    fitting_since: float = 0.0
+
+    def trust(self) -> Trust:
+        """How much it is believed, and why."""
+        return Trust(
+            self.name, self.believed, self.reason, self.used, self.rejected, self.late, self.surprise, self.time
+        )
+
+    def frozen(self, measurement: Measurement, speed: float) -> str:
+        """Note a reading like the last one; return its fault, or "" if it has none. `speed`: the wheels', m/s."""
+        self.same += 1
+        if measurement.kind is KIND_ENCODERS:
+            # whole counts are often the same, but not for so long; those of a car that stands are
+            stands = not any(measurement.values) and (self.believed or abs(speed) < MOVING)
+            frozen = self.same >= SAME_COUNTS and not stands and self.settings.told
+        else:
+            moving = measurement.kind is not KIND_POSE or abs(speed) > MOVING or not self.believed
+            frozen = self.same >= SAME_MAX and moving
+        return "stands still" if frozen else ""
+
+    def surprised(self, nis: float, count: int) -> None:
+        """Note a reading's NIS and the count of its numbers."""
+        self.surprise += ((nis / count if nis < 100.0 * count else 100.0) - self.surprise) / MEMORY
+
+    def leapt(self, measurement: Measurement, *, fits: bool) -> bool:
+        """Note a reading of the pose; return whether no car can have moved so far since the last reading.
+
+        One that fits, like the last ones, has not leapt.
+        """
+        time, _, _, rows, values, sigmas, _ = measurement
+        before, dt = self.own, max(time - self.own_at, 0.0)
+        self.own, self.own_at = values, time
+        if len(before) != len(values) or (fits and self.jumped_at is None and not self.missed):
+            return False
+        for place, there in enumerate(before):
+            step, reach = values[place] - there, MOVES_BY
+            if rows[place] == 2:
+                step, reach = wrap_angle(step), TURNS_BY
+            if not abs(step) <= reach * dt + APART * sigmas[place]:
+                return True
+        return False
+
+    def averaged(self, dt: float, residual: Sequence[float], variances: tuple[float, float]) -> None:
+        """Note by how much a position has missed the pose, m, and the variances of that, dt seconds after the last."""
+        share = min(dt / MISSED_FOR, 1.0)
+        (x, y), (xx, yy), keeps = self.mean_miss, self.mean_variance, 1.0 - share
+        self.mean_miss = keeps * x + share * residual[0], keeps * y + share * residual[1]
+        keeps, share = keeps * keeps, share * share
+        self.mean_variance = keeps * xx + share * variances[0], keeps * yy + share * variances[1]
+
+    def lasting(self) -> tuple[float, float]:
+        """By how much positions miss the pose for long, m, less what chance does: 2 of the chi-square, on average."""
+        (x, y), (xx, yy) = self.mean_miss, self.mean_variance
+        if not xx:
+            return 0.0, 0.0
+        left = sqrt(1.0 - 2.0 / max(x * x / xx + y * y / yy, 2.0))
+        return left * x, left * y
+
+    def misses_again(self, measurement: Measurement, residual: Sequence[float]) -> bool:
+        """Note a reading beyond 99 %; return whether the last was beyond it, too, so it is no single outlier."""
+        before, dt = self.missed, max(measurement.time - self.missed_at, 0.0)
+        self.missed, self.missed_at = tuple(residual), measurement.time
+        if len(before) != len(residual):
+            return False
+        reach = [(TURNS_BY if row == 2 else MOVES_BY) * dt for row in measurement.rows]
+        both = zip(residual, before, measurement.sigmas, strict=True)
+        if sum([here * there / (sigma * sigma) for here, there, sigma in both]) < 0.0:
+            # on both sides of the pose: noise
+            return False
+        near = zip(residual, before, reach, measurement.sigmas, strict=True)
+        return all(abs(here - there) <= far + APART * sigma for here, there, far, sigma in near)
+
+    def fits(self, time: float) -> bool:
+        """Note a reading that fits, of a disbelieved sensor; return whether readings have fitted for long enough."""
+        if self.fitting == 0:
+            self.fitting_since = time
+        self.fitting += 1
+        return self.fitting >= FITTING and time - self.fitting_since >= FITS
+
+    def doubt(self, reason: str) -> str:
+        """Disbelieve the sensor; return a message if it was believed before."""
+        self.fitting = 0
+        news = f"'{self.name}' is not believed any more: {reason}" if self.believed else ""
+        self.believed, self.reason = False, reason
+        return news
+
+    def restore(self) -> str:
+        """Believe the sensor again; return the message."""
+        news = "" if self.believed else f"'{self.name}' is believed again"
+        self.believed, self.reason, self.fitting, self.surprise = True, "", 0, 1.0
+        self.jumped_at, self.jumped, self.missed = None, 0, ()
+        self.mean_miss = self.mean_variance = 0.0, 0.0
+        return news
+
+
+WINDOW: Final = 0.3  # s
+# s that an absolute reading may be old
+FRESH: Final = 0.5
+# cycles
+ENOUGH: Final = 8
+# s by which a reading may be late and be a witness of how the car moves now
+STALE: Final = 0.1
+# s of a piece of a path by positions, at least
+LEG: Final = 0.2 * WINDOW - 1e-6
+# of a rate that slip and understeer explain
+SHARE: Final = 0.3
+# rad/s, of noise, of lags, and of what is not straight
+YAW: Final = 0.08
+# rad/s at 1 m/s, of tyres that differ by 1 %
+TYRES: Final = 0.04
+# m/s, of noise
+SPEED: Final = 0.15
+
+
+class WitnessValues(NamedTuple):
+    """The witnesses' values for a cycle; None without a witness."""
+
+    # s of the run, of its end
+    time: float
+    # m/s, of the wheels
+    v: float
+    wheels: float  # rad/s
+    # rad/s, without its bias
+    gyro: float | None
+    steering: float | None  # rad/s
+
+
+class Place(NamedTuple):
+    """An absolute reading."""
+
+    time: float  # s
+    x: float  # m
+    y: float  # m
+    theta: float | None  # rad
+    sigma: float  # m
+    sigma_theta: float  # rad
+
+
+class Vote:
+    """The witnesses' reports of the last seconds."""
+
+    def __init__(self) -> None:
+        self.apart = 0.0
+        """By how much a believed gyro has turned the pose otherwise than the wheels lately, rad."""
+        self.turn_alike = False
+        """Whether gyro and wheels turn alike, but for the slip that is known."""
+        # s of the run
+        self._compared = 0.0
+        self._cycles: deque[WitnessValues] = deque()
+        self._places: dict[str, deque[Place]] = {}
+
+    def clear(self) -> None:
+        """Forget everything: the robot was carried elsewhere."""
+        self.apart = 0.0
+        self._cycles.clear()
+        self._places.clear()
+
+    def cycle(self, cycle: WitnessValues) -> None:
+        """Take in a cycle."""
+        cycles, time = self._cycles, cycle.time
+        cycles.append(cycle)
+        while time - cycles[0].time > WINDOW + FRESH:
+            cycles.popleft()
+
+    def place(self, measurement: Measurement) -> None:
+        """Take in an absolute reading that was taken in by the filter, one for each piece of the path."""
+        time, sensor, _, _, values, sigmas, _ = measurement
+        places = self._places.get(sensor)
+        if places is None:
+            places = self._places[sensor] = deque()
+        elif time - places[-1].time < LEG:
+            return
+        places.append(Place(time, values[0], values[1], values[2] if len(values) > 2 else None, sigmas[0], sigmas[-1]))
+        while time - places[0].time > WINDOW:
+            places.popleft()
+
+    def compare(self, *, turning: bool) -> None:
+        """Note how far gyro and wheels have turned apart since the last time; `turning`: the gyro is believed."""
+        since, self._compared = self._compared, self._cycles[-1].time if self._cycles else 0.0
+        apart = [each.gyro - each.wheels for each in self._cycles if each.time > since and each.gyro is not None]
+        if not turning:
+            self.apart = 0.0
+        elif apart:
+            rate = sum(apart) / len(apart) - self.apart / FORGOTTEN
+            self.apart += rate * min(self._compared - since, WINDOW)
+
+    def outvoted(self, slip: float = 0.0) -> tuple[bool, bool]:
+        """Whether the gyro is, and whether the wheels are; `slip` is the wheels'."""
+        self.turn_alike = False
+        if not self._cycles:
+            return False, False
+        end = self._cycles[-1].time
+        begin, seen = end - WINDOW, None
+        fresh = [places for places in self._places.values() if end - places[-1].time <= FRESH]
+        if fresh:
+            places = min(fresh, key=lambda each: each[-1].sigma)
+            seen = _seen(places)
+            if seen is not None:
+                begin, end = places[0].time, places[-1].time
+        cycles = [each for each in self._cycles if begin < each[0] <= end]
+        if len(cycles) < ENOUGH:
+            return False, False
+        _, speeds, turns, gyros, steerings = zip(*cycles, strict=True)
+        v, wheels, gyro, third = sum(speeds) / len(cycles), sum(turns) / len(cycles), _mean(gyros), _mean(steerings)
+        self.turn_alike = gyro is not None and abs(gyro - (1.0 - slip) * wheels) <= YAW + TYRES * abs(v)
+        noise, sliding = YAW, False
+        if seen is not None:
+            speed, sigma, turning, uncertain = seen
+            v_share = SHARE * max(speed, abs(v))
+            sliding = abs(speed - abs(v)) > SPEED + v_share + 4.0 * sigma
+            if turning is not None:
+                third, noise = turning, YAW + 4.0 * uncertain
+        if gyro is None or third is None or _agree(gyro, wheels, v, YAW):
+            return False, sliding
+        gyro_agrees, wheels_agree = _agree(gyro, third, v, noise), _agree(wheels, third, v, noise)
+        return wheels_agree and not gyro_agrees, sliding or (gyro_agrees and not wheels_agree)
+
+
+def _seen(told: deque[Place]) -> tuple[float, float, float | None, float] | None:
+    """Speed (m/s) and its sigma, yaw rate (rad/s; None) and its sigma, by a sensor's absolute readings."""
+    first, last = told[0], told[-1]
+    span = last.time - first.time
+    if span < 0.5 * WINDOW:
+        return None
+    path, turned = 0.0, 0.0 if first.theta is not None else None
+    for one, two in pairwise(told):
+        path += hypot(two.x - one.x, two.y - one.y)
+        if turned is None or one.theta is None or two.theta is None:
+            turned = None
+        else:
+            turned += wrap_angle(two.theta - one.theta)
+    sigma = sqrt(2.0 * len(told)) * last.sigma / span
+    return path / span, sigma, None if turned is None else turned / span, sqrt(2.0) * last.sigma_theta / span
+
+
+def _mean(values: tuple[float | None, ...]) -> float | None:
+    told = [each for each in values if each is not None]
+    return sum(told) / len(told) if 2 * len(told) > len(values) else None
+
+
+def _agree(one: float, two: float, v: float, noise: float) -> bool:
+    return abs(one - two) <= noise + TYRES * abs(v) + SHARE * max(abs(one), abs(two))
+
+
+# s after a new set-point from which on the motor's output is the usual one for it
+SETTLED: Final = 2.0
+# s, the time constant of the output: encoders of coarse counts make it jump
+SMOOTH: Final = 0.5
+# s, that of the usual one: batteries and motors change slowly
+USUAL: Final = 30.0
+# share by which the output may differ: curves, and a floor that is not even
+BAND: Final = 0.15
+# m/s by which the set-point may change and be the same
+SAME: Final = 0.02
+
+
+class MotorWitness:
+    """Compares the motor's counts with the set-point's usual counts."""
+
+    def __init__(self) -> None:
+        self._setpoint = 0.0
+        # s for which that has been in force
+        self._since = 0.0
+        self._smooth = 0.0  # counts
+        self._usual = 0.0  # counts
+
+    def doubt(self, setpoint: float, motor: float, dt: float) -> float:
+        """Return the motor's apparent speed above the encoders', m/s; 0 within the usual scatter.
+
+        Args:
+            setpoint: m/s.
+            motor: the output meanwhile, counts, of the set-point's sign.
+            dt: s since the last call.
+
+        """
+        if abs(setpoint - self._setpoint) > SAME or setpoint == 0.0:
+            self._setpoint, self._since, self._smooth = setpoint, 0.0, motor
+            return 0.0
+        self._since += dt
+        self._smooth += (motor - self._smooth) * (dt / SMOOTH if dt < SMOOTH else 1.0)
+        if self._since < SETTLED or self._usual * setpoint <= 0.0:
+            self._usual = self._smooth
+            return 0.0
+        self._usual += (self._smooth - self._usual) * (dt / USUAL if dt < USUAL else 1.0)
+        share = self._smooth / self._usual - 1.0
+        return setpoint * share if abs(share) > BAND else 0.0
+
+
+# m/s^2: rubber on a dry floor has 10, racing tyres some more
+HOLDS: Final = 15.0
+# m/s beyond the possible speed from which on it is told; counts and jitter make less
+SPINS: Final = 0.5
+# m/s: a counter that jumps makes more, and tells nothing of the wheels
+NO_WHEEL: Final = 20.0
+# s without any of it, after which it is told again
+AGAIN: Final = 5.0
+
+
+class SpinWitness:
+    """Compares the encoders' speed with the highest that the tyres can have given the car."""
+
+    def __init__(self) -> None:
+        self._possible = 0.0  # m/s
+        # s for which the wheels have not spun
+        self._calm = AGAIN
+
+    def doubt(self, v: float, dt: float) -> tuple[float, str]:
+        """Return the wheels' speed above the car's possible speed, m/s, and a message if it is new, else "".
+
+        `v` is the encoders' speed over the last `dt` s, m/s.
+        """
+        self._calm += dt
+        if abs(v) > NO_WHEEL:
+            return 0.0, ""
+        change = v - self._possible
+        self._possible += copysign(min(abs(change), HOLDS * dt), change)
+        beyond = v - self._possible
+        if beyond * v <= 0.0:
+            # a speed that falls so fast is a wall's work, or an encoder's without power
+            self._possible = v
+            return 0.0, ""
+        if abs(beyond) <= SPINS:
+            return beyond, ""
+        calm, self._calm = self._calm, 0.0
+        news = f"the wheels spin, or an encoder errs: no tyre makes a car so fast as {abs(v):.1f} m/s so soon"
+        return beyond, news if calm >= AGAIN else ""
