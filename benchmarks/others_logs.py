@@ -147,7 +147,7 @@ def slow(folder: Path, sigma: float, seed: int, *, gap: float = 0.0) -> tuple[fl
     begin, end = max(commands[0, 0], truth[0, 0]) + 1.0, min(commands[-1, 0], truth[-1, 0])
     headings = np.unwrap(truth[:, 3])
     body = replace(CREATE, counts_per_rev=20000)
-    estimator = Estimator(EstimationConfig(sensors=(ENCODERS, "gps")), {"gps": FixReading}, body)
+    estimator = Estimator(EstimationConfig(sensors=(ENCODERS, "gps"), track_sigma=0.05), {"gps": FixReading}, body)
     errors, located = [], inf
     for cycle in range(1, int((end - begin) / CYCLE)):
         now = cycle * CYCLE

@@ -63,7 +63,7 @@ def _driven(seed: int, *, exact: bool) -> tuple[Array, dict[str, Watch]]:
 
     made = Mistakes() if exact else mistakes.drawn(seed, absolute=True)._replace(ahead=0.0, left=0.0)
     configs = {
-        name: EstimationConfig(sensors=PRESETS[setup], settings=settings, track_sigma=0.0 if exact else 0.05)
+        name: EstimationConfig(sensors=PRESETS[setup], settings=settings, track_sigma=0.0 if exact else None)
         for name, (setup, settings) in CASES.items()
     }
     watches = run(driven("txt1", seed, drive, configs, dict.fromkeys(CASES, made)), speed="max")

@@ -683,10 +683,15 @@ class Walk:
         self.blind_from = inf
         """s of the run, from when on no sensor has told the place for too long."""
 
-    def _with(self, slips: float, widths: float = 0.0) -> State:
+    def _with(self, slips: float) -> State:
         x, y, theta, rolled, omega, bias, usual, width = self._least
-        widths = 0.0 if self._exact else max(width, widths)
-        return x, y, theta, rolled, omega, bias, max(usual, slips), widths
+        # slip in curves looks like a wider track
+        return x, y, theta, rolled, omega, bias, max(usual, slips), 0.0 if self._exact else max(width, self._slips)
+
+    def unturned(self, density: State) -> State:
+        """These densities when no gyro tells how the track width changes."""
+        x, y, theta, rolled, omega, bias, slip, _ = density
+        return x, y, theta, rolled, omega, bias, slip, self._least[WIDTH]
 
     def placed(self, time: float, before: float | None) -> None:
         """Note that a sensor has told the place at a time, s of the run, and before."""
@@ -714,7 +719,7 @@ class Walk:
         expectation is added to the expectation.
         """
         self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
-        self.told = self._with(self._slips, self._slips)
+        self.told = self._with(self._slips)
 
 
 # s, the longest prediction in one piece

@@ -485,6 +485,8 @@ class Fusion:
             density = walk.settled(belief.triangle[SS])
             if not self._turning:
                 belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
+        if not self._turning:
+            density = walk.unturned(density)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
         return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bend * end - moment)

@@ -58,8 +58,9 @@ class EstimationConfig(Section):
     """How they are fused, by their names."""
     slip: Annotated[float, Field(gt=0.0, le=0.5)] = 0.05
     """Standard deviation of the wheels' slip, and error of their radius, before anything is known of it."""
-    track_sigma: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05
-    """Standard deviation of the track width, as a share of it; up to 0.01 it is exact, and turns tell of slip."""
+    track_sigma: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    """Standard deviation of the track width, as a share of it; up to 0.01 it is exact, and turns tell of slip.
+    Null: 0.05, and 0.3 for sides at two speeds, whose wheels scrub."""
     start: tuple[float, float, float] | None = None
     """The pose at the start, m, m, rad, of a robot that is put on a mark; null: a sensor of positions tells it."""
     start_sigma: tuple[Positive, Positive, Positive] = (0.02, 0.02, 0.03)

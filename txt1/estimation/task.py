@@ -68,10 +68,12 @@ TURN_READINGS: Final = 10
 TURN_NOISE: Final = 0.001
 # of a turn by which sides at two speeds differ besides, whose tyres scrub
 SKID_SHARE: Final = 0.05
-# standard deviation of the track width by which such a car turns, as a share of the measured one
-SKID_SIGMA: Final = 0.5
+# standard deviation of the track width, as a share of the measured one
+TRACK_SIGMA: Final = 0.05
+# ... and of the one by which such a car turns
+SKID_SIGMA: Final = 0.3
 # the same of how it changes in a second: floors
-SKID_WALK: Final = 0.05
+SKID_WALK: Final = 0.02
 # rad/s, each reading at 100 Hz; assumed
 SIGMA_GYRO: Final = 0.006
 ROOT_2: Final = sqrt(2.0)
@@ -182,6 +184,7 @@ class Estimator:
         scaled = any(kind is ImuReading for kind in kinds.values())
         scaled = scaled and not any(tells_heading(kind, self.settings[name]) for name, kind in kinds.items())
         skid = geometry.steering == "skid"
+        usual = SKID_SIGMA if skid else TRACK_SIGMA
         gyro_scale = max(
             (self.settings[name].scale_sigma for name, kind in kinds.items() if kind is ImuReading), default=0.0
         )
@@ -190,7 +193,7 @@ class Estimator:
             slip_sigma=config.slip,
             start=start,
             gyro_scale=gyro_scale if scaled else 0.0,
-            track_sigma=max(SKID_SIGMA, config.track_sigma) if skid else config.track_sigma,
+            track_sigma=usual if config.track_sigma is None else config.track_sigma,
             drift=Drift(width=SKID_WALK) if skid else Drift(),
         )
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None

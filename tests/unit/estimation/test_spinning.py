@@ -41,8 +41,8 @@ def test_wheels_that_spin_are_told_once_and_the_estimate_says_how_little_it_know
 
 def test_a_car_that_holds_the_floor_is_told_nothing_and_stays_sure() -> None:
     off, sigma, told = driven()
-    # of a turn by 4 rad the gyro's scale may have missed 0.07
-    assert not told and off < 3.0 * sigma < 0.35
+    # of a turn by 4 rad the gyro's scale may have missed 0.07, and slip 5 % of the 2.3 m that it has gone
+    assert not told and off < 3.0 * sigma < 0.5
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
