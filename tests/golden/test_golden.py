@@ -16,8 +16,8 @@ from txt1.record.verification import Verdict, verify
 from txt1.telemetry.topics import TOPICS, Rule
 
 FOLDER = Path(__file__).parent
-NOBODYS = {"/driver", "/reports", "/snapshot /driver", "/tf_static"}
-"""Who drives is a program's affair; the readings are inputs; mounts are settings, for viewers."""
+NOBODYS = {"/driver", "/reports", "/snapshot /driver", "/tf_static", "/sensors/gps/fix"}
+"""Who drives is a program's affair; the readings are inputs, also as fixes for viewers; mounts are settings."""
 CLOCKS = {"/diagnostics", "/link", "/steps", *(f"/snapshot {name}" for name in ("/events", "/tasks", "/traffic"))}
 """On the real clock these are as late as the processor is, and the bytes on the line are the board's."""
 PROGRAMS = {"learner": {"/learning/step"}, "wire": CLOCKS}
