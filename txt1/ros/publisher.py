@@ -175,8 +175,8 @@ class Publisher:
         if not self._events and not any(more.values()):
             return None
         if not self.virtual and abs(self._offset() - self._epoch) > STEPPED:
-            # the time of day was set
-            self._forget()
+            # the time of day was set; the messages that wait are of the channels that were known
+            self._announce_anew()
         events, self._events = self._events, deque(maxlen=EVENTS_MAX)
         messages = [
             (self._numbers.setdefault(topic, len(self._numbers)), time, data)
@@ -215,15 +215,19 @@ class Publisher:
         )
 
     def _forget(self) -> None:
-        """Start again: no channel is announced."""
-        self._epoch = self._offset()
-        self._encoder = Encoder(self._epoch)
-        self._numbers: dict[Topic[Any], int] = {}
-        self._told = 0
+        """Start again: no channel is known."""
+        self._announce_anew()
         self._publications: dict[Topic[Any], tuple[Publication, ...]] = {}
         self._publication: dict[Topic[Any], Publication] = {}
         # the first sensor's topic of each type
         self._kinds: dict[type, Topic[Any]] = {}
+
+    def _announce_anew(self) -> None:
+        """Announce every channel again, with stamps of the present time of day."""
+        self._epoch = self._offset()
+        self._encoder = Encoder(self._epoch)
+        self._numbers: dict[Topic[Any], int] = {}
+        self._told = 0
 
     def _publications_of(self, topic: Topic[Any]) -> tuple[Publication, ...]:
         found = self._publications.get(topic)

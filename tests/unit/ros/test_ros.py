@@ -236,6 +236,30 @@ def test_a_value_that_is_no_message_is_told_once_and_costs_no_other_topic() -> N
     assert len(said) == 1 and "/broken" in said[0]
 
 
+def test_a_time_of_day_that_is_set_announces_the_channels_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_by = 0.0
+
+    async def body() -> None:
+        nonlocal set_by
+        async with Robot.open("sim") as robot:
+            feed = Publisher(robot.runtime, print)
+            monkeypatch.setattr(feed, "virtual", False)
+            monkeypatch.setattr("txt1.ros.publisher.wall_ns", lambda: round((robot.now + set_by) * 1e9))
+            feed.begin()
+            channels, stamps = [], []
+            for day in (100.0, 100.0, 30.0, 86_400.0):
+                set_by = day
+                await asyncio.sleep(0.1)
+                told = json.loads(feed.line({}) or b"{}")
+                channels.append({name for _, name, _, _ in told["new"]} & {"odom", "tf"})
+                stamps.append(min(time for _, time, _ in told["messages"]) / 1e9)
+            assert channels == [{"odom", "tf"}, set(), {"odom", "tf"}, {"odom", "tf"}]
+            assert stamps == pytest.approx([101.0, 101.1, 31.2, 86_401.3], abs=0.2), "the robot runs for a second"
+            feed.end()
+
+    run(body(), speed="max")
+
+
 def test_a_recording_is_published_under_the_names_of_a_run() -> None:
     assert recorded("/odom", "nav_msgs/Odometry", ()) == ("odom", "default")
     assert recorded("/mode", "txt1_msgs/Mode", ()) == ("~/mode", "latched")
