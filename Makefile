@@ -21,7 +21,7 @@ DRIVES = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["p
 PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
 TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
-# each process collects all tests, 14 s of a processor; half of the tests wait for real time
+# of `make test`: each collects all tests, 20 s of a processor, so no more than keep two processors busy
 JOBS ?= 4
 APART_TESTS ?= tests
 RUN ?=

@@ -80,7 +80,12 @@ def test_the_device_stops_by_itself(hal: str, tmp_path: Path) -> None:
         pytest.param(to_host(signal.SIGKILL), {}, id="killed", marks=pytest.mark.long),
         pytest.param(to_host(signal.SIGSTOP), {}, id="hangs", marks=pytest.mark.long),
         pytest.param(to_both(signal.SIGSTOP), {"watchdog": True}, id="hangs with its guard"),
-        pytest.param(in_namespace(signal.SIGKILL, init=False), {"namespace": True}, id="killed in a namespace"),
+        pytest.param(
+            in_namespace(signal.SIGKILL, init=False),
+            {"namespace": True},
+            id="killed in a namespace",
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_the_outputs_of_a_raspberry_pi_rest_whatever_happens_to_its_host(

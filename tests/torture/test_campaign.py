@@ -26,8 +26,14 @@ def firmware_is_here() -> bool:
 
 FIRMWARE = pytest.mark.skipif(not firmware_is_here(), reason="MicroPython is not installed")
 MARKED = [pytest.param(kind, marks=[FIRMWARE] if kind == "pico" else []) for kind in KINDS]
+# every fault strikes each kind below; in a random order only these, beside the long tests
+USUAL = ("ours", "original", "vesc")
 RUNS = [
-    pytest.param(kind, 1_000_000 + k, marks=[*([pytest.mark.long] if k >= 1 else []), *([FIRMWARE] * (kind == "pico"))])
+    pytest.param(
+        kind,
+        1_000_000 + k,
+        marks=[*([pytest.mark.long] if k or kind not in USUAL else []), *([FIRMWARE] * (kind == "pico"))],
+    )
     for kind in KINDS
     for k in range(12)
 ]
