@@ -16,7 +16,7 @@ ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice pyth
 FUZZ := .venv-fuzz
 DOCS := .venv-docs
 # distributions of their own that the tests need, each with its tests
-PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot
+PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot plugins/browser
 DRIVES = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; extras = project["optional-dependencies"]; print(*project["dependencies"], *extras["record"], *extras["web"], sep="\n")
 PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation

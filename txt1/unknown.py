@@ -14,6 +14,7 @@ from txt1.installing import installs_plugin
 COMMANDS: Final = "commands"
 OPTIONS: Final = "options of txt1 run"
 PLUGINS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = {
+    "browser": {"txt1.additions": ("browser",), COMMANDS: ("browser",)},
     "learners": {
         "txt1.learners": ("neural", "pilot", "sweeps", "taxis"),
         "txt1.learning": ("changes", "dqn", "drift", "neural", "pilot", "ppo", "sweeps", "taxis"),

@@ -60,6 +60,28 @@ NOT_PUBLIC: Final[dict[str, tuple[str, set[str]]]] = {
             "txt1.trials.workers",
         },
     ),
+    "browser": (
+        "it is the robot's end and the page's server in one process, on an event loop of its own",
+        {
+            "txt1.bridges.registry",
+            "txt1.bridges.services",
+            "txt1.cli",
+            "txt1.commands",
+            "txt1.hal.serial",
+            "txt1.kernel.clock",
+            "txt1.kernel.loop",
+            "txt1.link.base",
+            "txt1.protocol.layout",
+            "txt1.protocol.messages",
+            "txt1.record.session",
+            "txt1.resources",
+            "txt1.sidecar",
+            "txt1.web.budgets",
+            "txt1.web.pages",
+            "txt1.web.player",
+            "txt1.web.requests",
+        },
+    ),
     "lerobot": (
         "an exporter reads recordings",
         {

@@ -18,7 +18,6 @@ from txt1.driver import finite
 from txt1.errors import CommandRefused, NotArmed, Overruled, Txt1Error
 from txt1.kernel.loop import Speed
 from txt1.kernel.ticks import Ticks
-from txt1.navigation import NoPath, best_pose, follow, go_to_places, map_floor
 from txt1.record.session import dated, recording
 from txt1.robot import Robot
 from txt1.tasks.on_map import MapInUse
@@ -107,6 +106,9 @@ class Services:
             raise CommandRefused(f"go: {shown(points)}; give a list of pairs in m") from None
         if not speed > 0.0:
             raise CommandRefused(f"go: a speed of {speed:g}; give more than 0 m/s")
+        # the filter and the planner come with it, and numpy: robots that drive by hand need none of them
+        from txt1.navigation import best_pose, follow, go_to_places, map_floor
+
         source = best_pose(robot)
         source.pose()
         self._held = robot.now
@@ -160,6 +162,8 @@ class Services:
         if self._route is route:
             self._route, self._points = None, ()
         if not route.cancelled():
+            from txt1.navigation import NoPath
+
             error = route.exception()
             if isinstance(error, NotArmed | Overruled | CommandRefused | NoPath):
                 self._robot.tell(f"the route was ended: {error}")

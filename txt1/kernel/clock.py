@@ -16,7 +16,8 @@ HOLD_NS: Final = 19_000_000
 stopwatch_ns: Final = time.perf_counter_ns
 """Elapsed real time in ns: how long a step took, whatever clock the tasks run on."""
 
-processor_ns: Final = time.thread_time_ns
+# in a browser there is no such clock
+processor_ns: Final = getattr(time, "thread_time_ns", time.perf_counter_ns)
 """Processor time of the calling thread in ns: without the time in which it waited, or other programs ran."""
 
 
@@ -65,8 +66,8 @@ class RealClock:
 
     def suspended_ns(self) -> int:
         """Time in ns for which the computer was suspended since its start; 0 without a clock for it."""
-        # Linux's
-        if not hasattr(time, "CLOCK_BOOTTIME"):
+        # Linux's; a browser has its name alone
+        if not hasattr(time, "CLOCK_BOOTTIME") or sys.platform == "emscripten":
             return 0
         while True:
             before = time.monotonic_ns()

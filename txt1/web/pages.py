@@ -14,8 +14,6 @@ from math import inf
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from aiohttp import WSCloseCode, web
-
 from txt1.errors import CommandRefused
 from txt1.kernel.clock import RealClock, seconds
 from txt1.web.auth import Role
@@ -46,6 +44,8 @@ FAST: Final = (
     "/mode",
     "/driver",
 )
+# of RFC 6455, 7.4.1
+POLICY_VIOLATION: Final = 1008
 # sent with everything else, once a second
 FULL: Final = "/capabilities"
 
@@ -77,7 +77,7 @@ class Page:
     number: int
     role: Role
     address: str
-    socket: web.WebSocketResponse
+    socket: PageSocket
     # the robot that the page shows
     car: PageRobot
     account: Account
@@ -109,6 +109,16 @@ class Page:
         """Send the page telemetry, in place of telemetry that it has not taken yet."""
         self.newest = line
         self.news.set()
+
+
+class PageSocket(Protocol):
+    """The socket of a page: aiohttp's, or one that posts messages within a browser."""
+
+    async def send_str(self, data: str) -> None:
+        """Send a text. Raises ConnectionError or RuntimeError: the page has gone."""
+
+    async def close(self, *, code: int, message: bytes) -> bool:
+        """Close it, with the reason."""
 
 
 class Robots(Protocol):
@@ -170,7 +180,7 @@ class Pages:
 
     # -- the pages ---------------------------------------------------------------------------------------------
 
-    def join(self, role: Role, address: str, socket: web.WebSocketResponse, account: Account) -> Page:
+    def join(self, role: Role, address: str, socket: PageSocket, account: Account) -> Page:
         """Return the new page behind a socket, which spends from an account."""
         self._last += 1
         page = Page(self._last, role, address, socket, next(iter(self.cars.values())), account)
@@ -213,7 +223,7 @@ class Pages:
         """Disconnect a page, and tell it why."""
 
         async def close() -> None:
-            await page.socket.close(code=WSCloseCode.POLICY_VIOLATION, message=why.encode())
+            await page.socket.close(code=POLICY_VIOLATION, message=why.encode())
 
         self.later(close())
 

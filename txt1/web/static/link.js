@@ -3,6 +3,11 @@
 
 const PAUSES = [200, 500, 1000, 2000]  // ms before each new try; the last goes on
 
+function serverSocket() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws"
+  return new WebSocket(`${scheme}://${location.host}${new URL("socket", location.href).pathname}`)
+}
+
 export class Link {
   #socket = null
   #number = 0
@@ -46,9 +51,7 @@ export class Link {
   }
 
   #open() {
-    const scheme = location.protocol === "https:" ? "wss" : "ws"
-    const socket = new WebSocket(`${scheme}://${location.host}${new URL("socket", location.href).pathname}`)
-    this.#socket = socket
+    const socket = this.#socket = globalThis.robotSocket?.() ?? serverSocket()  // a robot within the browser has no server
     socket.onopen = () => {
       this.#tries = 0
       if (this.#asked) this.#sendStop()

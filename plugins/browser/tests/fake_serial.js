@@ -1,0 +1,40 @@
+// navigator.serial of a page without hardware: its one port is a socket to a relay, which has the board's line.
+
+class FakePort {
+  getInfo() { return { usbVendorId: 0x2341, usbProductId: 0x43 } }
+
+  async open({ baudRate }) {
+    this.signals = null
+    const socket = this.socket = new WebSocket(`RELAY?baud=${baudRate}`)
+    socket.binaryType = "arraybuffer"
+    await new Promise((resolve, reject) => {
+      socket.onopen = resolve
+      socket.onerror = () => reject(new DOMException("Failed to open serial port.", "NetworkError"))
+    })
+    this.readable = new ReadableStream({
+      start: (controller) => {
+        socket.onmessage = ({ data }) => controller.enqueue(new Uint8Array(data))
+        socket.onclose = () => {
+          this.readable = null
+          controller.error(new DOMException("The device has been lost.", "NetworkError"))
+        }
+      },
+    })
+    this.writable = new WritableStream({
+      write: (bytes) => {
+        if (!this.signals) throw new Error("a byte before DTR and RTS were set")
+        socket.send(bytes)
+      },
+    })
+  }
+
+  async setSignals(signals) { this.signals = signals }
+
+  async close() { this.socket.close() }
+}
+
+const ports = [new FakePort()]
+Object.defineProperty(navigator, "serial", {
+  value: { requestPort: async () => ports[0], getPorts: async () => ports },
+  configurable: true,
+})

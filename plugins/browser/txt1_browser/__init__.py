@@ -1,0 +1,1 @@
+"""Robots of txt1 in a web browser."""

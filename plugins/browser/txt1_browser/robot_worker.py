@@ -1,0 +1,227 @@
+"""The robot in a browser's worker: it runs the robot of `txt1 run`, and is the server of the one page.
+
+How it works. static/worker.js loads Python and makes a `RobotWorker`. Texts of the page come by `receive`, and go by
+`post`: the page cannot tell it from a socket. Requests of the page go through the same table of requests, budgets and
+the wheel (`txt1.web.requests`), the robot's end (`txt1.bridges.registry`) and the gate as those of a page on a network;
+only the process between is missing. `turn` runs the loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from math import inf
+from pathlib import Path
+from typing import Final
+
+from txt1.bridges.registry import RobotEnd
+from txt1.bridges.services import services
+from txt1.config import load
+from txt1.errors import Txt1Error
+from txt1.kernel.ticks import Ticks
+from txt1.record.session import dated, recording
+from txt1.robot import Robot
+from txt1.sidecar import SERVE_PRIORITY, TELEMETRY_PERIOD, Request
+from txt1.web.budgets import Budgets
+from txt1.web.pages import Page, Pages, now
+from txt1.web.player import RECORDING_NAME, recordings
+from txt1.web.requests import take
+from txt1_browser.event_loops import BrowserRealTimeLoop
+from txt1_browser.serial_line import CAREFUL, GuardedPort, Send, board
+
+FOLDER: Final = Path("/recordings")
+# s between two messages about a page's own state
+STATUS: Final = 1.0
+GAINS_PATIENCE: Final = "the board has not acknowledged the gains yet; they are sent again and again"
+
+Post = Callable[[str], None]
+
+
+class _Line:
+    """Pages' connection to the robot, in the same process."""
+
+    def __init__(self, end: RobotEnd) -> None:
+        self._end = end
+
+    def fileno(self) -> int:
+        """There is no descriptor: `newest` is asked in each turn."""
+        raise NotImplementedError
+
+    def newest(self) -> bytes | None:
+        """Return the newest telemetry; None: none is due."""
+        return self._end.telemetry()
+
+    def request(self, name: str, /, **fields: object) -> None:
+        """Make a request, as text, so that nothing is shared that a page on a network could not send."""
+        self._end.request(Request(name, json.loads(json.dumps(fields)), 0.0))
+
+
+class _Socket:
+    """The page's socket."""
+
+    def __init__(self, post: Post) -> None:
+        self._post = post
+
+    async def send_str(self, data: str) -> None:
+        """Send a text."""
+        self._post(data)
+
+    async def close(self, *, code: int = 1000, message: bytes = b"") -> bool:
+        """Do nothing: the page and its worker end together."""
+        return True
+
+
+class RobotWorker:
+    """A robot and its page. `post` sends a text to the page; `tell` says how the run goes: "ready" or why it ended."""
+
+    def __init__(self, post: Post, tell: Callable[[str, str], None]) -> None:
+        self._post, self._tell = post, tell
+        self._loop = BrowserRealTimeLoop()
+        self._pages: Pages | None = None
+        self._page: Page | None = None
+        self._sender: asyncio.Task[None] | None = None
+        self._run: asyncio.Task[None] | None = None
+        # of the run's recording
+        self._file = ""
+        # of a board; None for a simulation
+        self._port: GuardedPort | None = None
+
+    # -- called by the worker ----------------------------------------------------------------------------------
+
+    def begin(self, settings: Sequence[str], send: Send | None) -> None:
+        """Start a robot, after the end of the one before it; settings are ``a.b=c`` each.
+
+        `send` is the way to the guard of a board; None: simulated.
+        """
+        port = None if send is None else GuardedPort(send)
+        self._run = self._loop.create_task(self._guarded(self._run, list(settings), port))
+
+    def end(self) -> None:
+        """Stop the robot; its recording is complete when "ended" is told."""
+        if self._run is not None:
+            self._loop.call_soon(self._run.cancel)
+
+    def turn(self) -> float:
+        """Run what is due; return after how many ms to call again; -1: when something has come."""
+        pause = self._loop.turn()
+        return -1.0 if pause == inf else 1000.0 * pause
+
+    def open(self) -> None:
+        """Take a page's new connection."""
+        self._loop.call_soon(self._join)
+
+    def receive(self, text: str) -> None:
+        """Take a text of the page."""
+        self._loop.call_soon(self._receive, text)
+
+    def heard(self, what: str, text: str) -> None:
+        """Take a message of the board's guard."""
+        if self._port is not None:
+            self._loop.call_soon(self._port.heard, what, text)
+
+    def keep(self, name: str, data: bytes) -> str:
+        """Keep a recording that was made elsewhere; return why not, "" if it is kept."""
+        if not RECORDING_NAME.fullmatch(name):
+            return f"{name}: no name of a recording; it ends with .mcap"
+        FOLDER.mkdir(exist_ok=True)
+        if (FOLDER / name).exists():
+            return f"{name}: there is such a recording already; give the file another name"
+        (FOLDER / name).write_bytes(data)
+        return ""
+
+    def recordings(self) -> list[dict[str, object]]:
+        """Return the name of each recording, the newest first, and whether it is still being written."""
+        return [{"name": each["name"], "open": each["name"] == self._file} for each in recordings(FOLDER)]
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    async def _guarded(
+        self, before: asyncio.Task[None] | None, settings: Sequence[str], port: GuardedPort | None
+    ) -> None:
+        if before is not None:
+            await asyncio.wait([before])
+        self._port = port
+        try:
+            try:
+                await self._drive(settings, port)
+            finally:
+                self._file = ""
+        except asyncio.CancelledError:
+            self._tell("ended", "the run has ended")
+        except Txt1Error as error:
+            self._tell("failed", str(error))
+        except Exception as error:
+            traceback.print_exc(file=sys.stderr)
+            self._tell("failed", f"a mistake in the program: {type(error).__name__}: {error}")
+        else:
+            self._tell("ended", "the run has ended")
+
+    async def _drive(self, settings: Sequence[str], port: GuardedPort | None) -> None:
+        if port is not None:
+            settings = ["hal=serial", f"safety.v_max={CAREFUL}", *settings]
+        config = load(None, settings, {}, {}).config
+        layer = None if port is None else board(config, port)
+        FOLDER.mkdir(exist_ok=True)
+        file = dated(FOLDER, config.hal)
+        self._file = file.name
+        async with (
+            recording(file, config, None, {}, lambda text: self._tell("told", text)) as attach,
+            Robot.open(layer, config=config, patience=0.0, attach=attach) as robot,
+        ):
+            if port is not None:
+                port.on_stop = robot.stop
+            async with services(robot, None, FOLDER) as requests:
+                end = RobotEnd(robot, "web", {**robot.requests, **requests, "stop": robot.stop})
+                pages = Pages(_Line(end), FOLDER, robot.config.safety.v_max, {}, [], invites=False)
+                pages.begin()
+                robot.add_task("page", TELEMETRY_PERIOD, self._serve, SERVE_PRIORITY)
+                self._pages = pages
+                self._tell("ready", "")
+                try:
+                    await self._get_ready(robot)
+                    await robot.runtime.scheduler.ended
+                finally:
+                    self._pages = None
+                    end.let_go()
+                    end.leave()
+
+    async def _get_ready(self, robot: Robot) -> None:
+        """Wait for the link, arm a simulation, load the gains."""
+        await robot.linked()
+        if robot.arms_by_itself and not robot.touched:
+            robot.arm()
+        while not await robot.load_gains():
+            robot.tell(GAINS_PATIENCE)
+
+    def _join(self) -> None:
+        if self._pages is None:
+            return
+        account = Budgets().account("page")
+        account.operator = True
+        self._page = self._pages.join("operator", "page", _Socket(self._post), account)
+        self._sender = self._loop.create_task(self._pages.send(self._page))
+
+    def _receive(self, text: str) -> None:
+        if self._pages is not None and self._page is not None:
+            take(self._pages, self._page, text)
+
+    async def _serve(self, ticks: Ticks) -> None:
+        """Send the page telemetry and its own state, tick by tick."""
+        due = now()
+        async for _ in ticks:
+            if self._port is not None:
+                self._port.beat()
+            if self._pages is None:
+                continue
+            self._pages.hear()
+            if now() >= due:
+                due = now() + STATUS
+                self._pages.status_of_all()
+
+
+def start(post: Post, tell: Callable[[str, str], None]) -> RobotWorker:
+    """Return a worker for the functions of JavaScript."""
+    return RobotWorker(post, tell)
