@@ -5,9 +5,9 @@ from math import inf
 
 import pytest
 
+from txt1 import Robot
 from txt1.kernel import loop as loops
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.robot import Robot
 from txt1_browser.event_loops import BrowserLoop, BrowserRealTimeLoop, BrowserVirtualLoop
 
 

@@ -17,13 +17,13 @@ from math import inf
 from pathlib import Path
 from typing import Final
 
+from txt1 import Robot
 from txt1.bridges.registry import RobotEnd
 from txt1.bridges.services import services
 from txt1.config import load
 from txt1.errors import Txt1Error
 from txt1.kernel.ticks import Ticks
 from txt1.record.session import dated, recording
-from txt1.robot import Robot
 from txt1.sidecar import SERVE_PRIORITY, TELEMETRY_PERIOD, Request
 from txt1.web.budgets import Budgets
 from txt1.web.pages import Page, Pages, now
