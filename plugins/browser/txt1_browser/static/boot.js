@@ -128,7 +128,7 @@ function make(tag, attributes, ...children) {
 const again = make("button", { className: "plain", textContent: "start again", onclick: () => begin() })
 $("reason").before(make("p", { id: "browser-state", role: "status", hidden: true }, make("span", {}), again))
 const pick = make("input", { id: "pick", type: "file", accept: ".mcap", hidden: true, onchange: take })
-$("hint").after(make("div", { id: "browser-tools" },
+$("hint").after(make("div", { id: "browser-tools", style: "display: flex; flex-wrap: wrap; gap: 8px" },
   make("button", { id: "board", textContent: "connect a board", onclick: board }),
   make("button", { id: "restart", textContent: "start again", onclick: () => begin() }),
   make("button", { id: "load", textContent: "open a file", onclick: () => pick.click() }),
@@ -151,8 +151,11 @@ async function verify() {
   const whole = names.filter(({ open }) => !open)
   if (!whole.length) return show("no recording is complete yet: start again completes the present one", true)
   const lines = []
-  const code = await perform(["replay", "--verify", whole[0].name], [whole[0].name], (line) => show(lines.push(line) && line))
-  show(`${whole[0].name}: ${lines.at(-1)}`, true)
+  const code = await perform(["replay", "--verify", whole[0].name], [whole[0].name], (line) => {
+    lines.push(line)
+    show(line)
+  })
+  show(lines.find((line) => line.includes("difference")) ?? lines.at(-1), true)
   $("browser-state").dataset.code = code
 }
 
