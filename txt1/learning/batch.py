@@ -43,7 +43,7 @@ SHARE_MIN: Final = 200
 BLOCK: Final = 128
 
 # numbers of a robot that differs from the others: those of its vehicle (`Dynamics`), then its light (`PointLight`)
-OWN: Final = 26
+OWN: Final = 28
 
 # for loops without knowledge of the car
 UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or CarParameters(*[1.0] * 9)
@@ -159,9 +159,9 @@ def _run(
             o = own[at]
             parameters = (
                 o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9], o[10], o[11], o[12], o[13], o[14], o[15],
-                o[16], o[17], o[18], o[19], o[20],
+                o[16], o[17], o[18], o[19], o[20], o[21], o[22],
             )  # fmt: skip
-            light = PointLight(o[21], o[22], o[23], o[24], o[25])
+            light = PointLight(o[23], o[24], o[25], o[26], o[27])
         # a copy, so that its rows lie together
         block = robots[:, at:until].copy()
         rolled, target, remaining = block[:2].copy(), block[0].copy(), block[0].copy()
