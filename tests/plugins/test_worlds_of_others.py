@@ -46,7 +46,7 @@ def check_one_that_moves_the_goal(run: Any, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.syspath_prepend(SITE)
     monkeypatch.setattr(Odd, "goal", lambda self, now: (3.0, 0.0))
     monkeypatch.setattr(Odd, "settings", lambda config: {"sim.obstacles": post(3.0, 0.0, 0.3)})
-    config = load(overrides=[*SHORT[:1], *SHORT[2:], "sim.room.light=[3,0]"]).config
+    config = load(overrides=[*SHORT, "learning.time_limit=25", "sim.room.light=[3,0]"]).config
     touched = [each for each in run(config, 12) if each.touched]
     assert touched and not any(each.success for each in touched), "which ends an episode, and not the trial"
 
