@@ -34,8 +34,8 @@ from txt1.errors import A_STOP
 PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "program": 10}
 """The spine's own sources. Any other source has a program's priority, unless an addition gives it another.
 
-Hands at the robot come before hands at a distance, and these before programs: a gamepad has 40; a page, the live view
-and a fleet's console have 30; ROS has 20. The emergency stop is the gate's, above all.
+Hands at the robot come before hands at a distance, and these before programs: a radio control has 60, a gamepad 40;
+a page, the live view and a fleet's console have 30; ROS has 20. The emergency stop is the gate's, above all.
 """
 
 # s by which a message may seem to come from the future, as clocks are rounded

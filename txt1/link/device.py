@@ -102,12 +102,14 @@ async def open_link(
     behind: str = BOARD,
     transport: str = "pyserial-asyncio",
     dtr: bool = True,
+    framing: str = "8N1",
 ) -> Link:
-    """Open a link to a serial device (8N1, exclusive) or to `socket://host:port`; `end` is connected on return.
+    """Open a link to a serial device (exclusive) or to `socket://host:port`; `end` is connected on return.
 
     A board on a network first gets proof of the secret, if there is one. `behind` is the command that serves such an
-    address. `transport` is `serial.transport`. `dtr`: whether the line DTR is up meanwhile; serialx keeps it up. Raises
-    HalError, which names the address, the cause and the remedy; ConfigError: the transport is not installed.
+    address. `transport` is `serial.transport`. `dtr`: whether the line DTR is up meanwhile; serialx keeps it up.
+    `framing`: data bits, parity and stop bits; serialx has 8N1. Raises HalError, which names the address, the cause and
+    the remedy; ConfigError: the transport is not installed.
     """
     if "://" in address:
         return await open_socket(address, end, secret, behind)
@@ -117,7 +119,7 @@ async def open_link(
         except OPENING as error:
             raise await asyncio.to_thread(_refusal, address, baud, behind, error) from error
     loop = asyncio.get_running_loop()
-    opening = loop.run_in_executor(None, open_port, address, baud, behind, dtr)
+    opening = loop.run_in_executor(None, open_port, address, baud, behind, dtr, framing)
     try:
         device, explain = await asyncio.shield(opening)
     except asyncio.CancelledError:
@@ -144,6 +146,7 @@ class DevicePort:
     The first line of `secret_file` is the secret of a board on a network;
     `behind` is the command that serves such a port; `transport` is `serial.transport`.
     `dtr`: whether the line DTR is up while the port is open; it is up again when the port is closed.
+    `framing`: data bits, parity and stop bits.
     """
 
     def __init__(
@@ -154,12 +157,13 @@ class DevicePort:
         behind: str = BOARD,
         transport: str = "pyserial-asyncio",
         dtr: bool = True,
+        framing: str = "8N1",
     ) -> None:
         self.rate = 0
         """The rate at which it is open, or was opened last, bits a second; 0: it was not opened."""
         self._wanted = address
         self._transport = transport
-        self._dtr = dtr
+        self._dtr, self._framing = dtr, framing
         self._behind = behind
         self._secret_file = secret_file
         self._baud = baud
@@ -188,7 +192,9 @@ class DevicePort:
         if plug is None and "://" not in self.address:
             plug = await asyncio.to_thread(plug_of, self.address)
         self.rate = self._baud if isinstance(self._baud, int) else self._baud()
-        link = await open_link(self.address, end, self.rate, secret, self._behind, self._transport, self._dtr)
+        link = await open_link(
+            self.address, end, self.rate, secret, self._behind, self._transport, self._dtr, self._framing
+        )
         self._spent, self._plug = made, plug
         return link
 
@@ -239,14 +245,15 @@ def baud_warning(baud: int) -> str | None:
     return f"{baud} baud is unusual (the nearest usual rate is {near}, the board's 57600): the adapter may not know it"
 
 
-def open_port(address: str, baud: int, behind: str = BOARD, dtr: bool = True) -> _Opened:
+def open_port(address: str, baud: int, behind: str = BOARD, dtr: bool = True, framing: str = "8N1") -> _Opened:
     """Open a port; return it, and the function that explains its loss.
 
     Opening may block: a modem waits for carrier, a USB stack may be slow.
     """
     try:
         explain = _checked(address, baud)
-        device = _Device(None, baud, exclusive=True, timeout=0, write_timeout=0)
+        bits, parity, stop = int(framing[0]), framing[1], int(framing[2])
+        device = _Device(None, baud, bits, parity, stop, exclusive=True, timeout=0, write_timeout=0)
         device.dtr, device.port = dtr, address
         device.open()
         _keep_up(device)

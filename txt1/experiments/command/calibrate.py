@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -29,6 +30,8 @@ from txt1.hal.sim import SimHal
 from txt1.kernel.processors import processors
 from txt1.kit.app import App, get_ready
 from txt1.kit.options import ROBOT, loaded
+from txt1.rc import calibration as rc_calibration
+from txt1.rc.settings import RcParameters
 from txt1.robot import Robot
 from txt1.safe_yaml import read_yaml
 from txt1.trials.run import run
@@ -70,6 +73,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 path,
                 dest="donkeycar",
             ),
+            "--rc": takes(
+                "PORT",
+                "ask only for a radio control whose receiver is at PORT: find its channels, and check that it tells "
+                "the loss of its transmitter",
+            ),
             "--robot": takes("NAME", "with --sensors: name of the robot, if the recording has several"),
             "--ask": flag("ask you about a simulated car, too, and not a simulated operator"),
         },
@@ -84,6 +92,8 @@ def main(arguments: argparse.Namespace) -> int:
         return _donkeycar(arguments)
     if arguments.practice is not None:
         return _practise(arguments)
+    if arguments.rc is not None:
+        return _radio(arguments)
     file: Path | None = arguments.write
     if file is None:
         raise ConfigError("calibrate writes a file: add --write FILE, for example --write mycar.yaml")
@@ -148,6 +158,27 @@ def _donkeycar(arguments: argparse.Namespace) -> int:
         print(f"{file}: written; drive with --vehicle {file} --hal pi, and measure its motion with")
         print(f"  txt1 calibrate --vehicle {file} --hal pi --write {file}")
     return OK
+
+
+def _radio(arguments: argparse.Namespace) -> int:
+    """Find the channels of a radio control in a dialogue, and write them into a file."""
+    file: Path | None = arguments.write
+    if file is None or file.suffix not in (".yaml", ".yml"):
+        raise ConfigError("--rc: calibrate writes a file: add --write FILE.yaml, for example --write mycar.yaml")
+    if not sys.stdin.isatty():
+        raise ConfigError("--rc: calibrate asks questions: it needs a terminal")
+    tree = _tree(str(file) if file.exists() else loaded(arguments).config.vehicle)
+    config = loaded(arguments).config
+    person = Person()
+    given = replace(config.section(RcParameters), port=arguments.rc)
+
+    async def asked() -> None:
+        tree["rc"] = await rc_calibration.calibrate(given, person.ready, person.tell)
+        run_folder.make(file.parent)
+        _write(file, tree)
+        print(f"{file}: written; drive with --vehicle {file} --rc")
+
+    return App().run(asked())
 
 
 def _sensors(arguments: argparse.Namespace) -> int:

@@ -1,0 +1,71 @@
+"""The settings of a radio control receiver at this computer."""
+
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple
+
+from txt1.errors import ConfigError
+from txt1.rc.frames import CrsfDecoder, FrameDecoder, SbusDecoder
+from txt1.rc.take_over import Stick, Switch, TakeOver
+from txt1.units import Positive
+
+# us by which the positions of a stick or switch have to differ
+APART: Final = 200.0
+
+
+class Protocol(NamedTuple):
+    """A receiver's protocol: its rate, bits a second; its frames on the line; its decoder."""
+
+    baud: int
+    framing: str
+    decoder: type[FrameDecoder]
+
+
+PROTOCOLS: Final[dict[str, Protocol]] = {
+    "sbus": Protocol(100_000, "8E2", SbusDecoder),
+    "crsf": Protocol(420_000, "8N1", CrsfDecoder),
+}
+
+UNKNOWN_STICK: Final = Stick()
+UNKNOWN_SWITCH: Final = Switch()
+
+
+@dataclass(frozen=True, slots=True)
+class RcParameters:
+    """A radio control receiver; `txt1 calibrate --rc PORT` finds all of it."""
+
+    protocol: Literal["sbus", "crsf"] = "crsf"
+    """SBUS, or CRSF (ExpressLRS, Crossfire)."""
+    port: str | None = None
+    """Serial device, or socket://host:port; null: as --rc says."""
+    speed: Positive | None = None
+    """Speed at full throttle, m/s; null: the car's fastest, safety.v_max."""
+    throttle: Stick = UNKNOWN_STICK
+    """Channel and pulses (us) of the throttle: back, neutral, ahead."""
+    steering: Stick = UNKNOWN_STICK
+    """Channel and pulses (us) of the steering: right, straight, left."""
+    switch: Switch = UNKNOWN_SWITCH
+    """Channel and pulses (us) of the switch: at "hand", at "computer"."""
+
+
+def take_over(parameters: RcParameters) -> TakeOver:
+    """Return the rule for these settings; raises ConfigError if something is missing or cannot be."""
+    throttle, steering, switch = parameters.throttle, parameters.steering, parameters.switch
+    given: dict[str, Stick | Switch] = {"throttle": throttle, "steering": steering, "switch": switch}
+    if missing := [name for name, each in given.items() if not each.channel]:
+        raise ConfigError(
+            f"rc.{missing[0]}.channel: nobody has told its channel; `txt1 calibrate --rc PORT --write FILE` finds all "
+            "of them, and checks that the receiver tells the loss of its transmitter"
+        )
+    for name, stick in (("throttle", throttle), ("steering", steering)):
+        rises = stick.least + APART <= stick.middle <= stick.most - APART
+        falls = stick.most + APART <= stick.middle <= stick.least - APART
+        if not (rises or falls):
+            told = f"{stick.least:g}, {stick.middle:g}, {stick.most:g}"
+            raise ConfigError(f"rc.{name}: {told} us do not rise or fall by {APART:g} us each; calibrate it again")
+    if abs(switch.hand - switch.computer) < 2.0 * APART:
+        told = f"{switch.hand:g} and {switch.computer:g} us"
+        raise ConfigError(f"rc.switch: {told} are too close for three positions; calibrate it again")
+    channels = [each.channel for each in given.values()]
+    if len(set(channels)) < len(channels):
+        raise ConfigError(f"rc: throttle, steering and switch have the channels {channels}; give three different ones")
+    return TakeOver(throttle, steering, switch)
