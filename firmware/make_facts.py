@@ -25,6 +25,7 @@ from txt1.protocol.messages import (
     PwmTest,
     Velocity,
 )
+from txt1.protocol.radio_control import RcPermit, RcReport
 from txt1.tasks import battery, controller, mode
 
 FILE = Path(__file__).parent / "pico" / "txt1pico" / "facts.py"
@@ -61,6 +62,8 @@ def facts() -> dict[str, object]:
         "POWER_CONTROL": commands[PowerControl],
         "PWM_COMMAND": commands[PwmCommand],
         "PID_SET": commands[PidSet],
+        "RC_REPORT": commands[RcReport],
+        "RC_PERMIT": commands[RcPermit],
         "IDENTITY": IDENTITY,
         "RELEASE": RELEASE.decode(),
         "ACCEPTED": layout.ACCEPTED,

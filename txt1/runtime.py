@@ -174,14 +174,11 @@ class Runtime:
         self._reports = Reports(self.statistics, self._virtual)
         self._notify_serial: Callable[[], None] = lambda: None
         self._open = False
-        # whether the robot did not obey since it was armed
-        self._ran_away = False
-        # whether it may be armed without having been seen to stand, when it has rolled out
-        self._seen_later = False
-        # when a robot that did not obey has certainly rolled out, s of the run
-        self._rolls_until = 0.0
-        # when a safety rule last disarmed it, s of the run
-        self._closed_at = -inf
+        # whether the robot did not obey since it was armed, and whether it may be armed without having been seen to
+        # stand, when it has rolled out
+        self._ran_away = self._seen_later = False
+        # when a robot that did not obey has certainly rolled out, and when a safety rule last disarmed it, s of the run
+        self._rolls_until, self._closed_at = 0.0, -inf
         self.failed = False
         """Whether a task has raised."""
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)

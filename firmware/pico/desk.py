@@ -4,11 +4,13 @@ It sends a record for every cycle and gets one back; see `REQUEST` and `REPLY`. 
 runs with the heap locked, so a cycle that takes memory ends the run with a MemoryError.
 """
 
+import json
 import struct
 import sys
 
 from txt1pico import screens
 from txt1pico.core import Core
+from txt1pico.radio import Radio
 
 try:
     from micropython import heap_lock, heap_unlock
@@ -21,8 +23,9 @@ except ImportError:  # under CPython
         """Do nothing."""
 
 
-REQUEST = "<BBhhHHH"
-"""Periods of 20 ms (0: bytes alone), buttons, counts right and left, mV of both packs, and how many bytes follow."""
+REQUEST = "<BBhhHHHH"
+"""Periods of 20 ms (0: bytes alone), buttons, counts right and left, mV of both packs, how many bytes follow: of the
+host, and of a radio control's receiver."""
 REPLY = "<iiiiiBBBBH"
 """The five outputs, switches, state (bits armed, link, manual, buzzer), reason, screen, and how many bytes follow."""
 CHUNK = 1024
@@ -39,6 +42,11 @@ def fill(source, view):
     return True
 
 
+def hand_of(words):
+    """Return the hand of a radio control whose settings, as JSON, are the first word; None without one."""
+    return Radio(json.loads(words[1])) if len(words) > 1 else None
+
+
 def serve(core, source, target):
     """Run the core until the other end closes its output."""
     head = memoryview(bytearray(struct.calcsize(REQUEST)))
@@ -48,11 +56,14 @@ def serve(core, source, target):
     while True:
         if not fill(source, head):
             return
-        periods, buttons, right, left, one, two, count = struct.unpack(REQUEST, head)
-        fill(source, view[:count])
+        periods, buttons, right, left, one, two, count, radioed = struct.unpack(REQUEST, head)
+        fill(source, view[: count + radioed])
+        of_radio = view[count : count + radioed]
         heap_lock()
         if count:
             core.receive(data, count)
+        if radioed:
+            core.hand.receive(of_radio, radioed)
         if periods:
             core.step(right, left, one, two, buttons, periods)
             panel.draw(core)
@@ -68,4 +79,4 @@ def serve(core, source, target):
 
 
 if __name__ == "__main__":
-    serve(Core(), sys.stdin.buffer, sys.stdout.buffer)
+    serve(Core(hand=hand_of(sys.argv)), sys.stdin.buffer, sys.stdout.buffer)

@@ -10,6 +10,7 @@ from txt1pico import VERSION, store
 from txt1pico.core import FAULT, Core
 from txt1pico.hardware import Hardware
 from txt1pico.odometry import Odometry
+from txt1pico.radio import Radio
 from txt1pico.screens import Panel
 
 LOG = "fault.log"
@@ -18,8 +19,11 @@ LOG = "fault.log"
 def build(settings):
     """Return hardware, core, and display (None without one)."""
     odometry = Odometry(settings["circumference"], settings["track_width"])
+    hand = None
+    if settings["receiver"] is not None:
+        hand = Radio(settings["receiver"])
     identity = "txt1pico %s %s" % (VERSION, settings["name"])
-    core = Core(odometry, identity.encode())
+    core = Core(odometry, identity.encode(), hand)
     if settings["gains"] is not None:
         core.keep_gains(settings["gains"])
     hardware = Hardware(settings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import pty
 import struct
@@ -265,7 +266,9 @@ async def found(receiver: VirtualReceiver, protocol: str = "crsf") -> tuple[dict
 @pytest.mark.parametrize(("protocol", "fails"), FAILS)
 async def test_the_dialogue_finds_the_channels(protocol: str, fails: Fails) -> None:
     section, told = await found(VirtualReceiver(protocol, fails), protocol)
-    assert told[-1] == "the receiver tells the loss of its transmitter"
+    assert told[-2] == "the receiver tells the loss of its transmitter"
+    pico = json.loads(told[-1].partition(": ")[2])["receiver"]
+    assert (pico["protocol"], pico["switch"]) == (protocol, [SWITCH.channel, 2000, 1000])
     for name, stick in (("throttle", THROTTLE), ("steering", STEERING)):
         given = section[name]
         assert isinstance(given, dict) and given["channel"] == stick.channel

@@ -63,6 +63,7 @@ from txt1.protocol.messages import (
     Switch,
     Velocity,
 )
+from txt1.protocol.radio_control import RcPermit, RcReport
 
 # s between two Velocity messages: 20 Hz, all the time (the original driver: 10 Hz)
 SEND_PERIOD: Final = 0.05
@@ -163,6 +164,8 @@ class SerialHal(PlainHal):
         # loop time
         self._lossy_until = -inf
         self._lost_frames = self._refused = 0
+        self.rc: tuple[RcReport, float] | None = None
+        """The last report of a radio control at the board, and the loop time of its arrival."""
 
     def tap_line(self, tap: Callable[[str, bytes], None]) -> bool:
         """Call `tap` with all bytes as they come ("in") and go ("out")."""
@@ -200,6 +203,8 @@ class SerialHal(PlainHal):
                     self.line.down("the board restarted: its battery filter started again")
                 self._levels = self._batteries = one, two
                 self._batteries_heard = self.line.time()
+            case RcReport():
+                self.rc = event, self.line.time()
             case PidResponse(accepted):
                 self._gains.take(accepted, self.line.time())
             case FrameFault(reason) if reason is not Reason.OLD_COMMAND:
@@ -313,6 +318,10 @@ class SerialHal(PlainHal):
                 )
                 return
         self._send(PowerControl(switch, on))
+
+    def permit_hand(self, on: bool) -> None:
+        """Let the hand at a radio control at the board drive, or not; the board keeps it when this host dies."""
+        self._send(RcPermit(on))
 
     def clear_loops(self, now: float) -> None:
         """Clear the integral that the board's loops wound up while nothing moved: its ESC may be switched on.

@@ -4,6 +4,7 @@ It moves nothing: it listens to the receiver while a person moves the sticks.
 """
 
 import asyncio
+import json
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict
 from statistics import median
@@ -13,7 +14,7 @@ from txt1.errors import HalError
 from txt1.link.base import Port
 from txt1.rc.frames import CHANNELS, Heard
 from txt1.rc.receiver_port import ReceiverLine
-from txt1.rc.settings import APART, RcParameters, take_over
+from txt1.rc.settings import APART, RcParameters, firmware_settings, take_over
 from txt1.rc.take_over import RcState, Stick, Switch, TakeOver
 
 # s for which the receiver is listened to after each answer
@@ -105,6 +106,8 @@ async def calibrate(
         await ready("off", "Hold the throttle full ahead, switch the transmitter off, and go on holding.")
         await _tells_its_loss(listener, listener.rule, sticks["throttle"])
         tell("the receiver tells the loss of its transmitter")
+        pico = firmware_settings(found.throttle, found.steering, found.switch, found.protocol)
+        tell(f"the same for settings.json of a Pico: {json.dumps({'receiver': pico})}")
         await ready("on", "Let go, and switch the transmitter on again.")
         await listener.pulses()
         return {name: value for name, value in asdict(found).items() if value is not None}

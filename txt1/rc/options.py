@@ -20,15 +20,16 @@ def asked(arguments: Namespace, config: Config) -> RcParameters | None:
         return None
     from dataclasses import replace
 
-    from txt1.rc.settings import RcParameters, take_over
+    from txt1.rc.settings import BOARD, RcParameters, take_over
 
-    if arguments.speed is not None:
-        raise ConfigError("--rc: a receiver runs in real time only; leave --speed out")
     given = config.section(RcParameters)
-    take_over(given)
     port = arguments.rc or given.port
     if not port:
         raise ConfigError("--rc: which port has the receiver? Give it, such as --rc /dev/ttyAMA0, or set rc.port")
+    if port != BOARD:
+        if arguments.speed is not None:
+            raise ConfigError("--rc: a receiver runs in real time only; leave --speed out")
+        take_over(given)
     return replace(given, port=port)
 
 
@@ -37,7 +38,7 @@ OPTIONS: Final = Options(
     {
         "--rc": takes(
             "PORT",
-            "a radio control takes over by a switch; its receiver is at PORT, by default at rc.port "
+            "a radio control takes over by a switch; its receiver is at PORT, by default at rc.port, or board "
             "(txt1 calibrate --rc finds its channels)",
             nargs="?",
             const="",

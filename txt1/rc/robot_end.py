@@ -6,18 +6,20 @@ stop: it commands velocities, as every source does.
 """
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from math import inf
 from typing import Final
 
 from txt1.errors import ConfigError
+from txt1.hal.serial import SerialHal
 from txt1.kernel.ticks import Ticks
 from txt1.link.base import Port
 from txt1.rc.frames import Heard, telemetry
 from txt1.rc.receiver_port import ReceiverLine
-from txt1.rc.settings import RcParameters, take_over
-from txt1.rc.take_over import RcState
+from txt1.rc.settings import BOARD, RcParameters, take_over
+from txt1.rc.take_over import SILENCE, RcState
 from txt1.robot import Robot
 
 PRIORITY: Final = 60
@@ -43,39 +45,49 @@ LETTERS: Final = {
 """What the transmitter shows while the robot is armed."""
 
 
-class RcHand:
-    """The hand of a radio control on a robot's wheel."""
+class RcHand(ABC):
+    """The hand of a radio control on a robot's wheel, wherever its receiver is."""
 
-    def __init__(self, robot: Robot, parameters: RcParameters, port: Port | None = None) -> None:
+    problem = ""
+    """Why the receiver is not heard; "" if that is not known."""
+
+    def __init__(self, robot: Robot) -> None:
         _check_priorities(robot)
-        self._robot, self._hand = robot, robot.config.hand()
-        self._speed = parameters.speed or inf
-        self._rule = take_over(parameters)
+        self._robot = robot
         self._source = robot.source("rc")
-        self.line = ReceiverLine(parameters.protocol, parameters.port or "", self._take, port)
-        """The line to the receiver."""
-        self._answers = parameters.protocol == "crsf"
-        self._heard = -inf
         self._told: RcState | None = None
         self._armed = robot.armed
-        self._due = 0.0
 
     @property
+    @abstractmethod
     def state(self) -> RcState:
         """Who drives, by the radio control."""
-        return self._rule.look(asyncio.get_running_loop().time()).state
 
-    def _take(self, heard: Heard, arrived: float) -> None:
-        self._rule.take(heard.pulses, heard.lost, arrived)
-        if heard.pulses is not None:
-            self._heard = arrived
+    @abstractmethod
+    def driven(self, time: float) -> tuple[float, float, float]:
+        """Return the sticks' velocity, m/s and rad/s, and its age at the loop's `time`, s."""
+
+    @abstractmethod
+    def let_go(self) -> None:
+        """Let the throttle drive only once it was seen at neutral."""
+
+    @abstractmethod
+    def tell(self, now: float, state: RcState) -> None:
+        """Tell the other end what the robot does, fifty times a second."""
+
+    @abstractmethod
+    async def open(self) -> None:
+        """Begin to listen."""
+
+    @abstractmethod
+    async def close(self) -> None:
+        """End it."""
 
     def warning(self) -> str:
         """Return a warning for the screens; "" while somebody may drive."""
         if self.state not in (RcState.LOST, RcState.WAITING):
             return ""
-        why = f" ({self.line.problem})" if self.line.problem else ""
-        return f"radio control: {TOLD[self.state]}{why}"
+        return f"radio control: {TOLD[self.state]}{self.problem and f' ({self.problem})'}"
 
     async def steer(self, ticks: Ticks) -> None:
         """Hold the wheel or leave it, fifty times a second."""
@@ -88,30 +100,127 @@ class RcHand:
         self._armed = armed
         if (armed and not before) or source.overruled:
             # as any hand after an arming or a stop: it lets go, and asks anew
-            self._rule.let_go()
-        wish = self._rule.look(time)
-        if wish.state is not self._told:
-            self._told = wish.state
-            robot.tell(f"radio control: {TOLD[wish.state]}")
-            if wish.state is RcState.COMPUTER:
+            self.let_go()
+        state = self.state
+        if state is not self._told:
+            self._told = state
+            robot.tell(f"radio control: {TOLD[state]}")
+            if state is RcState.COMPUTER:
                 source.release()
-        if wish.state is not RcState.COMPUTER:
+        if state is not RcState.COMPUTER:
             if not source.request() and armed:
                 robot.disarm("radio control: another source has priority over the hand; give it less")
-            v, omega = self._hand.velocity(self._speed, wish.ahead, wish.left, wheel=True)
-            driven = wish.state is RcState.DRIVES
-            source.command(v, omega, now - min(max(time - self._heard, 0.0), now) if driven else None)
+            if state is RcState.DRIVES:
+                v, omega, age = self.driven(time)
+                source.command(v, omega, now - min(max(age, 0.0), now))
+            else:
+                source.command(0.0, 0.0)
             if robot.runtime.state.panel.manual and armed:
                 # counts by hand do not ask who has the wheel
-                robot.disarm(f"radio control: {TOLD[wish.state]}, not in manual mode")
+                robot.disarm(f"radio control: {TOLD[state]}, not in manual mode")
+        self.tell(now, state)
+
+
+class ReceiverHand(RcHand):
+    """The hand of a radio control whose receiver is at this computer."""
+
+    def __init__(self, robot: Robot, parameters: RcParameters, port: Port | None = None) -> None:
+        super().__init__(robot)
+        self._hand, self._speed = robot.config.hand(), parameters.speed or inf
+        self._rule = take_over(parameters)
+        self._line = ReceiverLine(parameters.protocol, parameters.port or "", self._take, port)
+        self._answers = parameters.protocol == "crsf"
+        self._heard = -inf
+        self._due = 0.0
+
+    @property
+    def state(self) -> RcState:
+        """Who drives, by the radio control."""
+        return self._rule.look(asyncio.get_running_loop().time()).state
+
+    def driven(self, time: float) -> tuple[float, float, float]:
+        """Return the sticks' velocity and its age."""
+        wish = self._rule.look(time)
+        return *self._hand.velocity(self._speed, wish.ahead, wish.left, wheel=True), time - self._heard
+
+    def let_go(self) -> None:
+        """Wait for the throttle's neutral."""
+        self._rule.let_go()
+
+    async def open(self) -> None:
+        """Open the port."""
+        await self._line.open()
+
+    async def close(self) -> None:
+        """Close it."""
+        await self._line.close()
+
+    def tell(self, now: float, state: RcState) -> None:
+        """Show the transmitter battery and mode."""
+        self.problem = self._line.problem
         if self._answers and now >= self._due:
             self._due = now + TELEMETRY_PERIOD
-            self.line.send(telemetry(robot.battery.battery1, self._mode(wish.state)))
+            robot = self._robot
+            self._line.send(telemetry(robot.battery.battery1, LETTERS[state] if robot.armed else "DISARMED"))
 
-    def _mode(self, state: RcState) -> str:
-        if not self._robot.armed:
-            return "DISARMED"
-        return LETTERS[state]
+    def _take(self, heard: Heard, arrived: float) -> None:
+        self._rule.take(heard.pulses, heard.lost, arrived)
+        if heard.pulses is not None:
+            self._heard = arrived
+
+
+class BoardHand(RcHand):
+    """The hand of a radio control whose receiver is at the board.
+
+    The board decides who drives, and obeys the sticks by itself. It tells both, so this host commands the same, and
+    does not take the hand's motion for a fault. It is told whether the robot is armed, which binds the hand.
+    """
+
+    problem = "the board tells of no receiver: put `receiver` into its settings.json"
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        if not isinstance(robot.hal, SerialHal):
+            raise ConfigError(f"rc.port: board: the hardware layer '{robot.hal.name}' has no receiver; give its port")
+        self._hal = robot.hal
+        # what the board was told last, and when it is told again, s of the run
+        self._permitted: bool | None = None
+        self._due = 0.0
+
+    async def open(self) -> None:
+        """Do nothing: the board reports by itself."""
+
+    async def close(self) -> None:
+        """Do nothing: the board keeps what it was told."""
+
+    @property
+    def state(self) -> RcState:
+        """Who drives, as the board tells."""
+        told = self._hal.rc
+        if told is None or self._hal.line.time() - told[1] > SILENCE:
+            return RcState.LOST
+        self.problem = ""
+        states = tuple(RcState)
+        number = int(told[0].state)
+        return states[number] if 0 <= number < len(states) else RcState.LOST
+
+    def driven(self, time: float) -> tuple[float, float, float]:
+        """Return the sticks' velocity and its age."""
+        told = self._hal.rc
+        assert told is not None
+        return told[0].v / 1000.0, told[0].omega / 1000.0, time - told[1]
+
+    def let_go(self) -> None:
+        """Forbid the hand for a moment: a board that permits it again waits for the throttle's neutral."""
+        self._hal.permit_hand(False)
+        self._permitted = False
+
+    def tell(self, now: float, state: RcState) -> None:
+        """Tell the board whether the hand may drive: at once when that changes, and again and again."""
+        armed = self._robot.armed
+        if self._hal.rc is not None and (armed is not self._permitted or now >= self._due):
+            self._permitted, self._due = armed, now + TELEMETRY_PERIOD
+            self._hal.permit_hand(armed)
 
 
 def _check_priorities(robot: Robot) -> None:
@@ -130,12 +239,12 @@ def _check_priorities(robot: Robot) -> None:
 @asynccontextmanager
 async def beside(robot: Robot, parameters: RcParameters, port: Port | None = None) -> AsyncIterator[RcHand]:
     """Let a radio control take over until the block is left."""
-    hand = RcHand(robot, parameters, port)
-    await hand.line.open()
+    hand = BoardHand(robot) if parameters.port == BOARD else ReceiverHand(robot, parameters, port)
+    await hand.open()
     robot.runtime.state.warnings.append(hand.warning)
     robot.add_task("rc", STEER_PERIOD, hand.steer)
     try:
         yield hand
     finally:
         robot.runtime.state.warnings.remove(hand.warning)
-        await hand.line.close()
+        await hand.close()

@@ -20,6 +20,9 @@ class Protocol(NamedTuple):
     decoder: type[FrameDecoder]
 
 
+BOARD: Final = "board"
+"""The port of a receiver that is at the board, such as a Pico."""
+
 PROTOCOLS: Final[dict[str, Protocol]] = {
     "sbus": Protocol(100_000, "8E2", SbusDecoder),
     "crsf": Protocol(420_000, "8N1", CrsfDecoder),
@@ -36,7 +39,7 @@ class RcParameters:
     protocol: Literal["sbus", "crsf"] = "crsf"
     """SBUS, or CRSF (ExpressLRS, Crossfire)."""
     port: str | None = None
-    """Serial device, or socket://host:port; null: as --rc says."""
+    """Serial device, socket://host:port, or board: the board has the receiver; null: as --rc says."""
     speed: Positive | None = None
     """Speed at full throttle, m/s; null: the car's fastest, safety.v_max."""
     throttle: Stick = UNKNOWN_STICK
@@ -69,3 +72,13 @@ def take_over(parameters: RcParameters) -> TakeOver:
     if len(set(channels)) < len(channels):
         raise ConfigError(f"rc: throttle, steering and switch have the channels {channels}; give three different ones")
     return TakeOver(throttle, steering, switch)
+
+
+def firmware_settings(throttle: Stick, steering: Stick, switch: Switch, protocol: str = "crsf") -> dict[str, object]:
+    """Return the setting `receiver` of the Pico's firmware for these channels, with the pins of the drawing."""
+    rows = {
+        name: [stick.channel, round(stick.least), round(stick.middle), round(stick.most)]
+        for name, stick in (("throttle", throttle), ("steering", steering))
+    }
+    lines = {"protocol": protocol, "uart": 1, "rx_pin": 9, "tx_pin": 8}
+    return {**lines, **rows, "switch": [switch.channel, round(switch.hand), round(switch.computer)]}

@@ -9,7 +9,7 @@ Units: mm/s and mrad/s, PWM counts, mV; measured speeds in 1/128 mm/s and yaw ra
 
 from array import array
 
-from txt1pico import facts, frame
+from txt1pico import facts, frame, radio
 from txt1pico.fixed import KD_MAX, KI_MAX, KP_MAX, Pid
 from txt1pico.odometry import Odometry
 from txt1pico.runaway import NOTHING, RunawayWatch
@@ -21,6 +21,8 @@ STANDS = 300
 """ms without a count after which the vehicle was seen to stand."""
 SILENCE = 60
 """ms without a byte after which a half frame is given up: more than 50, and whole steps."""
+PERMITS = 1000
+"""ms for which a host that permits the hand to drive is known to hear it."""
 
 STATUS, PWM, ENCODERS, GAINS = range(4)
 EXTERNAL, GOOD, WARNING, BAD = range(4)
@@ -52,6 +54,7 @@ class Core:
     Args:
         odometry: with this car's dimensions.
         identity: told on request, bytes.
+        hand: the `txt1pico.radio.Radio` of a radio control; None: there is none.
 
     Attributes:
         outputs: counts of motor, front, rear, and the two free servos.
@@ -61,7 +64,7 @@ class Core:
 
     """
 
-    def __init__(self, odometry=None, identity=b"txt1pico"):
+    def __init__(self, odometry=None, identity=b"txt1pico", hand=None):
         self.odometry = Odometry() if odometry is None else odometry
         self.identity = identity
         self.receiver = frame.Receiver()
@@ -100,10 +103,15 @@ class Core:
         self._was_manual = False
         self._smoothed = False
         self._bad_age = 0
-        self._held = 0
+        self._pressed = 0
         self._to_mode = self._to_battery = self._to_odometry = self._to_button = 0
         self._epoch_ok = False  # whether the command came after the last arming or change of mode
         self._manual_ok = False
+        self.hand = hand
+        self._held = False  # whether the hand holds the wheel, or nobody may
+        self._permitted = True  # whether the host lets the hand drive; it stays if the host dies
+        self._permit_age = AGE_MAX
+        self._must_rest = False  # whether the host has to ask for zero before it drives again
 
     def keep_gains(self, rows):
         """Start with these gains, in thousandths: three of the linear loop, then sets of v_max (mm/s) and three."""
@@ -164,6 +172,8 @@ class Core:
             self._take_servos(buffer, data)
         elif command == facts.POWER_CONTROL:
             self._switch(buffer[data], buffer[data + 1])
+        elif command == facts.RC_PERMIT:
+            self._permit(buffer[data])
         elif command == facts.IDENTITY:
             if buffer[at + 2] == 0:
                 self._identify()
@@ -172,11 +182,24 @@ class Core:
 
     def _take_velocity(self, v, omega):
         """Keep a set-point, brought inside the limits: speed first, then yaw rate by (2.16)."""
-        if v or omega:
+        if not (v or omega):
+            self._must_rest = False
+        elif not self._held:
             self._wanted_age = 0
+        if self._must_rest and not self._held:
+            v = omega = 0
         self._v = v = clip(v, facts.V_MAX)
         self._omega = clip(16 * omega, abs(v) * 16000 // facts.RADIUS_MIN)
         self._age, self._epoch_ok = 0, True
+
+    def _permit(self, on):
+        """Let the hand drive, or not: a host that is disarmed binds it, and from then on also by its death."""
+        if on > 1 or self.hand is None:
+            return
+        self._permit_age = 0
+        if on and not self._permitted:
+            self.hand.let_go()
+        self._permitted = on == 1
 
     def _take_servos(self, buffer, data):
         self._servos[0] = clip(frame.int32(buffer, data), facts.PWM_MAX)
@@ -257,6 +280,14 @@ class Core:
             transmitter.finish()
             self.transmitted += 1
 
+    def _send_hand(self):
+        transmitter, hand = self.transmitter, self.hand
+        if transmitter.begin(facts.RC_REPORT, 6):
+            transmitter.int16(hand.state)
+            transmitter.int16(hand.v)
+            transmitter.int16((hand.omega + 8) >> 4)
+            transmitter.finish()
+
     def _send_battery(self):
         transmitter = self.transmitter
         if transmitter.begin(facts.BATTERY_LEVELS, 4):
@@ -284,14 +315,15 @@ class Core:
 
     def _arm(self):
         """Open the gate with the link, and after any other stop when the host has asked for nothing for a second."""
-        if not self.link_alive or self._wanted_age >= facts.LET_GO:
+        holds = self.hand is not None and self.hand.holds
+        if (not self.link_alive and not holds) or self._wanted_age >= facts.LET_GO:
             self._may_arm = True
         if self.armed:
             self._may_arm = False
         elif (
             self._may_arm
             and not self.released
-            and self.link_alive
+            and (self.link_alive or holds)
             and self.switches & 1
             and self._bad_age < facts.BAD_TIME
         ):
@@ -315,6 +347,8 @@ class Core:
         """
         dt = PERIOD * periods
         self._grow_older(dt)
+        if self.hand is not None:
+            self._ask_hand(dt)
         if periods > 1:
             self.late += periods - 1
             if periods > facts.MISSED_MAX:
@@ -333,6 +367,8 @@ class Core:
             self._to_odometry += 50
             if self.link_alive:
                 self._send_odometry()
+                if self.hand is not None:
+                    self._send_hand()
         self._to_battery -= dt
         if self._to_battery <= 0:
             self._to_battery += 1000
@@ -342,7 +378,23 @@ class Core:
             self._to_button += 100
             self._arm()
             self._press(buttons)
-        self.buzzer = not self.link_alive or self.battery_state >= WARNING
+        self.buzzer = (
+            not (self.link_alive or (self.hand is not None and self.hand.holds)) or self.battery_state >= WARNING
+        )
+
+    def _ask_hand(self, dt):
+        """See who drives by the radio control; a host that drives again has to ask for zero first."""
+        hand = self.hand
+        hand.step(dt)
+        held = hand.state != radio.COMPUTER
+        if held:
+            self._must_rest = True
+            if hand.v:
+                self._wanted_age = 0
+        elif self._held:
+            self._renew()
+        self._held = held
+        hand.tell(dt, self.voltage1 >> 4, self.armed)
 
     def _grow_older(self, dt):
         self._age = min(self._age + dt, AGE_MAX)
@@ -351,6 +403,7 @@ class Core:
         self._wanted_age = min(self._wanted_age + dt, AGE_MAX)
         self._byte_age = min(self._byte_age + dt, AGE_MAX)
         self._still_age = min(self._still_age + dt, AGE_MAX)
+        self._permit_age = min(self._permit_age + dt, AGE_MAX)
         if self._byte_age >= SILENCE and self.receiver.pending():
             self.receiver.expire()
             self._obey()
@@ -367,24 +420,37 @@ class Core:
             )
             if wrong != NOTHING:
                 self.disarm(RUNAWAY)
-        manual = self.manual
-        if manual:
+        manual = self.manual and not self._held
+        v, omega = self._v, self._omega
+        if self._held:
+            v, omega = self._hand_v(), self.hand.omega
+            fresh = self._permitted and self.hand.state == radio.HAND
+        elif manual:
             fresh = self._manual_ok and self._manual_age <= facts.COMMAND_TIMEOUT
         else:
             fresh = self._epoch_ok and self._age <= facts.COMMAND_TIMEOUT
-        rests = not manual and v_now == 0 and self._v == 0
+        rests = not manual and v_now == 0 and v == 0
         if self.armed:
             self.outputs[3], self.outputs[4] = self._servos[0], self._servos[1]
-        if not (self.armed and fresh and self.link_alive and self.switches & 2) or manual != self._was_manual or rests:
+        heard = self.link_alive or self._held
+        if not (self.armed and fresh and heard and self.switches & 2) or manual != self._was_manual or rests:
             self.linear.clear()
             self.angular.clear()
             self.neutral()
         elif manual:
             self._put(self._manual_pwm[0], self._manual_pwm[1], self._manual_pwm[2])
         else:
-            self.v, self.omega = self._v, self._omega
+            self.v, self.omega = v, clip(omega, abs(v) * 16000 // facts.RADIUS_MIN)
             self._step_loops(v_now, omega_now)
         self._was_manual = manual
+
+    def _hand_v(self):
+        """Return the speed of the sticks, mm/s; a host that is heard and permits the hand may lower it."""
+        v = self.hand.v
+        if self._permit_age > PERMITS or self._age > facts.COMMAND_TIMEOUT:
+            return v
+        limit = self._v if (self._v > 0) == (v > 0) else 0
+        return v if abs(v) <= abs(limit) else limit
 
     def _step_loops(self, v_now, omega_now):
         gains, sets, last = self.linear_gains, self.sets, self.set_count - 1
@@ -413,7 +479,7 @@ class Core:
         alive = self._velocities > facts.VELOCITY_MIN
         self.combined_selected = self._combined > facts.COMBINED_MIN
         self._velocities = self._combined = 0
-        if self.link_alive and not alive:
+        if not alive and not (self.hand is not None and self.hand.holds):
             self.disarm(LINK_LOST)
         self.link_alive = alive
 
@@ -445,7 +511,7 @@ class Core:
 
     def _press(self, buttons):
         """Act on the joystick's edges."""
-        edges, self._held = buttons & ~self._held, buttons
+        edges, self._pressed = buttons & ~self._pressed, buttons
         if edges & LEFT:
             self.screen = (self.screen - 1) % 4
         if edges & RIGHT:

@@ -2,6 +2,8 @@
 
 import select
 import sys
+import time
+from array import array
 
 from machine import ADC, PWM, UART, WDT, Pin, Timer
 
@@ -50,6 +52,35 @@ class Channel:
         self._pwm.duty_ns(nanoseconds(self._trim))
 
 
+class ServoInputs:
+    """The pulses of a receiver's servo outputs at three pins, measured by interrupts that take no memory."""
+
+    def __init__(self, pins):
+        self._rose = array("i", (0, 0, 0))
+        self.pulses = array("i", (0, 0, 0))  # us; 0: none since the last look
+        self._pins = tuple(Pin(pin, Pin.IN) for pin in pins)
+        for k in range(3):
+            self._pins[k].irq(self._handler(k), Pin.IRQ_RISING | Pin.IRQ_FALLING, hard=True)
+
+    def _handler(self, k):
+        rose, pulses = self._rose, self.pulses
+
+        def changed(pin):
+            if pin.value():
+                rose[k] = time.ticks_us()
+            else:
+                pulses[k] = time.ticks_diff(time.ticks_us(), rose[k])
+
+        return changed
+
+    def take(self, hand):
+        """Hand over the pulses once each pin had one."""
+        pulses = self.pulses
+        if pulses[0] and pulses[1] and pulses[2]:
+            hand.pulses(pulses[0], pulses[1], pulses[2])
+            pulses[0] = pulses[1] = pulses[2] = 0
+
+
 class Hardware:
     """Everything around the core.
 
@@ -78,6 +109,16 @@ class Hardware:
         pins = s["button_pins"] or ()
         self._buttons = tuple(Pin(pin, Pin.IN, Pin.PULL_UP) for pin in pins)
         self._uart = None if s["uart"] is None else UART(s["uart"], s["baud"], timeout=0, rxbuf=512, txbuf=512)
+        self._radio = self._inputs = None
+        given = s["receiver"]
+        if given is not None and given["protocol"] == "pwm":
+            self._inputs = ServoInputs(given["pins"])
+        elif given is not None:
+            sbus = given["protocol"] == "sbus"
+            lines = {"tx": Pin(given["tx_pin"]), "rx": Pin(given["rx_pin"]), "timeout": 0, "rxbuf": 256}
+            if sbus:
+                lines["parity"], lines["stop"], lines["invert"] = 0, 2, UART.INV_RX
+            self._radio = UART(given["uart"], 100000 if sbus else 420000, **lines)
         self._usb = select.poll()
         self._usb.register(sys.stdin, select.POLLIN)
         self._chunk = bytearray(CHUNK)
@@ -153,7 +194,15 @@ class Hardware:
         return held
 
     def receive(self, core):
-        """Hand the core what has come on either line."""
+        """Hand the core what has come on either line, and from a radio control's receiver."""
+        if self._inputs is not None:
+            self._inputs.take(core.hand)
+        if self._radio is not None:
+            while self._radio.any():
+                count = self._radio.readinto(self._chunk)
+                if not count:
+                    break
+                core.hand.receive(self._chunk, count)
         if self._uart is not None:
             while self._uart.any():
                 count = self._uart.readinto(self._chunk)
@@ -169,7 +218,11 @@ class Hardware:
             self.wireless.poll(core, 20)
 
     def send(self, core):
-        """Send what the core has for its host."""
+        """Send what the core has for its host, and for the transmitter of a radio control."""
+        hand = core.hand
+        if self._radio is not None and hand.telemetry_length:
+            self._radio.write(memoryview(hand.telemetry)[: hand.telemetry_length])
+            hand.telemetry_length = 0
         transmitter = core.transmitter
         if transmitter.length:
             data = memoryview(transmitter.buffer)[: transmitter.length]

@@ -22,6 +22,7 @@ DEFAULTS = {
     "button_pins": None,  # of left, right, up, down, centre; None: no joystick
     "display_sda_pin": None, "display_scl_pin": None,  # of an SSD1306; None: no display
     "wifi": None,  # or {"ssid": ..., "password": ..., "secret": ..., "port": 5701}; a Pico W only
+    "receiver": None,  # of a radio control, as docs/rc.md says; None: no hand takes over here
     "gains": None,  # at power-up, in thousandths: [[kp, ki, kd], [v_max, kp, ki, kd], ...]; None: 0 until a host comes
 }  # fmt: skip
 """Every setting and what it is on a board as docs/firmware.md draws it."""
@@ -50,6 +51,8 @@ def check(settings):
     wifi = whole["wifi"]
     if wifi is not None and (not {"ssid", "password", "secret"} <= set(wifi) or len(wifi["secret"]) < 8):
         raise SettingsError("wifi: it takes ssid, password, and a secret of at least 8 characters")
+    if whole["receiver"] is not None:
+        check_receiver(whole["receiver"])
     gains = whole["gains"]
     if gains is not None and [len(row) for row in gains] != [3] + [4] * (len(gains) - 1):
         raise SettingsError("gains: the first row has three numbers, every other four")
@@ -57,6 +60,34 @@ def check(settings):
         if whole[name] not in (1, -1):
             raise SettingsError("%s: %r is neither 1 nor -1" % (name, whole[name]))
     return whole
+
+
+def check_receiver(given):
+    """Raise SettingsError if a receiver's settings are not whole: protocol, lines, and the pulses of three channels."""
+    protocol = given.get("protocol")
+    if protocol not in ("pwm", "sbus", "crsf"):
+        raise SettingsError("receiver: protocol is one of pwm, sbus, crsf, not %r" % (protocol,))
+    lines = ("pins",) if protocol == "pwm" else ("uart", "rx_pin", "tx_pin")
+    for name in lines + ("throttle", "steering", "switch"):
+        if name not in given:
+            raise SettingsError("receiver: it takes %s; see docs/rc.md" % name)
+    for name in given:
+        if name not in lines + ("protocol", "throttle", "steering", "switch", "speed"):
+            raise SettingsError("receiver: unknown setting %s" % name)
+    if protocol == "pwm" and len(given["pins"]) != 3:
+        raise SettingsError("receiver: pins takes three, of throttle, steering and switch")
+    channels = []
+    for name, size in (("throttle", 4), ("steering", 4), ("switch", 3)):
+        row = given[name]
+        if len(row) != size or not 1 <= row[0] <= 16:
+            raise SettingsError("receiver: %s takes a channel from 1 to 16 and %d pulses (us)" % (name, size - 1))
+        channels.append(row[0])
+        ways = [row[k + 1] - row[k] for k in range(1, size - 1)]
+        least = 200 if size == 4 else 400
+        if min(ways) < least and max(ways) > -least:
+            raise SettingsError("receiver: the pulses of %s do not rise or fall by %d us" % (name, least))
+    if len(set(channels)) < 3:
+        raise SettingsError("receiver: throttle, steering and switch need three different channels")
 
 
 def load(file=FILE):

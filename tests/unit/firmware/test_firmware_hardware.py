@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import random
+import sys
 from collections.abc import Iterator
+from importlib import import_module
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -170,3 +173,73 @@ def test_a_full_flash_leaves_the_old_settings(tmp_path: Any, monkeypatch: pytest
     with pytest.raises(OSError, match="no space"):
         store.save({"name": "new"}, file)
     assert store.load(file)[0]["name"] == "old"
+
+
+def test_the_pulses_of_a_receivers_servo_outputs_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    import time
+
+    fake_pico.install()
+    handlers: list[Any] = []
+    monkeypatch.setattr(fake_pico.Pin, "IRQ_RISING", 4, raising=False)
+    monkeypatch.setattr(fake_pico.Pin, "IRQ_FALLING", 8, raising=False)
+    monkeypatch.setattr(
+        fake_pico.Pin, "irq", lambda self, handler, edges, hard: handlers.append((self, handler)), raising=False
+    )
+    clock = [0]
+    monkeypatch.setattr(time, "ticks_us", lambda: clock[0], raising=False)
+    monkeypatch.setattr(time, "ticks_diff", lambda a, b: a - b, raising=False)
+    inputs = import_module("txt1pico.hardware").ServoInputs([20, 21, 22])
+    taken: list[tuple[int, ...]] = []
+    hand = SimpleNamespace(pulses=lambda *pulses: taken.append(pulses))
+    for k, us in enumerate((1500, 1040, 1980)):
+        inputs.take(hand)
+        assert taken == [], "not before each has had one"
+        pin, changed = handlers[k]
+        pin.value(1)
+        changed(pin)
+        clock[0] += us
+        pin.value(0)
+        changed(pin)
+    inputs.take(hand)
+    inputs.take(hand)
+    assert taken == [(1500, 1040, 1980)], "once"
+
+
+@pytest.mark.parametrize(("protocol", "line"), [("sbus", (100000, 0, 2, 1)), ("crsf", (420000, None, None, None))])
+def test_a_receivers_uart_has_its_protocols_line(protocol: str, line: tuple[object, ...]) -> None:
+    made: list[tuple[object, ...]] = []
+
+    class Uart:
+        INV_RX = 1
+
+        def __init__(self, number: int, baud: int, **more: Any) -> None:
+            made.append((baud, more.get("parity"), more.get("stop"), more.get("invert")))
+            self.waits, self.sent = [b"\xc8\x02"], b""
+
+        def any(self) -> int:
+            return len(self.waits)
+
+        def readinto(self, buffer: bytearray) -> int:
+            data = self.waits.pop()
+            buffer[: len(data)] = data
+            return len(data)
+
+        def write(self, data: memoryview) -> None:
+            self.sent += bytes(data)
+
+    fake_pico.install()
+    sys.modules["machine"].UART = Uart  # type: ignore[attr-defined]
+    module = import_module("txt1pico.hardware")
+    module.select = SimpleNamespace(poll=fake_pico.Poll, POLLIN=1)  # type: ignore[attr-defined]
+    rows = {"throttle": [2, 1000, 1500, 2000], "steering": [1, 1000, 1500, 2000], "switch": [5, 1000, 2000]}
+    settings = store.check({"receiver": {"protocol": protocol, "uart": 1, "rx_pin": 9, "tx_pin": 8, **rows}})
+    hardware = module.Hardware(settings)
+    assert made == [line]
+    got: list[bytes] = []
+    hand = SimpleNamespace(
+        receive=lambda data, count: got.append(bytes(data[:count])), telemetry=bytearray(b"12345"), telemetry_length=3
+    )
+    core = SimpleNamespace(hand=hand, transmitter=SimpleNamespace(length=0))
+    hardware.receive(core)
+    hardware.send(core)
+    assert got == [b"\xc8\x02"] and hand.telemetry_length == 0

@@ -23,10 +23,19 @@ from txt1.protocol.messages import (
     Switch,
     Velocity,
 )
+from txt1.protocol.radio_control import RcPermit, RcReport
 
 LENGTHS = {
-    Role.BOARD: {0x67: {4}, 0x69: {20}, 0x6C: {20}, 0x6E: {2}, 0x6F: {8}, 0x70: {12 + 16 * n for n in range(15)}},
-    Role.HOST: {0x68: {20}, 0x6A: {4}, 0x70: {1}},
+    Role.BOARD: {
+        0x67: {4},
+        0x69: {20},
+        0x6C: {20},
+        0x6E: {2},
+        0x6F: {8},
+        0x70: {12 + 16 * n for n in range(15)},
+        0x72: {1},
+    },
+    Role.HOST: {0x68: {20}, 0x6A: {4}, 0x70: {1}, 0x71: {6}},
 }
 
 
@@ -42,6 +51,10 @@ def counts() -> st.SearchStrategy[int]:
     return st.integers(-(2**31), 2**31 - 1)
 
 
+def short() -> st.SearchStrategy[int]:
+    return st.integers(-(2**15), 2**15 - 1)
+
+
 def uint16() -> st.SearchStrategy[float]:
     return st.floats(0.0, 65.535)
 
@@ -53,12 +66,14 @@ HOST_MESSAGES: st.SearchStrategy[HostMessage] = st.one_of(
     st.builds(PwmTest, counts(), counts(), counts(), counts(), counts()),
     st.builds(PowerControl, st.sampled_from(Switch), st.booleans()),
     st.builds(PwmCommand, counts(), counts()),
+    st.builds(RcPermit, st.booleans()),
     st.builds(PidSet, st.tuples(int32(), int32(), int32()), SETS),
 )
 BOARD_MESSAGES: st.SearchStrategy[BoardMessage] = st.one_of(
     st.builds(EncoderOdometry, int32(), int32(), int32(), int32(), int32()),
     st.builds(BatteryLevels, uint16(), uint16()),
     st.builds(PidResponse, st.booleans()),
+    st.builds(RcReport, short(), short(), short()),
 )
 MESSAGES = {Role.BOARD: HOST_MESSAGES, Role.HOST: BOARD_MESSAGES}
 

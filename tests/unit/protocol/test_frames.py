@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.errors import EncodeError, Txt1Error
-from txt1.protocol import messages
+from txt1.protocol import messages, radio_control
 from txt1.protocol.decoder import Decoder, receivable
 from txt1.protocol.layout import LAYOUTS, Role, checksum, encode
 from txt1.protocol.messages import (
@@ -49,7 +49,7 @@ def golden() -> list[tuple[Role, Message, bytes]]:
             entries[-1][2] += line
         elif line and not line.startswith("#"):
             entries.append(line.split("|"))
-    names = {**vars(messages), "THESIS": THESIS}
+    names = {**vars(messages), **vars(radio_control), "THESIS": THESIS}
     return [(Role(role.strip()), eval(message, names), bytes.fromhex(frame)) for role, message, frame in entries]
 
 

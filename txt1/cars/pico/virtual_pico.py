@@ -8,9 +8,11 @@ time. firmware/pico/desk.py describes the record of a cycle.
 from __future__ import annotations
 
 import asyncio
+import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from struct import Struct
@@ -26,9 +28,11 @@ from txt1.hal.simulated_controller import ControllerPort
 from txt1.link.impairments import paced
 from txt1.link.virtual_device import VirtualDevice
 from txt1.protocol.messages import Switch
+from txt1.rc.settings import BOARD, RcParameters, firmware_settings
+from txt1.rc.virtual_receiver import STEERING, SWITCH, THROTTLE, VirtualReceiver
 
 CYCLE_PERIOD: Final = 0.02
-REQUEST: Final = Struct("<BBhhHHH")
+REQUEST: Final = Struct("<BBhhHHHH")
 REPLY: Final = Struct("<iiiiiBBBBH")
 CHUNK: Final = 1000
 
@@ -89,6 +93,10 @@ class Pico(VirtualDevice):
         self.state = CycleReport()
         self.buttons = Button.NONE
         """The joystick's buttons that are held down."""
+        self.radio: VirtualReceiver | None = None
+        """A virtual receiver of a radio control, if `rc.port` is board."""
+        if config.section(RcParameters).port == BOARD:
+            self.radio = VirtualReceiver("crsf")
         self._process: subprocess.Popen[bytes] | None = None
         self._cycles: asyncio.Task[None] | None = None
         self._counts = (0, 0)
@@ -98,7 +106,9 @@ class Pico(VirtualDevice):
         """Start the firmware; raises MissingExtra or HalError."""
         await self.hal.open()
         self._began = asyncio.get_running_loop().time()
-        self._process = await asyncio.to_thread(_start)
+        self._process = await asyncio.to_thread(_start, self._words)
+        if self.radio is not None:
+            await self.radio.open(_OfRadio(self._radioed))
         counts = self.hal.read(0.0).ticks
         assert counts is not None
         self._counts = counts
@@ -112,6 +122,9 @@ class Pico(VirtualDevice):
             with suppress(asyncio.CancelledError):
                 await self._cycles
             self._cycles = None
+        if self.radio is not None:
+            self.radio.hang_up()
+            await self.radio.close()
         await self._end_process()
         await self.hal.close()
 
@@ -128,8 +141,16 @@ class Pico(VirtualDevice):
         await self._end_process()
         self._put(CycleReport())
         await asyncio.sleep(off)
-        self._process = await asyncio.to_thread(_start)
+        self._process = await asyncio.to_thread(_start, self._words)
         self._cycles = asyncio.create_task(self._run())
+
+    @property
+    def _words(self) -> list[str]:
+        """The settings of the receiver, for the firmware."""
+        return [] if self.radio is None else [json.dumps(firmware_settings(THROTTLE, STEERING, SWITCH))]
+
+    def _radioed(self, data: bytes) -> None:
+        self._exchange(0, (0, 0), (0, 0), b"", data)
 
     async def _end_process(self) -> None:
         if self._process is not None:
@@ -159,14 +180,18 @@ class Pico(VirtualDevice):
         self._counts = right, left
         self._exchange(periods, moved, (one, two), b"")
 
-    def _exchange(self, periods: int, moved: tuple[int, int], voltages: tuple[int, int], data: bytes) -> None:
+    def _exchange(
+        self, periods: int, moved: tuple[int, int], voltages: tuple[int, int], data: bytes, radioed: bytes = b""
+    ) -> None:
         """Send the firmware a record, and carry out its answer."""
         process = self._process
         if process is None:
             return
         assert process.stdin is not None and process.stdout is not None
         try:
-            process.stdin.write(REQUEST.pack(periods, self.buttons, *moved, *voltages, len(data)) + data)
+            process.stdin.write(
+                REQUEST.pack(periods, self.buttons, *moved, *voltages, len(data), len(radioed)) + data + radioed
+            )
             process.stdin.flush()
             *outputs, switches, bits, reason, screen, count = REPLY.unpack(_read(process.stdout, REPLY.size))
             sent = _read(process.stdout, count)
@@ -208,15 +233,26 @@ class Pico(VirtualDevice):
             self._exchange(0, (0, 0), (0, 0), data[start : start + CHUNK])
 
 
+class _OfRadio(VirtualDevice):
+    """The firmware's end of the line to its receiver."""
+
+    def __init__(self, take: Callable[[bytes], None]) -> None:
+        self._take = take
+
+    def received(self, data: bytes) -> None:
+        """Pass bytes on."""
+        self._take(data)
+
+
 def _of_16_bits(counts: int) -> int:
     """Return counts as a 16-bit number tells them, so as far as it can."""
     return min(max(counts, -0x8000), 0x7FFF)
 
 
-def _start() -> subprocess.Popen[bytes]:
+def _start(words: list[str]) -> subprocess.Popen[bytes]:
     """Start the firmware; called in a thread."""
     return subprocess.Popen(  # noqa: S603 - our own program
-        [interpreter(), "desk.py"], cwd=folder(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [interpreter(), "desk.py", *words], cwd=folder(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
 
 
