@@ -276,7 +276,7 @@ class Runtime:
 
         given = self.config.sensors[name] if options is None else options
         pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
-        return create(given, Setup(name, given.options, self.config, pose, self.hal))
+        return create(given, Setup(name, given.options, self.config, pose, self.hal, lambda: self.gate.armed))
 
     async def open_sensor(self, name: str, options: SensorConfig) -> None:
         """Open a sensor that is not in the configuration; a replay gives its readings again."""

@@ -75,6 +75,8 @@ class Setup(NamedTuple):
     """Returns the robot's true pose (x, y, theta) in the room, m and rad; None unless the robot is simulated."""
     hal: Any = None
     """The hardware layer, for a sensor that shares a simulated world or a link with it."""
+    armed: Callable[[], bool] = lambda: False
+    """Returns whether the robot is armed, so that it may move; a sensor may call it in its own thread."""
 
 
 class SensorState(NamedTuple):

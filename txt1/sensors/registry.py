@@ -34,6 +34,7 @@ DRIVERS: Final = Registry(
         "sim_depth": "txt1.sensors.sim_camera:simulated_depth",
         "imu_3dmgx2": "txt1.sensors.imu_3dmgx2:create",
         "imu_bno08x_rvc": "txt1.sensors.imu_bno08x:create",
+        "imu_mpu6050": "txt1.sensors.imu_mpu6050:create",
         "gps_gpsd": "txt1.sensors.gps_gpsd:create",
         "mocap_vrpn": "txt1.sensors.mocap_vrpn:create",
         "laser_scip": "txt1.sensors.laser_scip:create",

@@ -1,0 +1,54 @@
+"""A sensor's I2C bus: opened by smbus2, and kept apart from the bus of the outputs.
+
+A chip that holds the data line down blocks everything on its bus. On the bus of a servo board it keeps the guard of
+the outputs from its neutral, and the board repeats its last pulses. So no sensor is opened there, unless a watchdog
+switches the outputs off then.
+"""
+
+import errno
+from collections.abc import Sequence
+from typing import Protocol
+
+from txt1.config import Config
+from txt1.errors import ConfigError, HalError, MissingExtra
+
+
+class I2cBus(Protocol):
+    """An I2C bus with the interface of smbus2; raises OSError if a chip does not answer."""
+
+    def write_i2c_block_data(self, address: int, register: int, data: Sequence[int], /) -> None:
+        """Write bytes, starting at a register."""
+
+    def read_i2c_block_data(self, address: int, register: int, count: int, /) -> Sequence[int]:
+        """Read bytes, starting at a register."""
+
+    def close(self) -> None:
+        """Close the bus."""
+
+
+def refuse_bus_of_outputs(name: str, bus: int, config: Config) -> None:
+    """Raise ConfigError if a sensor is on the bus of a servo board whose outputs no watchdog switches off."""
+    given = config.hal_options
+    on_it = config.hal == "pi" and given.get("output", "pca9685") == "pca9685" and given.get("bus", 1) == bus
+    if on_it and given.get("watchdog") is None:
+        raise ConfigError(
+            f"sensors.{name}.options.bus: {bus} is the bus of the outputs (hal_options.bus): a sensor that holds its "
+            "data line keeps them from neutral. Use a second bus (dtoverlay=i2c3, bus 3) or a sensor with a UART; or "
+            "fit the watchdog and set hal_options.watchdog (docs/hal-pi.md)"
+        )
+
+
+def open_bus(bus: int) -> I2cBus:
+    """Open a bus by its number; raises HalError with the remedy, MissingExtra."""
+    try:
+        from smbus2 import SMBus
+    except ImportError:
+        raise MissingExtra("a sensor on the I2C bus", "devices") from None
+    try:
+        opened: I2cBus = SMBus(bus)
+    except OSError as error:
+        remedy = "switch I2C on (sudo raspi-config, Interface Options) and check options.bus"
+        if error.errno == errno.EACCES:
+            remedy = "sudo usermod -aG i2c $USER, then log out and in again"
+        raise HalError(f"I2C bus {bus} cannot be opened ({error.strerror}): {remedy}") from None
+    return opened

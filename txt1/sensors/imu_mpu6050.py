@@ -1,0 +1,179 @@
+"""InvenSense MPU6050 (MPU6500, MPU9250) by I2C: registers, bias at rest, driver.
+
+The chip's gyro is off by up to 20 degrees a second, and by another value at each temperature. So its mean is taken
+for zero whenever the robot is disarmed and the chip lies still for a second: a car that drives straight on looks still,
+too, but is armed. Until then a reading's sigma says that the rates are worth little.
+"""
+
+import errno
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from math import cos, hypot, radians, sin
+from statistics import fmean, pstdev
+from typing import Annotated, Final, Literal
+
+from annotated_types import Ge, Le
+
+from txt1.config.sources import checked
+from txt1.errors import HalError
+from txt1.sensors.base import Setup
+from txt1.sensors.frame_grabber import Frames, Wait
+from txt1.sensors.i2c import I2cBus, open_bus, refuse_bus_of_outputs
+from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Vector, imu_topic
+from txt1.units import Positive
+
+# registers of "MPU-6000 and MPU-6050 Register Map", revision 4.2
+SMPLRT_DIV: Final = 0x19
+CONFIG: Final = 0x1A
+GYRO_CONFIG: Final = 0x1B
+ACCEL_CONFIG: Final = 0x1C
+ACCEL_XOUT_H: Final = 0x3B
+PWR_MGMT_1: Final = 0x6B
+WHO_AM_I: Final = 0x75
+# accelerations, temperature, rates: seven words, high byte first
+DATA: Final = struct.Struct(">7h")
+KNOWN: Final = {0x68: "MPU6050", 0x70: "MPU6500", 0x71: "MPU9250"}
+SETUP: Final = (
+    # out of sleep, clock of the x gyro
+    (PWR_MGMT_1, 0x01),
+    # filter of 44 Hz
+    (CONFIG, 0x03),
+    # 200 samples a second
+    (SMPLRT_DIV, 0x04),
+    # +-500 degrees/s, +-4 g
+    (GYRO_CONFIG, 0x08),
+    (ACCEL_CONFIG, 0x08),
+)
+# counts per degree/s, and per g
+PER_DEGREE: Final = 65.5
+PER_G: Final = 8192.0
+# standard gravity, m/s^2
+UNIT: Final = 9.80665
+
+# samples that have to be still
+STILL_SAMPLES: Final = 100
+# rad/s, m/s^2: standard deviations of a chip that lies still, and share by which it may misjudge gravity
+STILL_RATE: Final = 0.01
+STILL_FORCE: Final = 0.3
+GRAVITY_SHARE: Final = 0.1
+# rad/s, largest bias: the data sheet's 20 degrees/s, and as much for the temperature
+BIAS_MAX: Final = 0.7
+# rad/s, standard deviation of the rates before the bias is known
+UNKNOWN: Final = 0.35
+
+
+class RestBias:
+    """Finds the gyro's bias while the chip lies still, and the robot is disarmed."""
+
+    def __init__(self) -> None:
+        self.bias: Vector | None = None
+        """The mean of the last still second, rad/s; None before the first."""
+        self._samples: list[tuple[float, ...]] = []
+
+    def take(self, force: Vector, rates: Vector, armed: bool) -> None:
+        """Take a sample: m/s^2, rad/s as the chip tells them; `armed`: the robot may move."""
+        if armed:
+            self._samples.clear()
+            return
+        self._samples.append((*force, *rates))
+        if len(self._samples) < STILL_SAMPLES:
+            return
+        axes = tuple(zip(*self._samples, strict=True))
+        self._samples.clear()
+        means, spread = [fmean(axis) for axis in axes], [pstdev(axis) for axis in axes]
+        upright = abs(hypot(*means[:3]) - UNIT) < GRAVITY_SHARE * UNIT
+        if upright and max(spread[:3]) < STILL_FORCE and max(spread[3:]) < STILL_RATE:
+            x, y, z = means[3:]
+            if hypot(x, y, z) < BIAS_MAX:
+                self.bias = x, y, z
+
+
+def decode(data: Sequence[int]) -> tuple[Vector, Vector]:
+    """Return specific force, m/s^2, and rates, rad/s, about the chip's axes, of its 14 bytes."""
+    ax, ay, az, _, gx, gy, gz = DATA.unpack(bytes(data))
+    g, w = UNIT / PER_G, radians(1.0) / PER_DEGREE
+    return (ax * g, ay * g, az * g), (gx * w, gy * w, gz * w)
+
+
+SIGMA: Final = ImuSigma(rates=0.01, acceleration=1.0, attitude=0.0, heading=0.0)
+"""Assumed; the chip tells no orientation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mpu6050Options:
+    """The place of the chip, and its mounting."""
+
+    bus: Annotated[int, Ge(0)] | Literal["virtual"] = 3
+    """Number of the I2C bus, not that of a servo board; `virtual`: a virtual chip at rest."""
+    address: Annotated[int, Ge(3), Le(0x77)] = 0x68
+    """I2C address: 0x68, or 0x69 if AD0 is high."""
+    period: Positive = 0.01
+    """s between two readings."""
+    mount: Mount = IMU_MOUNT
+    """x, y, z (m) on the vehicle, and the angle (rad) of the chip's x axis to the vehicle's."""
+    sigma: ImuSigma = SIGMA
+    """Standard deviations for its messages: rates (rad/s) once the bias is known, accelerations (m/s^2)."""
+
+
+def begin(bus: I2cBus, address: int) -> None:
+    """Wake the chip; raises HalError if it is another one, OSError if none answers."""
+    who = bus.read_i2c_block_data(address, WHO_AM_I, 1)[0]
+    if who not in KNOWN:
+        raise HalError(f"the chip at 0x{address:02x} is no {', '.join(KNOWN.values())}: it says 0x{who:02x}")
+    for register, value in SETUP:
+        bus.write_i2c_block_data(address, register, [value])
+
+
+def readings(
+    given: Mpu6050Options, opened: Callable[[], I2cBus], armed: Callable[[], bool], wait: Wait
+) -> Iterator[ImuReading | None]:
+    """Yield readings in the vehicle's axes, one in each period; raises HalError when the bus or the chip fails."""
+    rest, yaw, mount = RestBias(), given.mount.yaw, given.mount._replace(yaw=0.0)
+    unsure = given.sigma._replace(rates=max(UNKNOWN, given.sigma.rates or 0.0))
+    c, s = cos(yaw), sin(yaw)
+
+    def turned(vector: Vector) -> Vector:
+        x, y, z = vector
+        return c * x - s * y, s * x + c * y, z
+
+    try:
+        with closing(opened()) as bus:
+            begin(bus, given.address)
+            while True:
+                wait(given.period)
+                force, told = decode(bus.read_i2c_block_data(given.address, ACCEL_XOUT_H, DATA.size))
+                if not any(force):
+                    # it lost its power, and sleeps
+                    begin(bus, given.address)
+                    yield None
+                    continue
+                rest.take(force, told, armed())
+                bias = rest.bias or (0.0, 0.0, 0.0)
+                rates = told[0] - bias[0], told[1] - bias[1], told[2] - bias[2]
+                yield ImuReading(turned(force), turned(rates), None, None, mount, given.sigma if rest.bias else unsure)
+    except OSError as error:
+        where = f"I2C bus {given.bus}, address 0x{given.address:02x}"
+        if error.errno == errno.EREMOTEIO:
+            raise HalError(f"{where}: nothing answers; check wiring, power and options.address") from None
+        raise HalError(f"{where}: {error.strerror}; a chip may hold the bus: switch its power off and on") from None
+
+
+def create(setup: Setup) -> Frames[ImuReading]:
+    """Make the driver ``imu_mpu6050``; options: those of `Mpu6050Options`."""
+    given = checked(Mpu6050Options, setup.options, f"sensors.{setup.name}.options")
+    if given.bus == "virtual":
+        from txt1.sensors.virtual_mpu6050 import Mpu6050Chip
+
+        return sensor(setup.name, given, lambda: Mpu6050Chip(given.address), setup.armed)
+    number = given.bus
+    refuse_bus_of_outputs(setup.name, number, setup.config)
+    return sensor(setup.name, given, lambda: open_bus(number), setup.armed)
+
+
+def sensor(
+    name: str, given: Mpu6050Options, opened: Callable[[], I2cBus], armed: Callable[[], bool]
+) -> Frames[ImuReading]:
+    """Return the sensor on a bus that `opened` opens in the sensor's thread."""
+    return Frames(imu_topic(name), given.period, lambda wait: readings(given, opened, armed, wait))
