@@ -50,7 +50,7 @@ from importlib import import_module
 from math import inf
 from pathlib import Path
 from types import FrameType
-from typing import Any, Final, Literal, NamedTuple, Self
+from typing import Any, Final, Literal, NamedTuple
 
 from txt1.kernel import timeslice
 from txt1.kernel.clock import RealClock, nanoseconds, process_time, seconds
@@ -191,7 +191,7 @@ class Sidecar:
         self._child: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
 
-    async def __aenter__(self) -> Self:
+    async def __aenter__(self) -> "Sidecar":
         self._loop = asyncio.get_running_loop()
         self._closing = asyncio.Event()
         await self._start()

@@ -26,8 +26,9 @@ ROS: Final = ROS2 | {
     },
     "--ros2-prefix": flag("frames' names begin with the namespace, such as car1/odom"),
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
+    "--ros2-ackermann": flag("drive commands, too (AckermannDriveStamped), and ~/drive tells speed and steering angle"),
 }
-ONLY_OF_ROS2: Final = ("ros2_namespace", "ros2_best_effort", "ros2_tf", "ros2_prefix", "ros2_stamped")
+ONLY_OF_ROS2: Final = ("ros2_namespace", "ros2_best_effort", "ros2_tf", "ros2_prefix", "ros2_stamped", "ros2_ackermann")
 
 
 def asked(arguments: Namespace, config: Config) -> RosNode | None:

@@ -21,12 +21,14 @@ from txt1.record.settings import RecordConfig
 from txt1.ros.topics import (
     JOINT_STATES,
     NOT_TOLD,
+    STEERED_DRIVE,
     Joints,
     Publication,
     in_namespace,
     of_the_table,
     parent,
     sensor,
+    steered,
     turned,
 )
 from txt1.ros.urdf import robot_description
@@ -80,6 +82,7 @@ def description(name: str, geometry: Geometry, kinds: Iterable[type]) -> Iterato
 
 
 JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
+STEERED: Final = Publication("~/drive", "default", STEERED_DRIVE)
 
 
 Transforms = Literal["auto", "map", "room", "odom", "none"]
@@ -102,6 +105,8 @@ class Told(NamedTuple):
     """Prefix of the names of frames."""
     owner: str = ""
     """Robot of the diagnostics, if several robots publish theirs."""
+    ackermann: bool = False
+    """Whether speed and steering angle are published, too."""
 
 
 PLAIN: Final = Told()
@@ -142,6 +147,7 @@ class Publisher:
                 JOINTS,
             )
         )
+        self._steered = self._named(STEERED)
         runtime = self._runtime
         for polled in runtime.sensors.values():
             self._kinds.setdefault(polled.sensor.topic.type, polled.sensor.topic)
@@ -277,3 +283,5 @@ class Publisher:
         if control is not None:
             outputs = control.outputs
             self._tell(self._joints, self._wheels.joints(odometry.v, outputs.front, outputs.rear, now), now)
+            if self._how.ackermann:
+                self._tell(self._steered, steered(control.v, control.omega, self._runtime.config.geometry), now)

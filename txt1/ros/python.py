@@ -14,12 +14,14 @@ from txt1.errors import ConfigError
 
 INSTALLED: Final = Path("/opt/ros")
 # newest first; older ones have an older Python
-DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy")
+DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy", "iron", "humble")
 # versions whose Python or rclpy cannot run the node
-OLDER: Final = ("foxy", "galactic", "humble", "iron")
+OLDER: Final = ("foxy", "galactic")
+# versions with Python 3.10, which has no -P; the start takes its own folder out of the search path, too
+WITHOUT_P: Final = ("humble", "iron")
 OWN: Final = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
 """Variables of this program's environment that another Python must not see."""
-REMEDY: Final = "install ROS 2 Jazzy or later, or 'txt1 ros2 install' for one of its own (Linux on x86-64)"
+REMEDY: Final = "install ROS 2 Humble or later, or 'txt1 ros2 install' for one of its own (Linux on x86-64)"
 
 
 class RosPython(NamedTuple):
@@ -52,17 +54,22 @@ def ros2() -> RosPython:
     # the user has sourced a setup, perhaps with a workspace on top
     if os.environ.get("AMENT_PREFIX_PATH"):
         if (name := os.environ.get("ROS_DISTRO")) in OLDER:
-            raise ConfigError(f"--ros2: this shell's is {name}: source Jazzy or later, or use a shell without it")
+            raise ConfigError(f"--ros2: this shell's is {name}: source Humble or later, or use a shell without it")
         kept = {name: os.environ[name] for name in ("LD_LIBRARY_PATH", "PYTHONPATH") if name in os.environ}
-        return RosPython(("python3", "-P"), clean(os.environ) | kept, "the ROS 2 of this shell")
+        return RosPython(_program(name), clean(os.environ) | kept, "the ROS 2 of this shell")
     for name in DISTRIBUTIONS:
         setup = INSTALLED / name / "setup.bash"
         if setup.exists():
-            return RosPython(("python3", "-P"), _sourced(setup), str(INSTALLED / name))
+            return RosPython(_program(name), _sourced(setup), str(INSTALLED / name))
     python = home() / "bin" / "python"
     if python.exists():
         return RosPython((str(python), "-P"), clean(os.environ), str(home()), ours=True)
     raise ConfigError(f"--ros2: there is no ROS 2 on this machine: {REMEDY}")
+
+
+def _program(distribution: str | None) -> tuple[str, ...]:
+    """Return the words that start the Python of a distribution."""
+    return ("python3",) if distribution in WITHOUT_P else ("python3", "-P")
 
 
 def _sourced(setup: Path) -> dict[str, str]:

@@ -74,6 +74,7 @@ class Ros2RobotEnd(RobotEnd):
                 "call": self._calls.call,
                 "cancel": self._calls.cancel,
                 "drive": self._drive,
+                "steer": self._steer,
                 "combined": robot.combined_odometry,
                 "servos": robot.servos,
             },
@@ -107,6 +108,12 @@ class Ros2RobotEnd(RobotEnd):
             self._goal.cancel()
         limited = clip(v, self._v_max) if v == v else v
         self.drive(limited, omega * limited / v if v and limited != v else omega, age)
+
+    def _steer(self, speed: float, angle: float, age: float = 0.0) -> None:
+        """Command a speed, m/s, and the angle of the front wheels, rad, left positive: (2.13)."""
+        speed, angle = finite("drive", speed=speed, steering_angle=angle)
+        geometry = self._config.geometry
+        self._drive(speed, speed * geometry.curvature(clip(angle / geometry.steering_max, 1.0)), age)
 
     async def _drive_to(self, frame: str, x: float, y: float, theta: float, speed: float) -> str:
         """Drive to a pose (m, rad) in odom, room or map; return the result as JSON. A new goal replaces the last."""

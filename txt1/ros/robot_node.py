@@ -37,7 +37,7 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode:
     python = ros2_python()
     namespace = (arguments.ros2_namespace or "").strip("/")
     tf: Transforms = arguments.ros2_tf or "auto"
-    told = Told(tf, f"{namespace}/" if arguments.ros2_prefix else "", namespace)
+    told = Told(tf, f"{namespace}/" if arguments.ros2_prefix else "", namespace, arguments.ros2_ackermann)
 
     def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
         if tf in ASKED:
@@ -50,6 +50,7 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode:
             "best_effort": arguments.ros2_best_effort,
             "offers": desk.offers,
             "stamped": arguments.ros2_stamped,
+            "ackermann": arguments.ros2_ackermann,
             "stale": desk.stale,
             "virtual": arguments.speed is not None,
             "parameters": desk.parameters(),

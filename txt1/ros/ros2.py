@@ -30,6 +30,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 
 from txt1.ros.calls import Caller
 from txt1.ros.stamps import Publishers, Stamps
@@ -70,6 +71,13 @@ def heading(turn: Any) -> float:
     return atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
 
 
+def with_info(take: Callable[[Any, dict[str, Any]], None]) -> Callable[..., None]:
+    """Return the callback for a subscription; before ROS 2 Iron it gets the message alone, without its times."""
+    if hasattr(Subscription, "CallbackType"):
+        return take
+    return lambda message: take(message, {})
+
+
 def moves(twist: Any) -> bool:
     """Return whether a command moves the robot. A number that is none is refused by the robot itself."""
     return bool(twist.linear.x or twist.angular.z)
@@ -94,6 +102,7 @@ class Bridge:
         owner: str = "",
         child: str = "",
         best_effort: bool = False,
+        ackermann: bool = False,
     ) -> None:
         self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
         self._owner, self._child, self._best_effort = owner, child, best_effort
@@ -122,6 +131,7 @@ class Bridge:
         self._deaf = 0.0
         self._names: tuple[str, ...] = ()
         self._stamps, self._order = Stamps(stale), Publishers()
+        self._drive_stamps = Stamps(stale)
         self._commands: Any = None
         self._group = ReentrantCallbackGroup()
         self.driving = MutuallyExclusiveCallbackGroup()
@@ -133,6 +143,8 @@ class Bridge:
 
             self._declare(parameters, stamped)
             self._subscribe(stamped)
+            if ackermann:
+                self._subscribe_to_steering()
             self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(SECOND, self._report, callback_group=self.driving)
 
@@ -223,10 +235,29 @@ class Bridge:
         if self._commands is not None:
             self._node.destroy_subscription(self._commands)
         self._stamps, self._order = Stamps(self._stale), Publishers()
-        take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take_plain
+        take = with_info(self._take_stamped if kind.__name__ == "TwistStamped" else self._take_plain)
         # compatible with publishers of both kinds
         quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)
         self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self.driving)
+
+    def _subscribe_to_steering(self) -> None:
+        """Subscribe to speeds and steering angles, as programs for F1TENTH publish them."""
+        try:
+            from ackermann_msgs.msg import AckermannDriveStamped
+        except ImportError:
+            text = "ROS has no ackermann_msgs here: apt install ros-$ROS_DISTRO-ackermann-msgs; drive is not heard"
+            self._robot.request("tell", text=text)
+            return
+        quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)
+        take = with_info(self._take_steering)
+        self._node.create_subscription(AckermannDriveStamped, "drive", take, quality, callback_group=self.driving)
+
+    def _take_steering(self, message: Any, info: dict[str, Any]) -> None:
+        stamp, drive = message.header.stamp, message.drive
+        received = self._now if self._virtual else time.monotonic_ns()
+        age = self._drive_stamps.age(stamp.sec + 1e-9 * stamp.nanosec, 1e-9 * received, bool(drive.speed))
+        if age is not None and self._is_known(bool(drive.speed), info):
+            self._robot.request("steer", speed=drive.speed, angle=drive.steering_angle, age=age)
 
     def _take_plain(self, twist: Any, info: dict[str, Any]) -> None:
         """Take a command without a stamp: the middleware has noted when it was sent, 0 if it does not do that."""
@@ -236,13 +267,15 @@ class Bridge:
             self._take(twist, info, age)
 
     def _take(self, twist: Any, info: dict[str, Any], age: float = 0.0) -> None:
+        if self._is_known(moves(twist), info):
+            self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z, age=age)
+
+    def _is_known(self, moves: bool, info: dict[str, Any]) -> bool:
+        """Count a command; return whether its age is known: it is not if this process stood still."""
         self._counts["commands"] += 1
         self._order.take(info.get("publication_sequence_number"))
         now = time.monotonic()
-        if moves(twist) and (now < self._deaf or now - self._heard > self._stale):
-            # this process stood still: the age of the command is unknown
-            return
-        self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z, age=age)
+        return not (moves and (now < self._deaf or now - self._heard > self._stale))
 
     def _take_stamped(self, message: Any, info: dict[str, Any]) -> None:
         stamp = message.header.stamp

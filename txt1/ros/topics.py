@@ -162,6 +162,40 @@ def turned(front: int, rear: int, geometry: Geometry) -> tuple[float, float]:
     return unit * front * axles[0], unit * rear * axles[1]
 
 
+# -- speed and steering angle --------------------------------------------------------------------------------------
+
+define(
+    "ackermann_msgs/AckermannDrive",
+    "float32 steering_angle\nfloat32 steering_angle_velocity\nfloat32 speed\nfloat32 acceleration\nfloat32 jerk",
+)
+define("ackermann_msgs/AckermannDriveStamped", "std_msgs/Header header\nackermann_msgs/AckermannDrive drive")
+
+
+class SteeredDrive(NamedTuple):
+    """Speed (m/s) and angle of the front wheels (rad, left positive)."""
+
+    speed: float
+    angle: float
+
+
+STEERED_DRIVE: Final = Topic(
+    "/steered_drive",
+    SteeredDrive,
+    "m/s, rad",
+    "ackermann_msgs/AckermannDriveStamped",
+    Rule.CYCLE,
+    "the set-point in force, as speed and steering angle",
+    {"header": {"frame_id": "base_link"}},
+    ("drive.speed", "drive.steering_angle"),
+    tuple,
+)
+
+
+def steered(v: float, omega: float, geometry: Geometry) -> SteeredDrive:
+    """Return speed and steering angle for a velocity, m/s and rad/s; straight ahead at rest."""
+    return SteeredDrive(v, geometry.steering_share(omega / v) * geometry.steering_max if v else 0.0)
+
+
 # -- sensors -----------------------------------------------------------------------------------------------------
 
 

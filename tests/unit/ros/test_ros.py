@@ -288,8 +288,8 @@ def test_the_ros_2_of_the_shell_comes_first_and_one_too_old_is_told(
     found = ros2()
     assert found.environment["PATH"] == "/opt/ros/jazzy/bin:/usr/bin", "its python3, not that of our environment"
     assert found.program[0] == "python3" and found.environment["PYTHONPATH"].startswith("/opt/ros/jazzy")
-    monkeypatch.setenv("ROS_DISTRO", "humble")
-    with pytest.raises(ConfigError, match=r"this shell's is humble: source Jazzy or later"):
+    monkeypatch.setenv("ROS_DISTRO", "foxy")
+    with pytest.raises(ConfigError, match=r"this shell's is foxy: source Humble or later"):
         ros2()
 
 
