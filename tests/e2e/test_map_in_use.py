@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
-from math import hypot, isnan, nan, pi
+from math import hypot, inf, isnan, nan, pi
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,14 +14,15 @@ import pytest
 from txt1.bridges.services import Services
 from txt1.errors import CommandRefused
 from txt1.kernel.ticks import Ticks
+from txt1.mapping import ways
 from txt1.mapping.map_sensors import OnMap
 from txt1.mapping.poses import composed, difference, placed
 from txt1.mapping.sweeps import Sweep
 from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.files import read
 from txt1.model.reeds_shepp import Pose
-from txt1.navigation import go_to, map_pose, plan
-from txt1.navigation.goto import Blocked
+from txt1.navigation import follow, go_to, map_pose, plan
+from txt1.navigation.goto import Blocked, Halted
 from txt1.navigation.plan import NoPath, stretches
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
@@ -37,6 +38,12 @@ def news(robot: Robot, lost: bool = False) -> Reading[MapNews]:
     time = robot.now
     x, y, theta = robot.odometry[:3]
     return Reading(time, MapNews(time, (x + 3.0, y, theta), SURE, (3.0, 0.0, 0.0), 0.9, lost))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planner() -> None:
+    """The planner, compiled: in a test it plans in the event loop, where reading a cache is a blocking call."""
+    ways.prepare()
 
 
 @pytest.fixture
@@ -249,3 +256,25 @@ async def test_a_robot_backs_up_only_where_the_laser_has_seen_free_floor(flat: R
 def robot_at(robot: Robot) -> Pose:
     assert robot.pose is not None
     return robot.pose
+
+
+async def test_a_robot_that_something_holds_gives_up_in_words_within_20_s(flat: Robot) -> None:
+    known(flat)
+    assert flat.pose is not None
+    x, y, theta = flat.pose
+    # nothing that it could see: the guard lets it creep at most
+    flat.runtime.guard("wall", lambda v, omega, now: (0.001 * v, 0.001 * omega))
+    room, begun = flat.runtime.part(OnMap), flat.now
+    assert room is not None
+    with pytest.raises(Halted, match=r"told to drive and hardly moves: something at \(.*\) stops it"):
+        await go_to(flat, (x + 2.0, y, theta), pose_source=map_pose(flat), room=room.floor())
+    assert flat.now - begun < 20.0
+    await asyncio.sleep(0.5)
+    assert flat.odometry.v == 0.0 and flat.driver.name != "program"
+
+
+async def test_a_patrol_that_something_holds_ends_in_words(flat: Robot) -> None:
+    flat.runtime.guard("wall", lambda v, omega, now: (0.0, 0.0))
+    with pytest.raises(Halted, match="hardly moves"):
+        await follow(flat, [(1.0, 0.0), (0.0, 1.0)], laps=inf)
+    assert flat.now < 40.0 and flat.driver.name != "program"

@@ -55,6 +55,25 @@ class _QuickGrid(Grid):
         return depth.astype(np.float32)
 
 
+def with_walls_at(points: Array, room: Room | None) -> Room | None:
+    """Return a room of a map with walls at these places (n, 2), m, too; a room without a map stays as it is."""
+    if room is None or room.walls is None or not len(points):
+        return room
+
+    def marked(walls: Walls) -> Walls:
+        grid = walls.grid
+        cells = grid.cells.copy()
+        u, v = grid.to_cells(points[:, 0], points[:, 1])
+        # without the frame of solid cells, which `to_cells` counts
+        column, row = np.floor(u).astype(np.int64) - 1, np.floor(v).astype(np.int64) - 1
+        inside = (column >= 0) & (column < cells.shape[1]) & (row >= 0) & (row < cells.shape[0])
+        cells[row[inside], column[inside]] = OCCUPIED
+        return Walls(Map(walls.name, Path(), type(grid)(cells, grid.resolution, grid.origin), ""))
+
+    behind = None if room.behind is None else marked(room.behind)
+    return room._replace(walls=marked(room.walls), behind=behind)
+
+
 class SeenFloor:
     """The floor of a map, as seen in this drive."""
 

@@ -7,16 +7,21 @@ from collections.abc import Callable, Sequence
 from math import cos, degrees, hypot, inf, radians, sin, sqrt
 from typing import Any, Final, NamedTuple, TypeVar
 
+import numpy as np
+
 from txt1.control.limits import clip
 from txt1.control.schedule import Schedule
 from txt1.driver import REFRESH, CommandSource
 from txt1.errors import CommandRefused
+from txt1.guards.obstacle_stop.guard import LaserGuard
 from txt1.kernel.loop import VirtualTimeLoop
+from txt1.mapping.poses import Array, placed
+from txt1.mapping.seen_floor import with_walls_at
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.navigation.pace import pace
-from txt1.navigation.plan import NoPath, plan, plan_with_run_up, stretches
+from txt1.navigation.plan import NoPath, plan, plan_with_run_up, stays_inside, stretches
 from txt1.navigation.pose_source import PoseSource, encoders_view, wheel_pose
 from txt1.navigation.search import heading_at
 from txt1.robot import Robot
@@ -57,6 +62,14 @@ STRAIGHT: Final = 0.3
 CLEARANCE: Final = 0.03
 # s without motion after which the vehicle is at rest
 REST: Final = 0.25
+# s that it has for that: a vehicle that is pushed, or rolls on, goes on from where it is
+RESTS_WITHIN: Final = 5.0
+# s in which the vehicle has to get on by HARDLY m, else something stops it; some ESCs wait 2.5 s before reverse
+STANDS: Final = 4.0
+# m
+HARDLY: Final = 0.05
+# m before the body of what stops the vehicle unseen
+TOUCHES: Final = 0.03
 # m of path in which an error falls to a quarter; shorter would oscillate
 RETURN_LENGTH: Final = 0.25
 # curvature per lateral error, 1/m^2
@@ -79,11 +92,24 @@ class Blocked(CommandRefused):
     txt1.navigation.goto.Blocked: something stands in the way at (1.00 m, 2.00 m): the robot has stopped before it
     """
 
+    told = "something stands in the way at ({x:.2f} m, {y:.2f} m): the robot has stopped before it"
+
     def __init__(self, x: float, y: float, more: str = "") -> None:
-        super().__init__(
-            f"something stands in the way at ({x:.2f} m, {y:.2f} m): the robot has stopped before it{more}"
-        )
+        super().__init__(self.told.format(x=x, y=y) + more)
         self.place = x, y
+        self.met: Array = np.empty((0, 2))
+        """Places (m, in the frame of the pose) that are taken for walls from now on."""
+
+
+class Halted(Blocked):
+    """The robot is told to drive, and does not move.
+
+    >>> raise Halted(1.0, 2.0)
+    Traceback (most recent call last):
+    txt1.navigation.goto.Halted: the robot is told to drive and hardly moves: something at (1.00 m, 2.00 m) stops it
+    """
+
+    told = "the robot is told to drive and hardly moves: something at ({x:.2f} m, {y:.2f} m) stops it"
 
 
 class Arrival(NamedTuple):
@@ -120,9 +146,11 @@ async def go_to(
     "energy" chooses the speed that saves it. `source` is the source of its commands; None: the program's.
 
     On a map (`map_pose`, `map_floor`), each way is planned on the floor as it is seen at that time. If something comes
-    into the way, the robot stops and looks for a way round it, up to `DETOURS` times.
+    into the way, or stops the robot, it looks for a way round it, up to `DETOURS` times. No path is closer to walls
+    than the obstacle stop lets the robot drive.
 
-    Raises NoPath: the goal cannot be reached inside the room; Blocked: something that is seen stands in the way;
+    Raises NoPath: the goal cannot be reached inside the room; Blocked: something that is seen stands in the way, or the
+    robot does not move (`Halted`);
     NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes the wheel
     on the way; CommandRefused: the speed is not positive, or the pose source knows no pose.
     """
@@ -133,6 +161,8 @@ async def go_to(
     wheel = robot.program if source is None else source
     wheel.begin()
     there = robot.runtime.part(MapInUse) if poses.sees else None
+    guard = robot.runtime.part(LaserGuard)
+    keep, met = 0.0 if guard is None else guard.margin, np.empty((0, 2))
     plans, detours, blocked, arrival = 0, 0, None, None
     while True:
         plans += 1
@@ -140,12 +170,12 @@ async def go_to(
         far = _miss(start, pose)[0] > CORRECTION
         make = plan if plans == 1 or far else plan_with_run_up
         try:
-            path = await _beside(make, start, pose, room, robot.config.geometry, there)
-            await _drive(robot, wheel, poses, start, path, speed)
+            path = await _beside(make, start, pose, room, robot.config.geometry, there, met, keep)
+            await _drive(robot, wheel, poses, start, path, speed, there)
         except Blocked as error:
             if detours == DETOURS:
-                raise Blocked(*error.place, f", for {DETOURS} ways round it were blocked, too") from None
-            detours, blocked = detours + 1, error
+                raise type(error)(*error.place, f", and {DETOURS} more ways were blocked, too") from None
+            detours, blocked, met = detours + 1, error, np.concatenate((met, error.met))
             robot.tell(f"{error}, and looks for another way")
             await _rest(robot, wheel, poses)
             wheel.release()
@@ -156,10 +186,12 @@ async def go_to(
                 return arrival
             if blocked is None:
                 raise
-            raise Blocked(*blocked.place, f"; round it, {error}") from None
+            raise type(blocked)(*blocked.place, f"; round it, {error}") from None
         reached = poses.pose()
         arrival = Arrival(reached, *_miss(reached, pose), plans)
         if (arrival.distance <= POSITION and arrival.turn <= HEADING) or plans - detours >= ATTEMPTS:
+            if arrival.distance > CORRECTION:
+                raise CommandRefused(f"after {plans} paths the robot is still {arrival.distance:.2f} m from the goal")
             return arrival
         if poses.sees and arrival.arrived and plans - detours >= CONTENT:
             return arrival
@@ -180,7 +212,9 @@ async def go_to_places(
     """
     there = robot.runtime.part(MapInUse) if pose_source.sees else None
     for place in places:
-        heading = await _beside(heading_at, pose_source.pose(), place, room, robot.config.geometry, there)
+        heading = await _beside(
+            heading_at, pose_source.pose(), place, room, robot.config.geometry, there, np.empty((0, 2))
+        )
         await go_to(robot, (*place, heading), pose_source=pose_source, room=room, speed=speed, source=source)
 
 
@@ -191,23 +225,36 @@ async def _beside(
     room: Room | None,
     body: Geometry,
     there: MapInUse | None,
+    met: Array,
+    *keep: float,
 ) -> T:
-    """Return the result of a search. On the real clock, a search on a map runs in a thread of its own."""
+    """Return the result of a search, in which the places `met` are walls.
+
+    On the real clock, a search on a map runs in a thread of its own.
+    """
 
     def search() -> T:
         seen = None if there is None or room is None else there.floor()
-        return do(start, goal, room if seen is None else seen, body)
+        return do(start, goal, with_walls_at(met, room if seen is None else seen), body, *keep)
 
     if room is None or room.walls is None or isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
         return search()
     return await asyncio.to_thread(search)
 
 
-async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float) -> None:
-    """Drive a path, gear by gear, to its end, or to a change of gear at which the robot is off the path."""
+async def _drive(
+    robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float, there: MapInUse | None
+) -> None:
+    """Drive a path, gear by gear, to its end, or to a change of gear at which the robot is off the path, or has not
+    seen the floor behind it.
+    """
     try:
-        for part in stretches(path):
+        for number, part in enumerate(stretches(path)):
             stretch = Stretch(start, part)
+            if number and stretch.gear < 0.0 and there is not None:
+                floor = there.floor()
+                if floor is not None and not stays_inside(start, part, floor, robot.config.geometry):
+                    return
             await _drive_stretch(robot, wheel, poses, stretch, speed)
             start = stretch.end
             distance, turn = _miss(poses.pose(), start)
@@ -224,10 +271,14 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
     schedule = robot.runtime.state.gains.angular
     sharpest = 1.0 / geometry.radius_min
     in_curves = curve_speed(speed, stretch.gear, schedule, geometry)
-    driven = 0.0
+    driven, mark, since = 0.0, -HARDLY, robot.now
     while True:
         pose = poses.pose()
         driven = stretch.nearest(pose, driven)
+        if driven >= mark + HARDLY:
+            mark, since = driven, robot.now
+        elif robot.now - since > STANDS:
+            raise halted(robot, stretch.gear, pose)
         moving = abs(robot.odometry.v)
         if there is not None and robot.now >= looked:
             looked = robot.now + LOOK_EVERY
@@ -250,14 +301,28 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
 
 
 async def _rest(robot: Robot, wheel: CommandSource, poses: PoseSource) -> None:
-    """Stop, and wait until the robot is at rest."""
-    still = 0.0
-    while still < REST:
+    """Stop, and wait until the robot is at rest, at most `RESTS_WITHIN` s."""
+    still, ends = 0.0, robot.now + RESTS_WITHIN
+    while still < REST and robot.now < ends:
         wheel.insist(0.0, 0.0)
         await asyncio.sleep(REFRESH)
         # the encoders' pose has to be read all the time
         poses.pose()
         still = still + REFRESH if robot.odometry.v == 0.0 else 0.0
+
+
+def halted(robot: Robot, gear: float, pose: Pose) -> Halted:
+    """Return the error for a robot that does not move, with what stops it: seen by the obstacle stop, or touched."""
+    guard, body = robot.runtime.part(LaserGuard), robot.config.geometry
+    seen = np.empty((0, 2)) if guard is None or gear < 0.0 else guard.ahead(robot.now)
+    if not len(seen):
+        across = np.linspace(-0.5, 0.5, 9) * body.width
+        seen = np.column_stack((np.full(9, body.centre + gear * (0.5 * body.length + TOUCHES)), across))
+    met = placed(np.array(pose), seen)
+    x, y = met[np.argmin(np.hypot(seen[:, 0] - body.centre, seen[:, 1]))].tolist()
+    error = Halted(x, y)
+    error.met = met
+    return error
 
 
 def _in_the_way(

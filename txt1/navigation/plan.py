@@ -1,6 +1,6 @@
 """Paths for a car in a room: the shortest Reeds-Shepp path on which the body stays clear of the walls."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import groupby, product
 from math import ceil, inf, isfinite, pi
@@ -10,7 +10,7 @@ from txt1.errors import Txt1Error
 from txt1.model.kinematics import move_along_arc
 from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
 from txt1.model.vehicle import Geometry
-from txt1.navigation.search import near_walls, round_walls, stands_free
+from txt1.navigation.search import Ends, ends_of, round_walls, stays_clear
 from txt1.sim.room import Room, clearance
 
 # planned radii over R_min: the first leaves room for corrections, the second is used if there is no path otherwise
@@ -30,6 +30,8 @@ SHORT_STRETCH: Final = 0.3
 LOOK_EVERY: Final = 0.05
 # m that a correction keeps from a map's walls: more than the error of a pose on a map
 CORRECTS: Final = 0.06
+# m from the robot beyond which it may plan to back up over floor that it has not seen, if there is no other way
+SEES: Final = 1.5
 # m of straight path before the goal of a correction
 RUN_UP: Final = 0.4
 # places along each side of a grid for paths in two parts
@@ -44,35 +46,49 @@ class NoPath(Txt1Error):
     txt1.navigation.plan.NoPath: no path leads to (2.40 m, 0.00 m, 0 deg) inside the room: choose a goal farther from the walls
     """  # noqa: E501
 
-    def __init__(self, goal: Pose, room: Room | None = None) -> None:
+    def __init__(self, goal: Pose, room: Room | None = None, needs: tuple[float, float] | None = None) -> None:
         x, y, theta = goal
-        super().__init__(
-            f"no path leads to ({x:.2f} m, {y:.2f} m, {theta * 180 / pi:.0f} deg) inside the room: "
-            "choose a goal farther from the walls" + ("" if room is None or room.behind is None else BACKWARD)
-        )
+        where = f"no path leads to ({x:.2f} m, {y:.2f} m, {theta * 180 / pi:.0f} deg) inside the room: "
+        if needs is None:
+            remedy = "choose a goal farther from the walls" + ("" if room is None or room.behind is None else BACKWARD)
+        else:
+            remedy = (
+                f"the robot would stand {needs[0]:.2f} m from a wall, and keeps {needs[1]:.2f} m; choose a goal farther"
+            )
+        super().__init__(where + remedy)
 
 
-def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
+def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None, keep: float = 0.0) -> Path:
     """Return the path from one pose to another; room None: no walls.
 
     It is the cheapest Reeds-Shepp path inside the room, by length and gear changes. If all of them touch a wall, it is
     the cheapest path over a place in between. On a map, Reeds-Shepp paths and ways round walls are tried with each
-    margin to the walls, the largest margin first. Raises NoPath: every path touches a wall.
+    margin to the walls, the largest margin first, and none below `keep` m: what stops the robot if it comes nearer.
+
+    Raises NoPath: every path comes closer to a wall.
     """
     body = Geometry() if body is None else body
-    if room is not None and clearance(*goal, room, body) < 0.0:
-        raise NoPath(goal)
+    if room is not None and (there := clearance(*goal, room, body)) < keep:
+        raise NoPath(goal, room, None if there < 0.0 else (there, keep))
     if room is not None and room.walls is not None:
-        # a way round a box with some room is better than a way that brushes it; the search in narrow places is slow, so
-        # it is last
-        tries = [*product(BY_WALLS, (_cheapest_inside, _round_walls)), *product(BY_WALLS, (_out_of_narrow,))]
+        # a way round a box with some room is better than a way that brushes it; the search in narrow places comes last
+        margins = _at_least(keep, BY_WALLS)
+        tries = [*product(margins, (_cheapest_inside, _round_walls)), *product(margins, (_out_of_narrow,))]
     else:
-        tries = [(keep_clear, search) for search in (_cheapest_inside, _over_a_place) for keep_clear in ROOMS]
-    for keep_clear, search in tries:
-        path = search(start, goal, room, body, keep_clear)
+        margins = _at_least(keep, ROOMS)
+        tries = [(keep_clear, search) for search in (_cheapest_inside, _over_a_place) for keep_clear in margins]
+    # far from the robot, the laser will have seen the floor before the robot backs up there
+    sights = (inf,) if room is None or room.behind is None else (inf, SEES)
+    for seen, (keep_clear, search) in product(sights, tries):
+        path = search(start, goal, room, body, keep_clear, keep, seen)
         if path is not None:
             return path
     raise NoPath(goal, room)
+
+
+def _at_least(clear: float, margins: Sequence[float]) -> list[float]:
+    """Return the margins, none below `clear`."""
+    return [*(each for each in margins if each > clear), max(clear, margins[-1])]
 
 
 def cost(path: Path) -> float:
@@ -88,16 +104,28 @@ def stretches(path: Path) -> list[Path]:
 
 
 def stays_inside(
-    start: Pose, path: Path, room: Room | None, body: Geometry, keep_clear: float = 0.0, goal: Pose | None = None
+    start: Pose,
+    path: Path,
+    room: Room | None,
+    body: Geometry,
+    keep_clear: float = 0.0,
+    goal: Pose | None = None,
+    keep: float = 0.0,
+    seen: float = inf,
 ) -> bool:
     """Return whether the body keeps `keep_clear` m from the walls along a path, checked every 5 cm.
 
-    Near a `goal` that is closer to a map's wall, the goal's own distance is enough.
+    Near the start, and near a `goal`, that are closer to a map's wall, their own distance is enough.
     """
     if room is None or not (isfinite(room.length) or isfinite(room.width) or room.walls is not None):
         return True
-    keeps = near_walls(start, goal, room, body, keep_clear)
-    return all(stands_free(pose, gear, room, body, keeps(pose)) for pose, gear in _with_gear(start, path))
+    if room.walls is None:
+        return all(clearance(*pose, room, body) >= keep_clear for pose in along(start, path, LOOK_EVERY))
+    return stays_clear(start, path, room, body, keep_clear, _ends(start, goal, room, body, keep_clear, keep, seen))
+
+
+def _ends(start: Pose, goal: Pose | None, room: Room, body: Geometry, clear: float, keep: float, seen: float) -> Ends:
+    return ends_of(start, goal, room, body, clear, keep, seen)
 
 
 def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
@@ -110,15 +138,9 @@ def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
         pose = move_along_arc(*pose, distance, curvature, 0.0)
 
 
-def _with_gear(start: Pose, path: Path) -> Iterator[tuple[Pose, float]]:
-    """Yield poses along a path like `along`, each with the sign of its gear."""
-    for segment in path:
-        for pose in along(start, (segment,), LOOK_EVERY):
-            yield pose, segment.distance
-        start = move_along_arc(*start, segment.distance, segment.curvature, 0.0)
-
-
-def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
+def plan_with_run_up(
+    start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None, keep: float = 0.0
+) -> Path:
     """Plan a path, as `plan`, that ends with a straight run-up to the goal, forward or backward; for corrections.
 
     The shortest path to a goal a few degrees off has arcs so short that the steering cannot follow them. On a map this
@@ -127,42 +149,65 @@ def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Ge
     """
     body = Geometry() if body is None else body
     on_map = room is not None and room.walls is not None
-    clear = CORRECTS if on_map else 0.0
+    clear = max(CORRECTS, keep) if on_map else keep
     found: list[Path] = []
     for distance in (RUN_UP, -RUN_UP):
         via = move_along_arc(*goal, -distance, 0.0, 0.0)
         with suppress(NoPath):
-            first = _cheapest_inside(start, via, room, body, clear) if on_map else plan(start, via, room, body)
-            if first is not None and stays_inside(start, path := (*first, Segment(0.0, distance)), room, body, clear):
+            if on_map:
+                first = _cheapest_inside(start, via, room, body, clear, keep, inf)
+            else:
+                first = plan(start, via, room, body, keep)
+            if first is None:
+                continue
+            path = (*first, Segment(0.0, distance))
+            if stays_inside(start, path, room, body, clear, keep=keep):
                 found.append(path)
     if not found and on_map:
         raise NoPath(goal, room)
-    return min(found, key=cost) if found else plan(start, goal, room, body)
+    return min(found, key=cost) if found else plan(start, goal, room, body, keep)
 
 
-def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
-    every = (path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min))
-    inside = (path for path in sorted(every, key=cost) if stays_inside(start, path, room, body, keep_clear, goal))
-    return next(inside, None)
+def _cheapest_inside(
+    start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float, keep: float, seen: float
+) -> Path | None:
+    every = sorted((path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min)), key=cost)
+    if room is None or room.walls is None:
+        return next((path for path in every if stays_inside(start, path, room, body, keep_clear)), None)
+    ends = _ends(start, goal, room, body, keep_clear, keep, seen)
+    return next((path for path in every if stays_clear(start, path, room, body, keep_clear, ends)), None)
 
 
-def _out_of_narrow(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
+def _out_of_narrow(
+    start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float, keep: float, seen: float
+) -> Path | None:
     """Search as `_round_walls`, from a place so narrow that the car can leave it only in several moves."""
-    return _round_walls(start, goal, room, body, keep_clear, narrow=True)
+    return _round_walls(start, goal, room, body, keep_clear, keep, seen, narrow=True)
 
 
 def _round_walls(
-    start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float, narrow: bool = False
+    start: Pose,
+    goal: Pose,
+    room: Room | None,
+    body: Geometry,
+    keep_clear: float,
+    keep: float,
+    seen: float,
+    narrow: bool = False,
 ) -> Path | None:
     assert room is not None
+    ends = _ends(start, goal, room, body, keep_clear, keep, seen)
 
     def last(pose: Pose) -> Path | None:
-        return _cheapest_inside(pose, goal, room, body, keep_clear)
+        every = sorted((path for margin in MARGINS for path in paths(pose, goal, margin * body.radius_min)), key=cost)
+        return next((path for path in every if stays_clear(pose, path, room, body, keep_clear, ends)), None)
 
-    return round_walls(start, goal, room, body, MARGINS[0] * body.radius_min, keep_clear, last, narrow)
+    return round_walls(start, goal, room, body, MARGINS[0] * body.radius_min, keep_clear, ends, last, narrow)
 
 
-def _over_a_place(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
+def _over_a_place(
+    start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float, keep: float, seen: float
+) -> Path | None:
     """Return the cheapest path in two parts over a grid of poses around the goal and the start."""
     assert room is not None
     best, least = None, inf
@@ -176,10 +221,10 @@ def _over_a_place(start: Pose, goal: Pose, room: Room | None, body: Geometry, ke
     for via in around:
         if clearance(*via, room, body) < keep_clear:
             continue
-        first = _cheapest_inside(start, via, room, body, keep_clear)
+        first = _cheapest_inside(start, via, room, body, keep_clear, keep, seen)
         if first is None or cost(first) >= least:
             continue
-        second = _cheapest_inside(via, goal, room, body, keep_clear)
+        second = _cheapest_inside(via, goal, room, body, keep_clear, keep, seen)
         if second is not None and cost(first) + cost(second) < least:
             best, least = first + second, cost(first) + cost(second)
     return best

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
-from math import atan2, hypot, sqrt
+from math import atan2, hypot, inf, sqrt
 from typing import Final
 
 from txt1.control.limits import clip
@@ -10,6 +10,7 @@ from txt1.driver import REFRESH, CommandSource
 from txt1.errors import CommandRefused
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose
+from txt1.navigation.goto import HARDLY, halted
 from txt1.navigation.pace import pace
 from txt1.navigation.pose_source import PoseSource, wheel_pose
 from txt1.robot import Robot
@@ -20,6 +21,9 @@ LOOK_AHEAD: Final = 1.0
 SPEED: Final = 0.5
 # m/s^2, the largest v^2 abs(curvature); at 0.5 m/s and full lock it is not reached
 SIDEWAYS: Final = 0.6
+
+# s for which it waits for something in the way to leave
+WAITS: Final = 20.0
 
 # x and y, m
 Point = tuple[float, float]
@@ -73,7 +77,8 @@ async def follow(
     None: the program's.
 
     Raises NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes
-    the wheel on the way; CommandRefused: there are no waypoints, or the pose source knows no pose.
+    the wheel on the way; Halted: it hardly moves for 20 s; CommandRefused: there are no waypoints, or the pose source
+    knows no pose.
     """
     if not points:
         raise CommandRefused("there are no waypoints: give at least one")
@@ -91,11 +96,17 @@ async def follow(
             leg_end = points[legs % in_a_lap]
             if on_leg is not None:
                 on_leg(legs, leg_start, leg_end)
+            mark, since = inf, robot.now
             near = 0.5 * robot.config.geometry.radius_min if legs + 1 > last else look_ahead
             while True:
                 pose = poses.pose()
-                if hypot(leg_end[0] - pose[0], leg_end[1] - pose[1]) <= near:
+                left = hypot(leg_end[0] - pose[0], leg_end[1] - pose[1])
+                if left <= near:
                     break
+                if abs(left - mark) > HARDLY:
+                    mark, since = left, robot.now
+                elif robot.now - since > WAITS:
+                    raise halted(robot, 1.0, pose)
                 point = aim(pose, leg_start, leg_end, look_ahead)
                 curvature = clip(curvature_towards(pose, point, look_ahead), sharpest)
                 v = speed_in_curve(fastest, curvature)

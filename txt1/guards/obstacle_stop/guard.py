@@ -69,6 +69,25 @@ class LaserGuard:
         share = limit / abs(v)
         return v * share, omega * share
 
+    @property
+    def margin(self) -> float:
+        """The distance kept round the body, m."""
+        return self._parameters.margin
+
+    def ahead(self, now: float) -> Floats:
+        """Return the points seen near the front of the body, for which the guard may have stopped it: (n, 2), m, in
+        the vehicle's frame.
+        """
+        reading, body, margin = self._fresh(now), self._geometry, self._parameters.margin
+        if reading is None or not self._past:
+            return np.empty((0, 2))
+        front, side = 0.5 * body.length + 2.0 * margin, 0.5 * body.width + 2.0 * margin
+        points = self._here(reading, abs(body.centre) + hypot(front, side))
+        if points is None:
+            return np.empty((0, 2))
+        x, y = points[:, 0] - body.centre, np.abs(points[:, 1])
+        return points[(x > 0.0) & (x < front) & (y < side)]
+
     def _why(self, v: float, now: float) -> str:
         if v < 0.0:
             return "the laser does not see backwards"
@@ -119,13 +138,14 @@ class LaserGuard:
         return np.column_stack((c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]))
 
 
-async def prepare(runtime: Runtime, given: ObstacleStop) -> None:
-    """Let the laser scanner lower the speed in the safety gate, as configured; raises ConfigError: there is no
-    scanner.
+async def prepare(runtime: Runtime, given: ObstacleStop) -> LaserGuard | None:
+    """Let the laser scanner lower the speed in the safety gate, as configured, and return the guard, None without one.
+
+    Raises ConfigError: there is no scanner.
     """
     scanners = [name for name, polled in runtime.sensors.items() if issubclass(polled.sensor.topic.type, Scan)]
     if given.enabled == "never" or (given.enabled == "auto" and not scanners):
-        return
+        return None
     name = given.sensor or (scanners[0] if len(scanners) == 1 else "")
     if name not in scanners:
         there = ", ".join(scanners) or "none"
@@ -133,3 +153,4 @@ async def prepare(runtime: Runtime, given: ObstacleStop) -> None:
     polled = runtime.sensors[name]
     guard = LaserGuard(lambda: polled.last, runtime.state, runtime.gate, runtime.config.geometry, given)
     runtime.guard("obstacle_stop", guard)
+    return guard
