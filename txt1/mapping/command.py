@@ -69,11 +69,13 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError(
             f"{arguments.file}: this drive fits nowhere on the map {output}.yaml, which stays; --new begins a new one"
         )
-    files = graph_file.files_of(mapper, output, arguments.resolution, [*drives, arguments.file.name])
+    files, remark = graph_file.files_of(mapper, output, arguments.resolution, [*drives, arguments.file.name])
     if arguments.again:
         return compared(files)
     write(files)
     _tell(mapper, source, closed, odometry)
+    if remark:
+        print(remark)
     print(*files, sep="\n")
     return OK
 

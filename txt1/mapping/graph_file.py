@@ -107,12 +107,12 @@ def load(path: Path) -> tuple[Mapper, dict[str, Any]]:
     return mapper, told
 
 
-def files_of(mapper: Mapper, output: Path, resolution: float, drives: list[str]) -> dict[Path, bytes]:
-    """Return the contents of a map's files, whose names begin with `output`; raises ConfigError: it is too large."""
-    try:
-        grid = grid_files.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
-    except ValueError as error:
-        raise ConfigError(f"a map of cells of {resolution:g} m: {error}") from None
+def files_of(mapper: Mapper, output: Path, resolution: float, drives: list[str]) -> tuple[dict[Path, bytes], str]:
+    """Return the contents of a map's files, whose names begin with `output`, and a remark if its cells are larger than
+    `resolution` m.
+    """
+    grid = grid_files.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
     contents = grid_files.contents(grid, output.name, [("#d04010", mapper.poses)])
     contents[".graph"] = content(mapper, {"drives": drives})
-    return {output.with_name(output.name + suffix): contents[suffix] for suffix in SUFFIXES}
+    files = {output.with_name(output.name + suffix): contents[suffix] for suffix in SUFFIXES}
+    return files, grid_files.coarser(grid.resolution, resolution)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from txt1.mapping.matcher import Cloud, Kernels
 from txt1.mapping.poses import placed
+from txt1.maps.files import CELLS_MAX
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 
 Array = NDArray[np.float64]
@@ -22,25 +23,22 @@ SOLID: Final = 0.4
 """Share of the rays through a cell that end in it, from which the cell is a wall; grazing rays pass walls, too."""
 MARGIN: Final = 0.5
 """m round the floor that was seen."""
-CELLS_MAX: Final = 16_000_000
-"""Largest number of cells of a map, as for `txt1.maps.files`."""
+ROWS: Final = 256
+"""Number of rows whose cells are decided at a time, which bounds the memory."""
 
 
 def grid_of(clouds: Sequence[Cloud], poses: Array, loops: Kernels, resolution: float = RESOLUTION) -> Grid:
     """Return the floor as clouds saw it from these poses (m, rad): walls, free cells, and cells that no ray reached.
 
-    Raises ValueError: the grid would have more than `CELLS_MAX` cells.
+    A cell's side is `resolution` m; it is doubled until the grid has at most `CELLS_MAX` cells.
     """
     ends = [placed(pose, cloud.points) for cloud, pose in zip(clouds, poses, strict=True)]
     low = np.min([each.min(axis=0) for each in (*ends, poses[:, :2])], axis=0) - MARGIN
     high = np.max([each.max(axis=0) for each in (*ends, poses[:, :2])], axis=0) + MARGIN
+    resolution = fitting(low, high, resolution)
     # whole cells from 0 on, so that a growing map keeps its cells
     left, bottom = (floor(each / resolution) for each in low)
     columns, rows = (floor(each / resolution) + 1 - first for each, first in zip(high, (left, bottom), strict=True))
-    if rows * columns > CELLS_MAX:
-        raise ValueError(
-            f"the map would be {columns * resolution:.0f} m x {rows * resolution:.0f} m: take larger cells"
-        )
     hits, passes = np.zeros((rows, columns), np.int32), np.zeros((rows, columns), np.int32)
     for end, pose in zip(ends, poses, strict=True):
         x, y = pose[0] / resolution - left, pose[1] / resolution - bottom
@@ -50,9 +48,30 @@ def grid_of(clouds: Sequence[Cloud], poses: Array, loops: Kernels, resolution: f
 
 def occupancy(hits: NDArray[np.int32], passes: NDArray[np.int32]) -> NDArray[np.int8]:
     """Return the cells of a grid, from the numbers of rays that end in each and that pass it."""
-    seen = hits + passes
-    solid = hits >= SOLID * np.maximum(seen, 1)
-    return np.where(seen == 0, UNKNOWN, np.where(solid, OCCUPIED, FREE)).astype(np.int8)
+    cells = np.empty(hits.shape, np.int8)
+    for first in range(0, len(hits), ROWS):
+        some = slice(first, first + ROWS)
+        seen = hits[some] + passes[some]
+        solid = hits[some] >= SOLID * np.maximum(seen, 1)
+        cells[some] = np.where(seen == 0, UNKNOWN, np.where(solid, OCCUPIED, FREE))
+    return cells
+
+
+def fitting(low: Array, high: Array, resolution: float) -> float:
+    """Return a cell's side, m: `resolution`, doubled until a grid between two corners has at most `CELLS_MAX` cells."""
+    while np.prod(np.floor(high / resolution) - np.floor(low / resolution) + 1.0) > CELLS_MAX:
+        resolution *= 2.0
+    return resolution
+
+
+def coarser(resolution: float, asked: float) -> str:
+    """Return in words that a map's cells are larger than asked for; empty if they are not."""
+    if resolution <= asked:
+        return ""
+    return (
+        f"the map's cells are {resolution:g} m, not {asked:g} m: at {asked:g} m it would have more than "
+        f"{CELLS_MAX // 1_000_000} million"
+    )
 
 
 def picture(grid: Grid) -> bytes:

@@ -13,7 +13,6 @@ from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
-from txt1.errors import ConfigError
 from txt1.mapping import graph_file, grid_files
 from txt1.mapping.growing_grid import GrowingGrid
 from txt1.mapping.mapper import Mapper
@@ -133,8 +132,8 @@ class Mapping:
         if time - self._told < self._every or not self.mapper.placed:
             return None
         grid = self._grid.update(self.mapper)
-        if self._grid.full:
-            self._trouble = f"the map has become too large to be shown at {self._resolution:g} m a cell"
+        if remark := grid_files.coarser(self._grid.resolution, self._resolution):
+            self._trouble = remark
         if grid is None:
             return None
         self._told, self._every = time, TOLD_EVERY * ceil(grid.cells.size / TOLD_CELLS)
@@ -145,11 +144,14 @@ class Mapping:
         if not self.mapper.placed:
             return False
         try:
-            grid_files.put(graph_file.files_of(self.mapper, self._output, self._resolution, [*self.drives, "live"]))
-        except (OSError, ConfigError) as error:
-            self._trouble = f"the map {self._output} cannot be saved: {_reason(error)}; it is kept, and tried again"
+            files, self._trouble = graph_file.files_of(
+                self.mapper, self._output, self._resolution, [*self.drives, "live"]
+            )
+            grid_files.put(files)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            self._trouble = f"the map {self._output} cannot be saved: {reason}; it is kept, and tried again"
             return False
-        self._trouble = ""
         return True
 
     def finish(self) -> list[str]:
@@ -169,10 +171,6 @@ class Mapping:
                 lines.append("nor there: make it from the recording, with txt1 map")
             return lines
         return [f"{output}.yaml: {self._scans} scans, {len(mapper.keys)} keyframes, {self._closed} loops closed"]
-
-
-def _reason(error: OSError | ConfigError) -> str:
-    return error.strerror or str(error) if isinstance(error, OSError) else str(error)
 
 
 def _pose(pose: Any) -> Pose:

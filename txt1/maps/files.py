@@ -44,8 +44,8 @@ from txt1.resources import resource
 from txt1.safe_yaml import read_yaml
 
 MAPS: Final = "config/maps"
-# cells; 200 m x 200 m at 5 cm: their distances take some seconds
-CELLS_MAX: Final = 16_000_000
+# cells; 280 m x 280 m at 5 cm: their distances take some seconds
+CELLS_MAX: Final = 32_000_000
 # bytes of a picture that contain its size
 HEAD: Final = 1000
 PICTURES: Final = (".pgm", ".png", ".bmp")

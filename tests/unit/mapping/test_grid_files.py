@@ -7,6 +7,7 @@ import pytest
 
 from txt1.mapping import grid_files
 from txt1.maps import files
+from txt1.maps.files import CELLS_MAX
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 
 
@@ -41,9 +42,13 @@ def test_a_full_disk_keeps_the_old_map(tmp_path, monkeypatch):
     assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
 
 
-def test_a_map_too_large_is_refused():
+def test_a_map_too_large_gets_larger_cells_and_says_so():
     from txt1.mapping.matcher import Cloud, compiled_kernels
 
     far = Cloud(np.array([[500.0, 500.0]]), np.zeros((1, 2)))
-    with pytest.raises(ValueError, match="larger cells"):
-        grid_files.grid_of([far], np.zeros((1, 3)), compiled_kernels())
+    found = grid_files.grid_of([far], np.zeros((1, 3)), compiled_kernels())
+    assert found.resolution == 0.1 and found.cells.size <= CELLS_MAX
+    assert found.is_free(250.0, 250.0) and not found.is_free(500.0, 500.0)
+    told = grid_files.coarser(found.resolution, 0.05)
+    assert told == "the map's cells are 0.1 m, not 0.05 m: at 0.05 m it would have more than 32 million"
+    assert not grid_files.coarser(0.05, 0.05)

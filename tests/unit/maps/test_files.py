@@ -69,7 +69,7 @@ def test_a_png_is_read_with_pillow_and_told_to_need_it(tmp_path: Path, monkeypat
         ("- 1", b"", "floor.yaml: no map: it has no lines"),
         ("a: [", b"", "floor.yaml: not valid YAML: "),
         (MAP, b"P6 1 1 255 abc", "floor.pgm: neither a PGM, a PNG nor a BMP"),
-        (MAP, b"P5 10000 10000 255\n", "floor.pgm: 10000 x 10000 pixels; a map has at most 16 million: cut it out"),
+        (MAP, b"P5 10000 10000 255\n", "floor.pgm: 10000 x 10000 pixels; a map has at most 32 million: cut it out"),
         (MAP, b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\x27\x10\0\0\x27\x10", "floor.pgm: 10000 x 10000 pixels; a map"),
         (MAP, b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\1\0\0\0\1", "floor.pgm: cannot read the picture: "),
         (MAP, b"P5 0 3 255\n", "floor.pgm: 0 x 3 pixels; a map has some"),
@@ -89,7 +89,7 @@ def test_a_map_that_cannot_be_read_is_refused_in_one_line(tmp_path: Path, text: 
 @pytest.mark.parametrize(
     ("head", "told"),
     [
-        (b"P5\n10000 10000\n255\n", "floor.pgm: 10000 x 10000 pixels; a map has at most 16 million: cut it out, or"),
+        (b"P5\n10000 10000\n255\n", "floor.pgm: 10000 x 10000 pixels; a map has at most 32 million: cut it out, or"),
         (b"", "floor.pgm: 100000001 bytes; a map's picture has at most 100000000: cut it out, or make it coarser"),
     ],
 )

@@ -168,7 +168,7 @@ def test_a_bmp_too_large_is_refused_by_its_head_and_a_broken_one_in_a_line(tmp_p
     whole = saved(SAVED, "BMP")
     large = whole[:18] + (20_000).to_bytes(4, "little") * 2 + whole[26:]
     for picture, told in (
-        (large, "20000 x 20000 pixels; a map has at most 16 million"),
+        (large, "20000 x 20000 pixels; a map has at most 32 million"),
         (whole[:30], "cannot read the"),
     ):
         with pytest.raises(ConfigError) as refused:
