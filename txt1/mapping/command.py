@@ -28,7 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         {
             "file": takes(
-                "FILE", "a recording with a laser's scans, or a log in CARMEN's format, plain or gzip", existing
+                "FILE",
+                "a recording with a laser's scans, a bag of ROS 1 or 2 (.bag, .db3, .mcap or its folder), or a log in "
+                "CARMEN's format, plain or gzip",
+                existing,
             )
         }
         | ONE_ROBOT
@@ -39,6 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--new": flag("begin a new map, even if NAME exists"),
             "--again": flag("make the map again from FILE alone, write nothing, and compare it with NAME's files"),
             "--sensor": takes("NAME", "name of the laser, if there are several"),
+            "--scan": takes("TOPIC", "topic of a bag's scans, if there are several"),
+            "--odometry": takes("TOPIC", "topic of a bag's odometry, if there are several"),
             "--resolution": takes("M", "side of a cell, m (default 0.05)", float, default=0.05),
         },
     )
@@ -50,6 +55,8 @@ class ScanLog(NamedTuple):
     sweeps: list[Sweep]
     laser: str
     """Description of the laser and its mount."""
+    alone: bool = False
+    """Whether there is no odometry."""
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -63,8 +70,8 @@ def main(arguments: argparse.Namespace) -> int:
     if output.suffix in (".yaml", ".pgm", ".graph"):
         output = output.with_suffix("")
     source = _source(arguments)
-    mapper, drives = _begun(arguments, output)
-    mapper, closed, odometry = _mapped(mapper, source.sweeps, arguments.file)
+    mapper, drives = _begun(arguments, output, source.alone)
+    mapper, closed, odometry = _mapped(mapper, source, arguments.file)
     if not mapper.placed:
         raise ConfigError(
             f"{arguments.file}: this drive fits nowhere on the map {output}.yaml, which stays; --new begins a new one"
@@ -81,9 +88,18 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _source(arguments: argparse.Namespace) -> ScanLog:
-    """Return the scans of a recording or a log; raises RecordingError, LogError, ConfigError."""
+    """Return the scans of a recording, a bag or a log; raises RecordingError, BagError, LogError, ConfigError."""
+    from txt1.bags.reader import is_bag
     from txt1.mapping import carmen_logs, sweeps
 
+    if is_bag(arguments.file):
+        from txt1.mapping import bag_drives
+
+        drive = bag_drives.read(arguments.file, arguments.scan, arguments.odometry)
+        print(f"{arguments.file}: {drive.laser}")
+        return ScanLog(drive.sweeps, "the bag's laser", drive.alone)
+    if arguments.scan is not None or arguments.odometry is not None:
+        raise ConfigError(f"--scan, --odometry: they name topics of a bag of ROS, and {arguments.file} is none")
     if arguments.file.suffix == ".mcap":
         from txt1.record.reader import robot_in
 
@@ -101,10 +117,10 @@ def _source(arguments: argparse.Namespace) -> ScanLog:
     return ScanLog(taken, "the log's laser")
 
 
-def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[str]]:
+def _begun(arguments: argparse.Namespace, output: Path, alone: bool) -> tuple[Mapper, list[str]]:
     """Return a new mapper, or the mapper of an existing map, and the drives in it."""
     from txt1.mapping import graph_file
-    from txt1.mapping.mapper import Mapper
+    from txt1.mapping.mapper import ALONE, Mapper
 
     there = output.with_name(output.name + ".graph")
     if not there.exists() or arguments.new or arguments.again:
@@ -116,19 +132,28 @@ def _begun(arguments: argparse.Namespace, output: Path) -> tuple[Mapper, list[st
                 raise ConfigError(
                     f"{there}: of several drives ({', '.join(told['drives'])}); --again takes one of one drive"
                 )
-        return Mapper(), []
+        return Mapper(odometry=ALONE if alone else None), []
     mapper, told = graph_file.load(there)
     return mapper, list(told.get("drives", []))
 
 
-def _mapped(mapper: Mapper, sweeps: list[Sweep], file: Path) -> tuple[Mapper, int, NDArray[np.float64]]:
+def _mapped(mapper: Mapper, source: ScanLog, file: Path) -> tuple[Mapper, int, NDArray[np.float64]]:
     import numpy as np
 
-    closed = 0
-    for sweep in _shown(sweeps, f"mapping {file.name}"):
-        closed += mapper.add(sweep.time, sweep.points, sweep.predicted).closed
+    from txt1.mapping.poses import composed, difference
+
+    closed, step, before = 0, np.zeros(3), None
+    predicted = source.sweeps[0].predicted
+    for sweep in _shown(source.sweeps, f"mapping {file.name}"):
+        # without odometry, it goes on as it went from one scan to the next
+        predicted = composed(predicted, step) if source.alone else sweep.predicted
+        match = mapper.add(sweep.time, sweep.points, predicted)
+        closed += match.closed
+        if source.alone and before is not None and not match.closed:
+            step = difference(before, match.pose)
+        before = match.pose
     mapper.finish()
-    return mapper, closed, np.array([sweep.odometry for sweep in sweeps])
+    return mapper, closed, np.array([sweep.odometry for sweep in source.sweeps])
 
 
 def _shown(items: list[T], text: str) -> Iterable[T]:

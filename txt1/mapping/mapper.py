@@ -59,6 +59,10 @@ class OdometryNoise:
         return self.position + self.way * way, self.angle + self.bend * way + self.turn * abs(float(step[2]))
 
 
+ALONE: Final = OdometryNoise(position=0.05, angle=radians(3.0))
+"""Without odometry, when a robot is taken to go on as it went from one scan to the next."""
+
+
 @dataclass(frozen=True)
 class Matching:
     """Settings of the mapper."""

@@ -55,21 +55,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def show_info(arguments: argparse.Namespace) -> int:
     """Print its topics with counts, rates and gaps."""
+    from txt1.bags import summary as bag_summary
     from txt1.record import summary
 
     with busy(f"reading {arguments.file}"):
-        lines = list(summary.info(arguments.file))
+        told = bag_summary if _is_bag(arguments) else summary
+        lines = list(told.info(arguments.file))
     print(*lines, sep="\n")
     return OK
 
 
 def print_messages(arguments: argparse.Namespace) -> int:
     """Print its messages, one JSON object a line."""
+    from txt1.bags import summary as bag_summary
     from txt1.record import summary
 
-    for line in summary.lines(_chosen(arguments)):
+    if _is_bag(arguments):
+        lines = bag_summary.lines(arguments.file, arguments.topic, arguments.start, arguments.end)
+    else:
+        lines = summary.lines(_chosen(arguments))
+    for line in lines:
         print(line)
     return OK
+
+
+def _is_bag(arguments: argparse.Namespace) -> bool:
+    """Return whether it is a bag of ROS that is read as such; every MCAP file is read as a recording."""
+    from txt1.bags.reader import is_bag
+
+    return arguments.file.suffix != ".mcap" and is_bag(arguments.file)
 
 
 def export_csv(arguments: argparse.Namespace) -> int:

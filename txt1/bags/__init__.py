@@ -1,0 +1,1 @@
+"""Recordings that ROS 1 and ROS 2 made: bags."""
