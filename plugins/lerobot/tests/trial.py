@@ -19,8 +19,9 @@ QUIET = "--play_sounds=false"
 DRIVE = "[[2.0, 0.4, 0.3], [2.0, 0.4, -0.3]]"
 RECORDING = ["--dataset.single_task=drive", "--dataset.num_episodes=1", "--dataset.episode_time_s=5"]
 RECORDING += ["--dataset.reset_time_s=0", "--dataset.fps=10", "--dataset.push_to_hub=false"]
-# the option's place changed with LeRobot 0.6
-CODEC = "rgb_encoder.vcodec" if tuple(map(int, version("lerobot").split(".")[:2])) >= (0, 6) else "vcodec"
+# options were renamed with LeRobot 0.6
+SINCE_06 = tuple(map(int, version("lerobot").split(".")[:2])) >= (0, 6)
+CODEC, EVALUATED = ("rgb_encoder.vcodec", "env_eval_freq") if SINCE_06 else ("vcodec", "eval_freq")
 RECORDING += [f"--dataset.{CODEC}=h264", "--display_data=false"]
 # a small network for plain processors; pretrained weights would come from a hub
 POLICY = ["--policy.type=act", "--policy.device=cpu", "--policy.push_to_hub=false"]
@@ -29,7 +30,7 @@ POLICY += ["--policy.dim_feedforward=128", "--policy.n_encoder_layers=1", "--pol
 POLICY += ["--policy.chunk_size=10", "--policy.n_action_steps=10", "--policy.use_vae=false"]
 TRAINING = ["--steps=60", "--batch_size=8", "--num_workers=0", "--log_freq=10", "--save_freq=60", "--seed=1"]
 # torchcodec, the default, needs FFmpeg on the machine
-TRAINING += ["--eval_freq=0", "--wandb.enable=false", "--dataset.video_backend=pyav"]
+TRAINING += [f"--{EVALUATED}=0", "--wandb.enable=false", "--dataset.video_backend=pyav"]
 
 
 def lerobot(command: str, *words: str) -> str:
