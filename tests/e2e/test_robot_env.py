@@ -12,7 +12,7 @@ from tests.e2e.conftest import ENDLESS
 from tests.e2e.test_learning_on_hardware import vehicle_of
 from txt1.config import load
 from txt1.learning.drive_tasks import task_named
-from txt1.learning.robot_env import RobotEnv, Step, StepTrial
+from txt1.learning.robot_env import EnvStep, RobotEnv, StepTrial
 from txt1.learning.task import LearningTask
 from txt1.navigation import PoseSource
 from txt1.robot import Robot
@@ -36,14 +36,14 @@ class Outside:
         self.trial = StepTrial(task_named("pose", config), np.random.default_rng(3))
         LearningTask(robot, self.trial, PoseSource("ceiling", vehicle_of(robot))).start()
 
-    async def handed(self) -> Step:
+    async def handed(self) -> EnvStep:
         """Return what is handed over next."""
         async with asyncio.timeout(200.0):
             while self.trial.handed.empty():
                 await asyncio.sleep(0.01)
         return self.trial.handed.get()
 
-    async def step(self, action: np.ndarray) -> Step:
+    async def step(self, action: np.ndarray) -> EnvStep:
         """Give an action, and return what came of it."""
         v, omega = self.trial.task.driven(action[None])[0].tolist()
         self.trial.actions.put((v, omega))

@@ -1,7 +1,7 @@
 """Driving tasks for learners, each defined once: what is seen, what is done, what it earns, how it begins and ends.
 
-How it works. A task knows no simulator. `Seen` is what is known of n robots at a decision, as arrays; a simulation of
-one robot, one of thousands (`txt1.learning.env`) and the running robot (`txt1.learning.robot_env`) each make it. The
+How it works. A task knows no simulator. `TaskView` is what is known of n robots at a decision, as arrays; a simulation
+of one robot, one of thousands (`txt1.learning.env`) and the running robot (`txt1.learning.robot_env`) each make it. The
 functions of a task compute n rows at once, so that all three give the same numbers by the same code.
 
 *Reward.* Time costs and the goal pays. A decision of h seconds that brings the goal nearer by s metres earns
@@ -47,7 +47,7 @@ REACH: Final = 4.0
 FASTEST, SHARPEST = 5.0, 10.0
 
 
-class Seen(NamedTuple):
+class TaskView(NamedTuple):
     """What is known of n robots at a decision."""
 
     # in the room, x, y in m and theta in rad, shape (n, 3)
@@ -62,7 +62,7 @@ class Seen(NamedTuple):
     touched: Bools
 
 
-class Judged(NamedTuple):
+class TaskOutcome(NamedTuple):
     """What came of a decision, shape (n,) each."""
 
     rewards: Array
@@ -106,15 +106,15 @@ class DriveTask:
         v = self.speed * np.clip(given[..., 0], 0.0, 1.0)
         return np.stack([v, np.clip(given[..., 1], -1.0, 1.0) * v / self.radius], axis=-1)
 
-    def begun(self, seen: Seen, which: Bools) -> None:
+    def begun(self, seen: TaskView, which: Bools) -> None:
         """Note that the robots in `which` begin an episode now, from what is seen of them."""
         self._far = np.where(which, self.far(seen, which), self._far)
 
-    def observed(self, seen: Seen) -> NDArray[np.float32]:
+    def observed(self, seen: TaskView) -> NDArray[np.float32]:
         """Return the observations, shape (n, numbers)."""
         return np.clip(self._sees(seen), self.low, self.high).astype(np.float32)
 
-    def judged(self, seen: Seen) -> Judged:
+    def judged(self, seen: TaskView) -> TaskOutcome:
         """Return what came of the last decision."""
         far = self.far(seen, np.zeros(self.count, bool))
         outside = np.abs(seen.poses[:, :2]).max(axis=1) > self.boundary
@@ -122,7 +122,7 @@ class DriveTask:
         lost = (outside | seen.touched) & ~success
         rewards = (self._far - far) / self.speed - self.period + PAYS * success - COSTS * lost
         self._far = far
-        return Judged(rewards, success, lost)
+        return TaskOutcome(rewards, success, lost)
 
     # -- what a task has of its own ------------------------------------------------------------------------------------
 
@@ -130,11 +130,11 @@ class DriveTask:
         """Return so many poses at which episodes begin, m and rad, shape (count, 3)."""
         raise NotImplementedError
 
-    def far(self, seen: Seen, fresh: Bools) -> Array:
+    def far(self, seen: TaskView, fresh: Bools) -> Array:
         """Return how far the goal still is, m; 0 and less is at the goal. Robots in `fresh` begin an episode."""
         raise NotImplementedError
 
-    def _sees(self, seen: Seen) -> Array:
+    def _sees(self, seen: TaskView) -> Array:
         raise NotImplementedError
 
     def _bounds(self) -> tuple[Array, Array]:
@@ -158,13 +158,13 @@ class ToLight(DriveTask):
         """Return poses on the circle around the light, of any heading."""
         return _around(self.place, np.full(count, self.start_radius), rng)
 
-    def far(self, seen: Seen, fresh: Bools) -> Array:
+    def far(self, seen: TaskView, fresh: Bools) -> Array:
         """Return the distance to the goal circle."""
         del fresh
         away: Array = np.hypot(seen.poses[:, 0] - self.place[0], seen.poses[:, 1] - self.place[1])
         return away - self.goal
 
-    def _sees(self, seen: Seen) -> Array:
+    def _sees(self, seen: TaskView) -> Array:
         return np.concatenate([np.log(np.clip(seen.lux, 1.0, LUX_MAX)) / log(LUX_MAX), seen.velocities], axis=1)
 
     def _bounds(self) -> tuple[Array, Array]:
@@ -184,7 +184,7 @@ class ToPose(DriveTask):
         """Return poses around the goal, of any heading."""
         return _around((0.0, 0.0), rng.uniform(1.0, 2.5, count), rng)
 
-    def far(self, seen: Seen, fresh: Bools) -> Array:
+    def far(self, seen: TaskView, fresh: Bools) -> Array:
         """Return distance and turn still to go, as the way along the sharpest turn."""
         del fresh
         x, y, theta = seen.poses.T
@@ -193,7 +193,7 @@ class ToPose(DriveTask):
         to_go: Array = away + self.radius * np.maximum(turn - self.turned, 0.0)
         return to_go
 
-    def _sees(self, seen: Seen) -> Array:
+    def _sees(self, seen: TaskView) -> Array:
         x, y, theta = seen.poses.T
         c, s = np.cos(theta), np.sin(theta)
         return np.column_stack([-c * x - s * y, s * x - c * y, c, -s, seen.velocities])
@@ -227,7 +227,7 @@ class AlongTrack(DriveTask):
         theta = self._headings[k] + rng.uniform(-0.2, 0.2, count)
         return np.column_stack([self.line[k], theta])
 
-    def far(self, seen: Seen, fresh: Bools) -> Array:
+    def far(self, seen: TaskView, fresh: Bools) -> Array:
         """Return the way along the centre line that the lap still has."""
         nearest = ((seen.poses[:, None, :2] - self.line) ** 2).sum(axis=2).argmin(axis=1)
         at = self._along[nearest]
@@ -236,7 +236,7 @@ class AlongTrack(DriveTask):
         self._at = at
         return self._left.copy()
 
-    def _sees(self, seen: Seen) -> Array:
+    def _sees(self, seen: TaskView) -> Array:
         return _laser(seen)
 
     def _bounds(self) -> tuple[Array, Array]:
@@ -262,7 +262,7 @@ class KeepClear(DriveTask):
             reach, middle = 3.0, walls.freest()
         return np.column_stack([middle + rng.uniform(-reach, reach, (count, 2)), rng.uniform(-pi, pi, count)])
 
-    def far(self, seen: Seen, fresh: Bools) -> Array:
+    def far(self, seen: TaskView, fresh: Bools) -> Array:
         """Return the squares that it has not seen yet, as a way."""
         for k, (i, j) in enumerate(np.floor(seen.poses[:, :2] / self.side).astype(int).tolist()):
             if fresh[k]:
@@ -270,7 +270,7 @@ class KeepClear(DriveTask):
             self._been[k].add((i, j))
         return self.side * np.array([float(self.cells - len(each)) for each in self._been])
 
-    def _sees(self, seen: Seen) -> Array:
+    def _sees(self, seen: TaskView) -> Array:
         return _laser(seen)
 
     def _bounds(self) -> tuple[Array, Array]:
@@ -293,7 +293,7 @@ def _around(place: tuple[float, float], distance: Array, rng: Generator) -> Arra
     return np.column_stack([x, y, heading])
 
 
-def _laser(seen: Seen) -> Array:
+def _laser(seen: TaskView) -> Array:
     return np.concatenate([np.minimum(seen.ranges, REACH) / REACH, seen.velocities], axis=1)
 
 

@@ -40,7 +40,7 @@ from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
 from txt1.learning.batch import TICK_MS, Batch, only_ours
-from txt1.learning.drive_tasks import RAYS, Array, Bools, DriveTask, Generator, Judged, Seen, task_named
+from txt1.learning.drive_tasks import RAYS, Array, Bools, DriveTask, Generator, TaskOutcome, TaskView, task_named
 from txt1.learning.finite_readings import FiniteReadings
 from txt1.learning.light_direction import LightFilter
 from txt1.learning.modelled_settings import BATCH, ONE, refuse_others
@@ -87,7 +87,7 @@ class Bodies(Protocol):
     def drive(self, commands: Array, duration: int, rng: Generator) -> None:
         """Drive on for `duration` ms by v and omega, m/s and rad/s, shape (n, 2)."""
 
-    def seen(self) -> Seen:
+    def seen(self) -> TaskView:
         """Return what is known of the robots now."""
 
 
@@ -131,11 +131,11 @@ class ManyBodies:
         self.batch.commands[:] = commands
         self.batch.run(duration // TICK_MS, rng, sense=self._task.light)
 
-    def seen(self) -> Seen:
+    def seen(self) -> TaskView:
         """As `Bodies`."""
         poses, n = self.batch.poses, self._task.count
         ranges = _ranges(poses, self._shapes) if self._task.laser else np.empty((n, 0))
-        return Seen(poses, self.batch.velocities, self.batch.readings, ranges, self._touches())
+        return TaskView(poses, self.batch.velocities, self.batch.readings, ranges, self._touches())
 
     def _touches(self) -> Bools:
         if not self._task.laser:
@@ -263,7 +263,7 @@ class OneBody:
                 self._filter.step(Readings(0.0, 0.0, 0.0, 0.0) if passed is None else passed)
         self._ms += 1
 
-    def seen(self) -> Seen:
+    def seen(self) -> TaskView:
         """As `Bodies`; the place is told in the frame of the light, which a world may move."""
         now = self._ms / 1000.0
         poses = np.array([self.pose])
@@ -272,7 +272,7 @@ class OneBody:
         ranges = _ranges(poses, self._shapes) if self._task.laser else np.empty((1, 0))
         if self._task.light:
             poses[0, :2] += np.array(self.config.sim.room.light) - self.light
-        return Seen(poses, np.array([told[3:]]), lux, ranges, np.array([self.touched]))
+        return TaskView(poses, np.array([told[3:]]), lux, ranges, np.array([self.touched]))
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -319,7 +319,7 @@ class Drives:
         self.task.begun(seen, which)
         return self.task.observed(seen)
 
-    def decide(self, commands: Array, rng: Generator, resting: Bools) -> tuple[NDArray[np.float32], Judged, Bools]:
+    def decide(self, commands: Array, rng: Generator, resting: Bools) -> tuple[NDArray[np.float32], TaskOutcome, Bools]:
         """Drive on by a decision; return observations, what came of it, and whose time is over.
 
         Robots in `resting` stand, and begin their episodes with it.
@@ -327,7 +327,7 @@ class Drives:
         self.bodies.drive(np.where(resting[:, None], 0.0, commands), round(1000.0 * self.task.period), rng)
         return self.judged(resting)
 
-    def judged(self, resting: Bools) -> tuple[NDArray[np.float32], Judged, Bools]:
+    def judged(self, resting: Bools) -> tuple[NDArray[np.float32], TaskOutcome, Bools]:
         """Return as `decide`, after the robots have driven on."""
         task, seen = self.task, self.bodies.seen()
         self.touched = seen.touched
@@ -336,7 +336,7 @@ class Drives:
         self.steps += ~resting
         moves = ~resting
         late = (self.steps * task.period >= task.time_limit - 1e-9) & moves
-        judged = Judged(np.where(resting, 0.0, judged.rewards), judged.success & moves, judged.lost & moves)
+        judged = TaskOutcome(np.where(resting, 0.0, judged.rewards), judged.success & moves, judged.lost & moves)
         return task.observed(seen), judged, late
 
 

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from txt1.config import Config, load
 from txt1.errors import HalError, Txt1Error
 from txt1.learning.agent import Decision, Readings
-from txt1.learning.drive_tasks import RAYS, DriveTask, Seen, task_named
+from txt1.learning.drive_tasks import RAYS, DriveTask, TaskView, task_named
 from txt1.learning.env import Observation, spaces
 from txt1.learning.finite_readings import FiniteReadings
 from txt1.learning.light_direction import LightFilter
@@ -51,7 +51,7 @@ SETTLE: Final = 0.5
 IN_TIME: Final = 0.06
 
 
-class Step(NamedTuple):
+class EnvStep(NamedTuple):
     """What is handed over at a decision."""
 
     seen: NDArray[np.float32]
@@ -72,7 +72,7 @@ class StepTrial:
     def __init__(self, task: DriveTask, rng: np.random.Generator) -> None:
         self.task = task
         # what is seen at each decision, and the actions for it
-        self.handed: SimpleQueue[Step] = SimpleQueue()
+        self.handed: SimpleQueue[EnvStep] = SimpleQueue()
         self.actions: SimpleQueue[tuple[float, float]] = SimpleQueue()
         self.agent = self
         self.episodes: list[Episode] = []
@@ -155,7 +155,7 @@ class StepTrial:
 
     def _hand(self, pose: Pose, odometry: Odometry, touches: bool) -> bool:
         """Hand over what is seen and what came of the last action; return whether the episode is over."""
-        seen = Seen(
+        seen = TaskView(
             np.array([pose]),
             np.array([[odometry.v, odometry.omega]]),
             np.array([self._filter.readings or (0.0, 0.0, 0.0, 0.0)]),
@@ -166,7 +166,7 @@ class StepTrial:
         if not self._steps:
             self.task.begun(seen, np.ones(1, bool))
             self._told = Decision(None, None, tuple(told.tolist()))
-            self.handed.put(Step(told))
+            self.handed.put(EnvStep(told))
             return False
         rewards, success, lost = (each[0] for each in self.task.judged(seen))
         reward, ended = float(rewards), bool(success | lost)
@@ -175,7 +175,7 @@ class StepTrial:
         if ended or late:
             self.phase, self._command = Phase.WAIT, (0.0, 0.0)
             self.decided(OVER)
-        self.handed.put(Step(told, reward, ended, late and not ended, bool(success), touches, self._late))
+        self.handed.put(EnvStep(told, reward, ended, late and not ended, bool(success), touches, self._late))
         return ended or late
 
     def void(self) -> None:
@@ -185,7 +185,7 @@ class StepTrial:
             known = self.phase is Phase.DRIVE and (self._steps > 0 or self._asked)
             self.phase, self._command = Phase.WAIT if known else Phase.MOVE, (0.0, 0.0)
             if known:
-                self.handed.put(Step(np.zeros(len(self.task.low), np.float32), truncated=True, void=True))
+                self.handed.put(EnvStep(np.zeros(len(self.task.low), np.float32), truncated=True, void=True))
 
     def decision(self, odometry: Odometry) -> Decision:
         """Return reward and observation, for recordings."""
@@ -272,7 +272,7 @@ class RobotEnv(gymnasium.Env[Observation, Any]):
         if self._failed is not None:
             raise self._failed
 
-    def _next(self) -> Step:
+    def _next(self) -> EnvStep:
         while True:
             try:
                 return self.trial.handed.get(timeout=0.5)

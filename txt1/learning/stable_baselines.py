@@ -25,7 +25,7 @@ def vec_env(robots: DriveVectorEnv) -> Any:
     except ModuleNotFoundError:
         raise ConfigError("stable_baselines3: it is not installed: pip install stable-baselines3") from None
 
-    class Robots(VecEnv):  # type: ignore[misc]  # without it its types are not known
+    class RobotsVecEnv(VecEnv):  # type: ignore[misc]  # without it its types are not known
         """The robots as a VecEnv; what Stable-Baselines3 asks of single environments, all have alike."""
 
         def __init__(self) -> None:
@@ -78,4 +78,4 @@ def vec_env(robots: DriveVectorEnv) -> Any:
             del wrapper_class
             return [False] * len(self._get_indices(indices))
 
-    return Robots()
+    return RobotsVecEnv()

@@ -12,10 +12,10 @@ from typing import Any, Final
 
 from txt1.errors import HalError
 from txt1.link.base import Port
-from txt1.rc.frames import CHANNELS, Heard
+from txt1.rc.frames import CHANNELS, RcFrame
 from txt1.rc.receiver_port import ReceiverLine
 from txt1.rc.settings import APART, RcParameters, firmware_settings, take_over
-from txt1.rc.take_over import RcState, Stick, Switch, TakeOver
+from txt1.rc.take_over import ModeSwitch, RcState, Stick, TakeOver
 
 # s for which the receiver is listened to after each answer
 LISTENS: Final = 0.5
@@ -29,7 +29,7 @@ Ready = Callable[[str, str], Awaitable[None]]
 """Asks a person to do something (a key for programs, a text), and returns when it is done."""
 
 
-class Listener:
+class ReceiverListener:
     """Collects what a receiver tells."""
 
     def __init__(self, parameters: RcParameters, port: Port | None) -> None:
@@ -39,7 +39,7 @@ class Listener:
         self.rule: TakeOver | None = None
         """Also gets everything, once the channels are known."""
 
-    def _take(self, heard: Heard, now: float) -> None:
+    def _take(self, heard: RcFrame, now: float) -> None:
         if heard.pulses is not None:
             self._heard.append(heard.pulses)
         if self.rule is not None:
@@ -76,7 +76,7 @@ async def calibrate(
 
     Raises HalError: the receiver cannot be heard, or goes on telling positions without its transmitter.
     """
-    listener = Listener(parameters, port)
+    listener = ReceiverListener(parameters, port)
     await listener.line.open()
     try:
         await ready("rest", "Switch the transmitter on, let go of its sticks, and put its switch to hand.")
@@ -97,7 +97,7 @@ async def calibrate(
         await ready("computer", "Let go of the sticks, and put the switch to computer.")
         at_computer = await listener.pulses()
         channel = moved(rest, at_computer, "switch", taken)
-        switch = Switch(channel + 1, rest[channel], at_computer[channel])
+        switch = ModeSwitch(channel + 1, rest[channel], at_computer[channel])
         tell(f"switch: channel {channel + 1}, {rest[channel]:g} us at hand, {at_computer[channel]:g} us at computer")
         found = RcParameters(
             parameters.protocol, parameters.port, parameters.speed, sticks["throttle"], sticks["steering"], switch
@@ -115,7 +115,7 @@ async def calibrate(
         await listener.line.close()
 
 
-async def _tells_its_loss(listener: Listener, rule: TakeOver, throttle: Stick) -> None:
+async def _tells_its_loss(listener: ReceiverListener, rule: TakeOver, throttle: Stick) -> None:
     """Raise HalError unless the receiver tells the loss soon, and goes on telling it."""
     loop = asyncio.get_running_loop()
     await asyncio.sleep(TELLS)

@@ -37,7 +37,7 @@ UPLINK_QUALITY: Final = 2
 MODE_MAX: Final = 13
 
 
-class Heard(NamedTuple):
+class RcFrame(NamedTuple):
     """What a frame tells: pulses of the channels, us, or None; whether the link to the transmitter is lost, or None."""
 
     pulses: tuple[int, ...] | None
@@ -50,7 +50,7 @@ class FrameDecoder(Protocol):
     faults: int
     """Number of times that bytes were no frame."""
 
-    def feed(self, data: bytes) -> list[Heard]:
+    def feed(self, data: bytes) -> list[RcFrame]:
         """Take bytes; return what the frames tell that they complete. A frame that does not count is left out."""
 
 
@@ -68,7 +68,7 @@ class SbusDecoder:
         self._rest = b""
         self._in_step = False
 
-    def feed(self, data: bytes) -> list[Heard]:
+    def feed(self, data: bytes) -> list[RcFrame]:
         """Take bytes; return what the frames tell."""
         rest, found, at = self._rest + data, [], 0
         while len(rest) - at >= (SBUS_SIZE if self._in_step else 2 * SBUS_SIZE):
@@ -76,9 +76,9 @@ class SbusDecoder:
                 self._in_step = True
                 flags = rest[at + SBUS_SIZE - 2]
                 if flags & SBUS_FAILSAFE:
-                    found.append(Heard(None, True))
+                    found.append(RcFrame(None, True))
                 elif not flags & SBUS_LOST:
-                    found.append(Heard(unpack(rest[at + 1 :]), False))
+                    found.append(RcFrame(unpack(rest[at + 1 :]), False))
                 at += SBUS_SIZE
                 continue
             self.faults += self._in_step
@@ -109,7 +109,7 @@ class CrsfDecoder:
         self.faults = 0
         self._rest = b""
 
-    def feed(self, data: bytes) -> list[Heard]:
+    def feed(self, data: bytes) -> list[RcFrame]:
         """Take bytes; return what the frames tell."""
         rest, found, at = self._rest + data, [], 0
         while len(rest) - at >= 2:
@@ -125,9 +125,9 @@ class CrsfDecoder:
                 at += 1
                 continue
             if body[0] == CRSF_CHANNELS and len(body) == 1 + PACKED:
-                found.append(Heard(unpack(body[1:])))
+                found.append(RcFrame(unpack(body[1:])))
             elif body[0] == CRSF_STATISTICS and len(body) > 1 + UPLINK_QUALITY:
-                found.append(Heard(None, body[1 + UPLINK_QUALITY] == 0))
+                found.append(RcFrame(None, body[1 + UPLINK_QUALITY] == 0))
             at += 2 + size
         self._rest = rest[at:]
         return found

@@ -8,18 +8,18 @@ from txt1.errors import LinkLost
 from txt1.link.base import Link, Port
 from txt1.link.device import DevicePort
 from txt1.link.silence import Watched
-from txt1.rc.frames import Heard
+from txt1.rc.frames import RcFrame
 from txt1.rc.settings import PROTOCOLS
 
 # s of silence after which the port is opened again: a transmitter may be off for long
-PATIENCE: Final = 10.0
+SILENCE_PATIENCE: Final = 10.0
 
 
 class ReceiverLine:
     """An end of a link to a receiver; `take` gets what each frame told, and the loop's time of its arrival."""
 
     def __init__(
-        self, protocol: str, address: str, take: Callable[[Heard, float], None], port: Port | None = None
+        self, protocol: str, address: str, take: Callable[[RcFrame, float], None], port: Port | None = None
     ) -> None:
         chosen = PROTOCOLS[protocol]
         self._decoder = chosen.decoder
@@ -29,7 +29,7 @@ class ReceiverLine:
         self.problem = ""
         """Why the port is not open; "" while it is."""
         line = port or DevicePort(address, chosen.baud, behind="a receiver", framing=chosen.framing)
-        self._watched = Watched(line, self, PATIENCE, None, self._tell, self._fail)
+        self._watched = Watched(line, self, SILENCE_PATIENCE, None, self._tell, self._fail)
         self._mistake: Exception | None = None
 
     async def open(self) -> None:

@@ -16,7 +16,7 @@ from txt1.errors import ConfigError
 from txt1.hal.serial import SerialHal
 from txt1.kernel.ticks import Ticks
 from txt1.link.base import Port
-from txt1.rc.frames import Heard, telemetry
+from txt1.rc.frames import RcFrame, telemetry
 from txt1.rc.receiver_port import ReceiverLine
 from txt1.rc.settings import BOARD, RcParameters, take_over
 from txt1.rc.take_over import SILENCE, RcState
@@ -163,7 +163,7 @@ class ReceiverHand(RcHand):
             robot = self._robot
             self._line.send(telemetry(robot.battery.battery1, LETTERS[state] if robot.armed else "DISARMED"))
 
-    def _take(self, heard: Heard, arrived: float) -> None:
+    def _take(self, heard: RcFrame, arrived: float) -> None:
         self._rule.take(heard.pulses, heard.lost, arrived)
         if heard.pulses is not None:
             self._heard = arrived

@@ -5,7 +5,7 @@ from typing import Final, Literal, NamedTuple
 
 from txt1.errors import ConfigError
 from txt1.rc.frames import CrsfDecoder, FrameDecoder, SbusDecoder
-from txt1.rc.take_over import Stick, Switch, TakeOver
+from txt1.rc.take_over import ModeSwitch, Stick, TakeOver
 from txt1.units import Positive
 
 # us by which the positions of a stick or switch have to differ
@@ -29,7 +29,7 @@ PROTOCOLS: Final[dict[str, Protocol]] = {
 }
 
 UNKNOWN_STICK: Final = Stick()
-UNKNOWN_SWITCH: Final = Switch()
+UNKNOWN_SWITCH: Final = ModeSwitch()
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,14 +46,14 @@ class RcParameters:
     """Channel and pulses (us) of the throttle: back, neutral, ahead."""
     steering: Stick = UNKNOWN_STICK
     """Channel and pulses (us) of the steering: right, straight, left."""
-    switch: Switch = UNKNOWN_SWITCH
+    switch: ModeSwitch = UNKNOWN_SWITCH
     """Channel and pulses (us) of the switch: at "hand", at "computer"."""
 
 
 def take_over(parameters: RcParameters) -> TakeOver:
     """Return the rule for these settings; raises ConfigError if something is missing or cannot be."""
     throttle, steering, switch = parameters.throttle, parameters.steering, parameters.switch
-    given: dict[str, Stick | Switch] = {"throttle": throttle, "steering": steering, "switch": switch}
+    given: dict[str, Stick | ModeSwitch] = {"throttle": throttle, "steering": steering, "switch": switch}
     if missing := [name for name, each in given.items() if not each.channel]:
         raise ConfigError(
             f"rc.{missing[0]}.channel: nobody has told its channel; `txt1 calibrate --rc PORT --write FILE` finds all "
@@ -74,7 +74,9 @@ def take_over(parameters: RcParameters) -> TakeOver:
     return TakeOver(throttle, steering, switch)
 
 
-def firmware_settings(throttle: Stick, steering: Stick, switch: Switch, protocol: str = "crsf") -> dict[str, object]:
+def firmware_settings(
+    throttle: Stick, steering: Stick, switch: ModeSwitch, protocol: str = "crsf"
+) -> dict[str, object]:
     """Return the setting `receiver` of the Pico's firmware for these channels, with the pins of the drawing."""
     rows = {
         name: [stick.channel, round(stick.least), round(stick.middle), round(stick.most)]

@@ -73,7 +73,7 @@ class Stick:
 
 
 @dataclass(frozen=True, slots=True)
-class Switch:
+class ModeSwitch:
     """The switch's channel and its pulses, us, at "hand" and at "computer"."""
 
     channel: Channel = 0
@@ -102,7 +102,7 @@ class RcWish(NamedTuple):
 class TakeOver:
     """The rule, for a throttle, a steering and a switch."""
 
-    def __init__(self, throttle: Stick, steering: Stick, switch: Switch) -> None:
+    def __init__(self, throttle: Stick, steering: Stick, switch: ModeSwitch) -> None:
         self._throttle, self._steering, self._switch = throttle, steering, switch
         self._heard = -inf
         self._lost, self._waiting = False, True
@@ -111,7 +111,7 @@ class TakeOver:
         self._wish = RcWish(RcState.LOST)
 
     def take(self, pulses: Sequence[float] | None, lost: bool | None, now: float) -> None:
-        """Take what a frame told (`txt1.rc.frames.Heard`) at `now`."""
+        """Take what a frame told (`txt1.rc.frames.RcFrame`) at `now`."""
         if lost is not None:
             self._lost = lost
             # a loss counts, even if nobody looks before the next frame

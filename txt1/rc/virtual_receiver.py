@@ -8,7 +8,7 @@ from txt1.errors import HalError
 from txt1.link.base import End, Link, connect
 from txt1.link.virtual_device import VirtualDevice
 from txt1.rc.frames import CHANNELS, CRSF_CHANNELS, CRSF_STATISTICS, SBUS_FAILSAFE, SBUS_HEAD, SBUS_LOST, crsf_frame
-from txt1.rc.take_over import Stick, Switch
+from txt1.rc.take_over import ModeSwitch, Stick
 
 # s between two frames: of SBUS, of CRSF at 150 Hz
 PERIODS: Final = {"sbus": 0.014, "crsf": 1.0 / 150.0}
@@ -23,7 +23,7 @@ channels (CRSF); the old channels as if nothing were; or channels that no stick 
 
 THROTTLE: Final = Stick(2, 1000.0, 1500.0, 2000.0)
 STEERING: Final = Stick(1, 1950.0, 1480.0, 1050.0)
-SWITCH: Final = Switch(5, 2000.0, 1000.0)
+SWITCH: Final = ModeSwitch(5, 2000.0, 1000.0)
 """The channels of the virtual transmitter; its steering is reversed."""
 
 

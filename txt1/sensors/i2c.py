@@ -13,7 +13,7 @@ from txt1.config import Config
 from txt1.errors import ConfigError, HalError, MissingExtra
 
 
-class I2cBus(Protocol):
+class SensorBus(Protocol):
     """An I2C bus with the interface of smbus2; raises OSError if a chip does not answer."""
 
     def write_i2c_block_data(self, address: int, register: int, data: Sequence[int], /) -> None:
@@ -38,14 +38,14 @@ def refuse_bus_of_outputs(name: str, bus: int, config: Config) -> None:
         )
 
 
-def open_bus(bus: int) -> I2cBus:
+def open_bus(bus: int) -> SensorBus:
     """Open a bus by its number; raises HalError with the remedy, MissingExtra."""
     try:
         from smbus2 import SMBus
     except ImportError:
         raise MissingExtra("a sensor on the I2C bus", "devices") from None
     try:
-        opened: I2cBus = SMBus(bus)
+        opened: SensorBus = SMBus(bus)
     except OSError as error:
         remedy = "switch I2C on (sudo raspi-config, Interface Options) and check options.bus"
         if error.errno == errno.EACCES:

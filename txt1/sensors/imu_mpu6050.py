@@ -20,7 +20,7 @@ from txt1.config.sources import checked
 from txt1.errors import HalError
 from txt1.sensors.base import Setup
 from txt1.sensors.frame_grabber import Frames, Wait
-from txt1.sensors.i2c import I2cBus, open_bus, refuse_bus_of_outputs
+from txt1.sensors.i2c import SensorBus, open_bus, refuse_bus_of_outputs
 from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Vector, imu_topic
 from txt1.units import Positive
 
@@ -117,7 +117,7 @@ class Mpu6050Options:
     """Standard deviations for its messages: rates (rad/s) once the bias is known, accelerations (m/s^2)."""
 
 
-def begin(bus: I2cBus, address: int) -> None:
+def begin(bus: SensorBus, address: int) -> None:
     """Wake the chip; raises HalError if it is another one, OSError if none answers."""
     who = bus.read_i2c_block_data(address, WHO_AM_I, 1)[0]
     if who not in KNOWN:
@@ -127,7 +127,7 @@ def begin(bus: I2cBus, address: int) -> None:
 
 
 def readings(
-    given: Mpu6050Options, opened: Callable[[], I2cBus], armed: Callable[[], bool], wait: Wait
+    given: Mpu6050Options, opened: Callable[[], SensorBus], armed: Callable[[], bool], wait: Wait
 ) -> Iterator[ImuReading | None]:
     """Yield readings in the vehicle's axes, one in each period; raises HalError when the bus or the chip fails."""
     rest, yaw, mount = RestBias(), given.mount.yaw, given.mount._replace(yaw=0.0)
@@ -173,7 +173,7 @@ def create(setup: Setup) -> Frames[ImuReading]:
 
 
 def sensor(
-    name: str, given: Mpu6050Options, opened: Callable[[], I2cBus], armed: Callable[[], bool]
+    name: str, given: Mpu6050Options, opened: Callable[[], SensorBus], armed: Callable[[], bool]
 ) -> Frames[ImuReading]:
     """Return the sensor on a bus that `opened` opens in the sensor's thread."""
     return Frames(imu_topic(name), given.period, lambda wait: readings(given, opened, armed, wait))

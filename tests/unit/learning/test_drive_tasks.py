@@ -9,16 +9,16 @@ import pytest
 
 from txt1.config import load
 from txt1.errors import ConfigError
-from txt1.learning.drive_tasks import COSTS, PAYS, RAYS, TASKS, DriveTask, Seen, task_named
+from txt1.learning.drive_tasks import COSTS, PAYS, RAYS, TASKS, DriveTask, TaskView, task_named
 from txt1.model.kinematics import move_along_arc
 
 CONFIG = load(None, ()).config
 OVAL = load(None, ["sim.room.map=oval"]).config
 
 
-def seen(pose: tuple[float, float, float], touched: bool = False) -> Seen:
+def seen(pose: tuple[float, float, float], touched: bool = False) -> TaskView:
     lux, ranges = np.full((1, 4), 50.0), np.full((1, len(RAYS)), 2.0)
-    return Seen(np.array([pose]), np.zeros((1, 2)), lux, ranges, np.array([touched]))
+    return TaskView(np.array([pose]), np.zeros((1, 2)), lux, ranges, np.array([touched]))
 
 
 def drive(task: DriveTask, pose: tuple[float, float, float], v: float, omega: float, turns: float = 0.0) -> float:
@@ -90,7 +90,9 @@ def test_observations_and_starts_of_many_robots_are_within_bounds(name: str) -> 
     task = task_named(name, OVAL if name == "track" else CONFIG, 50)
     poses = task.begin(50, np.random.default_rng(1))
     assert poses.shape == (50, 3) and np.isfinite(poses).all()
-    many = Seen(poses, np.full((50, 2), 99.0), np.zeros((50, 4)), np.full((50, len(RAYS)), np.inf), np.zeros(50, bool))
+    many = TaskView(
+        poses, np.full((50, 2), 99.0), np.zeros((50, 4)), np.full((50, len(RAYS)), np.inf), np.zeros(50, bool)
+    )
     observed = task.observed(many)
     assert (observed >= task.low - 1e-6).all() and (observed <= task.high + 1e-6).all()
     assert np.isfinite(observed).all()

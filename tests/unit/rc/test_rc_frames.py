@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.rc.frames import CRSF_CHANNELS, CrsfDecoder, Heard, SbusDecoder, crc8, crsf_frame, telemetry, unpack
+from txt1.rc.frames import CRSF_CHANNELS, CrsfDecoder, RcFrame, SbusDecoder, crc8, crsf_frame, telemetry, unpack
 from txt1.rc.virtual_receiver import packed, sbus_frame
 
 # ArduPilot's libraries/AP_RCProtocol/examples/RCProtocolTest/RCProtocolTest.cpp: sbus_bytes, and the pulses that it
@@ -59,7 +59,7 @@ def test_a_frame_that_is_marked_lost_does_not_count_and_a_failsafe_is_a_loss() -
     decoder = SbusDecoder()
     assert len(decoder.feed(ARDUPILOT * 2)) == 2
     assert decoder.feed(marked(0x04)) == []
-    assert decoder.feed(marked(0x08)) == decoder.feed(marked(0x0C)) == [Heard(None, True)]
+    assert decoder.feed(marked(0x08)) == decoder.feed(marked(0x0C)) == [RcFrame(None, True)]
     assert len(decoder.feed(marked(0x03))) == 1, "channels 17 and 18"
 
 
@@ -67,7 +67,7 @@ def test_link_statistics_tell_a_loss_and_are_no_channels() -> None:
     # TBS's crsf.md, frame 0x14: the third byte is the uplink's quality, per cent
     for quality, lost in ((100, False), (1, False), (0, True)):
         assert CrsfDecoder().feed(crsf_frame(0x14, bytes((60, 70, quality, 9, 0, 4, 3, 50, 100, 9)))) == [
-            Heard(None, lost)
+            RcFrame(None, lost)
         ]
 
 

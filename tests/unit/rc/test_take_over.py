@@ -6,7 +6,7 @@ import pytest
 
 from txt1.errors import ConfigError
 from txt1.rc.settings import RcParameters, take_over
-from txt1.rc.take_over import RcState, RcWish, Stick, Switch, TakeOver
+from txt1.rc.take_over import ModeSwitch, RcState, RcWish, Stick, TakeOver
 from txt1.rc.virtual_receiver import STEERING, SWITCH, THROTTLE
 
 AT = {"hand": 2000, "half way": 1500, "computer": 1000}
@@ -130,14 +130,14 @@ def test_after_letting_go_was_asked_a_held_stick_does_not_drive(bench: Bench) ->
     ("changed", "told"),
     [
         ({"throttle": Stick()}, "rc.throttle.channel: nobody has told its channel"),
-        ({"switch": Switch()}, "rc.switch.channel: nobody has told its channel"),
+        ({"switch": ModeSwitch()}, "rc.switch.channel: nobody has told its channel"),
         ({"throttle": Stick(2, 1000, 1100, 2000)}, "rc.throttle: 1000, 1100, 2000 us do not rise or fall"),
         ({"steering": Stick(1, 1000, 2100, 2000)}, "rc.steering: "),
-        ({"switch": Switch(5, 1500, 1700)}, "rc.switch: 1500 and 1700 us are too close"),
-        ({"switch": Switch(2, 1000, 2000)}, r"channels \[2, 1, 2\]; give three different ones"),
+        ({"switch": ModeSwitch(5, 1500, 1700)}, "rc.switch: 1500 and 1700 us are too close"),
+        ({"switch": ModeSwitch(2, 1000, 2000)}, r"channels \[2, 1, 2\]; give three different ones"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(changed: dict[str, Stick | Switch], told: str) -> None:
+def test_settings_that_cannot_be_are_refused(changed: dict[str, Stick | ModeSwitch], told: str) -> None:
     whole = {"throttle": THROTTLE, "steering": STEERING, "switch": SWITCH} | changed
     with pytest.raises(ConfigError, match=told):
         take_over(RcParameters(**whole))  # type: ignore[arg-type]
