@@ -315,7 +315,11 @@ def board(*words: str) -> Iterator[Path]:
 
 
 COMMAND = "roslaunch txt_launch txt_node_net.launch host:=localhost client:=localhost"
-"""The thesis's command (B.3), on a single computer."""
+EXAMPLE_COMMAND = "roslaunch name template"
+"""The thesis's commands (B.3), on a single computer."""
+EXAMPLE = """<launch>
+  <node pkg="name" type="txt_driver_template" name="template" output="screen"/>
+</launch>"""
 
 
 @contextmanager
@@ -337,10 +341,25 @@ def launched(ros: Ros, port: str, options: str, tmp_path: Path) -> Iterator[None
 ENDLESS = "--set sim.room.length=.inf --set sim.room.width=.inf"
 
 
+@pytest.fixture(scope="module")
+def example(package: Path, client: Path) -> None:
+    """The package that B.3 has its reader make, with a launch file, as roslaunch starts nothing else."""
+    folder = package / "src" / "name"
+    folder.mkdir()
+    shutil.copy(client, folder / "txt_driver_template")
+    (folder / "template").write_text(EXAMPLE)
+    (folder / "package.xml").write_text(PACKAGE)
+
+
+PACKAGE = """<package format="2">
+  <name>name</name><version>1.0.0</version><description>B.4</description>
+  <maintainer email="robot@example.org">TXT-1</maintainer><license>MIT</license>
+</package>"""
+
+
 @pytest.mark.parametrize("kind", ["sim", "ours", "original"])
-def test_the_thesis_s_commands_start_the_robot_and_its_example(
-    ros: Ros, client: Path, tmp_path: Path, kind: str
-) -> None:
+@pytest.mark.usefixtures("example")
+def test_the_thesis_s_commands_start_the_robot_and_its_example(ros: Ros, tmp_path: Path, kind: str) -> None:
     with ExitStack() as stack:
         port, options = "sim", f"--seed 1 {ENDLESS}"
         if kind != "sim":
@@ -349,14 +368,16 @@ def test_the_thesis_s_commands_start_the_robot_and_its_example(
         assert "result: True" in call(ros, "/pid_load")
         frames = ros.peer("frames")
         assert ros.peer("alive") is True
-        process = subprocess.Popen(
-            [str(client)], env=ros.environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-        )
-        time.sleep(8.0 * S)
-        process.terminate()
-        said = process.communicate(timeout=LIMIT)[0]
-    assert "PID Load Response: 1" in said and "PWR Response: 1" in said, said[-3000:]
-    assert re.search(r"odom", said, re.I) and re.search(r"battery", said, re.I)
+        output = tmp_path / "example"
+        environment = ros.environment | {"ROS_LOG_DIR": str(tmp_path), "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1"}
+        with output.open("w") as file:
+            process = subprocess.Popen(EXAMPLE_COMMAND.split(), env=environment, stdout=file, stderr=subprocess.STDOUT)
+        try:
+            tells = "PID Load Response: 1", "PWR Response: 1", "odom", "battery"
+            wait_until(lambda: all(re.search(each, output.read_text(), re.I) for each in tells))
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(LIMIT)
     assert frames["base_laser_link"][:4] == ["base_link", 0.1905, 0.0, 0.1435]
     assert frames["base_imu_link"][4] == pytest.approx([3.1416, 0.0, 3.1416], abs=1e-3), "its z points down"
     assert frames["base_link"][0] == "base_footprint"
