@@ -30,7 +30,7 @@ class World:
     async def _open(self, *how: Any) -> str:
         if self.trouble is not None:
             raise self.trouble
-        *where, self.transport, self.dtr = how
+        *where, self.transport, self.dtr, self.framing = how
         self.opened.append(tuple(where))
         return "link"
 
