@@ -716,7 +716,7 @@ def test_a_guard_that_cannot_begin_says_what_to_do(tmp_path: Path) -> None:
     async def body() -> None:
         await Process(setup(bus=str(tmp_path / "none" / "registers"))).open()
 
-    with pytest.raises(HalError, match=r"No such file.*raspi-config"):
+    with pytest.raises(HalError, match=r"^switch I2C on \(sudo raspi-config.*: the outputs .*No such file"):
         run(body())
 
 
