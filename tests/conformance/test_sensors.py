@@ -244,8 +244,8 @@ def test_the_command_says_what_there_is(capsys: pytest.CaptureFixture[str]) -> N
 
 class TestMpu6050(SensorConformance):
     def make(self) -> Sensor[Any]:
-        return imu_mpu6050.sensor("checked", imu_mpu6050.Mpu6050Options(), Mpu6050Chip, lambda: False)
+        return imu_mpu6050.sensor("checked_mpu6050", imu_mpu6050.Mpu6050Options(), Mpu6050Chip, lambda: False)
 
     def absent(self) -> Sensor[Any]:
         other = imu_mpu6050.Mpu6050Options(address=0x69)
-        return imu_mpu6050.sensor("checked", other, Mpu6050Chip, lambda: False)
+        return imu_mpu6050.sensor("checked_mpu6050", other, Mpu6050Chip, lambda: False)
