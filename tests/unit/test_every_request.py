@@ -38,12 +38,12 @@ CALLED: Final = (
 )  # fmt: skip
 """What a node calls for with an answer, but for "arm"."""
 ASKED: Final = (
-    "begin", "missing", "parent", "cancel", "drive", "combined", "servos", "release", "request", "stop", "disarm",
-    "press", "tell", "subscribe", "nothing",
+    "begin", "missing", "parent", "cancel", "drive", "steer", "combined", "servos", "release", "request", "stop",
+    "disarm", "press", "tell", "subscribe", "nothing",
 )  # fmt: skip
 NAMES: Final = (
-    "v", "omega", "age", "x", "y", "theta", "speed", "frame", "switch", "on", "values", "linear", "angular", "id",
-    "button", "text", "topics", "esc", "front", "rear", "pwm4", "pwm5", "source", "manual", "reason",
+    "v", "omega", "age", "x", "y", "theta", "speed", "angle", "frame", "switch", "on", "values", "linear", "angular",
+    "id", "button", "text", "topics", "esc", "front", "rear", "pwm4", "pwm5", "source", "manual", "reason",
 )  # fmt: skip
 FIELDS = st.dictionaries(st.sampled_from(NAMES), JSON | st.floats(-2.0, 2.0) | st.sampled_from(["esc", "odom", 1, 2]))
 CALLS = st.builds(
