@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
-from math import atan2, hypot, inf, sqrt
+from math import atan2, hypot, sqrt
 from typing import Final
 
 from txt1.control.limits import clip
@@ -90,23 +90,26 @@ async def follow(
     pose = poses.pose()
     leg_start: Point = pose[:2]
     legs, in_a_lap = 0, len(points)
+    # where it was when it last moved, and since when it has been there; the legs that ended since its last command
+    mark, since, passed = pose, robot.now, 0
     last = laps * in_a_lap if closed else in_a_lap * laps - 1
     try:
         while legs <= last:
             leg_end = points[legs % in_a_lap]
             if on_leg is not None:
                 on_leg(legs, leg_start, leg_end)
-            mark, since = inf, robot.now
             near = 0.5 * robot.config.geometry.radius_min if legs + 1 > last else look_ahead
             while True:
                 pose = poses.pose()
                 left = hypot(leg_end[0] - pose[0], leg_end[1] - pose[1])
-                if left <= near:
-                    break
-                if abs(left - mark) > HARDLY:
-                    mark, since = left, robot.now
+                if hypot(pose[0] - mark[0], pose[1] - mark[1]) > HARDLY:
+                    mark, since = pose, robot.now
                 elif robot.now - since > WAITS:
                     raise halted(robot, 1.0, pose)
+                if left <= near:
+                    passed += 1
+                    break
+                passed = 0
                 point = aim(pose, leg_start, leg_end, look_ahead)
                 curvature = clip(curvature_towards(pose, point, look_ahead), sharpest)
                 v = speed_in_curve(fastest, curvature)
@@ -114,5 +117,8 @@ async def follow(
                 await asyncio.sleep(REFRESH)
             leg_start = leg_end
             legs += 1
+            # a lap within the look-ahead has no command in it, and would never let others run
+            if passed > in_a_lap:
+                await asyncio.sleep(REFRESH)
     finally:
         wheel.release()

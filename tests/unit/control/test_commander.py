@@ -389,6 +389,7 @@ def test_a_program_that_was_overruled_and_never_commands_zero_never_drives_again
 
 def test_the_priorities_are_those_that_the_manual_tells() -> None:
     assert RANKS == {
+        "rc": 60,
         "keys": 50,
         "gamepad": 40,
         "web": 30,
