@@ -142,7 +142,7 @@ def test_a_world_drives_an_environment() -> None:
         "learning.world=composed",
         "learning.world_options={odometry: {drift: 0.5}, lamps: [{}], turning: -1.0}",
     ]
-    told, plain = env.LightSeekingEnv(load(overrides=settings).config), env.LightSeekingEnv()
+    told, plain = env.DriveEnv(config=load(overrides=settings).config), env.DriveEnv()
     for each in (told, plain):
         each.reset(seed=1)
     for _ in range(4):

@@ -251,7 +251,7 @@ def test_each_key_has_an_effect_in_an_environment_or_is_refused(key: str, value:
     env = pytest.importorskip("txt1.learning.env")
 
     def run(config: Config) -> list[float]:
-        one = env.LightSeekingVectorEnv(2, config) if vectorised else env.LightSeekingEnv(config)
+        one = env.DriveVectorEnv(2, config=config) if vectorised else env.DriveEnv(config=config)
         found = []
         for seed in (1, 2, 4):  # not every start comes near the goal within the time
             seen, _ = one.reset(seed=seed)
