@@ -522,7 +522,9 @@ def configuration(kind: str, seed: int, physics: str = "plain") -> Config:
         # a car of other people's physics rolls over, from lock to lock at full speed, without its guard
         hal, chosen = "sim", [*chosen, *(() if physics == "plain" else (f"sim.physics={physics}", *UPRIGHT))]
     elif kind == "pi":
+        way = ("brake_first", "direct")[seed % 2]  # of its ESC into reverse
         chosen += ["hal_options.bus=virtual", f"hal_options.watchdog={WATCHDOG}"]
+        chosen += [f"hal_options.reverse={way}", f"hal_options.virtual_esc={way}"]
     elif kind in ("ours", "original"):
         chosen += ["serial.port=virtual", f"board.habits={kind}"]
     else:
