@@ -74,6 +74,8 @@ function heard(message) {
   else if (message.state === "ready") {
     ready = true
     show("")
+    // only now: it loads all files once more
+    if ("serviceWorker" in navigator) navigator.serviceWorker.register("offline.js").catch(() => {})
     for (const each of sockets) each.begin()
   } else if (message.state === "told" || message.state === "failed") show(message.why, true)
 }
@@ -199,5 +201,4 @@ $("stop").addEventListener("pointerdown", stopBoard)
 
 if (typeof WebAssembly === "undefined") show("this browser cannot run the robot: it has no WebAssembly", true)
 else begin()
-if ("serviceWorker" in navigator) navigator.serviceWorker.register("offline.js").catch(() => {})
 await import("./app.js")
