@@ -51,6 +51,8 @@ def test_twelve_seconds_with_two_cameras_are_less_than_three_megabytes(tables: P
     names = {file.stem for file in tables.glob("*.csv")}
     assert {"odom", "sensors_laser", "sensors_camera", "rosout"} <= names
     assert not names & {"reports", "input", "steps", "snapshot"}
+    assert not names & {"sensors_depth_points", "sensors_gps_fix"}, "other tables have it"
+    assert "sensors_depth_camera_info" in names, "the focal length is nowhere else"
 
 
 def test_pictures_are_files_whose_names_are_in_the_table(tables: Path) -> None:
@@ -76,6 +78,18 @@ def test_topics_of_txt1s_own_are_marked_and_exported_by_name(drive: Path, tmp_pa
     assert told[-1].startswith("* for txt1's own replay and screens")
     assert execute(["log", "export", str(drive), "--topic", "/input", "-o", str(tmp_path)]) == OK
     assert (tmp_path / "input.csv").exists()
+
+
+def test_what_other_topics_have_is_marked_and_a_table_of_it_is_asked_for(
+    drive: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    assert execute(["log", "info", str(drive)]) == OK
+    told = capsys.readouterr().out.splitlines()
+    marked = {line.split()[0] for line in told if line.endswith("+")}
+    assert marked == {"/sensors/depth/points", "/sensors/gps/fix"}
+    assert told[-2].startswith("+ other topics have its contents, too")
+    assert execute(["log", "export", str(drive), "--topic", "/sensors/gps/fix", "-o", str(tmp_path)]) == OK
+    assert len(rows(tmp_path / "sensors_gps_fix.csv")) >= 10
 
 
 def test_one_topic_is_one_file_and_several_are_refused(drive: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -180,7 +180,8 @@ class McapFile:
                     name=schema_name(topic.message),
                 )
             about = {"topic": topic.name, "about": topic.about, "units": topic.units, "rule": topic.rule.value}
-            about |= {"own": str(topic.own), "offered_qos_profiles": offered_qos(topic.rule)}
+            about |= {"own": str(topic.own), "derived": str(topic.derived)}
+            about["offered_qos_profiles"] = offered_qos(topic.rule)
             channels[number] = mcap.Channel(
                 id=number, topic=name, message_encoding="cdr", metadata=about, schema_id=schema.id
             )

@@ -63,6 +63,11 @@ class Item(NamedTuple):
         return self.channel.metadata.get("own", str(self.name in OWN)) == str(True)
 
     @property
+    def derived(self) -> bool:
+        """Whether other topics of its robot have its contents, too."""
+        return self.channel.metadata.get("derived") == str(True)
+
+    @property
     def kind(self) -> str:
         """The type of its messages, or their encoding if the file does not define them."""
         return self.schema.name or f"({self.channel.message_encoding}, without a schema)"

@@ -18,12 +18,13 @@ SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")
 
 @dataclass
 class TopicSummary:
-    """A topic's message type, whether it is for txt1 alone, its number of messages, first and last time and longest gap
-    in ns, and number lost.
+    """A topic's message type, whether it is for txt1 alone, whether other topics have its contents, its number of
+    messages, first and last time and longest gap in ns, and number lost.
     """
 
     schema: str
     own: bool = False
+    derived: bool = False
     count: int = 0
     first: int = 0
     last: int = 0
@@ -51,7 +52,7 @@ def summarise(reading: FilePass) -> dict[str, TopicSummary]:
     """Every topic of a recording, in the order of its channels."""
     found: dict[str, TopicSummary] = {}
     for item in reading:
-        told = found.setdefault(item.topic, TopicSummary(item.kind, item.own))
+        told = found.setdefault(item.topic, TopicSummary(item.kind, item.own, item.derived))
         told.add(item.message.log_time, item.message.sequence)
     order = [channel.topic for _, channel in sorted(reading.channels.items())]
     return {topic: found[topic] for topic in order if topic in found}
@@ -78,8 +79,10 @@ def info(path: Path) -> Iterator[str]:
     yield f"{'topic':<16}{'messages':>9}{'rate/Hz':>9}{'longest gap/s':>15}{'lost':>6}  type"
     for topic, each in summaries.items():
         gap = each.gap / NS_PER_S
-        mark = "  *" if each.own else ""
+        mark = "  *" if each.own else "  +" if each.derived else ""
         yield f"{topic:<16}{each.count:>9}{each.rate:>9.2f}{gap:>15.3f}{each.lost:>6}  {each.schema}{mark}"
+    if any(each.derived for each in summaries.values()):
+        yield "+ other topics have its contents, too; tables leave it out unless --topic names it"
     if any(each.own for each in summaries.values()):
         yield "* for txt1's own replay and screens; exports leave it out unless --topic names it"
 

@@ -5,6 +5,7 @@ A row is a message, a column is a number or a text, by its dotted path; `time` i
 - Pictures of a CSV table are files in a folder beside it, and their cells have the names of these files. So are other
   fields of more than `BYTES_MAX` bytes. In Parquet all bytes stay in the table.
 - Topics that only txt1's own replay and screens read, such as ``/reports``, are left out, unless they are asked for.
+  So are topics whose contents other topics have, such as the places that a depth camera sees.
 
 """
 
@@ -144,6 +145,11 @@ def export(items: Iterable[Item], place: Path, suffix: str = ".csv") -> dict[Pat
 def without_own(items: Iterable[Item], asked: frozenset[str]) -> Iterator[Item]:
     """Yield the items but for those of txt1's own topics that are not asked for."""
     return (item for item in items if not item.own or item.topic in asked)
+
+
+def without_derived(items: Iterable[Item], asked: frozenset[str]) -> Iterator[Item]:
+    """Yield the items but for those whose contents other topics have, and that are not asked for."""
+    return (item for item in items if not item.derived or item.topic in asked)
 
 
 def _numbers(values: list[Any]) -> str:

@@ -68,6 +68,7 @@ def fix(name: str) -> Topic[FixReading]:
         "a position on the earth",
         {"header": {"frame_id": "base_gps_link"}},
         make=_nav_sat_fix,
+        derived=True,
     )
 
 
@@ -137,6 +138,7 @@ def depth_points(name: str) -> Topic[DepthImage]:
         "places that a depth camera sees",
         {"header": {"frame_id": OPTICAL}},
         make=_places,
+        derived=True,
     )
 
 

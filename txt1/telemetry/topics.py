@@ -45,6 +45,7 @@ class Topic(Generic[T]):
             tuple.
         in_snapshots: False for topics that are slow to read or that repeat another one.
         own: True for topics that only txt1's own replay and screens read; exports leave them out.
+        derived: True for topics whose contents other topics have, too; tables leave them out.
 
     The writer of the message fills in its first time stamp.
 
@@ -61,6 +62,7 @@ class Topic(Generic[T]):
     make: Callable[[T], tuple[Any, ...] | Mapping[str, Any]] = lambda value: {"data": str(value)}
     in_snapshots: bool = True
     own: bool = False
+    derived: bool = False
 
 
 Take = Callable[[Topic[Any], Any, float], None]

@@ -118,7 +118,8 @@ def export_csv(arguments: argparse.Namespace) -> int:
     if suffix == ".parquet" and find_spec("pyarrow") is None:
         raise ConfigError(f"--parquet: needs pyarrow: {installs_package('pyarrow')}")
     with busy(f"writing {place}"):
-        written = tables.export(_for_others(arguments), place, suffix)
+        items = tables.without_derived(_for_others(arguments), frozenset(arguments.topic))
+        written = tables.export(items, place, suffix)
     for table, rows in written.items():
         print(f"{table}: {rows} rows")
     return OK
