@@ -12,14 +12,19 @@ from txt1.cli import execute
 from txt1.record.reader import Decoding, FilePass
 
 
-def test_a_dataset_has_the_learners_episodes_as_they_were_recorded(tmp_path: Path) -> None:
+def test_a_dataset_has_the_learners_episodes_as_they_were_recorded(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     file, out = tmp_path / "run.mcap", tmp_path / "dataset"
-    words = "run --learn thesis --headless --speed max --duration 22 --seed 1 --log"
+    words = "run --learn thesis --headless --speed max --duration 20 --seed 1 --log"
     assert execute([*words.split(), str(file)]) == 0
+    told = capfd.readouterr().out
+    begun, ended = told.count("looks for the light"), told.count("best possible")
+    assert begun > ended > 1, "the last is not over, and left out"
     assert execute(["log", "export", str(file), "--lerobot", str(out), "--fps", "20"]) == 0
 
     info = json.loads((out / "meta/info.json").read_text())
-    assert (info["codebase_version"], info["total_episodes"], info["fps"]) == ("v3.0", 2, 20)
+    assert (info["codebase_version"], info["total_episodes"], info["fps"]) == ("v3.0", ended, 20)
     data = parquet.read_table(out / info["data_path"].format(chunk_index=0, file_index=0)).to_pydict()
     assert set(data) == set(info["features"]), "every column is described"
     for name, feature in info["features"].items():
