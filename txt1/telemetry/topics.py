@@ -65,8 +65,8 @@ class Topic(Generic[T]):
     derived: bool = False
 
 
+# a subscriber: takes a topic, a value and its time in s of the run; it is called in the loop, so it must not wait
 Take = Callable[[Topic[Any], Any, float], None]
-"""A subscriber: takes a topic, a value and its time in s of the run. It is called in the loop, so it must not wait."""
 Unsubscribe = Callable[[], None]
 
 TOPICS: Final[dict[str, Topic[Any]]] = {}
