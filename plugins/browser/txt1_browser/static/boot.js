@@ -8,10 +8,12 @@ class WorkerSocket {
   constructor() {
     this.readyState = 0
     sockets.add(this)
-    if (ready) this.begin()
+    // not before whoever makes it has set its functions
+    if (ready) queueMicrotask(() => this.begin())
   }
 
   begin() {
+    if (this.readyState) return
     this.readyState = 1
     worker.postMessage({ do: "open" })
     this.onopen?.()
