@@ -134,6 +134,8 @@ onmessage = async ({ data }) => {
     wanted = data
   } else if (data.do === "line") {
     line = data.line
+    // a new robot is disarmed; it has not heard of earlier stops, and cannot confirm them
+    obeyed = stop
     line.onmessage = ({ data }) => {
       heard = performance.now()
       fromRobot[data.do](data.text)
