@@ -35,7 +35,7 @@ from txt1_browser.serial_line import CAREFUL, GuardedPort, Send, board
 FOLDER: Final = Path("/recordings")
 # s between two messages about a page's own state
 STATUS: Final = 1.0
-GAINS_PATIENCE: Final = "the board has not acknowledged the gains yet; they are sent again and again"
+GAINS_UNCONFIRMED: Final = "the board has not acknowledged the gains yet; they are sent again and again"
 
 Post = Callable[[str], None]
 
@@ -194,7 +194,7 @@ class RobotWorker:
         if robot.arms_by_itself and not robot.touched:
             robot.arm()
         while not await robot.load_gains():
-            robot.tell(GAINS_PATIENCE)
+            robot.tell(GAINS_UNCONFIRMED)
 
     def _join(self) -> None:
         if self._pages is None:
