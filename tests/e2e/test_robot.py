@@ -64,7 +64,7 @@ async def test_what_one_run_in_virtual_time_leaves_behind_is_collected_while_oth
     before = gc.get_freeze_count()
     for _ in range(3):
         async with Robot.open(hal="sim"):
-            assert gc.get_freeze_count() == before  # else it would be out of the collector's sight with each new run
+            assert gc.get_freeze_count() <= before  # more would be out of the collector's sight with each new run
 
 
 async def test_drive_takes_as_long_as_asked_and_ends_at_rest(robot: Robot) -> None:
