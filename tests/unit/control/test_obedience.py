@@ -102,7 +102,22 @@ def test_a_command_that_rose_or_turned_round_has_to_be_reached_anew(later: float
 
 
 def test_after_a_command_was_lowered_the_loops_may_overshoot_for_half_a_second() -> None:
-    before = [(1.0, 1.0), (1.0, 1.0)]
+    before = [(1.0, 1.0), (1.0, 1.0), (1.0, 0.6)]
     overshoots = [0.6, 0.45, 0.4, 0.28, 0.2, 0.2, 0.2]
     assert fails_at(*before, *((v, 0.6) for v in (*overshoots, *[0.6] * 20))) is None
     assert fails_at(*before, *((v, 0.6) for v in (*overshoots, *[0.2] * 20))) == 2 + 8 + 2
+
+
+def test_the_overshoot_begins_when_the_car_has_come_down_however_long_that_takes() -> None:
+    before = [(1.0, 1.0), (1.0, 1.0)]
+    coasts = [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.45, 0.4, 0.38]
+    overshoots = [0.3, 0.2, 0.14, 0.1, 0.08, 0.1, 0.14, 0.2]
+    assert fails_at(*before, *((v, 0.3) for v in (*coasts, *overshoots, *[0.3] * 20))) is None
+    stays = [0.3, 0.2, 0.16, *[0.1] * 20]
+    assert fails_at(*before, *((v, 0.3) for v in (*coasts, *stays))) == 1 + len(coasts) + 8 + 2
+    hardly = [0.37, 0.3, 0.2, 0.16, *[0.1] * 20]
+    assert fails_at((0.3, 0.3), *((v, 0.3) for v in hardly)) == 5 + 2
+
+
+def test_a_car_that_turns_round_was_not_faster_than_its_new_command() -> None:
+    assert fails_at((1.0, 1.0), (1.0, 1.0), *((-0.6 * share, -0.6) for share in COASTS)) == 2 + 5
