@@ -511,7 +511,7 @@ CASES: Final = (
         ("sim",), "odometry", "no odometry comes any more", lose_odometry, "odometry is older", own_odometry=True
     ),
     *on_each(("sim",), "missed", "the controller misses cycles", stall, MISSED),
-    *on_each(EACH, "slept", "the computer wakes up", sleep, "the computer was suspended"),
+    *on_each(BOARDS, "slept", "the computer wakes up", sleep, "the computer was suspended"),
     *on_each(BOARDS, "mute", "the board falls silent", mute, CUT, told="silent"),
     *on_each(BOARDS, "cut", "the line is unplugged", cut, CUT, told="unplugged"),
     *on_each(("original",), "restart", "the board restarts while it drives", restart, CUT, told="restarts"),

@@ -615,23 +615,28 @@ class Suspended:
 
 
 @pytest.mark.usefixtures("patient")
-@pytest.mark.parametrize(("slept", "armed"), [(0.05, True), (7200.0, False)])
-def test_a_robot_whose_computer_slept_wakes_up_disarmed(slept: float, armed: bool) -> None:
+@pytest.mark.parametrize(
+    ("hal", "slept", "armed"), [("serial", 0.05, True), ("serial", 7200.0, False), ("sim", 7200.0, True)]
+)
+def test_a_robot_whose_computer_slept_wakes_up_disarmed_unless_its_world_slept_too(
+    hal: str, slept: float, armed: bool
+) -> None:
     async def main() -> None:
         loop, clock = asyncio.get_running_loop(), Suspended()
         assert isinstance(loop, RealTimeLoop)
         loop.clock = clock
-        async with Robot.open("sim", seed=1, settings=["safety.missed_ticks_max=1000"]) as robot:  # 20 s
+        settings = ["serial.port=virtual", "safety.missed_ticks_max=1000"]  # 20 s
+        async with Robot.open(hal, seed=1, settings=settings, arm=True) as robot:
             await robot.load_gains()
             source = robot.source("test")
             control = lambda: robot.runtime.state.control  # noqa: E731
             cycles = lambda: robot.runtime.statistics()["controller"].cycles  # noqa: E731
-            await until(lambda: source.command(0.5, 0.0) and control().outputs.motor)
+            await until(lambda: source.command(0.5, 0.0) and control().outputs.v)
             clock.slept_ns += round(slept * 1e9)
             before = cycles()
             await until(lambda: source.command(0.5, 0.0) and cycles() > before + 2 and bool(control().v) is armed)
             assert robot.armed is armed
-            assert (control().outputs.motor != 0) is armed
+            assert (control().outputs.v != 0.0) is armed
             if not armed:
                 assert robot.runtime.gate.reason == "the computer slept 7200.0 s"
                 assert "arm (m)" in robot.runtime.state.events[-1].text

@@ -211,7 +211,7 @@ class Hal(Protocol):
     def waits(self) -> bool:
         """Whether its whole world is in this process, so its time may wait while the computer is busy.
 
-        Any other layer counts as hardware: too many missed cycles disarm it.
+        Any other layer counts as hardware: too many missed cycles disarm it, and so does a computer that slept.
         """
 
     def tap_line(self, tap: Callable[[str, bytes], None]) -> bool:

@@ -348,7 +348,8 @@ class Scheduler:
         if jumps is None:
             self._spin_to_next_deadline()
             slept_ns = self._clock.suspended_ns() - self._suspended_ns
-            if slept_ns > SLEPT_MIN_NS:
+            # a simulated world slept, too
+            if slept_ns > SLEPT_MIN_NS and not self.waits:
                 self._suspended_ns += slept_ns
                 self.on_sleep(slept_ns / NS_PER_S)
         self._dispatching = True
