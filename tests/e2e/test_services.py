@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from txt1.bridges.services import RECORDING, ROUTE, Services
-from txt1.errors import CommandRefused, ConfigError, NotArmed
+from txt1.errors import CommandRefused, ConfigError, NotArmed, RecordingError
 from txt1.protocol.messages import PidSet
 from txt1.record.reader import FilePass
+from txt1.record.verification import verify
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
 
@@ -124,6 +125,7 @@ async def test_no_way_loads_what_is_no_gain(robot: Robot, services: Services, wa
 
 async def test_a_recording_is_begun_and_completed_on_the_way(robot: Robot, services: Services, tmp_path: Path) -> None:
     robot.command(0.3, 0.0)
+    await asyncio.sleep(1.0 - robot.now)
     services.requests["record"](True)
     await asyncio.sleep(2.0)
     name = robot.runtime.bus.read(RECORDING)
@@ -134,3 +136,5 @@ async def test_a_recording_is_begun_and_completed_on_the_way(robot: Robot, servi
     reading = await asyncio.to_thread(lambda: FilePass(tmp_path / name))
     topics = await asyncio.to_thread(lambda: {item.topic for item in reading})
     assert {"/odom", "/setpoint", "/snapshot"} <= topics and reading.complete
+    with pytest.raises(RecordingError, match=r"it begins 1\.0 s into its run, .*'txt1 run --log FILE'"):
+        await asyncio.to_thread(verify, tmp_path / name)

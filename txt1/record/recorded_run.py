@@ -84,6 +84,14 @@ def check_map(path: Path, name: str, digest: str) -> None:
         raise RecordingError(f"{path}: recorded in {known}, now it is {now[:12]}: put the files of then in its place")
 
 
+def _begun(about: dict[str, str]) -> float | None:
+    """When in its run a recording was begun, s of the run; None: at the start."""
+    try:
+        return float(json.loads(about["plan"])["begun"])
+    except (ValueError, TypeError, KeyError):
+        return None
+
+
 class _RunRead:
     """A run as it is read, message by message."""
 
@@ -141,6 +149,11 @@ class _RunRead:
         path, found, about = self._path, self._found, self.reading.metadata.get("txt1")
         if about is None or "config" not in about:
             raise RecordingError(f"{path}: no configuration in it, so there is nothing to run; was it made by txt1?")
+        if (begun := _begun(about)) is not None:
+            raise RecordingError(
+                f"{path}: it begins {begun:.1f} s into its run, and what was before is not known, so it cannot be "
+                "repeated; record from the start: 'txt1 run --log FILE'"
+            )
         if "part" in about:
             raise RecordingError(f"{path}: a later part of a recording; only the first begins where the run does")
         if not self._whole:
