@@ -13,7 +13,7 @@ import numpy as np
 
 from txt1.experiments.profile import Profile
 from txt1.experiments.recording import Array, Recording, mean_of
-from txt1.experiments.runner import SAFE_END, Leg, Outcome
+from txt1.experiments.runner import Leg, Outcome
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
 # s of a mean
@@ -402,7 +402,6 @@ def measure(outcome: Outcome, profile: Profile) -> dict[str, Any]:
     recording, legs = outcome.recording, outcome.legs
     return {
         "stopped_by": outcome.stopped_by,
-        "stopped_safely": outcome.stopped_by == SAFE_END,
         "duration_s": float(recording["time"][-1]) if len(recording) else 0.0,
         "samples": len(recording),
         "battery_warning_s": outcome.warned,
