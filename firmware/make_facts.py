@@ -26,7 +26,8 @@ from txt1.protocol.messages import (
     Velocity,
 )
 from txt1.protocol.radio_control import RcPermit, RcReport
-from txt1.tasks import battery, controller, mode
+from txt1.tasks import battery, controller, mode, panel
+from txt1.tasks.fields import BatteryState
 
 FILE = Path(__file__).parent / "pico" / "txt1pico" / "facts.py"
 HEAD = '''"""The numbers that board and computer share. Made by firmware/make_facts.py: do not edit."""
@@ -96,6 +97,8 @@ def facts() -> dict[str, object]:
         "GOOD": thousandths(battery.GOOD_V),
         "WARNING": thousandths(battery.WARNING_V),
         "BAD_TIME": thousandths(battery.BAD_TIME),
+        "BEEP_LOW": thousandths(panel.BEEPS[BatteryState.WARNING]),
+        "BEEP_EMPTY": thousandths(panel.BEEPS[BatteryState.BAD]),
         "CUT_OFF": thousandths(line.CUT_OFF_V),
         "FULL": thousandths(line.INTERCEPT_V),
         "SLOPE": round(1e6 * line.SLOPE_V_PER_MIN),

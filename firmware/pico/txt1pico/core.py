@@ -88,6 +88,7 @@ class Core:
         self.battery_state = EXTERNAL
         self.remaining = -1
         self.buzzer = True
+        self._beeps = 0  # ms into the buzzer's pattern
         self.released = False
         self.v = self.omega = 0  # set-point in force, mm/s and 1/16 mrad/s
         self.set_in_force = 0
@@ -378,9 +379,16 @@ class Core:
             self._to_button += 100
             self._arm()
             self._press(buttons)
-        self.buzzer = (
-            not (self.link_alive or (self.hand is not None and self.hand.holds)) or self.battery_state >= WARNING
-        )
+        self._beeps = (self._beeps + dt) % (2 * facts.BEEP_LOW)
+        self.buzzer = self._sounds()
+
+    def _sounds(self):
+        """Return whether the buzzer sounds: without a pause while nobody drives, else as low or empty packs have it."""
+        if not (self.link_alive or (self.hand is not None and self.hand.holds)):
+            return True
+        if self.battery_state == WARNING:
+            return self._beeps < facts.BEEP_LOW
+        return self.battery_state == BAD and self._beeps % (2 * facts.BEEP_EMPTY) < facts.BEEP_EMPTY
 
     def _ask_hand(self, dt):
         """See who drives by the radio control; a host that drives again has to ask for zero first."""

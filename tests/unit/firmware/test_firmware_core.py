@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import runpy
 from collections.abc import Callable
+from itertools import groupby
 from math import hypot
 from pathlib import Path
 
@@ -33,6 +34,8 @@ from txt1.protocol.messages import (
     Switch,
     Velocity,
 )
+from txt1.tasks import panel
+from txt1.tasks.fields import BatteryState
 
 ROOT = Path(__file__).parents[3]
 GAINS = Config().control.pid_set()
@@ -161,13 +164,15 @@ class Bench:
 
     def __init__(self) -> None:
         self.core, self.decoder, self.heard = Core(), Decoder(Role.HOST), []  # type: ignore[var-annotated]
+        self.voltage, self.sounds = 12000, list[bool]()
 
     def run(self, seconds: float, message: Message | None = None, wheels: tuple[int, int] = (0, 0)) -> None:
         """Send a message 20 times a second for so long."""
         for k in range(round(seconds / DT)):
             if message is not None and k % 5 in (0, 2):
                 self.send(message)
-            self.core.step(*wheels, 12000, 0, 0, 1)
+            self.core.step(*wheels, self.voltage, 0, 0, 1)
+            self.sounds.append(self.core.buzzer)
             transmitter = self.core.transmitter
             self.heard += self.decoder.feed(bytes(transmitter.buffer[: transmitter.length]))
             transmitter.length = 0
@@ -203,6 +208,23 @@ def test_the_atx_supply_stays_on_until_its_encoders_have_stood_still_for_a_while
     bench.run(0.1)
     bench.send(PowerControl(Switch.ATX, False))
     assert bench.core.switches == 3, "they have had their power for 0.1 s only"
+
+
+@pytest.mark.parametrize(
+    ("voltage", "state", "period"), [(9200, BatteryState.WARNING, 2.0), (8900, BatteryState.BAD, 1.0)]
+)
+def test_its_buzzer_sounds_as_the_computer_s_does(
+    bench: Bench, voltage: int, state: BatteryState, period: float
+) -> None:
+    assert not any(bench.sounds[-50:]), "a host and a good battery"
+    bench.voltage = voltage
+    bench.run(20.0, Velocity(0.0, 0.0))
+    heard = [len(list(group)) * DT for _, group in groupby(bench.sounds[-600:])]
+    assert heard[1:-1] == pytest.approx([period] * (len(heard) - 2)) and len(heard) > 4
+    ours = [panel.buzzer(True, state, DT * k) for k in range(600)]
+    assert [len(list(group)) * DT for _, group in groupby(ours)][1] == pytest.approx(period)
+    bench.run(4.0)
+    assert all(bench.sounds[-100:]), "nobody drives"
 
 
 def test_nothing_moves_before_gains_and_velocity_have_come() -> None:
