@@ -63,6 +63,7 @@ MODULES: Final = (
     "txt1/guards/obstacle_stop/free_distance.py",
     "txt1/guards/obstacle_stop/guard.py",
     "txt1/guards/roll_guard/guard.py",
+    "txt1/web/admission.py",
     "txt1/web/auth.py",
     "txt1/web/budgets.py",
     "txt1/web/connections.py",

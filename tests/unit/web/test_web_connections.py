@@ -12,7 +12,7 @@ import pytest
 
 from tests.patience import LIMIT
 from txt1.web import budgets, connections
-from txt1.web.connections import PACE, REFUSALS, WAITING, Connections, Metered
+from txt1.web.connections import PACE, REFUSALS, STRANGER, WAITING, Connections, Metered
 
 TURNS = 50
 """Turns of the event loop in which whatever is due has happened, on however slow a computer."""
@@ -232,3 +232,57 @@ async def test_the_same_port_of_the_other_family_is_free() -> None:
             other.bind(("0.0.0.0", made.port))
     finally:
         made.close()
+
+
+async def test_a_connection_that_asks_for_nothing_is_closed_after_a_while() -> None:
+    clock = 100.0
+    made = Connections(asyncio.Protocol, None, lambda: clock)
+    silent, asked = Metered(made, "127.0.0.1"), Metered(made, "127.0.0.1")
+    closed: list[Metered] = []
+    for each in (silent, asked):
+        each.connection_made(_Transport(lambda each=each: closed.append(each)))  # type: ignore[misc]
+    asked.asked = True
+    clock += STRANGER
+    made.hang_up()
+    assert closed == []
+    clock += 0.1
+    made.hang_up()
+    assert closed == [silent]
+
+
+class _Transport(asyncio.Transport):
+    """Tells when it is closed."""
+
+    def __init__(self, aborted: Callable[[], object]) -> None:
+        super().__init__()
+        self._aborted = aborted
+
+    def abort(self) -> None:
+        self._aborted()
+
+    def is_closing(self) -> bool:
+        return False
+
+
+async def test_the_oldest_connection_that_is_no_page_makes_room(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "CONNECTIONS_MAX", 1)
+    first = server.connect()
+    await server.until(lambda: server.connections.open)
+    server.connect()
+    await server.until(server.closed)
+    assert server.closed() == [first]
+
+
+async def test_budgets_are_of_the_address_and_not_of_the_port(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def admits(self: object, address: str, now: float) -> bool:
+        asked.append(address)
+        return False
+
+    monkeypatch.setattr(budgets.Budgets, "admits", admits)
+    server.connect()
+    await server.until(lambda: asked)
+    assert set(asked) == {"127.0.0.1"}
