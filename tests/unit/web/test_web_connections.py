@@ -263,6 +263,42 @@ class _Transport(asyncio.Transport):
     def is_closing(self) -> bool:
         return False
 
+    def pause_reading(self) -> None:
+        """Nothing comes here."""
+
+    def resume_reading(self) -> None:
+        """Nothing comes here."""
+
+
+class _Heard(asyncio.Protocol):
+    """Counts the bytes that pass."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def data_received(self, data: bytes) -> None:
+        self.bytes += len(data)
+
+
+@pytest.mark.parametrize(
+    ("page", "farewell", "heard"), [(True, 2000, 1000), (True, 2001, 2000), (True, 2999, 2000), (False, 3000, 0)]
+)
+async def test_a_page_over_its_budget_is_searched_for_a_stop_and_anything_else_is_closed(
+    page: bool, farewell: int, heard: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "FAREWELL", farewell)
+    inner, closed = _Heard(), list[int]()
+    made = Connections(lambda: inner, None, lambda: 100.0)
+    metered = Metered(made, "127.0.0.1")
+    metered.connection_made(_Transport(lambda: closed.append(inner.bytes)))
+    metered.page, metered.account.exceeded = page, True
+    for _ in range(5):
+        if not closed:
+            metered.get_buffer(-1)[:1000] = bytes(1000)
+            metered.buffer_updated(1000)
+    assert closed == [heard]
+    metered.connection_lost(None)
+
 
 async def test_the_oldest_connection_that_is_no_page_makes_room(
     server: Server, monkeypatch: pytest.MonkeyPatch
