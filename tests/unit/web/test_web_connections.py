@@ -251,33 +251,40 @@ async def test_a_connection_that_asks_for_nothing_is_closed_after_a_while() -> N
 
 
 class _Transport(asyncio.Transport):
-    """Tells when it is closed."""
+    """Tells when it is closed, and remembers what it was told."""
 
-    def __init__(self, aborted: Callable[[], object]) -> None:
+    def __init__(self, aborted: Callable[[], object] = lambda: None) -> None:
         super().__init__()
-        self._aborted = aborted
+        self._aborted, self.told = aborted, list[str]()
 
     def abort(self) -> None:
+        self.told.append("abort")
         self._aborted()
 
     def is_closing(self) -> bool:
-        return False
+        return "abort" in self.told
 
     def pause_reading(self) -> None:
-        """Nothing comes here."""
+        self.told.append("pause")
 
     def resume_reading(self) -> None:
-        """Nothing comes here."""
+        self.told.append("resume")
 
 
 class _Heard(asyncio.Protocol):
-    """Counts the bytes that pass."""
+    """Counts the bytes that pass, and remembers whether it may write."""
 
     def __init__(self) -> None:
-        self.bytes = 0
+        self.bytes, self.told = 0, list[str]()
 
     def data_received(self, data: bytes) -> None:
         self.bytes += len(data)
+
+    def pause_writing(self) -> None:
+        self.told.append("pause")
+
+    def resume_writing(self) -> None:
+        self.told.append("resume")
 
 
 @pytest.mark.parametrize(
@@ -298,6 +305,39 @@ async def test_a_page_over_its_budget_is_searched_for_a_stop_and_anything_else_i
             metered.buffer_updated(1000)
     assert closed == [heard]
     metered.connection_lost(None)
+
+
+@pytest.mark.parametrize("page", [True, False])
+@pytest.mark.parametrize("lost", [False, True])
+async def test_whoever_exceeds_the_budget_is_closed_a_page_after_it_was_read_on(
+    page: bool, lost: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "PACE", 0.0)
+    monkeypatch.setattr(connections, "PARTING", 0.0)
+    metered = Metered(Connections(asyncio.Protocol, None, lambda: 100.0), "127.0.0.1")
+    transport = _Transport()
+    metered.connection_made(transport)
+    metered.page = page
+    assert not metered.account.spend(100.0, 1e9)
+    assert transport.told == ["pause"] * page, "not from within a call of the transport"
+    if lost:
+        metered.connection_lost(None)
+    async with asyncio.timeout(LIMIT):
+        while "abort" not in transport.told and not (lost and page):
+            await asyncio.sleep(0)
+    for _ in range(TURNS):
+        await asyncio.sleep(0)
+    of_a_page = ["pause"] if lost else ["pause", "resume", "abort"]
+    assert transport.told == (of_a_page if page else ["abort"])
+
+
+async def test_a_client_that_does_not_read_holds_the_server_s_answers_back() -> None:
+    inner = _Heard()
+    metered = Metered(Connections(lambda: inner, None, lambda: 100.0), "127.0.0.1")
+    metered.connection_made(_Transport())
+    metered.pause_writing()
+    metered.resume_writing()
+    assert inner.told == ["pause", "resume"]
 
 
 async def test_the_oldest_connection_that_is_no_page_makes_room(
