@@ -36,9 +36,8 @@ Speeds and yaw rates are means over 0.2 s by the encoders, paths are by odometry
 DIFFERENCES: Final = """\
 ## The differences
 
-The table compares the responses of board and firmware with the responses of the simulation, by the encoders of each, as
-in [the drive tests](drive-tests.md#behind-the-wire). v is in mm/s, ω in mrad/s. The simulation with another seed shows
-the differences due to encoders and floor alone.
+Board and firmware beside the simulation, by the encoders of each, as in
+[the drive tests](drive-tests.md#behind-the-wire).
 """
 
 
