@@ -184,9 +184,9 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         lines.append(f"| {kind} | {len(chosen)} | {broken} | {share:.0f} % of {cycles} |")
         for row in chosen:
             struck[kind].update(row["strikes"])
-    lines += ["", f"| fault | {' | '.join((*KINDS, 'all'))} |", f"|---|{'--:|' * (len(KINDS) + 1)}"]
-    for name in STRIKES:
-        lines.append(f"| {name} | {' | '.join(str(struck[kind][name] or '-') for kind in (*KINDS, 'all'))} |")
+    rarest = min(STRIKES, key=lambda name: struck["all"][name])
+    lines += ["", f"{len(STRIKES)} kinds of fault struck {struck['all'].total()} times; the rarest is '{rarest}', "]
+    lines[-1] += f"{struck['all'][rarest]} times."
     return "\n".join(lines)
 
 

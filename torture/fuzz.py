@@ -12,6 +12,7 @@ import io
 import json
 import os
 import random
+import re
 import subprocess
 import sys
 import tempfile
@@ -327,6 +328,17 @@ def sources() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
+def _longest(streams: Sequence[str]) -> Iterator[str]:
+    """Yield the worst of the adversarial streams in a sentence, if there are any."""
+    if streams:
+        cells = [re.findall(r"\| ([\d.]+)", line)[-2:] for line in streams]
+        slowest, growth = (max(float(cell[k]) for cell in cells) for k in (0, 1))
+        yield (
+            f"Of {len(streams)} adversarial streams to the decoder the slowest takes {slowest:g} ns a byte; of four "
+            f"times as many bytes, a byte takes at most {growth:g} times as long."
+        )
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Hand random and hostile bytes to all readers; 1 if something broke."""
     parser = argparse.ArgumentParser(prog="python -m torture fuzz", description=__doc__)
@@ -365,8 +377,7 @@ def main(words: Sequence[str] | None = None) -> int:
     known = [(key, kept[key]) for key in steps if key in kept]
     lines = ["| reader | inputs | broken |", "|---|---|---|"]
     lines += [line for key, line in known if not key.startswith("stream")]
-    lines += ["", "| adversarial stream | ns a byte | of four times as many bytes, a byte takes |", "|---|--:|--:|"]
-    lines += [line for key, line in known if key.startswith("stream")]
+    lines += ["", *_longest([line for key, line in known if key.startswith("stream")])]
     if options.page:
         page.write("fuzz", "\n".join(lines))
     return 1 if broken else 0

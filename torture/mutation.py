@@ -578,13 +578,13 @@ def report(everyone: Sequence[Mutant], results: dict[str, str], fine: dict[str, 
             elif result != "not run":
                 print(f"is noticed, so it is not equivalent: {mutant.name}")
                 wrong += 1
-        counts[str(mutant.file.relative_to(ROOT))][result] += 1
+        counts["/".join(mutant.file.relative_to(ROOT).parts[:2])][result] += 1
     for name in sorted(fine.keys() - {each.name for each in all_mutants()}):
         print(f"there is no such mutant any more: {name}")
         wrong += 1
     columns = (KILLED, HANGING, REASON, SURVIVED, BROKEN, "not run")
     total = sum(counts.values(), Counter())
-    lines = [f"| module | mutants | {' | '.join(columns)} |", f"|---|{'--:|' * 7}"]
+    lines = [f"| folder | mutants | {' | '.join(columns)} |", f"|---|{'--:|' * 7}"]
     for file, count in [*counts.items(), ("all", total)]:
         lines.append(f"| {file} | {count.total()} | {' | '.join(str(count[column]) for column in columns)} |")
     return wrong + total[SURVIVED] + total[BROKEN], "\n".join(lines)
