@@ -130,9 +130,9 @@ torture: $(VENV)/.dev $(FUZZ)/.dev  ## faults, mutants and random bytes in great
 	$(BIN)/python -m torture soak --page
 	$(BIN)/python -m torture mutation --page
 
-bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside peers or limits: docs/results/benchmarks.md
+bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside peers or limits, into out/bench.txt
 	$(BENCH)/bin/python $(PIP_INSTALL) --force-reinstall --no-deps dist/*.whl
-	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks --page docs/results/benchmarks.md
+	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks --out out/bench.txt
 
 bench-before: $(VENV)/.dev  ## this tree beside the last release: speed, start, memory, lateness, missed cycles; 1 if a limit is missed; five minutes
 	rm -rf build/before && mkdir -p build/before && git archive $(BEFORE) | tar -x -C build/before

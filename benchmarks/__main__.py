@@ -30,7 +30,6 @@ from txt1 import __version__
 from txt1.kernel import scheduler
 
 PEERS: Final = ("pymavlink", "gymnasium", "numba", "numpy", "mcap", "pydantic")
-RESULTS: Final = "<!-- results: what stands below is printed by the command above -->\n"  # in the page
 
 BENCHMARKS = {
     "simulation_speed": simulation_speed.main,
@@ -50,13 +49,13 @@ def main() -> None:
     """Run the benchmarks named on the command line, one after the other."""
     parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"which to run: {', '.join(BENCHMARKS)}; default all")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write what is printed to this page, too")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write what is printed to this file, too")
     parser.add_argument("--quick", action="store_true", help="fewer and shorter rounds, to see that it works")
     arguments = parser.parse_args()
     unknown = [name for name in arguments.names if name not in BENCHMARKS]
     if unknown:
         parser.error(f"there is no benchmark '{unknown[0]}', only {', '.join(BENCHMARKS)}")
-    with nullcontext() if arguments.page is None else page(arguments.page):
+    with nullcontext() if arguments.out is None else copied(arguments.out):
         print("\n".join(machine()))
         for name in arguments.names or BENCHMARKS:
             BENCHMARKS[name](quick=arguments.quick)
@@ -75,8 +74,8 @@ def machine() -> Iterator[str]:
 
 
 @contextmanager
-def page(path: Path) -> Iterator[None]:
-    """Write all that is printed to a page, too, when it is complete, below what a person wrote there."""
+def copied(path: Path) -> Iterator[None]:
+    """Write all that is printed to a file, too, when it is complete."""
     printed, screen = StringIO(), sys.stdout
 
     class Both(StringIO):
@@ -89,9 +88,8 @@ def page(path: Path) -> Iterator[None]:
 
     with redirect_stdout(Both()):
         yield
-    block = "\n".join(line.rstrip() for line in printed.getvalue().splitlines())
-    before = path.read_text(encoding="utf-8").partition(RESULTS)[0] if path.exists() else "# Benchmarks\n\n"
-    path.write_text(f"{before}{RESULTS}\n```text\n{block}\n```\n", encoding="utf-8")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(printed.getvalue(), encoding="utf-8")
 
 
 if __name__ == "__main__":

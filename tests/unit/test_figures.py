@@ -12,7 +12,7 @@ from docs import figures
 
 @pytest.mark.parametrize("page", figures.PAGES)
 def test_each_row_names_its_command_its_commit_and_its_day(page: str) -> None:
-    assert len(figures.figures(page)) >= 7
+    assert len(figures.figures(page)) >= 3
 
 
 def test_what_the_commands_measure_is_there() -> None:
