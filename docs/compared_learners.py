@@ -2,6 +2,7 @@
 
 That takes an hour of two processors. Ended and begun again, it goes on: raw results are kept in out/compared.jsonl,
 which is copied to docs/results/learning, and in out/compared-worlds/. `--report` only writes the page from them.
+The table of all worlds is out/compared-worlds/worlds.md.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ def main() -> None:
     if files:
         results = [json.loads(path.read_text(encoding="utf-8")) for path in files]
         page_parts.write(PAGE, "losses", losses(results), "docs.compared_learners")
-        page_parts.write(PAGE, "worlds", suite.table(results), "docs.compared_learners")
+        (WORLDS / "worlds.md").write_text(suite.table(results), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """`python -m docs.worlds`: the pilot's tables in docs/results/learning.md; it learns in all worlds, half an hour.
 
 Ended and begun again, it goes on: raw results are kept in out/pilot-worlds and, of many trials in the thesis's world,
-in out/pilot-thesis. `--report` does no more than write the page from them.
+in out/pilot-thesis. `--report` does no more than write the page from them, and out/pilot-worlds/worlds.md.
 """
 
 from __future__ import annotations
@@ -124,10 +124,10 @@ def main() -> None:
     every = read(EVERY)
     texts = {
         "losses": losses(every),
-        "worlds": worlds(every),
         "changes": changes(every),
         "thesis": "".join(map(thesis, read(THESIS))),
     }
+    (EVERY / "worlds.md").write_text(worlds(every), encoding="utf-8")
     for name, text in texts.items():
         page_parts.write(PAGE, f"pilot-{name}", text, "docs.worlds")
 
