@@ -356,7 +356,7 @@ def main() -> None:
     table("from STOP on a page to the safety gate", HEAD, rows)
     print(f"\n{text}")
     if arguments.page:
-        write(Path("docs/web.md"), "web_stop", HEAD, rows, text)
+        write(Path("docs/web.md"), "web_stop", HEAD, [rows[0], rows[-1]], text)
 
 
 if __name__ == "__main__":
