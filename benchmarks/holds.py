@@ -270,15 +270,8 @@ def _read(terminal: int, seconds: float) -> None:
 
 # -- the table ---------------------------------------------------------------------------------------------------
 
-PROOF: Final = {
-    "page, key": "a press of a driving key",
-    "page, stick by mouse": "a press, a move",
-    "page, stick by finger": "a press, a move",
-    "page, gamepad": "a press, a change of the pad",
-    "gamepad (SDL)": "a press, a change of the pad",
-    "terminal": "a press of another driving key, or after a pause; repeats for 0.7 s",
-}
-HEAD: Final = ("input", "proof of a hand", "how the hand goes", "s until the set-point is 0", "m until it stands")
+INPUTS: Final = (*dict.fromkeys(what for what, *_ in PAGE), "gamepad (SDL)", "terminal")
+HEAD: Final = ("input", "how the hand goes", "s until the set-point is 0", "m until it stands")
 
 
 def main() -> None:
@@ -317,8 +310,8 @@ def main() -> None:
                 note(what, how, lambda p=press, e=end, f=from_press: by_page(browser, car, p, e, f))  # type: ignore[misc]
         browser.close()
     rows = [
-        (what, PROOF[what], how, _worst([each.seconds for each in some]), _worst([each.way for each in some]))
-        for (what, how), some in sorted(found.items(), key=lambda item: list(PROOF).index(item[0][0]))
+        (what, how, _worst([each.seconds for each in some]), _worst([each.way for each in some]))
+        for (what, how), some in sorted(found.items(), key=lambda item: INPUTS.index(item[0][0]))
     ]
     table("after the last sign of a hand, at 1.5 m/s: median (worst)", HEAD, rows)
     load = os.getloadavg()[0]
@@ -329,7 +322,7 @@ def main() -> None:
     )
     print(f"\n{text}")
     if arguments.page:
-        lines = [HEAD, ("---", "---", "---", "--:", "--:"), *rows]
+        lines = [HEAD, ("---", "---", "--:", "--:"), *rows]
         drawn = "\n".join(f"| {' | '.join(each)} |" for each in lines)
         page_parts.write(Path("docs/safety.md"), "holds", f"{drawn}\n\n{text}", "benchmarks.holds")
 

@@ -27,7 +27,12 @@ PAGES: Final = {  # files of the repository that are pages of the site, too
     name: f"{name.lower().replace('_', '-')}.md"
     for name in ("CHANGELOG", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT")
 }
-COPIED: Final = ("examples/**/*.py", "tests/plugins/site/*.py", "config/**/*.yaml", "plugins/*/README.md")  # files that pages link to
+COPIED: Final = (
+    "examples/**/*.py",
+    "tests/plugins/site/*.py",
+    "config/**/*.yaml",
+    "plugins/*/README.md",
+)  # files that pages link to
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
