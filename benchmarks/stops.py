@@ -620,9 +620,12 @@ def write(known: dict[str, dict[str, Any]]) -> None:
     """Put the tables between the marks of docs/results/stops.md, and the times into that of docs/safety.md."""
     page = ROOT / "docs" / "results" / "stops.md"
     for part, titles, cases in (("stops", STOPS, CASES), ("harmless", HARMLESS_TITLES, HARMLESS)):
-        rows = [known[case.key]["row"] for case in cases if case.key in known]
-        table = "\n".join((_line(*titles), "|---" * len(titles) + "|", *rows))
-        page_parts.write(page, part, table, "benchmarks.stops")
+        head = (_line(*titles), "|---" * len(titles) + "|")
+        every = [case for case in cases if case.key in known]
+        KEPT.with_name(f"{part}.md").write_text("\n".join((*head, *(known[case.key]["row"] for case in every))))
+        # those with a row of docs/safety.md have their times there
+        rows = [known[case.key]["row"] for case in every if not case.row]
+        page_parts.write(page, part, "\n".join((*head, *rows)), "benchmarks.stops")
     safety = ROOT / "docs" / "safety.md"
     lines = safety.read_text().splitlines()
     measured = of_processes()
