@@ -203,6 +203,17 @@ def rate_rows(told: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         yield f"`{name}`", f"{promised:g}", f"{rate:.2f}", late50, late99, verdict
 
 
+def summary(told: Mapping[str, Any]) -> str:
+    """Return in two sentences how many topics come at their rate, and which is the most irregular."""
+    rows = list(rate_rows(told))
+    held = sum(row[-1] == "holds" for row in rows)
+    worst = max(rows, key=lambda row: float(row[4]))
+    return (
+        f"{held} of {len(rows)} topics come within {RATE:.0%} of their promised rate. The most irregular is {worst[0]}: "
+        f"off its time by {worst[3]} ms (p50), {worst[4]} ms (p99)."
+    )
+
+
 def table(header: Sequence[str], rows: Iterator[tuple[str, ...]]) -> str:
     """A table of Markdown."""
     return "\n".join(f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows))
@@ -237,7 +248,7 @@ def main() -> None:
     print(f"{where}\n\n{latency}\n\n{rates}")
     if arguments.page:
         page_parts.write(PAGE, "latency", f"{where}\n\n{latency}", "benchmarks.ros")
-        page_parts.write(PAGE, "rates", rates, "benchmarks.ros")
+        page_parts.write(PAGE, "rates", summary(told), "benchmarks.ros")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass, replace
@@ -581,6 +582,11 @@ def spread(times: Iterable[float | None]) -> str:
     return f"{median(known):.2f} ({max(known):.2f})"
 
 
+def worst(times: str) -> str:
+    """Return the worst of each "median (worst)" in a text."""
+    return re.sub(r"[\d.]+ \(([\d.]+)\)", r"\1", times)
+
+
 def measure(case: Case, seeds: int) -> dict[str, Any]:
     """A row of a table, and what docs/safety.md says of it."""
     found = results(case, seeds)
@@ -631,7 +637,8 @@ def write(known: dict[str, dict[str, Any]]) -> None:
     measured = of_processes()
     for case in CASES:
         if case.row and case.key in known:
-            said = f"{WORDS[case.kind]}{', ' if case.told else ''}{case.told}: {known[case.key]['safety']}"
+            what = f"{WORDS[case.kind].removeprefix('board as ')}{', ' if case.told else ''}{case.told}"
+            said = f"{what}: {worst(known[case.key]['safety'])}"
             measured.setdefault(case.row, []).append(said)
     for row, cells in measured.items():
         places = [k for k, line in enumerate(lines) if line.startswith(f"| {row}")]
@@ -649,5 +656,5 @@ def of_processes() -> dict[str, list[str]]:
         found = [each for each in rows if each["fault"] == fault and "neutral" in each and not each["broken"]]
         if found:
             neutral, standing = (spread(each[name] for each in found) for name in ("neutral", "standing"))
-            said[row] = [f"{WORDS['ours']}: {neutral}; {standing}, n = {len(found)}, in real time"]
+            said[row] = [f"ours, in real time: {worst(f'{neutral}; {standing}')}"]
     return said
