@@ -209,8 +209,8 @@ def summary(told: Mapping[str, Any]) -> str:
     held = sum(row[-1] == "holds" for row in rows)
     worst = max(rows, key=lambda row: float(row[4]))
     return (
-        f"{held} of {len(rows)} topics come within {RATE:.0%} of their promised rate. The most irregular is {worst[0]}: "
-        f"off its time by {worst[3]} ms (p50), {worst[4]} ms (p99)."
+        f"{held} of {len(rows)} topics come within {RATE:.0%} of their promised rate. The most irregular is "
+        f"{worst[0]}: off its time by {worst[3]} ms (p50), {worst[4]} ms (p99)."
     )
 
 
