@@ -540,7 +540,6 @@ TABLES: Final[dict[str, Callable[[Kept], list[str]]]] = {
     "stops": table_of_stops,
     "campaigns": table_of_campaigns,
     "drive tests": table_of_tests,
-    "thesis": lambda kept: table_of_tests(kept, "thesis"),
     "rest": table_of_the_rest,
 }
 

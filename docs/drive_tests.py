@@ -230,7 +230,8 @@ def behind_the_wire(sim: dict[str, Run], others: Sequence[dict[str, Run]], intro
         f"{1000.0 * QUANTUM[channel]:.0f} {unit}."
         for channel, name, unit in (("v", "speeds", "mm/s"), ("omega", "yaw rates", "mrad/s"))
     )
-    return "\n".join([introduction, *lines, "", paragraph(told)])
+    keep("behind-the-wire", "\n".join(lines))
+    return "\n".join([introduction, paragraph(told)])
 
 
 def pose_trips() -> list[Trip]:
@@ -423,8 +424,8 @@ BEHIND_THE_WIRE = """\
 ## Behind the wire
 
 `--hal serial` beside the simulation, by the encoders of both. The board runs in virtual time (`--port virtual`), or as
-a process on a pseudo-terminal in real time. Set-points and readings wait for the next message, so responses come later;
-each is compared after it is moved by its delay. The estimate, and with it the path, is late by this delay, too.
+a process on a pseudo-terminal in real time. Set-points and readings wait for the next message, so responses come up to
+70 ms later; each is compared after it is moved by its delay. The path is late by this delay, too.
 """
 
 POSES = f"""\
