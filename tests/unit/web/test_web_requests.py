@@ -24,7 +24,7 @@ from txt1.web.auth import Role  # noqa: E402
 from txt1.web.budgets import FRAME, PING, Account, Address, Budget, Budgets  # noqa: E402
 from txt1.web.pages import STOPS, Page, Pages  # noqa: E402
 from txt1.web.requests import REQUESTS, STOP_MAX, take  # noqa: E402
-from txt1.web.routes import listen  # noqa: E402
+from txt1.web.routes import SEARCHED, listen  # noqa: E402
 
 STOP = '{"do": "stop"}'
 ALIKE = '{"a": "stop", "do": "wind"}'
@@ -168,6 +168,21 @@ async def test_a_stop_waits_for_one_message_of_another_page_at_a_time(robot: Rob
     assert robot.times("stop") == 1 and flood.read <= 3
     await flooding
     assert flood.read == 1000, "what has come is searched for a stop"
+
+
+@pytest.mark.usefixtures("frozen")
+@pytest.mark.parametrize(("exceeded", "at_once"), [(False, 1), (True, SEARCHED)])
+async def test_a_page_lets_others_go_on_after_each_message_or_a_piece_of_a_flood(
+    exceeded: bool, at_once: int, robot: Robot
+) -> None:
+    pages, socket = pages_of(robot), Socket(*["{}"] * 3 * SEARCHED)
+    page = join(pages, socket)
+    page.account.exceeded = exceeded
+    listening = asyncio.ensure_future(listen(pages, page, socket))  # type: ignore[arg-type]
+    for turn in range(3):
+        await asyncio.sleep(0)
+        assert socket.read == at_once * (turn + 1)
+    listening.cancel()
 
 
 @pytest.mark.usefixtures("frozen")
