@@ -4,10 +4,10 @@ A board whose line from the host is disturbed stops the car by its own rule, and
 on, and counts no fault. When it hears the host again, its loops may take the whole gap as one step, and the car
 lurches. So the host has to notice it earlier, by the speed.
 
-The car *reached* its command at REACHED of it. It *fails* it below FAILS of it, for LASTS, unless it was as
-much faster as 1 / REACHED within SETTLES, as after a command was lowered: loops that brake overshoot. A command that
-rises, or turns round, has to be reached anew. So has a command after a fall from one share to the other within QUICK:
-no car coasts so fast, and a wall is another matter.
+The car *reached* its command at REACHED of it. It *fails* it below FAILS of it, for LASTS, unless within SETTLES the
+command was lowered, or the car was as much faster as 1 / REACHED: loops that brake overshoot. A command that rises, or
+turns round, has to be reached anew. So has a command after a fall from one share to the other within QUICK: no car
+coasts so fast, and a wall is another matter.
 """
 
 from math import inf
@@ -37,8 +37,8 @@ class Obedience:
         # the command that was reached last, or has to be, m/s
         self._asked = 0.0
         self._reached = False
-        # since when the car fails it, and when it was faster than commanded last, s of the run
-        self._fails_since, self._faster = inf, -inf
+        # since when the car fails it, and when it was to slow down last, s of the run
+        self._fails_since, self._slowing = inf, -inf
         # when it kept its command last, s of the run
         self._kept = -inf
 
@@ -49,16 +49,15 @@ class Obedience:
             return False
         along = v if asked > 0.0 else -v
         turned, change = asked * self._asked <= 0.0, abs(asked) - abs(self._asked)
+        lowered = not turned and change < -SAME * abs(self._asked)
         if turned or abs(change) > SAME * abs(self._asked):
-            if turned or change > 0.0:
-                self._reached = False
-            self._asked = asked
-        self._faster = now if REACHED * along > abs(asked) else self._faster
+            self._reached, self._asked = self._reached and lowered, asked
+        self._slowing = now if lowered or REACHED * along > abs(asked) else self._slowing
         if along >= REACHED * abs(asked):
             self._reached, self._kept = True, now
         elif along < FAILS * abs(asked) and self._fails_since == inf and now - self._kept < QUICK - 1e-9:
             self._reached = False
-        if not self._reached or along >= FAILS * abs(asked) or now < self._faster + SETTLES:
+        if not self._reached or along >= FAILS * abs(asked) or now < self._slowing + SETTLES:
             self._fails_since = inf
             return False
         self._fails_since = min(self._fails_since, now)

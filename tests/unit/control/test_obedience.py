@@ -102,7 +102,7 @@ def test_a_command_that_rose_or_turned_round_has_to_be_reached_anew(later: float
 
 
 def test_after_a_command_was_lowered_the_loops_may_overshoot_for_half_a_second() -> None:
-    before = [(1.0, 1.0), (1.0, 1.0), (1.0, 0.6)]
+    before = [(1.0, 1.0), (1.0, 1.0)]
     overshoots = [0.6, 0.45, 0.4, 0.28, 0.2, 0.2, 0.2]
     assert fails_at(*before, *((v, 0.6) for v in (*overshoots, *[0.6] * 20))) is None
     assert fails_at(*before, *((v, 0.6) for v in (*overshoots, *[0.2] * 20))) == 2 + 8 + 2
@@ -117,6 +117,11 @@ def test_the_overshoot_begins_when_the_car_has_come_down_however_long_that_takes
     assert fails_at(*before, *((v, 0.3) for v in (*coasts, *stays))) == 1 + len(coasts) + 8 + 2
     hardly = [0.37, 0.3, 0.2, 0.16, *[0.1] * 20]
     assert fails_at((0.3, 0.3), *((v, 0.3) for v in hardly)) == 5 + 2
+
+
+def test_a_command_that_was_lowered_to_less_than_the_car_does_may_be_overshot() -> None:
+    before = [(0.4, 0.4), (0.4, 0.4), (0.25, 0.25)]
+    assert fails_at(*before, *((v, 0.25) for v in (0.2, 0.1, 0.1, 0.1, 0.1, 0.12, *[0.25] * 20))) is None
 
 
 def test_a_car_that_turns_round_was_not_faster_than_its_new_command() -> None:
