@@ -121,7 +121,7 @@ def test_the_overshoot_begins_when_the_car_has_come_down_however_long_that_takes
 
 def test_a_command_that_was_lowered_to_less_than_the_car_does_may_be_overshot() -> None:
     before = [(0.4, 0.4), (0.4, 0.4), (0.25, 0.25)]
-    assert fails_at(*before, *((v, 0.25) for v in (0.2, 0.1, 0.1, 0.1, 0.1, 0.12, *[0.25] * 20))) is None
+    assert fails_at(*before, *((v, 0.25) for v in (0.2, 0.15, 0.1, 0.1, 0.1, 0.12, *[0.25] * 20))) is None
 
 
 def test_a_car_that_turns_round_was_not_faster_than_its_new_command() -> None:

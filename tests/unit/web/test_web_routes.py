@@ -16,6 +16,7 @@ import pytest
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the extra 'web'")
 
 from aiohttp import web  # noqa: E402
+from aiohttp.test_utils import make_mocked_request  # noqa: E402
 
 import txt1.web  # noqa: E402
 from tests.patience import LIMIT  # noqa: E402
@@ -345,6 +346,26 @@ async def test_a_page_at_its_socket_has_its_role_asks_for_things_and_leaves(role
     await site.until(lambda: not site.pages.connected)
     assert page.car.wheel.holder == 0 and site.robot.asked[-2:] == [("release", {}), ("halt", {})]
     await site.until(lambda: not any("Pages.send" in str(task) for task in asyncio.all_tasks()))
+
+
+@pytest.mark.parametrize("role", ["", "visitor", "operator"])
+async def test_the_operators_reserve_is_theirs_who_have_signed_in(role: str, site: Site) -> None:
+    await site.ask("/", role)
+    [connection] = site.connections.open
+    assert connection.account.operator is connection.account.address.operator is (role == "operator")
+
+
+async def test_a_request_whose_connection_has_gone_is_paid_by_nobody(site: Site) -> None:
+    request = make_mocked_request("GET", "/")
+    with pytest.raises(ConnectionResetError):
+        Routes(site.door, site.pages).pay(request)
+
+
+@pytest.mark.parametrize("hosts", [0, 2])
+async def test_a_request_that_names_no_host_or_two_is_a_bad_one(hosts: int, site: Site) -> None:
+    reader, writer = await site.connect()
+    writer.write(b"GET / HTTP/1.1\r\n" + f"Host: {site.host}\r\n".encode() * hosts + b"\r\n")
+    assert (await reader.readline()).split()[1] == b"400"
 
 
 async def test_one_page_more_than_there_may_be_is_refused(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
