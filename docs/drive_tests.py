@@ -407,7 +407,8 @@ Four results differ from the thesis:
 
 - The encoders sit on the steered front wheels. In a curve they read 1 / cos φ of the speed and cos φ of the yaw rate,
   so the true circle is smaller than v / ω. The thesis draws its circles from odometry, which hides this.
-- The thesis's robot lost traction in the faster steps; these tyres do not slip (`sim.vehicle.slip` is 0).
+- The thesis's robot lost traction in the faster steps. Here the tyres hold, but for a moment of the stop from 1 m/s; on
+  a board as the originals the wheels spin by up to 0.95 m/s ([Stops](stops.md)).
 - This floor is even, except for 3 % of drag, so laps lie closer together than on tile.
 - The safe end comes early: the robot reads its voltage with 10 mV of noise.
 """

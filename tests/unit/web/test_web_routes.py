@@ -361,10 +361,10 @@ async def test_a_request_whose_connection_has_gone_is_paid_by_nobody(site: Site)
         Routes(site.door, site.pages).pay(request)
 
 
-@pytest.mark.parametrize("hosts", [0, 2])
-async def test_a_request_that_names_no_host_or_two_is_a_bad_one(hosts: int, site: Site) -> None:
+@pytest.mark.parametrize(("version", "hosts"), [("1.0", 0), ("1.1", 0), ("1.1", 2)])
+async def test_a_request_that_names_no_host_or_two_is_a_bad_one(version: str, hosts: int, site: Site) -> None:
     reader, writer = await site.connect()
-    writer.write(b"GET / HTTP/1.1\r\n" + f"Host: {site.host}\r\n".encode() * hosts + b"\r\n")
+    writer.write(f"GET / HTTP/{version}\r\n".encode() + f"Host: {site.host}\r\n".encode() * hosts + b"\r\n")
     assert (await reader.readline()).split()[1] == b"400"
 
 
