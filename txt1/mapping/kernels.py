@@ -203,6 +203,112 @@ def search(
     return best, found_x, found_y, found_k
 
 
+def bounds_of(field: Any, blocks: Any, points: Any, cell: float, angles: Any, block: int, bounds: Any) -> None:
+    """Write an upper bound of the score of each block of places at each angle: (angles, blocks).
+
+    Args:
+        field: maxima of `block` x `block` cells to the right and up, uint8, with `block` cells before the first.
+        blocks: (n, 2), row and column of each block.
+        points: (n, 2), m, in the frame of the pose. cell: m. angles: rad.
+        bounds: written here.
+
+    """
+    rows, columns = field.shape
+    count = points.shape[0]
+    xs, ys = np.empty(count, np.int64), np.empty(count, np.int64)
+    for k in range(angles.shape[0]):
+        c, s = cos(angles[k]), sin(angles[k])
+        for i in range(count):
+            xs[i] = floor((c * points[i, 0] - s * points[i, 1]) / cell) + block
+            ys[i] = floor((s * points[i, 0] + c * points[i, 1]) / cell) + block
+        for n in range(blocks.shape[0]):
+            row, column = blocks[n, 0] * block, blocks[n, 1] * block
+            score = 0
+            for i in range(count):
+                x, y = xs[i] + column, ys[i] + row
+                if 0 <= x < columns and 0 <= y < rows:
+                    score += field[y, x]
+            bounds[k, n] = score / (255.0 * count)
+
+
+def refined(
+    fields: Any,
+    frees: Any,
+    blocks: Any,
+    order: Any,
+    bounds: Any,
+    points: Any,
+    cell: float,
+    angles: Any,
+    tile: int,
+    behind: float,
+    most: int,
+    best: Any,
+    found: Any,
+) -> tuple[int, int]:
+    """Find the best place of each tile and sector of angles, by branch and bound.
+
+    Return how many blocks are done, and how many bounds were computed.
+
+    Args:
+        fields: maxima of 1, 2, 4 and 8 cells, as for `bounds_of`, with 8 cells before the first.
+        frees: whether blocks of as many cells have a place at which the laser may be, (rows, columns).
+        blocks, bounds, points, cell, angles: as for `bounds_of`; `bounds` is flat.
+        order: numbers of bounds, the best first.
+        tile: side of a tile, cells.
+        behind: a score lower than the best of all by this much does not count.
+        most: number of bounds after which no other block is begun.
+        best: (rows, columns, sectors) of scores, at first the least that counts; written here.
+        found: (rows, columns, sectors, 3): row and column of the place, and the angle's number; written here.
+
+    """
+    count, total, sectors = points.shape[0], angles.shape[0], best.shape[2]
+    stack, values = np.empty((64, 3), np.int64), np.empty(64)
+    top, looked, done = best.max(), 0, 0
+    for number in order:
+        if looked > most:
+            break
+        done += 1
+        if bounds[number] <= top - behind:
+            return order.shape[0], looked
+        k, n = number // blocks.shape[0], number % blocks.shape[0]
+        sector = (k * sectors) // total
+        c, s = cos(angles[k]), sin(angles[k])
+        size = 1
+        stack[0, 0], stack[0, 1], stack[0, 2], values[0] = 3, blocks[n, 0], blocks[n, 1], bounds[number]
+        while size > 0:
+            size -= 1
+            level, row, column, value = stack[size, 0], stack[size, 1], stack[size, 2], values[size]
+            side = 1 << level
+            v, u = (row * side) // tile, (column * side) // tile
+            if value <= best[v, u, sector] or value <= top - behind:
+                continue
+            if level == 0:
+                best[v, u, sector] = value
+                found[v, u, sector, 0], found[v, u, sector, 1], found[v, u, sector, 2] = row, column, k
+                top = max(top, value)
+                continue
+            field, free = fields[level - 1], frees[level - 1]
+            rows, columns = field.shape
+            half = side // 2
+            for part in range(4):
+                below, beside = 2 * row + part // 2, 2 * column + part % 2
+                if not free[below, beside]:
+                    continue
+                score = 0
+                for i in range(count):
+                    x = floor((c * points[i, 0] - s * points[i, 1]) / cell) + 8 + beside * half
+                    y = floor((s * points[i, 0] + c * points[i, 1]) / cell) + 8 + below * half
+                    if 0 <= x < columns and 0 <= y < rows:
+                        score += field[y, x]
+                looked += 1
+                value = score / (255.0 * count)
+                if value > best[v, u, sector] and value > top - behind:
+                    stack[size, 0], stack[size, 1], stack[size, 2], values[size] = level - 1, below, beside, value
+                    size += 1
+    return done, looked
+
+
 def listed(points: Any, x0: float, y0: float, cell: float, rows: int, columns: int) -> Any:
     """Return (first, following): the number of each cell's first point, and of the point after each point; -1: none."""
     first = np.full((rows, columns), -1, np.int32)

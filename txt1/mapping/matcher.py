@@ -150,6 +150,11 @@ class LocalMap:
             return at_least, pose
         return score, np.array([pose[0] + dx * CELL, pose[1] + dy * CELL, angles[number]])
 
+    @property
+    def coarse(self) -> tuple[NDArray[np.uint8], tuple[float, float]]:
+        """The field in cells twice as large, each the maximum of four, and its corner, m."""
+        return _halved(self._fields[0]), self._corner
+
     def near(self, points: Array) -> NDArray[np.bool_]:
         """Return whether each point lies within 2.5 `SIGMA` of a point of the map."""
         return np.asarray(_looked_up(self._fields[0], points, self._corner, CELL) > 0)

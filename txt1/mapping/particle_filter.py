@@ -17,17 +17,18 @@ too many rays go through walls at the particles' mean, for a while, the filter i
 
 *Found again.* At the start, and from the first scan that does not fit, the scans make a small map of their own
 (`mapper`), because odometry alone distorts the last metres. Its points are matched with the walls of the whole map, in
-each tile and each sector of headings (`matcher.LocalMap.search`). Places may look alike. So the rays of several of
-these scans are cast from each pose found, which also uses the free floor. Particles are placed at the likely poses. If
-nothing fits for a while, the result is: lost. A limit: on a map of a larger room, everything seen might be people, so a
+each tile and each sector of headings (`whole_map`). Places may look alike. So the rays of several of
+these scans are cast from each pose found, which also uses the free floor. Particles are placed at the likely poses. A
+search of a large map takes several scans, which are weighed meanwhile. If nothing fits for a while, the result is:
+lost. A limit: on a map of a larger room, everything seen might be people, so a
 wrong map is not always noticed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from functools import cache
-from math import ceil, hypot, pi, radians, sqrt
+from math import hypot, radians, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ from numpy.typing import NDArray
 from txt1.mapping.mapper import Mapper
 from txt1.mapping.matcher import GAP, Cloud, LocalMap, compiled_kernels, joined, sparse
 from txt1.mapping.poses import composed, difference, wrapped
+from txt1.mapping.whole_map import WholeMap
 from txt1.maps.grid import OCCUPIED_FROM, Grid
 from txt1.sim.batch import compiled
 
@@ -62,15 +64,11 @@ LEAST: Final = 0.25
 LOST_AFTER: Final = 1.0
 """s without a fitting scan until the filter is lost, and of fitting scans until it is found."""
 AGAIN: Final = 1.0
-"""s between two searches of the whole map, which may take some tenths of a second each."""
+"""s between the beginnings of two searches of the whole map."""
 TRAIL: Final = 16
 """Newest keyframes of the small map that are matched with the whole map; with three times as many, it is renewed."""
 ENOUGH: Final = 0.4
 """Score of this match from which a pose is compared by rays."""
-TILE: Final = 3.0
-"""m to each side of a tile's middle; a tile gives a pose for each sector of headings."""
-SECTORS: Final = 24
-"""Number of sectors of headings."""
 COMPARED: Final = 6
 """Number of scans whose rays are cast from the poses found."""
 LIKELY: Final = 50
@@ -86,6 +84,28 @@ BEHIND: Final = 0.4
 """m beyond a measured range at which a ray ends: the range is too short, whatever the ray would meet."""
 STEP: Final = 0.02
 """m, step of the table of weights."""
+
+
+class Likely(NamedTuple):
+    """The result of a search of the whole map."""
+
+    poses: Array
+    """Poses of the laser, a row each, at the last scan before the search."""
+    logs: Array
+    """Sums of logarithms over the scans compared."""
+    scans: int
+    """Number of the scans compared."""
+
+
+class PendingSearch:
+    """A search in the making, begun at a pose by the particles."""
+
+    def __init__(self, work: Generator[None, None, Likely | None], pose: Array | None) -> None:
+        self.work = work
+        self.pose = pose
+        """None: the search is for places, and not a question whether this pose is the only one."""
+        self.way = np.zeros(3)
+        """The way by odometry since the beginning."""
 
 
 class Located(NamedTuple):
@@ -111,13 +131,11 @@ def _rays_of(points: Array) -> tuple[Array, Array]:
     return np.hypot(chosen[:, 0], chosen[:, 1]), np.arctan2(chosen[:, 1], chosen[:, 0])
 
 
-def _are_one(poses: Array, logs: Array, count: int, pose: Array) -> bool:
-    """Return whether all poses that are likely, by the sums of logarithms of `count` scans, are the same place
-    as `pose`.
-    """
-    off = difference(pose, poses)
+def _are_one(found: Likely, pose: Array) -> bool:
+    """Return whether all poses that are likely are the same place as `pose`."""
+    off = difference(pose, found.poses)
     here = (np.hypot(off[:, 0], off[:, 1]) < ELSEWHERE) & (np.abs(off[:, 2]) < ELSEWHERE)
-    return bool(here[logs > logs.max() - RIVAL * sqrt(count)].all())
+    return bool(here[found.logs > found.logs.max() - RIVAL * sqrt(found.scans)].all())
 
 
 def _table() -> Array:
@@ -197,8 +215,7 @@ class Locator:
         self._count = count
         self._table = _table()
         self._clear = np.minimum(4.0 * grid.clear, 255.0).astype(np.uint8)
-        self._free = np.argwhere(~grid.solid)
-        self._walls = LocalMap(_walls_of(grid), self.loops)
+        self._whole = WholeMap(grid, LocalMap(_walls_of(grid), self.loops))
         self.particles = np.empty((0, 3))
         """Poses of the laser, a row each (m, rad)."""
         self._logs = np.zeros(0)
@@ -207,11 +224,13 @@ class Locator:
         self._lost = True
         self._doubts, self._alike = True, False
         self._changes, self._next = 0.0, 0.0
+        self._search: PendingSearch | None = None
 
     def place(self, pose: Any, spread: tuple[float, float] = (0.2, radians(8.0))) -> None:
         """Place the particles round a given pose, with standard deviations in m and rad."""
         self.particles, self._logs = self._round(np.asarray(pose), spread), np.zeros(self._count)
         self._lost = self._doubts = self._alike = False
+        self._search = None
 
     def _round(self, poses: Array, spread: tuple[float, float]) -> Array:
         """Return poses for the particles round a pose, or for each round its own pose."""
@@ -223,6 +242,8 @@ class Locator:
         step = np.zeros(3) if self._before is None else difference(self._before, odometry)
         self._before = odometry
         self._noted(time, points, odometry)
+        if self._search is not None:
+            self._search.way = composed(self._search.way, step)
         if not len(self.particles):
             self._changes = time
             if not self._searched(time):
@@ -245,7 +266,7 @@ class Locator:
     def _noted(self, time: float, points: Array, odometry: Array) -> None:
         """Add the scan to the small map, which is made from the first doubt on."""
         if not self._doubts:
-            self._trail = None
+            self._trail = self._search = None
             return
         if self._trail is None or len(self._trail.keys) > 3 * TRAIL:
             self._trail = Mapper()
@@ -296,41 +317,59 @@ class Locator:
         if (not sure or fit < LOSES) if not self._lost else (sure and fit >= FINDS):
             # this may be a change; it counts if it lasts
             if time - self._changes >= LOST_AFTER:
-                self._alike = self._lost and not self._is_alone(mean)
-                self._lost, self._changes = not self._lost or self._alike, time
+                alone = self._is_alone(mean) if self._lost else True
+                if alone is not None:
+                    self._alike = not alone
+                    self._lost, self._changes = not self._lost or self._alike, time
         else:
             self._changes = time
         return Located(time, mean, covariance, fit, self._lost or not sure, self._alike)
 
     def _searched(self, time: float) -> bool:
         """Search the whole map for the small map; return whether particles could be placed."""
-        if time < self._next or self._trail is None:
+        if self._search is None or self._search.pose is not None:
+            if time < self._next or self._trail is None:
+                return False
+            self._next = time + AGAIN
+            self._search = PendingSearch(self._likely(self._trail), None)
+        ended, found, way = self._continued(self._search)
+        if not ended or found is None:
             return False
-        self._next = time + AGAIN
-        found = self._likely(self._trail)
-        if found is None:
-            return False
-        self.particles, self._logs, count = found
-        self._alike = not _are_one(self.particles, self._logs, count, self.particles[np.argmax(self._logs)])
+        self.particles, self._logs = found.poses, found.logs
+        self._alike = not _are_one(found, found.poses[np.argmax(found.logs)])
+        if way.any():
+            self._moved(way)
         self._resampled()
         return True
 
-    def _is_alone(self, pose: Array) -> bool:
-        """Return whether no other place than a pose's is likely for the small map."""
-        found = None if self._trail is None else self._likely(self._trail)
-        if found is None:
+    def _is_alone(self, pose: Array) -> bool | None:
+        """Return whether no other place than a pose's is likely for the small map; None: it is not known yet."""
+        if self._trail is None:
             return True
-        return _are_one(*found, pose)
+        if self._search is None or self._search.pose is None:
+            self._search = PendingSearch(self._likely(self._trail), pose)
+        asked = self._search.pose
+        assert asked is not None
+        ended, found, _ = self._continued(self._search)
+        return None if not ended else found is None or _are_one(found, asked)
 
-    def _likely(self, trail: Mapper) -> tuple[Array, Array, int] | None:
-        """Return poses of the small map on the whole map, their logarithms, and the number of scans compared.
+    def _continued(self, search: PendingSearch) -> tuple[bool, Likely | None, Array]:
+        """Do a portion of a search; return whether it has ended, its result, and the way driven meanwhile."""
+        try:
+            next(search.work)
+        except StopIteration as ended:
+            self._search = None
+            return True, ended.value, search.way
+        return False, None, search.way
 
-        Returns None if there are no such poses.
-        """
+    def _likely(self, trail: Mapper) -> Generator[None, None, Likely | None]:
+        """Return poses of the small map on the whole map, None if there are none; yields after each portion."""
         keys = trail.keys[-TRAIL:]
         back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
         cloud = joined([key.cloud for key in keys], back)
-        places = self._matches(sparse(cloud, 100)) if len(cloud.points) >= 50 else np.empty((0, 3))
+        if len(cloud.points) < 50:
+            return None
+        places = yield from self._whole.places(sparse(cloud, 100), ENOUGH)
         if not len(places):
             return None
         compared = [
@@ -339,7 +378,7 @@ class Locator:
         best = np.argsort(-self._logs_of(places, compared), kind="stable")[:LIKELY]
         # places are as coarse as cells and sectors, so poses near them are compared, too
         poses = self._round(places[best[np.arange(self._count) % len(best)]], (0.07, radians(1.5)))
-        return poses, self._logs_of(poses, compared), len(compared)
+        return Likely(poses, self._logs_of(poses, compared), len(compared))
 
     def _logs_of(self, poses: Array, compared: list[tuple[Array, Array]]) -> Array:
         """Return sums of logarithms over scans, each given by its points and the pose at which it was seen,
@@ -349,22 +388,6 @@ class Locator:
         for points, back in compared:
             logs += TOGETHER * self.weights(composed(poses, back), *_rays_of(points))
         return logs
-
-    def _matches(self, query: Cloud) -> Array:
-        """Return the poses, a row each, at which a cloud lies on the map's walls: the best of each tile and sector."""
-        low, high = self._free.min(axis=0), self._free.max(axis=0) + 1
-        size = self.grid.resolution
-        rows, columns = (max(1, ceil(float(each) * size / (2.0 * TILE))) for each in high - low)
-        found = []
-        for row, column in np.ndindex(rows, columns):
-            v, u = low + (high - low) * (np.array([row, column]) + 0.5) / (rows, columns)
-            x, y = self.grid.to_room(float(u), float(v))
-            for sector in range(SECTORS):
-                middle = np.array([float(x), float(y), 2.0 * pi * sector / SECTORS])
-                score, pose = self._walls.search(query, middle, TILE, pi / SECTORS, (1e3, 1e3), ENOUGH)
-                if score > ENOUGH:
-                    found.append(pose)
-        return np.array(found)
 
     def _resampled(self) -> None:
         """Draw the particles again if few of them carry the weight."""
@@ -380,8 +403,10 @@ class Locator:
 
 
 def _walls_of(grid: Grid) -> Cloud:
-    """Return the centres of a map's walls as points, m."""
-    rows, columns = np.nonzero(grid.cells >= OCCUPIED_FROM)
+    """Return the centres of the cells of a map's walls that lie beside free floor, as points, m."""
+    # a map may be black outside its walls, where no ray ends
+    surface = grid.depth[1:-1, 1:-1] > -grid.resolution
+    rows, columns = np.nonzero((grid.cells >= OCCUPIED_FROM) & surface)
     x, y = grid.to_room(columns.astype(np.float64) + 1.5, rows.astype(np.float64) + 1.5)
     points = np.column_stack((x, y))
     return (

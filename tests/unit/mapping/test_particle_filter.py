@@ -7,6 +7,7 @@ import pytest
 
 from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import drive, room, scan
+from txt1.mapping import whole_map
 from txt1.mapping.particle_filter import Located, Locator
 from txt1.mapping.poses import composed, difference
 from txt1.maps.grid import FREE, OCCUPIED, Grid
@@ -70,6 +71,28 @@ def test_it_finds_itself_from_anywhere():
     poses = drive(0.6)[10:]
     told = followed(Locator(coarse(), 1, COUNT), poses, drifted(poses, 2))
     assert told[0][0].lost and told[1][0].lost
+    assert not told[-1][0].lost and told[-1][1] < 0.15 and told[-1][2] < 4.0
+
+
+def test_on_a_map_that_is_black_beyond_its_walls_it_finds_itself_from_anywhere():
+    cells = np.pad(coarse().cells, 200, constant_values=OCCUPIED)
+    x, y, _ = coarse().origin
+    locator = Locator(Grid(cells, 0.05, (x - 10.0, y - 10.0, 0.0)), 1, COUNT)
+    poses = drive(0.6)[10:]
+    told = followed(locator, poses, drifted(poses, 2))
+    assert not told[-1][0].lost and told[-1][1] < 0.15 and told[-1][2] < 4.0
+
+
+def test_scans_are_weighed_while_the_whole_map_is_searched(monkeypatch):
+    monkeypatch.setattr(whole_map, "LOOKS", 300_000)
+    poses = drive(1.0)[10:]
+    locator = Locator(coarse(), 1, COUNT)
+    # a wrong pose: the search begins when scans do not fit
+    locator.place(poses[0] + (1.0, -0.5, 2.0))
+    told = followed(locator, poses, drifted(poses, 2))
+    lost = [k for k, (each, _, _) in enumerate(told) if each.lost]
+    # the filter has a pose for each scan of the search, which takes several
+    assert len(lost) > 6 and len({tuple(told[k][0].pose) for k in lost}) == len(lost)
     assert not told[-1][0].lost and told[-1][1] < 0.15 and told[-1][2] < 4.0
 
 
