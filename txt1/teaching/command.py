@@ -80,7 +80,7 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--lag: {arguments.lag:g} s is no reaction time of a human; give 0 to {LAG_MAX:g}")
     output = _output(arguments.output or arguments.before, arguments.before)
     from txt1.teaching import teach as teaching
-    from txt1.teaching.lessons import Ask, drive_in
+    from txt1.teaching.lessons import SECONDS_FEW, Ask, drive_in
     from txt1.teaching.policy import load
     from txt1.teaching.training import Progress, Recipe
     from txt1.trials.run import progress
@@ -96,6 +96,9 @@ def main(arguments: argparse.Namespace) -> int:
         drives.append(drive_in(file, asks, arguments.by, arguments.robot, arguments.lag, arguments.vehicle))
     for drive in drives:
         print(*teaching.summary(drive), sep="\n", flush=True)
+    seconds = sum(drive.taught.seconds for drive in drives)
+    if seconds < SECONDS_FEW:
+        print(f"drive longer: {seconds:.0f} s teach the places in them and little else; ten minutes are better")
     recipe = Recipe(
         members=arguments.networks, epochs=arguments.epochs, mirror=not arguments.no_mirror, seed=arguments.seed
     )

@@ -57,8 +57,10 @@ TAKEOVER: Final = 3.0
 """s after a take-over that count more."""
 TAKEOVER_WEIGHT: Final = 4.0
 """Factor by which they count more."""
-SECONDS_MIN: Final = 60.0
+SECONDS_MIN: Final = 20.0
 """s; less driving than this is not enough for a policy."""
+SECONDS_FEW: Final = 60.0
+"""s; with less driving a policy hardly steers better at a new place than straight on."""
 BETWEEN: Final = 60.0
 """s between two recordings, so that no block of time contains parts of both."""
 

@@ -189,11 +189,16 @@ def test_a_tub_has_pictures_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_teach_makes_a_policy_of_a_tub(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    tub, policy = version_2(tmp_path / "tub", [record(index) for index in range(1300)]), tmp_path / "track.onnx"
+@pytest.mark.parametrize(("count", "seconds", "warned"), [(1300, "65.0", False), (700, "35.0", True)])
+def test_teach_makes_a_policy_of_a_tub_and_warns_of_little_driving(
+    count: int, seconds: str, warned: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tub, policy = version_2(tmp_path / "tub", [record(index) for index in range(count)]), tmp_path / "track.onnx"
     words = ["teach", str(tub), "-o", str(policy), "--see", "camera", "--networks", "1", "--epochs", "1", "--no-report"]
     assert execute(words) == OK
-    assert f"{tub.resolve()}: 1300 lessons, driven by user 65.0 s" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert f"{tub.resolve()}: {count} lessons, driven by user {seconds} s" in told
+    assert ("drive longer: 35 s teach the places in them and little else; ten minutes" in told) is warned
     assert policy.exists()
 
 
