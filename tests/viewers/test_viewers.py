@@ -68,6 +68,6 @@ def test_log_view_gives_rerun_a_layout_and_scans_as_points(recording: Path, tmp_
     assert any("/tf_static" in line and "Transform3D" in line for line in lines)
     for drawn in ("/markers/base_footprint", "/markers/room", "/odom/points"):
         assert any(drawn in line and "Points3D:positions" in line for line in lines), drawn
-    for plotted in ("/odom/speeds", "/setpoint/speeds"):
+    for plotted in ("/odom/speeds", "/setpoint/speeds", "/pwm/outputs"):
         assert any(plotted in line and "Scalars" in line for line in lines), plotted
     assert "Blueprint" in said(program, "rrd", "stats", str(saved)) or "blueprint" in told.lower()

@@ -21,10 +21,11 @@ def test_a_copy_has_every_message_and_each_scan_as_points_in_the_lasers_frame(tm
     clouds = view.viewable(RECORDING, tmp_path / "copy.mcap")
     before, after = messages(RECORDING), messages(tmp_path / "copy.mcap")
     assert {name: len(told) for name, told in before.items()}.items() <= {n: len(t) for n, t in after.items()}.items()
-    added = {"/odom/points", "/odom/speeds", "/setpoint/speeds", "/markers/room", "/markers/base_footprint"}
+    added = {"/odom/points", "/odom/speeds", "/setpoint/speeds", "/pwm/outputs"}
+    added |= {"/markers/room", "/markers/base_footprint"}
     assert after.keys() - before.keys() == {"/tf_static", "/sensors/laser/points"} | added
     scans, told = after["/sensors/laser"], after["/sensors/laser/points"]
-    others = sum(len(after[topic]) for topic in added if not topic.endswith("speeds"))
+    others = sum(len(after[topic]) for topic in added if not topic.endswith(("speeds", "outputs")))
     assert len(scans) == len(told) == clouds - others > 10
     for scan, cloud in zip(scans, told, strict=True):
         assert cloud.header.frame_id == "base_laser_link" and cloud.header.stamp.sec == scan.header.stamp.sec
@@ -56,6 +57,8 @@ def test_a_copy_draws_body_walls_way_and_speeds(tmp_path: Path) -> None:
         assert list(other.position) == [one.twist.twist.linear.x, one.twist.twist.angular.z]
     for one, other in zip(told["/setpoint"], told["/setpoint/speeds"], strict=True):
         assert list(other.position) == [one.twist.linear.x, one.twist.angular.z]
+    for one, other in zip(told["/pwm"], told["/pwm/outputs"], strict=True):
+        assert dict(zip(other.name, other.position, strict=True)).items() >= {"motor": one.motor}.items()
     way = told["/odom/points"][-1]
     last = told["/odom"][-1].pose.pose.position
     assert way.header.frame_id == "odom" and np.hypot(*(xy(way)[-1] - (last.x, last.y))) < 0.2

@@ -10,12 +10,20 @@ def layout() -> rrb.Blueprint:
     """The world on the left; the camera, speeds, outputs and events on the right."""
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Spatial3DView(name="World", origin="/"),
+            rrb.Spatial3DView(
+                name="World",
+                contents=["+ /**", "- /sensors/camera/**"],
+                spatial_information=rrb.SpatialInformation(target_frame="odom"),
+            ),
             rrb.Vertical(
-                rrb.Spatial2DView(name="Camera", origin="/sensors/camera"),
+                rrb.Spatial2DView(
+                    name="Camera",
+                    origin="/sensors/camera",
+                    spatial_information=rrb.SpatialInformation(target_frame="base_camera_optical_link_image_plane"),
+                ),
                 rrb.TimeSeriesView(name="Odometry", origin="/odom/speeds"),
                 rrb.TimeSeriesView(name="Set-point", origin="/setpoint/speeds"),
-                rrb.TimeSeriesView(name="Outputs", origin="/pwm"),
+                rrb.TimeSeriesView(name="Outputs", origin="/pwm/outputs"),
                 rrb.TextLogView(name="Events", origin="/rosout"),
             ),
         ),

@@ -2,8 +2,8 @@
 
 First a copy of the recording is made, with additions for viewers. Scans, walls of a map, particles, the paths, and the
 outlines of body, room and obstacles are added as points, because Rerun shows no sensor_msgs/LaserScan,
-nav_msgs/OccupancyGrid, geometry_msgs/PoseArray or visualization_msgs/Marker. Speeds of odometry and set-point are added
-as sensor_msgs/JointState, whose numbers it plots. The sensors' places are added as static transforms.
+nav_msgs/OccupancyGrid, geometry_msgs/PoseArray or visualization_msgs/Marker. Speeds of odometry and set-point, and the
+outputs, are added as sensor_msgs/JointState, whose numbers it plots. The sensors' places are added as transforms.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from txt1.record.reader import Decoding, FilePass, Item
 from txt1.sensors.mounts import fixed, links_of
 from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
 from txt1.sensors.ros_messages import POINTS, cloud
-from txt1.tasks.controller import SETPOINT
+from txt1.tasks.controller import PWM, SETPOINT
 from txt1.tasks.encoder import ODOMETRY as ODOMETRY_TOPIC
 from txt1.tasks.markers import CUBE, LINES
 from txt1.telemetry.messages import define, schema_name, schema_text
 
 Array = NDArray[np.float64]
-SPEEDS: Final = define(
+NUMBERS: Final = define(
     "sensor_msgs/JointState",
     "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
 )
@@ -47,6 +47,7 @@ SCAN: Final = "sensor_msgs/msg/LaserScan"
 MAP: Final = "nav_msgs/msg/OccupancyGrid"
 PARTICLES: Final = "geometry_msgs/msg/PoseArray"
 ODOMETRY: Final = "nav_msgs/msg/Odometry"
+CAMERA: Final = "sensor_msgs/msg/CameraInfo"
 PLACE: Final = "geometry_msgs/msg/PoseWithCovarianceStamped"
 OUTLINES: Final = "visualization_msgs/msg/MarkerArray"
 # per cent: no floor to drive on
@@ -131,10 +132,10 @@ def _dotted(corners: Array) -> Array:
     return np.column_stack([np.interp(places, along, corners[:, axis]) for axis in (0, 1)])
 
 
-def speeds(header: Any, twist: Any) -> dict[str, Any]:
-    """Return v (m/s) and omega (rad/s) of a Twist as the fields of a JointState, whose numbers viewers plot."""
+def numbers(header: Any, values: dict[str, float]) -> dict[str, Any]:
+    """Return named numbers as the fields of a JointState, which viewers plot."""
     stamp = {"sec": header.stamp.sec, "nanosec": header.stamp.nanosec}
-    return {"header": {"stamp": stamp}, "name": ["v", "omega"], "position": [twist.linear.x, twist.angular.z]}
+    return {"header": {"stamp": stamp}, "name": list(values), "position": list(values.values())}
 
 
 def _cloud(header: Any, x: Any, y: Any) -> dict[str, Any]:
@@ -179,6 +180,8 @@ def viewable(source: Path, target: Path) -> int:
     Raises RecordingError: the recording cannot be read.
     """
     reading, decoding, clouds = FilePass(source), Decoding(), 0
+    # told once a second: without them, body and walls would be missing at the beginning
+    outlined = next((item for item in FilePass(source) if item.schema.name == OUTLINES), None)
     shown, ways = {SCAN: points, MAP: walls, PARTICLES: particles}, defaultdict[str, _Way](_Way)
     paths = (PLACE, ODOMETRY)
     with target.open("wb") as file:
@@ -187,9 +190,13 @@ def viewable(source: Path, target: Path) -> int:
         copy = _Copy(writer)
         for item in _with_places(reading, copy):
             time = item.message.log_time
-            if not item.schema.name:
-                # of another program, without a definition: viewers cannot read it, either
+            if not item.schema.name or (item.schema.name == CAMERA and not any(decoding.message(item).k)):
+                # of another program, without a definition: viewers cannot read it, either; of a camera that is not
+                # calibrated: Rerun then draws nothing of its pictures
                 continue
+            if outlined is not None:
+                clouds += _draw(copy, outlined, decoding, time)
+                outlined = None
             copy.add(item.topic, item.schema.name, item.schema.data, item.message.log_time, item.message.data)
             made = ways[item.topic].points if item.schema.name in paths else shown.get(item.schema.name)
             cloud = None if made is None else made(decoding.message(item))
@@ -197,15 +204,26 @@ def viewable(source: Path, target: Path) -> int:
                 clouds += 1
                 copy.tell(f"{item.topic}/points", POINTS, time, cloud)
             if item.schema.name == OUTLINES:
-                for frame, cloud in outlines(decoding.message(item)).items():
-                    clouds += 1
-                    copy.tell(f"{item.topic}/{frame}", POINTS, time, cloud)
+                clouds += _draw(copy, item, decoding, time)
             elif item.name in (ODOMETRY_TOPIC.name, SETPOINT.name):
                 message = decoding.message(item)
                 twist = message.twist.twist if item.schema.name == ODOMETRY else message.twist
-                copy.tell(f"{item.topic}/speeds", SPEEDS, time, speeds(message.header, twist))
+                speeds = numbers(message.header, {"v": twist.linear.x, "omega": twist.angular.z})
+                copy.tell(f"{item.topic}/speeds", NUMBERS, time, speeds)
+            elif item.name == PWM.name:
+                message = decoding.message(item)
+                outputs = {name: float(getattr(message, name)) for name in PWM.paths}
+                copy.tell(f"{item.topic}/outputs", NUMBERS, time, numbers(message.header, outputs))
         writer.finish()  # type: ignore[no-untyped-call]
     return clouds
+
+
+def _draw(copy: _Copy, item: Item, decoding: Decoding, time: int) -> int:
+    """Add the outlines of a MarkerArray as of a time; return how many clouds."""
+    found = outlines(decoding.message(item))
+    for frame, outline in found.items():
+        copy.tell(f"{item.topic}/{frame}", POINTS, time, outline)
+    return len(found)
 
 
 def _with_places(reading: FilePass, copy: _Copy) -> Iterator[Item]:
