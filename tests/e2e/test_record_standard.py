@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import subprocess
 import sys
@@ -68,6 +69,39 @@ def test_a_laser_that_sits_elsewhere_has_its_frame_there() -> None:
     placed = mounted(frames.mounts)["transforms"][1]["transform"]
     assert placed["translation"] == pytest.approx({"x": -0.2, "y": 0.1, "z": 0.3})
     assert placed["rotation"]["z"] == pytest.approx(sin(0.75))
+
+
+def test_two_sensors_of_a_kind_have_frames_of_their_own(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    named = {"laser": "laser", "rear": "laser", "camera": "camera", "left": "camera"}
+    settings = [f"sensors.{name}.driver=sim_{kind}" for name, kind in named.items()]
+    settings.append("obstacle_stop.sensor=laser")
+    words = ["run", "--headless", "--speed", "max", "--json", "--duration", "1", "--log", str(file)]
+    assert execute([*words, *(word for each in settings for word in ("--set", each))]) == OK
+    told = messages(file)
+    frames = {each.child_frame_id: each.header.frame_id for each in told["/tf_static"][-1].transforms}
+    for name, link in (
+        ("laser", "base_laser_link"),
+        ("rear", "base_rear_laser_link"),
+        ("camera", "base_camera_optical_link"),
+        ("left", "base_left_camera_optical_link"),
+        ("left/camera_info", "base_left_camera_optical_link"),
+    ):
+        assert told[f"/sensors/{name}"][0].header.frame_id == link and link in frames
+    assert frames["base_left_camera_optical_link"] == "base_left_camera_link"
+    assert execute(["replay", "--verify", str(file)]) == OK
+
+
+def test_the_second_laser_is_drawn_where_it_sits() -> None:
+    frames, front, rear = SensorFrames(), scan_topic("front_of_two"), scan_topic("rear_of_two")
+    scan = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0)
+    assert frames.link(front) == "base_laser_link"
+    # whichever is heard first
+    assert frames.see(rear, dataclasses.replace(scan, mount=Mount(-0.3, 0.0, BASE, 3.1))) and frames.see(front, scan)
+    places = {each["child_frame_id"]: each["transform"]["translation"] for each in mounted(frames.mounts)["transforms"]}
+    assert places["base_rear_of_two_laser_link"]["x"] == -0.3 and places["base_laser_link"]["x"] == 0.1905
+    assert frames.framed(rear, rear).constants == {"header": {"frame_id": "base_rear_of_two_laser_link"}}
+    assert frames.framed(front, front) is front
 
 
 def test_a_gps_has_its_position_as_a_nav_sat_fix(drive: Path) -> None:

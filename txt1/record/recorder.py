@@ -100,8 +100,8 @@ class Recorder:
         self._failure: RecordingError | None = None
         self._encoder = Encoder(0.0, runtime.bus.full_name, channels)
         self._origin, self._begun = origin, False
-        # of sensors: the topics with standard messages beside each topic, and their places on the robot
-        self._beside: dict[Topic[Any], tuple[Topic[Any], ...]] = {}
+        # of sensors: each topic in its sensor's frame, with those of standard messages, and their places on the robot
+        self._framed: dict[Topic[Any], tuple[Topic[Any], ...]] = {}
         self._frames = SensorFrames()
         self._writer = writer or ThreadPoolExecutor(1, "txt1 recorder")
         self._jobs: deque[Future[None]] = deque()
@@ -146,21 +146,28 @@ class Recorder:
             if self.dropped and not self._told:
                 self._told = True
                 self._runtime.state.tell(time, "the recording loses messages: the disk is full or too slow")
-        self._messages.append((time, topic, value))
         if topic.rule is Rule.EVENT:
-            self._add_standard(time, topic, value)
+            self._add_reading(time, topic, value)
+        else:
+            self._messages.append((time, topic, value))
 
     def _begin(self, time: float) -> None:
         """Note when the run began, and tell the frames that every robot has."""
         self._begun = True
         self._encoder.epoch = self._origin.at(self._runtime.now)
+        # the clock began anew with the run: a slow computer's reports before it would be from the future
+        self._messages = [(min(told, time), topic, value) for told, topic, value in self._messages]
         self._messages.append((time, TF_STATIC, self._frames.mounts))
 
-    def _add_standard(self, time: float, topic: Topic[Any], value: Any) -> None:
-        """Add to a sensor's reading what other programs need of it: standard messages, and its place."""
-        topics = self._beside.get(topic)
+    def _add_reading(self, time: float, topic: Topic[Any], value: Any) -> None:
+        """Add a sensor's reading, and what other programs need of it: standard messages, and its place."""
+        topics = self._framed.get(topic)
         if topics is None:
-            topics = self._beside[topic] = beside(topic)
+            for polled in self._runtime.sensors.values():
+                # in the order of the configuration, whichever reading comes first
+                self._frames.link(polled.sensor.topic)
+            topics = tuple(self._frames.framed(each, topic) for each in (topic, *beside(topic)))
+            self._framed[topic] = topics
         for each in topics:
             self._messages.append((time, each, value))
         if self._frames.see(topic, value):

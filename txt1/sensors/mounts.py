@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import cos, sin
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from txt1.sensors.readings import BASE, OPTICAL, DepthImage, FixReading, Image, ImuReading, Mount, Scan
 from txt1.telemetry.topics import Rule, Topic
 
+T = TypeVar("T")
+
 Links = dict[str, tuple[str, float, float, float]]
-"""Links without joints, by name: the parent, and the place in it, m; only `OPTICAL` is turned."""
+"""Links without joints, by name: the parent, and the place in it, m; only the optical ones are turned."""
 
 MOUNTS: Final[Mapping[str, tuple[float, float, float]]] = {
     "base_laser_link": (0.1905, 0.0, 0.1435),
@@ -42,12 +45,16 @@ def links_of(kinds: Iterable[type]) -> Links:
 def transform(above: str, name: str, place: tuple[float, float, float], yaw: float = 0.0) -> dict[str, Any]:
     """Return the fields of the transform of a link: its parent, its name, its place there, m, and its angle, rad."""
     x, y, z = place
-    rotation = TO_OPTICAL if name == OPTICAL else {"z": sin(0.5 * yaw), "w": cos(0.5 * yaw)}
+    rotation = TO_OPTICAL if name.endswith("_optical_link") else {"z": sin(0.5 * yaw), "w": cos(0.5 * yaw)}
     return {
         "header": {"frame_id": above},
         "child_frame_id": name,
         "transform": {"translation": {"x": x, "y": y, "z": z}, "rotation": rotation},
     }
+
+
+def _optical(link: str) -> str:
+    return link.replace("_link", "_optical_link")
 
 
 Mounts = tuple[tuple[str, Mount], ...]
@@ -59,8 +66,8 @@ def mounted(mounts: Mounts) -> dict[str, Any]:
     found = [transform("base_footprint", "base_link", (0.0, 0.0, BASE))]
     for name, mount in mounts:
         found.append(transform("base_link", name, (mount.x, mount.y, mount.z - BASE), mount.yaw))
-        if name == "base_camera_link":
-            found.append(transform(name, OPTICAL, (0.0, 0.0, 0.0)))
+        if name.endswith("camera_link"):
+            found.append(transform(name, _optical(name), (0.0, 0.0, 0.0)))
     return {"transforms": found}
 
 
@@ -76,17 +83,42 @@ TF_STATIC: Final = Topic[Mounts](
 
 
 class SensorFrames:
-    """The places of a robot's sensors, as its readings tell them: the first sensor of each kind has the link."""
+    """The places of a robot's sensors, as its readings tell them.
+
+    The first sensor of a kind has the kind's link, such as base_laser_link. A later one has a link of its own, such as
+    base_rear_laser_link.
+    """
 
     def __init__(self) -> None:
-        self._found: dict[str, tuple[Topic[Any], Mount]] = {}
+        self._links: dict[str, str] = {}
+        self._kinds = set[type]()
+        self._found: dict[str, tuple[str, Mount]] = {}
+
+    def link(self, topic: Topic[Any]) -> str:
+        """Return the link of a topic's sensor; "" if it has none. Sensors of a kind come first that are asked first."""
+        if topic.name not in self._links:
+            link = _LINK.get(topic.type, "")
+            if link and topic.type in self._kinds:
+                link = link.replace("base_", f"base_{topic.name.rpartition('/')[2]}_", 1)
+            self._kinds.add(topic.type)
+            self._links[topic.name] = link
+        return self._links[topic.name]
+
+    def framed(self, topic: Topic[T], sensor: Topic[Any]) -> Topic[T]:
+        """Return a sensor's own topic, or one beside it, in the frame of that sensor."""
+        link = self.link(sensor)
+        if link in ("", _LINK.get(sensor.type)):
+            return topic
+        frames = {_LINK[sensor.type]: link, OPTICAL: _optical(link)}
+        frame = topic.constants["header"]["frame_id"]
+        return replace(topic, constants={**topic.constants, "header": {"frame_id": frames.get(frame, frame)}})
 
     def see(self, topic: Topic[Any], value: Any) -> bool:
         """Take a reading; return whether its sensor sits elsewhere than known before."""
-        link = _LINK.get(topic.type)
-        if link is None or self._found.get(link, (topic,))[0] is not topic:
+        link = self.link(topic)
+        if not link or self._found.get(link, (topic.name,))[0] != topic.name:
             return False
-        before, self._found[link] = self._found.get(link), (topic, value.mount)
+        before, self._found[link] = self._found.get(link), (topic.name, value.mount)
         return before is None or before[1] != value.mount
 
     @property
