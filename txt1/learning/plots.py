@@ -174,7 +174,8 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         corners = task.boundary * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
         axes.plot(*corners.T, "--", color=GREY, lw=1.0)
         reach = max(1.6, float(np.abs(np.concatenate([x, y])).max()) + 0.2)
-        axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m", title=title)
+        axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m")
+        axes.set_title(title, fontsize=10)
     figure.suptitle(f"best trial ({chosen.trial})", y=0.985, fontsize=10)
 
 
@@ -208,6 +209,7 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Ca
         ylabel="light ahead, m",
         aspect="equal",
     )
+    axes.yaxis.set_label_coords(-0.62 / 3.7, 0.5)
     axes.set_title("which way it drives, by where the light is", y=1.06)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 0.985), ncols=3, fontsize=8, frameon=False)
 

@@ -5,6 +5,10 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import pytest
+
+from rigs.figure_texts import faults
+from txt1.cli import execute
 from txt1.learning import plots, thesis
 from txt1.learning.registry import LEARNERS, of_module
 from txt1.unknown import brought
@@ -23,3 +27,13 @@ def test_a_learners_module_says_which_way_it_drives_and_whether_its_table_is_sho
     assert of_module("thesis", "courses", None) is thesis.courses
     assert of_module("thesis", "TABLE_IS_DRAWN", True)
     assert of_module("ppo", "courses", None) is None, "which is no learner of this repository's plug-ins"
+
+
+def test_no_text_of_the_pictures_is_cut_or_stands_over_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figure = pytest.importorskip("matplotlib.figure")
+    found: dict[str, list[str]] = {}
+    monkeypatch.setattr(figure.Figure, "savefig", lambda self, path, **_: found.update({path.name: faults(self)}))
+    words = ["learn", "--agent", "thesis", "--trials", "2", "--episodes", "12", "--seed", "1", "--out", str(tmp_path)]
+    assert execute(words) == 0
+    assert found.keys() == {"times.png", "learning_curve.png", "paths.png", "qtable.png"}
+    assert not any(found.values()), found
