@@ -41,8 +41,8 @@ COLOURS: Final = {
 GROUND: Final = "#10141a"
 
 
-def start(columns: int, rows: int, *words: str, **environment: str) -> pexpect.spawn[bytes]:
-    """Start the command `txt1` on a terminal of that size."""
+def start(columns: int, rows: int, *words: str, folder: Path = ROOT, **environment: str) -> pexpect.spawn[bytes]:
+    """Start the command `txt1` in a folder, on a terminal of that size."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith(("TXT1_", "LC_", "LANG"))}
     return pexpect.spawn(
         TXT1[0],
@@ -50,7 +50,7 @@ def start(columns: int, rows: int, *words: str, **environment: str) -> pexpect.s
         dimensions=(rows, columns),
         timeout=LIMIT,
         env=clean | {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color"} | environment,
-        cwd=str(ROOT),
+        cwd=str(folder),
     )
 
 
@@ -73,6 +73,13 @@ class Watched:
                 raise TimeoutError(f"{words} not among:\n{self.text}")
             self.told += (new := self.child.read_nonblocking(65536, timeout=LIMIT))
             self._stream.feed(new)
+
+    def until_end(self) -> int | None:
+        """Wait until the command has ended; return its exit code."""
+        self.child.expect(pexpect.EOF)
+        self._stream.feed(self.child.before or b"")
+        self.child.close()
+        return self.child.exitstatus
 
     @property
     def text(self) -> str:

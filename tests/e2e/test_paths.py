@@ -1,4 +1,7 @@
-"""The paths of a student without a robot and of the owner of a Donkey Car, typed word by word as the pages say."""
+"""Three people's paths, typed word by word as the pages say.
+
+The people are a student without a robot, the owner of a Donkey Car, and someone who comes from ROS with a bag.
+"""
 
 import re
 from pathlib import Path
@@ -6,7 +9,8 @@ from pathlib import Path
 import pexpect
 import pytest
 
-from rigs.terminals import Watched, start
+from rigs.ros_bags import bag
+from rigs.terminals import ROOT, Watched, start
 from txt1.cli import execute
 from txt1.ui.screens import installed
 
@@ -19,7 +23,7 @@ NARROW = 60
 
 def has_driven(text: str) -> bool:
     """Return whether the screen MAP shows the car more than 0.2 m from its start."""
-    found = re.search(r"room x +(-?[\d.]+)", text)
+    found = re.search(r"(?:room|map) x +(-?[\d.]+)", text)
     return found is not None and float(found[1]) > 0.2
 
 
@@ -90,3 +94,27 @@ def test_the_owner_of_a_donkey_car_drives_it_on_the_desk_and_is_told_what_it_lac
     assert execute([*car[1].split()[1:], "--headless", "--duration", "1"]) == 1
     assert "sudo raspi-config" in capfd.readouterr().err[:NARROW]
     assert sum(map(len, desk + car)) / KEYS_A_SECOND < FIRST_SUCCESS
+
+
+def test_who_comes_from_ros_with_a_bag_makes_a_map_and_drives_in_it(tmp_path: Path) -> None:
+    page = (ROOT / "docs/tutorials/bag.md").read_text("utf-8")
+    typed = ["txt1 log info drive.bag", "txt1 map drive.bag -o room"]
+    typed.append("txt1 run --set sim.room.map=room.yaml --set sensors.laser.driver=sim_laser --in room")
+    assert all(f"    {each}\n" in page for each in typed)
+    bag(tmp_path / "drive.bag", "ros1")
+    for words, told in zip(typed[:2], ("sensor_msgs/LaserScan", "room.yaml"), strict=True):
+        watched = Watched(start(80, 24, *words.split()[1:], folder=tmp_path), 80, 24)
+        assert watched.until_end() == 0
+        assert told in watched.text
+    child = start(80, 24, *typed[2].split()[1:], "--seed", "1", folder=tmp_path)
+    watched = Watched(child, 80, 24)
+    watched.until("ARMED")
+    for screen in list(installed())[1 : list(installed()).index("MAP") + 1]:
+        child.send(b"\x1b[C")
+        watched.until(f"[{screen}]")
+    child.send(b"ww")
+    watched.until_seen(has_driven, "more than 0.2 m of way")
+    assert "[MAP]" in watched.text and "…" not in watched.text
+    child.send(b"q")
+    assert watched.until_end() == 0
+    assert sum(map(len, [*typed, "4 times right", "wwq"])) / KEYS_A_SECOND < FIRST_SUCCESS
