@@ -17,8 +17,9 @@ FUZZ := .venv-fuzz
 DOCS := .venv-docs
 # distributions of their own that the tests need, each with its tests
 PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot plugins/browser
-DRIVES = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; extras = project["optional-dependencies"]; print(*project["dependencies"], *extras["record"], *extras["web"], sep="\n")
+NEEDS = import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; extras = project["optional-dependencies"]; print(*(need for name in sys.argv[1:] for need in (extras.get(name) or project[name])), sep="\n")
 PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
+PIP_DOWNLOAD := -m pip --disable-pip-version-check download --quiet --quiet
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
 TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
 # of `make test`: each collects all tests, 20 s of a processor, so no more than keep two processors busy
@@ -36,11 +37,11 @@ MIKE ?=
 
 .PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint types style imports wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
 
-# The first screen waits for what the drive needs. What draws pictures of a recorded drive is fetched beside it.
+# The first screen waits for what the drive needs. txt1 itself, and what draws pictures of a drive, are installed beside it.
 run: $(VENV)/.drives  ## drive a simulated robot from the keyboard or the page; RUN="..." adds options
 	@nice -n 10 $(MAKE_COMMAND) --silent $(VENV)/.installed >/dev/null 2>&1 & \
 	$(BIN)/python -m txt1 run --practice $(RUN); ended=$$?; \
-	test -e $(VENV)/.installed || echo "fetching what draws pictures of a drive; Ctrl-C leaves it for the next time"; \
+	test -e $(VENV)/.installed || echo "installing txt1, and what draws pictures of a drive; Ctrl-C leaves it for the next time"; \
 	wait; \
 	test $$ended = 0 || test $$ended = 130 || exit $$ended  # Ctrl-C ends a drive, and is no error
 
@@ -157,17 +158,22 @@ clean:
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-# With what README and `txt1` alone show: recordings and the page, then pictures. Without --no-compile pip compiles all
-# modules of all packages, a third of the time until the first screen; Python compiles those that are used, when they are.
-# txt1 itself is built beside the fetching of the others, which reads long lists of files for each.
+# What README and `txt1` alone show needs: recordings and the page. Without --no-compile pip compiles all modules of all
+# packages, a third of the time until the first screen; Python compiles those that are used, when they are. Most of the
+# rest is reading the long lists of each package's files, so two read at once. The second one only downloads, as two
+# that install would meet in the packages that both need. txt1 runs from the tree until it is installed.
 $(VENV)/.drives: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python $(PIP_INSTALL) --no-compile --no-deps --editable . & txt1=$$!; \
-	$(BIN)/python -c '$(DRIVES)' | $(BIN)/python $(PIP_INSTALL) --no-compile --requirement /dev/stdin && wait $$txt1
+	@$(BIN)/python -c '$(NEEDS)' web > $(VENV)/web.txt
+	$(BIN)/python $(PIP_DOWNLOAD) --dest $(VENV)/wheels --requirement $(VENV)/web.txt & web=$$!; \
+	$(BIN)/python -c '$(NEEDS)' dependencies record | $(BIN)/python $(PIP_INSTALL) --no-compile --requirement /dev/stdin && wait $$web
+	$(BIN)/python $(PIP_INSTALL) --no-compile --no-index --find-links $(VENV)/wheels --requirement $(VENV)/web.txt
 	@touch $@
 
-# txt1 is there, so pip adds what the extra needs, and does not build txt1 anew
+# once txt1 is there, pip adds what the extra needs, and does not build txt1 anew
 $(VENV)/.installed: $(VENV)/.drives
+	$(BIN)/python $(PIP_INSTALL) --no-compile --no-deps --editable .
 	$(BIN)/python $(PIP_INSTALL) --no-compile 'txt1[plots]'
+	@rm -rf $(VENV)/wheels
 	@touch $@
 
 # Beside one another at the end: the tests are compiled, or all processes would do it at once, and numba's loops, half a
