@@ -10,6 +10,8 @@ from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
+from shutil import get_terminal_size
+from textwrap import fill
 from typing import Any, Final
 
 import yaml
@@ -330,12 +332,20 @@ def _write(file: Path, tree: Mapping[str, Any], head: str = HEAD) -> None:
     os.replace(part, file)
 
 
+def _filled(text: str) -> str:
+    """Return the text with its lines broken between words, for a terminal."""
+    if not sys.stdout.isatty():
+        return text
+    lines = (fill(line, get_terminal_size().columns - 1, subsequent_indent="  ") for line in text.splitlines())
+    return "\n".join(lines) + " " * text.endswith(" ")
+
+
 class Person:
     """The operator at the terminal, who answers by lines."""
 
     def tell(self, text: str) -> None:
         """Print the text."""
-        print(text, flush=True)
+        print(_filled(text), flush=True)
 
     async def ready(self, key: str, text: str) -> None:
         """Ask, and wait for Enter."""
@@ -352,6 +362,7 @@ class Person:
             fitting = [option for option in options if answer and option.startswith(answer)]
             if len(fitting) == 1:
                 return fitting[0]
+            print(f"'{answer}' is none of {', '.join(options)}")
 
     async def number(self, key: str, text: str, unit: str) -> float:
         """Ask until the answer is a number."""
@@ -363,7 +374,7 @@ class Person:
             print(f"'{answer}' is no number, such as 2.95")
 
     async def _answer(self, prompt: str) -> str:
-        print(prompt, end="", flush=True)
+        print(_filled(prompt), end="", flush=True)
         loop = asyncio.get_running_loop()
         typed: asyncio.Future[str] = loop.create_future()
 
