@@ -110,3 +110,21 @@ def test_a_time_that_is_none_is_refused_with_and_without_a_terminal(
     assert execute([str(file) if word == "FILE" else word for word in words.split()]) == USAGE
     told = capsys.readouterr().err
     assert f"'{words.rpartition(' ')[2]}' is not" in told
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("run --seed x", "argument --seed: 'x' is not a whole number from 0"),
+        ("run --seed -1", "argument --seed: '-1' is not a whole number from 0"),
+        ("run --baud fast", "argument --baud: 'fast' is not a whole number from 1"),
+        ("map FILE --resolution fine", "argument --resolution: 'fine' is not a finite number"),
+    ],
+)
+def test_a_number_that_is_none_is_refused_with_what_it_has_to_be(
+    words: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "drive.bag"
+    file.touch()
+    assert execute([str(file) if word == "FILE" else word for word in words.split()]) == USAGE
+    assert told in capsys.readouterr().err

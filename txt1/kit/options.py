@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from txt1 import additions
-from txt1.commands import flag, speed, takes
+from txt1.commands import count, flag, seed, speed, takes
 from txt1.errors import ConfigError
 
 # imported when used, so that the help appears at once
@@ -35,7 +35,7 @@ LINE: Final = {
         "where the board is: a device, socket://HOST:PORT, or a virtual one in this process "
         f"({_OF_BOARDS}{_OF_CARS}); left out: the plugged-in device, if there is only one",
     ),
-    "--baud": takes("N", "bits a second of the line, 57600 by default (--hal serial)", int),
+    "--baud": takes("N", "bits a second of the line, 57600 by default (--hal serial)", count),
 }
 CONFIGURATION: Final = {
     "--config": takes("FILE", "YAML file, e.g. config/txt1.yaml"),
@@ -43,7 +43,7 @@ CONFIGURATION: Final = {
         "KEY=VALUE", "set one value, e.g. --set control.linear.kp=9; may be repeated", action="append", default=[]
     ),
 }
-SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
+SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", seed)}
 VEHICLE: Final = {"--vehicle": takes("NAME", "txt1, another vehicle in config/vehicles/, or your own YAML file")}
 ROBOT: Final = (
     CONFIGURATION

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from txt1.commands import FAULT, OK, add, existing, flag, need, path, takes
+from txt1.commands import FAULT, OK, add, existing, flag, need, number, path, takes
 from txt1.errors import ConfigError
 from txt1.record.options import ONE_ROBOT
 
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--sensor": takes("NAME", "name of the laser, if there are several"),
             "--scan": takes("TOPIC", "topic of a bag's scans, if there are several"),
             "--odometry": takes("TOPIC", "topic of a bag's odometry, if there are several"),
-            "--resolution": takes("M", "side of a cell, m (default 0.05)", float, default=0.05),
+            "--resolution": takes("M", "side of a cell, m (default 0.05)", number, default=0.05),
         },
     )
 

@@ -7,7 +7,7 @@ import asyncio
 from typing import Final
 
 from txt1.cars.pico.installer import LOG, OverMpremote, digests, install, listen, release
-from txt1.commands import FAULT, say
+from txt1.commands import FAULT, count, say
 from txt1.kit.app import App
 from txt1.link.ports import only_candidate
 
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         action = actions.add_parser(name, help=about)
         action.add_argument("--port", metavar="DEV", help="the board's port; by default the only port")
-        action.add_argument("--baud", type=int, default=57600, metavar="N", help="57600 by default; USB takes any")
+        action.add_argument("--baud", type=count, default=57600, metavar="N", help="57600 by default; USB takes any")
         action.set_defaults(main=main)
 
 
