@@ -1,20 +1,24 @@
 """The interface of every learner: it sees light and odometry, and decides which action to take."""
 
-from math import inf
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from txt1.learning.qtable import StoredTable
 from txt1.learning.shared_knowledge import Learned
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 __all__ = ["Agent", "Decision", "Doubter", "Looker", "PeriodicAgent", "Readings", "Rows", "Sharer", "StoredTable"]
 
-# learned numbers, shape (rows, columns)
-Rows = NDArray[np.float64]
+# learned numbers; all rows have one length
+Rows = Sequence[Sequence[float]]
 
 
 class Decision(NamedTuple):
@@ -82,7 +86,7 @@ class Sharer(Protocol):
     def shared(self) -> Learned:
         """Return its rows, and how well each is known."""
 
-    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
+    def take(self, rows: Rows, taken: Sequence[bool], episodes: int) -> int:
         """Take over the rows marked in `taken`, in which others have a part; return how many were taken over.
 
         `episodes` is the number of episodes that the others have learned in since the last call.
@@ -139,5 +143,7 @@ class PeriodicAgent:
 
     def _seen(self) -> NDArray[np.float64]:
         """Return the samples since the last decision, lux, shape (samples, 4), and forget them."""
+        import numpy as np
+
         samples, self._samples = self._samples, []
         return np.array(samples).reshape(-1, 4)

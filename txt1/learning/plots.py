@@ -45,7 +45,7 @@ def draw(
     if of_module(learner, "TABLE_IS_DRAWN", True):
         parts.append(lambda figure, left: _table(figure, left, table, colormaps))
     title, reported = of_module(learner, "REPORTED", ("", ()))
-    if np.shape(reported) == table.values.shape:
+    if np.shape(reported) == table.shape:
         beside = StoredTable(np.array(reported), {**table.about, "title": title})
         parts.append(lambda figure, left: _table(figure, left, beside, colormaps))
     courses = of_module(learner, "courses", None)
@@ -192,7 +192,7 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Ca
     ahead, left = (each.ravel() for each in np.meshgrid(*[np.linspace(-reach, reach, 15)] * 2, indexing="ij"))
     outside = np.hypot(ahead, left) > task.goal_radius
     ahead, left = ahead[outside], left[outside]
-    turns = courses(table, np.column_stack([ahead, left]))
+    turns = np.asarray(courses(table, np.column_stack([ahead, left])))
     # up is straight on
     turned = 0.5 * np.pi * turns / (np.abs(turns).max() or 1.0) + 0.5 * np.pi
     colours = np.where(turns > 0.3 * turns.max(), BLUE, np.where(turns < 0.3 * turns.min(), RED, GREEN))
@@ -228,13 +228,14 @@ def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None
         figure.colorbar(image, scale, ticks=range(len(ACTIONS))).set_ticklabels(ACTIONS)
         return
     axes, scale = _panel(figure, edge + 1.0, 0.28, 3.0, 3.9), _panel(figure, edge + 4.12, 0.28, 0.15, 3.9)
-    most = float(np.abs(table.values).max())
-    image = axes.imshow(table.values, aspect="auto", cmap="PuOr", vmin=-most, vmax=most)
+    values = np.asarray(table.values)
+    most = float(np.abs(values).max())
+    image = axes.imshow(values, aspect="auto", cmap="PuOr", vmin=-most, vmax=most)
     actions = table.about.get("actions", ACTIONS)
-    if len(actions) == np.shape(table.values)[1]:
+    if len(actions) == values.shape[1]:
         axes.set_xticks(range(len(actions)), actions)
-    axes.set_yticks(range(len(table.values)), list(table.about.get("states", range(len(table.values)))))
-    for (row, column), value in np.ndenumerate(table.values) if table.values.size <= LEGIBLE else ():
+    axes.set_yticks(range(len(values)), list(table.about.get("states", range(len(values)))))
+    for (row, column), value in np.ndenumerate(values) if values.size <= LEGIBLE else ():
         ink = "white" if abs(value) > 0.6 * most else "black"
         axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=ink)
     axes.set_title(table.about.get("title", "Q(s, a)"))

@@ -14,14 +14,12 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from txt1.errors import QTableError
 from txt1.file_limits import JSON_MAX, read_text
+from txt1.sim.pcg64 import Draws
 
-# Q(s, a), shape (states, actions)
-Table = NDArray[np.float64]
+# Q(s, a): a row for each state, with a number for each action
+Table = list[list[float]]
 
 # the sectors of `txt1.learning.light_direction`
 STATES: Final = 8
@@ -33,9 +31,10 @@ VERSION: Final = 1
 RELEARN: Final = "take a sound copy, or learn it again with 'txt1 learn'"
 
 
-def initial(rng: np.random.Generator, states: int = STATES, actions: int = len(ACTIONS), spread: float = 0.1) -> Table:
-    """Make a table without knowledge: uniform random values in [-spread, spread] (5.4), shape (states, actions)."""
-    return rng.uniform(-spread, spread, (states, actions))
+def initial(rng: Draws, states: int = STATES, actions: int = len(ACTIONS), spread: float = 0.1) -> Table:
+    """Make a table without knowledge: uniform random values in [-spread, spread] (5.4)."""
+    values = [float(value) for value in rng.uniform(-spread, spread, states * actions)]
+    return [values[s * actions : (s + 1) * actions] for s in range(states)]
 
 
 def update(q: Table, s: int, a: int, reward: float, s_next: int, alpha: float = 0.3, gamma: float = 0.5) -> float:
@@ -43,8 +42,8 @@ def update(q: Table, s: int, a: int, reward: float, s_next: int, alpha: float = 
 
     Q(s, a) <- Q(s, a) + alpha [r + gamma max Q(s', .) - Q(s, a)]
     """
-    difference = float(reward + gamma * q[s_next].max() - q[s, a])
-    q[s, a] += alpha * difference
+    difference = reward + gamma * max(q[s_next]) - q[s][a]
+    q[s][a] += alpha * difference
     return difference
 
 
@@ -52,24 +51,43 @@ def update(q: Table, s: int, a: int, reward: float, s_next: int, alpha: float = 
 class StoredTable:
     """A Q-table as a file holds it."""
 
-    # Q(s, a), shape (states, actions)
-    values: Table
+    # Q(s, a), shape (states, actions): lists, or an array of numpy
+    values: Any
     # the agent's notes: JSON values only
     about: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of states and of actions."""
+        return len(self.values), len(self.values[0])
+
     def shaped(self, states: int, actions: int) -> Table:
-        """Return the values; ValueError: their shape is not (states, actions)."""
-        for needed, has, what in zip((states, actions), self.values.shape, ("states", "actions"), strict=True):
+        """Return the values as lists; ValueError: their shape is not (states, actions)."""
+        for needed, has, what in zip((states, actions), self.shape, ("states", "actions"), strict=True):
             if needed != has:
                 raise ValueError(f"has {has} {what} where {needed} are needed")
-        return self.values
+        return table_of(self.values)
 
-    def kept(self, name: str, shape: tuple[int, ...]) -> Table:
-        """Return an array that the agent keeps with the table; ValueError: it has another shape."""
+    def kept(self, name: str, shape: tuple[int, ...]) -> Any:
+        """Return an array of numpy that the agent keeps with the table; ValueError: it has another shape."""
+        import numpy as np
+
         array = np.array(self.about[name], float)
         if array.shape != shape:
             raise ValueError(f"keeps '{name}' of the shape {array.shape} where {shape} is needed")
         return array
+
+
+def table_of(rows: Any) -> Table:
+    """Return rows of numbers as lists; ValueError, TypeError: they are no table of finite numbers."""
+    if isinstance(rows, str) or any(isinstance(row, str) for row in rows):
+        raise ValueError("text in place of numbers")
+    table = [[float(number) for number in row] for row in rows]
+    if not table or not table[0] or len({len(row) for row in table}) > 1:
+        raise ValueError(f"its rows have {', '.join(str(len(row)) for row in table[:9]) or 'no'} numbers")
+    if not all(isfinite(number) for row in table for number in row):
+        raise ValueError("a number is not finite")
+    return table
 
 
 def replace_file(path: Path, text: str) -> None:
@@ -87,15 +105,16 @@ def save(path: Path, table: StoredTable) -> None:
 
     Raises QTableError: it cannot be written; ValueError: the values are not finite, no table, or `about` is no JSON.
     """
-    values = np.asarray(table.values, float)
-    if values.ndim != 2 or not values.size or not np.isfinite(values).all():
-        raise ValueError(f"a Q-table is one row of finite numbers for each state; this has the shape {values.shape}")
+    try:
+        values = table_of(table.values)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"a Q-table is one row of finite numbers for each state: {error}") from None
     try:
         # as it will be read: keys are strings
         about = json.loads(json.dumps(dict(table.about), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise ValueError(f"the notes of a Q-table are no JSON: {error}") from error
-    content = {"format": FORMAT, "version": VERSION, "values": values.tolist(), "about": about}
+    content = {"format": FORMAT, "version": VERSION, "values": values, "about": about}
     content["sha256"] = _checksum(content)
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in content.items())
     try:
@@ -123,11 +142,11 @@ def load(path: Path) -> StoredTable:
         raise QTableError(str(path), "was altered after it was written: its checksum does not match", RELEARN)
     # the checksum only shows that the file was not altered by chance; the table may still be wrong
     try:
-        values, about = np.array(content["values"], float), content["about"]
+        values, about = table_of(content["values"]), content["about"]
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise QTableError(str(path), f"holds no table of numbers: {type(error).__name__}: {error}", RELEARN) from error
-    if values.ndim != 2 or not values.size or not np.isfinite(values).all() or not isinstance(about, dict):
-        raise QTableError(str(path), "holds no table of one row of finite numbers for each state", RELEARN)
+    if not isinstance(about, dict):
+        raise QTableError(str(path), "holds no table of numbers: its notes are missing", RELEARN)
     return StoredTable(values, about)
 
 

@@ -16,8 +16,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, MissingPlugin, QTableError
@@ -28,6 +26,7 @@ from txt1.learning.qtable import RELEARN, StoredTable, load
 from txt1.learning.settings import LearningConfig, section_of, settings_of
 from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
+from txt1.sim.pcg64 import Pcg64
 from txt1.unknown import brought
 
 LEARNERS: Final = Registry(
@@ -35,12 +34,15 @@ LEARNERS: Final = Registry(
 )
 
 
-def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
+def make(name: str, config: Config, rng: Any) -> Agent:
     """Return a learner that knows nothing yet; ConfigError: the name is unknown, or its options are wrong."""
     return _made(name, config, rng, None)
 
 
-def _made(name: str, config: Config, rng: np.random.Generator, stored: StoredTable | None) -> Agent:
+def _made(name: str, config: Config, rng: Any, stored: StoredTable | None) -> Agent:
+    if name != "thesis" and isinstance(rng, Pcg64):
+        # the others compute with numpy
+        rng = rng.numpy()
     agent: Agent = LEARNERS.make("agent", name, config, rng, stored)
     place = LEARNERS.place("agent", name)
     if callable(place) or name in {*LEARNERS.table, *brought(LEARNERS.group)}:
@@ -70,7 +72,7 @@ def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | 
     return None if learn is None else make(learn, config, rng)
 
 
-def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
+def from_table(path: Path, config: Config, rng: Any) -> Agent:
     """Return a driver that takes the best action of a stored table and does not learn.
 
     Raises QTableError: the file is no sound table, its learner is not installed, or the

@@ -14,10 +14,8 @@ episodes of other robots: each counts for as many episodes as this robot has don
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from statistics import median
 from typing import Final, NamedTuple, Protocol, runtime_checkable
-
-import numpy as np
-from numpy.typing import NDArray
 
 from txt1.errors import ConfigError
 from txt1.learning.agent import Rows, Sharer
@@ -48,18 +46,19 @@ def sharer(name: str, agent: object) -> Sharer:
     return agent
 
 
-def merge(own: Learned, others: Sequence[Learned], liars: int = LIARS) -> tuple[Rows, NDArray[np.bool_]]:
-    """Return the merged rows, shape (rows, columns), and a mask of the rows in which others have a part.
+def merge(own: Learned, others: Sequence[Learned], liars: int = LIARS) -> tuple[Rows, list[bool]]:
+    """Return the merged rows, and for each whether others have a part in it.
 
-    Rows outside the mask are this robot's own. All have one shape. `liars` is how many of three or more robots may lie.
+    Rows in which they have none are this robot's own. All have one shape. `liars` is how many of three or more robots
+    may lie.
     """
-    every = [own, *others]
-    rows, known = np.array([one.rows for one in every]), np.array([one.visits for one in every]) > 0
-    lying = min(liars, (len(every) - 1) // 2)
-    taken = (known.sum(axis=0) > 2 * lying) & known[1:].any(axis=0)
-    merged = rows[0].copy()
-    for row in np.flatnonzero(taken):
-        merged[row] = np.median(rows[known[:, row], row], axis=0)
+    merged, taken = list(own.rows), [False] * len(own.rows)
+    lying = min(liars, len(others) // 2)
+    for k in range(len(merged)):
+        known = [one for one in (own, *others) if one.visits[k] > 0]
+        if len(known) > 2 * lying and known != [own]:
+            taken[k] = True
+            merged[k] = tuple(median(column) for column in zip(*(one.rows[k] for one in known), strict=True))
     return merged, taken
 
 
@@ -113,7 +112,7 @@ class Sharing:
         own = self._learner.shared()
         heard = {name: one for name, one in self._exchange.taught().items() if self._fits(name, own, one)}
         rows, taken = merge(own, list(heard.values()), self._liars)
-        if not taken.any():
+        if not any(taken):
             return
         news = [name for name, one in heard.items() if self._known.get(name, 0) != one.episodes]
         self._known.update((name, one.episodes) for name, one in heard.items())

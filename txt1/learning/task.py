@@ -9,8 +9,6 @@ from collections.abc import Callable, Sequence
 from math import degrees, nan
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-
 from txt1.config.schema import SensorConfig
 from txt1.errors import A_STOP, ConfigError, HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
@@ -354,6 +352,8 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None, trial: Tri
             raise ConfigError(
                 f"learning.world: {asked}: a world is simulated; take hal=sim and txt1 learn, or leave it out"
             )
+        import numpy as np
+
         movers = robot.hal.movers if robot.config.sim.movers else tuple
         trial.world = world_of(robot.config, np.random.default_rng(np.random.SeedSequence(seed)), movers)
         light = WorldLight(trial, lambda: robot.runtime.look().pose, name)

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from math import exp
 from typing import Any, ClassVar, Final
 
-import numpy as np
 from mypy_extensions import mypyc_attr
-from numpy.typing import NDArray
 
 from txt1.config import Config
 from txt1.errors import NoDirection
@@ -30,6 +28,7 @@ from txt1.learning.trial import COMMANDS, Commands
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.sim.lamp import PointLight, illuminances
+from txt1.sim.pcg64 import Draws
 
 # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
 REACHED: Final = 0.15
@@ -54,20 +53,15 @@ TABLE_5_3: Final = (
 # stands beside the learned table in the pictures
 REPORTED: Final = ("table 5.3 of the thesis", TABLE_5_3)
 
-# the Q-values of one state's actions
-QRow = NDArray[np.floating[Any]]
 
-
-def boltzmann(q: QRow, temperature: float) -> list[float]:
-    """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2); q has the shape (actions,).
+def boltzmann(q: Sequence[float], temperature: float) -> list[float]:
+    """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2).
 
     The largest Q is subtracted first. That does not change the quotient, and it prevents an overflow. Towards T = 0 the
     result is the greedy policy (5.4), towards infinity a uniform policy (5.3).
     """
-    # for so few numbers an array takes ten times as long
-    values: list[float] = q.tolist()
-    largest = max(values)
-    weights = [exp((value - largest) / temperature) for value in values]
+    largest = max(q)
+    weights = [exp((value - largest) / temperature) for value in q]
     total = 0.0
     # sum() rounds otherwise from Python 3.12 on
     for weight in weights:
@@ -75,7 +69,7 @@ def boltzmann(q: QRow, temperature: float) -> list[float]:
     return [weight / total for weight in weights]
 
 
-def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
+def choose(probabilities: Sequence[float], rng: Draws) -> int:
     """Draw an action with these probabilities, by the cumulative sum and a random number."""
     u = rng.random()
     cumulative = 0.0
@@ -87,12 +81,11 @@ def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
     return max(range(len(probabilities)), key=probabilities.__getitem__)
 
 
-def greedy_action(q: QRow, rng: np.random.Generator) -> int:
+def greedy_action(q: Sequence[float], rng: Draws) -> int:
     """The action with the largest Q-value; among equal values a random draw, as the lowest index would favour right."""
-    values: list[float] = q.tolist()
-    largest = max(values)
-    best = [action for action, value in enumerate(values) if value == largest]
-    return best[0] if len(best) == 1 else int(rng.choice(best))
+    largest = max(q)
+    best = [action for action, value in enumerate(q) if value == largest]
+    return best[0] if len(best) == 1 else best[int(rng.integers(len(best)))]
 
 
 def fading(episode: int, start: float, decay: float, floor: float = 0.0) -> float:
@@ -113,7 +106,7 @@ def state_learning_rate(visits: int) -> float:
     return 1.0 / (1.0 + visits / 10.0)
 
 
-def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
+def create(config: Config, rng: Draws, table: StoredTable | None = None) -> ThesisAgent:
     """Return a learner as configured, or a driver by a stored table; ValueError: the table has another shape."""
     settings, exponent = config.section(LearningConfig).thesis, float(config.sim.light.exponent)
     commands = config.section(LearningConfig).actions
@@ -122,7 +115,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     values = table.shaped(STATES, len(commands))
     driving = settings.model_copy(update={"policy": "greedy", "training": 0, "learn_on": False})
     driver = ThesisAgent(rng, commands, driving, exponent)
-    driver.q = np.array(values)
+    driver.q = values
     return driver
 
 
@@ -137,7 +130,7 @@ class ThesisAgent:
 
     def __init__(
         self,
-        rng: np.random.Generator,
+        rng: Draws,
         commands: Commands,
         settings: ThesisConfig | None = None,
         exponent: float = 2.0,
@@ -146,7 +139,7 @@ class ThesisAgent:
         self.settings = settings
         self.q: Table = initial(rng, actions=len(commands))
         self.episode = 0
-        self.visits = np.zeros(STATES, int)
+        self.visits = [0] * STATES
         self.decisions = 0
         self._rng = rng
         self._commands = commands
@@ -154,7 +147,7 @@ class ThesisAgent:
         self.filter = LightFilter(spread_limit(exponent))
         # only without a filter
         self._sample: Readings | None = None
-        self._before = (self.q.copy(), self.visits.copy())
+        self._before = _copy(self.q), self.visits[:]
         self.begin()
 
     def begin(self) -> None:
@@ -165,7 +158,7 @@ class ThesisAgent:
         self._a = -1
         self._due = 0.0
         self._reaching = False
-        self._before = (self.q.copy(), self.visits.copy())
+        self._before = _copy(self.q), self.visits[:]
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the light, lux."""
@@ -231,7 +224,7 @@ class ThesisAgent:
     def _alpha(self, s: int) -> float:
         one = self.settings
         if one.rate == "per_state":
-            return state_learning_rate(int(self.visits[s]))
+            return state_learning_rate(self.visits[s])
         return fading(self.episode, one.alpha, 1.0 if one.rate == "constant" else RATE_DECAY)
 
     def choose(self, s: int | None) -> int:
@@ -260,7 +253,7 @@ class ThesisAgent:
     def decision(self, odometry: Odometry) -> Decision:
         """Sector, reward, and the sector's row of the table."""
         del odometry
-        values = () if self._s is None else tuple(map(float, self.q[self._s]))
+        values = () if self._s is None else tuple(self.q[self._s])
         return Decision(self._s, self._earned, values)
 
     def void(self) -> None:
@@ -269,14 +262,13 @@ class ThesisAgent:
 
     def shared(self) -> Learned:
         """The Q-table, and how often each sector was updated."""
-        rows = tuple([tuple([float(value) for value in row]) for row in self.q])
-        return Learned(self.name, self.episode, tuple([int(count) for count in self.visits]), rows)
+        return Learned(self.name, self.episode, tuple(self.visits), tuple([tuple(row) for row in self.q]))
 
-    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
+    def take(self, rows: Rows, taken: Sequence[bool], episodes: int) -> int:
         """Take over a table; the temperature also falls by the others' episodes."""
-        self.q[:] = rows
+        self.q = _copy(rows)
         self.episode += episodes
-        return int(taken.sum())
+        return sum(taken)
 
     def table(self) -> StoredTable:
         """The Q-table, and the name of its agent."""
@@ -289,7 +281,7 @@ class ThesisAgent:
             "direction": self.settings.direction,
             "settings": self.settings.model_dump(mode="json"),
         }
-        return StoredTable(self.q.copy(), about)
+        return StoredTable(_copy(self.q), about)
 
     def _names(self) -> list[str]:
         count = len(self._commands)
@@ -299,23 +291,24 @@ class ThesisAgent:
         """All that it needs to carry on later."""
         rng = self._rng.bit_generator.state
         counts = {"episode": self.episode, "decisions": self.decisions}
-        return {"q": self.q.tolist(), "visits": self.visits.tolist(), **counts, "rng": rng}
+        return {"q": _copy(self.q), "visits": self.visits[:], **counts, "rng": rng}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from the result of `memory`."""
-        self.q = np.array(memory["q"], float)
-        self.visits = np.array(memory["visits"], int)
+        self.q = _copy(memory["q"])
+        self.visits = [int(count) for count in memory["visits"]]
         self.episode, self.decisions = int(memory["episode"]), int(memory.get("decisions", 0))
         self._rng.bit_generator.state = memory["rng"]
 
 
-def courses(table: StoredTable, lights: Table) -> Table:
-    """Return the yaw rate that a stored table commands for each place of the light, rad/s; shape (places,).
+def _copy(rows: Rows) -> Table:
+    return [[float(value) for value in row] for row in rows]
 
-    `lights` are places in the robot's frame, shape (places, 2), m.
-    """
+
+def courses(table: StoredTable, lights: Rows) -> list[float]:
+    """Return the yaw rate that a stored table commands for each place of the light, (x, y) in the robot's frame, m."""
     seen = DIRECTIONS.get(str(table.about.get("direction")), direction)
     commands = table.about.get("commands", COMMANDS)
-    best = table.values.argmax(axis=1).tolist()
-    sectors = [sector(seen(illuminances(0.0, 0.0, 0.0, PointLight(x, y)))) for x, y in lights.tolist()]
-    return np.array([commands[best[s]][1] for s in sectors])
+    best = [max(range(len(row)), key=list(row).__getitem__) for row in table.values]
+    sectors = [sector(seen(illuminances(0.0, 0.0, 0.0, PointLight(float(x), float(y))))) for x, y in lights]
+    return [float(commands[best[s]][1]) for s in sectors]

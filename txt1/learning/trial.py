@@ -9,9 +9,6 @@ from enum import StrEnum
 from math import cos, hypot, inf, pi, sin
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from txt1.config import Config
 from txt1.errors import LightFault
 from txt1.learning.agent import Agent, Doubter, Looker
@@ -23,8 +20,12 @@ from txt1.model.odometry import Odometry
 from txt1.model.optimal import GOAL_RADIUS, optimal_time
 from txt1.model.vehicle import SPEED, Geometry
 from txt1.sensors.light import STREAM
+from txt1.sim.pcg64 import Pcg64
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from txt1.learning.world import CheckedWorld, LightWorld
 
 Pose = tuple[float, float, float]
@@ -87,7 +88,7 @@ class Start(NamedTuple):
         """The least possible time to the light from here, s."""
         x, y, theta = self.pose(task)
         x, y = x - task.light[0], y - task.light[1]
-        return float(optimal_time(x, y, theta, task.speed, task.radius_min, task.goal_radius))
+        return optimal_time(x, y, theta, task.speed, task.radius_min, task.goal_radius)
 
 
 class Episode(NamedTuple):
@@ -139,15 +140,15 @@ class TrialResult:
     voided: int = 0
 
 
-def stream(seed: int, trial: int, which: int) -> np.random.Generator:
+def stream(seed: int, trial: int, which: int) -> Pcg64:
     """One of a trial's streams of random numbers."""
-    return np.random.default_rng(np.random.SeedSequence([seed, trial, which]))
+    return Pcg64([seed, trial, which])
 
 
 def starts(seed: int, trial: int, count: int) -> list[Start]:
     """The starts of a trial's episodes: the same for every agent."""
-    pairs = stream(seed, trial, STARTS).uniform(-pi, pi, (count, 2))
-    return [Start(*map(float, pair)) for pair in pairs]
+    angles = stream(seed, trial, STARTS).uniform(-pi, pi, 2 * count)
+    return [Start(bearing, heading) for bearing, heading in zip(angles[::2], angles[1::2], strict=True)]
 
 
 def task_of(config: Config) -> Task:
@@ -180,7 +181,7 @@ def ready_to_learn(config: Config) -> Config:
 
 def robot_config(config: Config, seed: int, trial: int) -> Config:
     """The configuration of a trial's own robot."""
-    own = int(stream(seed, trial, ROBOT).integers(2**32))
+    own = stream(seed, trial, ROBOT).integers(2**32)
     return ready_to_learn(config).model_copy(update={"seed": own})
 
 
@@ -273,7 +274,7 @@ class Trial:
             # the sensor counts as dark because of what it reads
             raise LightFault(self._gate.fault) from fault
 
-    def look(self, now: float, points: NDArray[np.float64], odometry: Odometry) -> None:
+    def look(self, now: float, points: "NDArray[np.float64]", odometry: Odometry) -> None:
         """Show an agent that looks where a sweep's beams ended, in the robot's frame, m."""
         if isinstance(self.agent, Looker):
             finite = abs(points).sum(axis=1) < inf

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from txt1.driver import REFRESH
 from txt1.errors import CommandRefused, NotCapable
-from txt1.estimation.task import Estimator
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.model.vehicle import Geometry
@@ -48,6 +47,9 @@ def fused_pose(robot: Robot) -> PoseSource:
 
     Raises NotCapable: ``estimation`` is off.
     """
+    # it computes with numpy
+    from txt1.estimation.task import Estimator
+
     if robot.runtime.part(Estimator) is None:
         raise NotCapable("nothing is fused: set estimation.preset or estimation.sensors")
 

@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from math import atan2, cos, inf, nan, sin
 from typing import Any, Final
 
-import numpy as np
-
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.model.kinematics import wrap_angle
@@ -17,6 +15,7 @@ from txt1.sensors.base import Pose, Reading, Setup, reading_topic
 from txt1.sensors.simulated_sensor import SimulatedSensor, true_pose
 from txt1.sim.lamp import LightSensors, PointLight, noise_for_jitter
 from txt1.sim.parameters import Box
+from txt1.sim.pcg64 import Draws, Pcg64
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -54,7 +53,7 @@ def topic_of(name: str) -> Topic[Readings]:
 
 def eyes(
     config: Config,
-    rng: np.random.Generator,
+    rng: Draws,
     faults: Sequence[str] | None = None,
     movers: Callable[[], Sequence[Box]] = tuple,
 ) -> See:
@@ -112,7 +111,7 @@ def simulated(setup: Setup) -> SimulatedLight:
     pose = true_pose(setup)
     seed = options.get("seed", [setup.config.own_seed, 1, STREAM])
     try:
-        rng, movers = np.random.default_rng(np.random.SeedSequence(seed)), setup.hal.movers
+        rng, movers = Pcg64(seed), setup.hal.movers
         see = eyes(setup.config, rng, options.get("faults"), movers)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"sensors.{setup.name}.options: {error}") from None

@@ -5,7 +5,6 @@ from functools import cache
 from math import cos, erf, exp, pi, sin, sqrt, tan
 from typing import Final, NamedTuple
 
-import numpy as np
 from mypy_extensions import mypyc_attr
 
 from txt1.model.light_sensors import (
@@ -22,6 +21,7 @@ from txt1.model.light_sensors import (
     Readings,
     SensorFault,
 )
+from txt1.sim.pcg64 import Draws
 
 # square of the lamp's radius, m^2: at smaller distances the light does not grow
 NEAREST: Final = 0.03**2
@@ -186,7 +186,7 @@ class LightSensors:
         self,
         light: PointLight,
         noise: float,
-        rng: np.random.Generator,
+        rng: Draws,
         limits: Range = SENSOR_LIMITS,
         mount: Mount = MOUNT,
         gains: Gains = EVEN,
@@ -228,7 +228,7 @@ class LightSensors:
         if noise:
             draws = self._draws
             if not draws:
-                draws = self._draws = self._rng.standard_normal(64 * len(SENSORS)).tolist()
+                draws = self._draws = list(map(float, self._rng.standard_normal(64 * len(SENSORS))))
             fl *= 1.0 + noise * draws.pop()
             fr *= 1.0 + noise * draws.pop()
             rl *= 1.0 + noise * draws.pop()

@@ -1,4 +1,7 @@
-"""What stands in for modules that a browser's Python lacks."""
+"""What stands in for modules that a browser's Python lacks, and what a robot can do without them."""
+
+import subprocess
+import sys
 
 import pytest
 
@@ -21,3 +24,45 @@ def test_jobs_are_done_when_they_are_submitted() -> None:
     executor = AtOnce(1, "recorder")
     assert executor.submit(max, 1, 2).result(timeout=0) == 2
     assert isinstance(executor.submit(int, "x").exception(timeout=0), ValueError)
+
+
+LEARNS = """
+import asyncio, sys
+if {without}:
+    # as in a browser, where numba is missing, too
+    sys.modules["numba"] = None
+    from txt1_browser import lacking
+    there = lacking._is_there
+    lacking._is_there = lambda name: not name.startswith("numpy") and there(name)
+    lacking.stand_in()
+import txt1
+from txt1.config import load
+from txt1.learning import task
+from txt1.learning.registry import agent_of
+
+async def main():
+    config = load(None, ["seed=5"], {{}}, {{}}).config
+    agent = agent_of(config, "thesis", None)
+    async with txt1.Robot.open("sim", config=config) as robot:
+        robot.runtime.bus.subscribe(lambda topic, step, time: print(time, *step), [task.STEP])
+        await task.need_light(robot)
+        task.start(robot, agent, episodes=3)
+        robot.arm()
+        await asyncio.sleep(20.0)
+        print(agent.table().values, "numpy" in sys.modules and hasattr(sys.modules["numpy"], "__version__"))
+
+txt1.run(main(), speed="max")
+"""
+
+
+def test_without_numpy_the_thesiss_learner_decides_the_same_to_the_last_bit() -> None:
+    *told, end = (
+        subprocess.run(
+            [sys.executable, "-c", LEARNS.format(without=without)], capture_output=True, text=True, check=True
+        ).stdout
+        for without in (True, False)
+    )
+    [without] = told
+    assert without.count("\n") > 20
+    assert without.replace("False", "True") == end, "each decision, reward and value"
+    assert without.endswith("False\n") and end.endswith("True\n")

@@ -273,7 +273,7 @@ class NeuralAgent(PeriodicAgent):
 
     def drive_by(self, table: StoredTable) -> None:
         """Take the weights of a stored table, and learn no more; ValueError: they have another shape."""
-        values = table.shaped(*self.table().values.shape)
+        values = np.array(table.shaped(*self.table().shape))
         at = 0
         for name, w in self.weights.items():
             size = w[0].size

@@ -64,6 +64,7 @@ Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Trackin
 a report it drives on as before.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, cos, exp, hypot, inf, isfinite, log, pi, sin, sqrt
 from statistics import NormalDist
@@ -199,7 +200,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     # one of them may be a laser
     _compile(round_obstacles=bool(config.sensors.keys() - {learning.sensor, learning.pose}))
     if table is not None:
-        table.shaped(*agent.table().values.shape)
+        table.shaped(*agent.table().shape)
         new = agent.memory()
         agent.recall({**new, **table.about["knows"]})
         known = agent.memory()
@@ -873,10 +874,10 @@ class PilotAgent(PeriodicAgent):
         visits = 0 if self.lost or self._motion_model.delay() >= SHARED else max(1, self._goals)
         return Learned(self.name, self.episode, (visits,), (tuple(row.tolist()),))
 
-    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
+    def take(self, rows: Rows, taken: Sequence[bool], episodes: int) -> int:
         """Take over the others' row while it is lost; otherwise it keeps its own measurements."""
         del episodes
-        survey, spread, goal, effects = np.split(rows[0], np.cumsum([NUMBERS, SENSORS, 1]))
+        survey, spread, goal, effects = np.split(np.array(rows[0]), np.cumsum([NUMBERS, SENSORS, 1]))
         if not (self.lost and taken[0] and _possible(survey, spread, float(goal[0]))):
             return 0
         self.survey, self.spread, self.goal = survey.copy(), spread.copy(), float(goal[0])

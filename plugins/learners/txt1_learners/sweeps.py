@@ -10,6 +10,7 @@ It knows its actions only by their indices; see docs/learning.md. At every decis
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, cos, log, pi, sin
 from typing import Any, Final
@@ -272,12 +273,12 @@ class SweepsAgent:
         visits = tuple(count if count >= self.settings.tries else 0 for count in self.model.count.tolist())
         return Learned(self.name, self.episode, visits, tuple(map(tuple, self.model.rows().tolist())))
 
-    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
+    def take(self, rows: Rows, taken: Sequence[bool], episodes: int) -> int:
         """Take over the effects of actions that it has not tried often enough itself."""
         del episodes
-        new = np.flatnonzero(taken & (self.model.count < self.settings.tries))
+        new = np.flatnonzero(np.array(taken) & (self.model.count < self.settings.tries))
         for a in new.tolist():
-            self.model.suppose(a, rows[a], self.settings.tries)
+            self.model.suppose(a, np.array(rows[a]), self.settings.tries)
         if len(new):
             self._cells = ()
             self.refit()
@@ -314,7 +315,7 @@ def courses(table: StoredTable, lights: Array) -> Array:
 
     The robot comes along straight ahead. `lights` are places in the robot's frame, shape (places, 2), m.
     """
-    q = table.values.reshape(BEARINGS, YAW_RATES, -1)
+    q = np.asarray(table.values).reshape(BEARINGS, YAW_RATES, -1)
     c, k = np.array(table.about["turning"])
     seen = [towards(illuminances(0.0, 0.0, 0.0, PointLight(x, y))) for x, y in lights.tolist()]
     return np.asarray((c / (1.0 - k))[[best_action(q, atan2(left, ahead), 0.0) for ahead, left in seen]])

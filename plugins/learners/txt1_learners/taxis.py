@@ -78,7 +78,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     settings = config.section(LearningConfig).part("taxis", SETTINGS)
     agent = TaxisAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
-        agent.synapses = table.shaped(*agent.synapses.shape).copy()
+        agent.synapses = np.array(table.shaped(*agent.synapses.shape))
         agent.used, agent.varies = table.kept("used", agent.used.shape), table.kept("varies", agent.varies.shape)
         agent.learns = False
     return agent

@@ -11,6 +11,7 @@ from txt1.config import load
 from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import Plan
 from txt1.learning.light_direction import sector
+from txt1.learning.qtable import STATES
 from txt1.learning.settings import TURN, ThesisConfig
 from txt1.learning.thesis import TABLE_5_3, ThesisAgent
 from txt1.learning.trial import COMMANDS
@@ -66,15 +67,15 @@ def test_remedy_2_updates_the_action_sensed_and_none_the_one_commanded(remedy: s
     one = agent(remedy=remedy)
     show(one, REAR_LEFT)
     commanded = one.act(0.0, STRAIGHT)
-    before = one.q.copy()
+    before = np.array(one.q)
     show(one, FRONT_LEFT)
     one.act(0.5, LEFT)
-    [[s, a]] = np.argwhere(one.q != before)
+    [[s, a]] = np.argwhere(np.array(one.q) != before)
     assert s == sector(REAR_LEFT) == 7
     assert a == (commanded if updated is None else updated)
     # (5.1) with the light nearer to straight ahead: r = 1
     expected = before[s, a] + 0.3 * (1.0 + 0.5 * before[5].max() - before[s, a])
-    assert one.q[s, a] == pytest.approx(expected)
+    assert one.q[s][a] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("omega", "action"), [(-0.19, 0), (-0.17, 1), (0.0, 1), (0.17, 1), (0.19, 2)])
@@ -84,7 +85,7 @@ def test_a_sensed_yaw_rate_is_one_of_three_actions(omega: float, action: int) ->
 
 def test_remedy_1_holds_until_the_command_is_reached_then_reads_the_state() -> None:
     one = agent(remedy="hold", temperature=0.05)
-    one.q[:] = (0.0, 0.0, 9.0)  # left it is
+    one.q[:] = [[0.0, 0.0, 9.0] for _ in range(STATES)]  # left it is
     show(one, REAR_LEFT)
     assert one.act(0.0, STRAIGHT) == 2
     assert one.waits(0.7, STRAIGHT), "the robot does not turn yet"
@@ -92,10 +93,12 @@ def test_remedy_1_holds_until_the_command_is_reached_then_reads_the_state() -> N
     assert one.waits(0.75, Odometry(v=0.3, omega=TURN - 0.14))
     assert one.waits(1.2, LEFT)
     assert not one.waits(1.25, LEFT)
-    before = one.q.copy()
+    before = np.array(one.q)
     show(one, AHEAD)
     one.act(1.25, LEFT)
-    assert np.argwhere(one.q != before).tolist() == [[sector(FRONT_LEFT), 2]], "the state it read when it turned"
+    assert np.argwhere(np.array(one.q) != before).tolist() == [[sector(FRONT_LEFT), 2]], (
+        "the state it read when it turned"
+    )
 
 
 @pytest.mark.parametrize(("way", "seen"), [("summed", 4), ("corrected", 5)])
@@ -111,7 +114,7 @@ def test_without_a_direction_nothing_is_learned_and_any_action_may_come() -> Non
     one = agent()
     show(one, AHEAD)
     one.act(0.0, STRAIGHT)
-    before = one.q.copy()
+    before = np.array(one.q)
     dark = Readings(1.0, 1.0, 1.0, 1.0)
     one.filter.clear()
     for _ in range(22):
@@ -127,7 +130,7 @@ def test_reaching_the_light_teaches_and_leaving_the_boundary_does_not() -> None:
         one = agent()
         show(one, FRONT_LEFT)
         one.act(0.0, STRAIGHT)
-        before = one.q.copy()
+        before = np.array(one.q)
         show(one, AHEAD)
         one.end(success, LEFT)
         assert np.array_equal(one.q, before) is not success
@@ -137,7 +140,7 @@ def test_reaching_the_light_teaches_and_leaving_the_boundary_does_not() -> None:
 def test_a_void_episode_leaves_no_trace_in_the_table() -> None:
     one = agent()
     one.begin()
-    before = one.q.copy()
+    before = np.array(one.q)
     for k in range(10):
         show(one, (REAR_LEFT, FRONT_LEFT, AHEAD)[k % 3])
         one.act(0.5 * k, LEFT)
@@ -149,14 +152,14 @@ def test_a_void_episode_leaves_no_trace_in_the_table() -> None:
 
 def test_exploration_ends_with_the_temperature_learning_with_the_training() -> None:
     one = agent()
-    one.q[:] = (0.0, 0.5, 0.0)
+    one.q[:] = [[0.0, 0.5, 0.0] for _ in range(STATES)]
     show(one, AHEAD)
     one.episode = 11  # T = 0.05
     assert {one.choose(4) for _ in range(200)} == {1}
     one.episode = 0
     assert {one.choose(4) for _ in range(200)} == {0, 1, 2}
     trained = agent(training=0, learn_on=False)
-    before = trained.q.copy()
+    before = np.array(trained.q)
     for k in range(5):
         show(trained, (REAR_LEFT, FRONT_LEFT)[k % 2])
         assert trained.act(0.5 * k, LEFT) == before[(7, 5)[k % 2]].argmax()
@@ -171,14 +174,14 @@ def test_exploration_ends_with_the_temperature_learning_with_the_training() -> N
 
 def test_the_random_policy_does_not_look_at_the_table() -> None:
     one = agent(policy="random")
-    one.q[:] = (0.0, 100.0, 0.0)
+    one.q[:] = [[0.0, 100.0, 0.0] for _ in range(STATES)]
     assert {one.choose(4) for _ in range(100)} == {0, 1, 2}
 
 
 def test_it_carries_on_from_its_memory_as_if_nothing_had_been() -> None:
     one = agent()
     other = agent()
-    other.q[:] = 0.0
+    other.q[:] = [[0.0] * 3 for _ in range(STATES)]
     for k in range(4):
         show(one, (REAR_LEFT, FRONT_LEFT)[k % 2])
         one.act(0.5 * k, LEFT)
@@ -199,7 +202,7 @@ def test_the_thesiss_own_table_always_reaches_the_light() -> None:
     config = load().config
     for number in range(1, 6):
         driver = agent(policy="greedy", training=0, learn_on=False)
-        driver.q = np.array(TABLE_5_3)
+        driver.q = [list(row) for row in TABLE_5_3]
         episodes = on_robot(Plan("thesis", 5, 10, 1, config), number, agent=driver).episodes
         assert all(one.success for one in episodes)
         assert np.mean([one.time for one in episodes]) < 12.0

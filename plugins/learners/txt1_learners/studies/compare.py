@@ -72,12 +72,12 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
     if name in TRAINED:
         from txt1_learners.studies import sb3
 
-        test = int(stream(seed, number, TEST).integers(2**31))
+        test = stream(seed, number, TEST).integers(2**31)
 
         def check(driven: float, model: Any) -> None:
             curve.append((round(driven, 1), rows(sb3.drive(model, config, where, test))))
 
-        sb3.train(name, config, int(stream(seed, number, TRAIN).integers(2**31)), CHECKPOINTS, check)
+        sb3.train(name, config, stream(seed, number, TRAIN).integers(2**31), CHECKPOINTS, check)
     else:
         agent, values = VARIANTS.get(name, (name, {}))
         own = asked_alike(with_values(config, values) if values else config)

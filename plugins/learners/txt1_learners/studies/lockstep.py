@@ -319,13 +319,11 @@ def trials(
 ) -> list[Trial]:
     """Do trials of these numbers, `make` giving each its learner; `done` is told as each episode of a trial ends."""
     config = settled(config)
-    rng = stream(seed, numbers[0], ABREAST)
-    seen = [stream(seed, k, SENSORS) for k in numbers]
+    rng = stream(seed, numbers[0], ABREAST).numpy()
+    seen = [stream(seed, k, SENSORS).numpy() for k in numbers]
     task = task_of(config)
-    every = [
-        Trial(make(stream(seed, k, AGENT)), task, starts(seed, k, episodes), config.section(LearningConfig).actions)
-        for k in numbers
-    ]
+    actions = config.section(LearningConfig).actions
+    every = [Trial(make(stream(seed, k, AGENT).numpy()), task, starts(seed, k, episodes), actions) for k in numbers]
     if lasers(config) and not all(isinstance(trial.agent, Looker) for trial in every):
         raise ConfigError(
             f"sensors.{lasers(config)[0]}: the learner '{every[0].agent.name}' looks at no laser, so it would have no "

@@ -83,8 +83,8 @@ class LightSeekingVecEnv(VecEnv):  # type: ignore[misc]  # without the extra its
         self._high = np.tile([1.0] * 4 + [2.0, 10.0] + ones, stack).astype(np.float32)
         self.render_mode = None
         super().__init__(robots, Box(self._low, self._high), Discrete(len(ones)))
-        self._starts = stream(seed, 1, STARTED)
-        self._robots = Lockstep(config, np.zeros((robots, 3)), stream(seed, 1, TRAINED))
+        self._starts = stream(seed, 1, STARTED).numpy()
+        self._robots = Lockstep(config, np.zeros((robots, 3)), stream(seed, 1, TRAINED).numpy())
         self.seen = np.zeros((robots, stack * self._frame), np.float32)
         self._bright = np.zeros(robots)
         self._steps = np.zeros(robots, int)
