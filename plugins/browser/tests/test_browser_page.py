@@ -129,6 +129,25 @@ def test_a_drive_of_the_desk_is_verified_in_the_browser(page: Any, tmp_path: Pat
     assert "no difference" in notice(page)
 
 
+def test_it_learns_with_its_table_and_curve_and_the_desk_verifies_what_was_recorded(page: Any, tmp_path: Path) -> None:
+    page.click("#learn")
+    assert waits(page, "document.querySelectorAll('#learner-episodes tr').length >= 2", 4 * START), notice(page)
+    assert page.evaluate("document.querySelectorAll('#learner-table tbody tr').length") >= 2
+    assert page.evaluate("document.getElementById('episodes-chart').width") > 0
+    shown = page.evaluate("[...document.querySelectorAll('#learner-table td')].map((cell) => cell.textContent)")
+    file = saved(page, tmp_path / "learned.mcap")
+    verified = subprocess.run([*DESK, "replay", "--verify", str(file)], capture_output=True, text=True, check=False)
+    assert verified.returncode == 0, verified.stdout + verified.stderr
+    assert any(float(value) for value in shown[1:])
+
+
+def test_a_learner_that_computes_with_numpy_is_refused_in_words(browser: Any, served: str) -> None:  # noqa: F811
+    page = fresh(browser)
+    page.goto(f"{served}?learn=locator")
+    assert waits(page, "document.getElementById('browser-state').textContent.includes('not to be had')", START)
+    page.context.close()
+
+
 def test_it_opens_without_a_network_once_it_was_loaded(page: Any, served: str) -> None:
     assert waits(page, "navigator.serviceWorker.controller !== null", START)
     page.context.set_offline(True)

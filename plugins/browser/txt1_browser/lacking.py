@@ -18,7 +18,7 @@ from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
 
-MODULES: Final = ("resource", "termios", "fcntl", "lz4", "lz4.frame", "numpy", "numpy.typing")
+MODULES: Final = ("resource", "termios", "fcntl", "lz4", "lz4.frame", "numpy", "numpy.random", "numpy.typing")
 
 
 class AtOnce(Executor):

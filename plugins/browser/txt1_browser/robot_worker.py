@@ -13,6 +13,7 @@ import json
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from math import inf
 from pathlib import Path
 from typing import Final
@@ -23,6 +24,9 @@ from txt1.bridges.services import services
 from txt1.config import load
 from txt1.errors import Txt1Error
 from txt1.kernel.ticks import Ticks
+from txt1.learning.live_learner import beside
+from txt1.learning.options import Learner
+from txt1.learning.registry import agent_of
 from txt1.record.session import dated, recording
 from txt1.sidecar import SERVE_PRIORITY, TELEMETRY_PERIOD, Request
 from txt1.web.budgets import Budgets
@@ -91,13 +95,13 @@ class RobotWorker:
 
     # -- called by the worker ----------------------------------------------------------------------------------
 
-    def begin(self, settings: Sequence[str], send: Send | None) -> None:
+    def begin(self, settings: Sequence[str], send: Send | None, learn: str | None = None) -> None:
         """Start a robot, after the end of the one before it; settings are ``a.b=c`` each.
 
-        `send` is the way to the guard of a board; None: simulated.
+        `send` is the way to the guard of a board; None: simulated. `learn` is the name of a learner that drives.
         """
         port = None if send is None else GuardedPort(send)
-        self._run = self._loop.create_task(self._guarded(self._run, list(settings), port))
+        self._run = self._loop.create_task(self._guarded(self._run, list(settings), port, learn))
 
     def end(self) -> None:
         """Stop the robot; its recording is complete when "ended" is told."""
@@ -139,19 +143,23 @@ class RobotWorker:
     # -- inside ------------------------------------------------------------------------------------------------
 
     async def _guarded(
-        self, before: asyncio.Task[None] | None, settings: Sequence[str], port: GuardedPort | None
+        self,
+        before: asyncio.Task[None] | None,
+        settings: Sequence[str],
+        port: GuardedPort | None,
+        learn: str | None,
     ) -> None:
         if before is not None:
             await asyncio.wait([before])
         self._port = port
         try:
             try:
-                await self._drive(settings, port)
+                await self._drive(settings, port, learn)
             finally:
                 self._file = ""
         except asyncio.CancelledError:
             self._tell("ended", "the run has ended")
-        except Txt1Error as error:
+        except (Txt1Error, ImportError) as error:
             self._tell("failed", str(error))
         except Exception as error:
             traceback.print_exc(file=sys.stderr)
@@ -159,11 +167,12 @@ class RobotWorker:
         else:
             self._tell("ended", "the run has ended")
 
-    async def _drive(self, settings: Sequence[str], port: GuardedPort | None) -> None:
+    async def _drive(self, settings: Sequence[str], port: GuardedPort | None, learn: str | None) -> None:
         if port is not None:
             settings = ["hal=serial", f"safety.v_max={CAREFUL}", *settings]
         config = load(None, settings, {}, {}).config
         layer = None if port is None else board(config, port)
+        agent = agent_of(config, learn, None)
         FOLDER.mkdir(exist_ok=True)
         file = dated(FOLDER, config.hal)
         self._file = file.name
@@ -173,7 +182,10 @@ class RobotWorker:
         ):
             if port is not None:
                 port.on_stop = robot.stop
-            async with services(robot, None, FOLDER) as requests:
+            async with (
+                nullcontext() if agent is None else beside(robot, Learner(learn, agent, None)),
+                services(robot, None, FOLDER) as requests,
+            ):
                 end = RobotEnd(robot, "web", {**robot.requests, **requests, "stop": robot.stop})
                 pages = Pages(_Line(end), FOLDER, robot.config.safety.v_max, {}, [], invites=False)
                 pages.begin()
@@ -195,6 +207,8 @@ class RobotWorker:
             robot.arm()
         while not await robot.load_gains():
             robot.tell(GAINS_UNCONFIRMED)
+        for begin in robot.on_ready:
+            await begin()
 
     def _join(self) -> None:
         if self._pages is None:

@@ -81,6 +81,7 @@ const tasks = (know, panel) => {
 }
 
 const RECENT = 50  // decisions that a mean reward is of
+const STATES = 32  // as many rows of a table can be read
 const EPISODE = /^episode (\d+): (reached|lost) the light after ([\d.]+) s, best possible ([\d.]+) s/
 
 // A taught policy: what it would do, and how sure it is; what it sees is on the map and in the picture.
@@ -100,13 +101,13 @@ const policy = (look, panel) => {
 const learner = (know, panel) => {
   if (know.look) return policy(know.look, panel)
   const { learning } = know, { steps, episodes } = learning
-  if (!steps.length && !episodes.size) return panel.replaceChildren(quiet("nothing is being learned: txt1 run --learn thesis --web"))
+  if (!steps.length && !episodes.size) return panel.replaceChildren(quiet(globalThis.robotSocket ? "nothing is being learned: press 'let it learn'" : "nothing is being learned: txt1 run --learn thesis --web"))
   const curve = (id, label) => element("canvas", { id, className: "low", role: "img", ariaLabel: label })
   if (!panel.querySelector("#episodes-chart")) {
     panel.replaceChildren(
       title("time to the light, in times of the best possible"), curve("episodes-chart", "time to the light of the last 32 episodes"),
       title(`mean reward of the last ${RECENT} decisions`), curve("rewards-chart", "mean reward over the last 400 decisions"),
-      element("div", { id: "learner-now" }), title("episodes"), element("div", { id: "learner-episodes" }))
+      element("div", { id: "learner-now" }), title("values of the actions, by state"), element("div", { id: "learner-table" }), title("episodes"), element("div", { id: "learner-episodes" }))
     learning.charts = null
   }
   if (!learning.charts) {
@@ -135,6 +136,10 @@ const learner = (know, panel) => {
       ["episode", last.episode], ["state", last.state < 0 ? "–" : last.state], ["decisions seen", learning.decisions],
       ["values", last.values.map((value) => value.toFixed(2)).join("  ")],
     ], [1]))
+    const rows = new Map(steps.filter(({ state }) => state >= 0).map(({ state, values }) => [state, values]))
+    if (rows.size <= STATES) panel.querySelector("#learner-table").replaceChildren(table(
+      ["state", ...(last?.values ?? []).map((_, action) => `action ${action}`)],
+      [...rows].sort(([one], [other]) => one - other).map(([state, values]) => [state, ...values.map((value) => value.toFixed(2))]), [1, 2, 3]))
   }
   learning.charts.forEach((chart) => chart.draw())
 }

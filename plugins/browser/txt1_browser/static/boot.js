@@ -40,10 +40,10 @@ const query = new URLSearchParams(location.search)
 // -- the worker
 
 // Start a robot; the one before it stops first, and its recording is complete then.
-function begin({ hal = "sim" } = {}) {
+function begin({ hal = "sim", learn = null } = {}) {
   for (const each of [...sockets]) each.end()
   ready = false
-  const transfer = [], message = { do: "begin", settings: query.getAll("set") }
+  const transfer = [], message = { do: "begin", settings: query.getAll("set"), learn }
   if (hal === "serial") {
     const line = new MessageChannel()
     guard.postMessage({ do: "line", line: line.port1 }, [line.port1])
@@ -134,9 +134,16 @@ $("reason").before(make("p", { id: "browser-state", role: "status", hidden: true
 const pick = make("input", { id: "pick", type: "file", accept: ".mcap", hidden: true, onchange: take })
 $("hint").after(make("div", { id: "browser-tools", style: "display: flex; flex-wrap: wrap; gap: 8px" },
   make("button", { id: "board", textContent: "connect a board", onclick: board }),
+  make("button", { id: "learn", textContent: "let it learn", title: "it learns to find the light", onclick: learn }),
   make("button", { id: "restart", textContent: "start again", onclick: () => begin() }),
   make("button", { id: "load", textContent: "open a file", onclick: () => pick.click() }),
   make("button", { id: "verify", textContent: "verify the newest", onclick: verify })), pick)
+
+// The thesis's learner drives, and its panel shows how.
+function learn() {
+  begin({ learn: "thesis" })
+  document.querySelector("[data-tab=learner]").click()
+}
 
 // -- files
 
@@ -202,5 +209,5 @@ $("stop").addEventListener("pointerdown", stopBoard)
 // -- begin
 
 if (typeof WebAssembly === "undefined") show("this browser cannot run the robot: it has no WebAssembly", true)
-else begin()
+else begin({ learn: query.get("learn") })
 await import("./app.js")

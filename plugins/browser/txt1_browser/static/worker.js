@@ -15,7 +15,7 @@ async function load() {
   python.runPython("import sys; sys.path.insert(0, '/packages')\nfrom txt1_browser.lacking import stand_in; stand_in()")
 }
 
-async function begin({ settings, line }) {
+async function begin({ settings, line, learn }) {
   if (!robot) {
     await load()
     const { start } = python.pyimport("txt1_browser.robot_worker")
@@ -26,7 +26,7 @@ async function begin({ settings, line }) {
     robot.heard(data.what, data.text)
     turn()
   }
-  robot.begin(python.toPy(settings), send)
+  robot.begin(python.toPy(settings), send, learn ?? undefined)
   for (const message of early.splice(0)) act(message)
   turn()
 }
