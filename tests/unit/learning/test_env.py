@@ -108,7 +108,7 @@ def test_one_robot_and_one_of_many_have_the_same_numbers() -> None:
 @pytest.mark.long  # it is compiled
 def test_the_quick_simulation_and_the_whole_one_agree() -> None:
     """Without noise, from the same start, by the same actions."""
-    calm = ["sim.light.noise=0", "sim.noise.drag=0", "sim.vehicle.voltage=0"]
+    calm = ["sim.light.noise=0", "sim.noise.drag=0"]
     quick = env.DriveEnv("light", load(None, calm).config)
     whole = env.DriveEnv("light", load(None, calm).config, render_mode="rgb_array")
     assert isinstance(whole.drives.bodies, env.OneBody)
