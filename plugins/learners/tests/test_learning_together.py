@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.lessons import Lessons
 from txt1.config import load
 from txt1.kernel.loop import run
 from txt1.learning.shared_knowledge import learned_of
-from txt1.learning.sharing import Lessons, Sharing, sharer
+from txt1.learning.sharing import Sharing, sharer
 from txt1_learners.action_effects import Effects
 from txt1_learners.pilot import PilotAgent
 from txt1_learners.sensor_map import HEIGHT

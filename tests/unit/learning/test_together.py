@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.lessons import Lessons
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.learning.agent import PeriodicAgent
 from txt1.learning.shared_knowledge import NUMBERS_MAX, Learned, learned_of
-from txt1.learning.sharing import Lessons, Sharing, merge, sharer
+from txt1.learning.sharing import Sharing, merge, sharer
 from txt1.learning.thesis import ThesisAgent, create
 
 CONFIG = load().config
