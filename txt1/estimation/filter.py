@@ -709,8 +709,9 @@ class Walk:
 
         It walks until it is as uncertain as at first; while a sensor told the place, it was known better.
         """
-        x, y, theta, rolled, omega, bias, usual, width = self._least if self._exact else self.blind
-        return x, y, theta, rolled, omega, bias, usual * max(0.0, 1.0 - variance / self.slip_sigma**2), width
+        x, y, theta, rolled, omega, bias, usual, _ = self._least if self._exact else self.blind
+        left = max(0.0, 1.0 - variance / self.slip_sigma**2)
+        return x, y, theta, rolled, omega, bias, usual * left, self.told[WIDTH]
 
     def changed(self, square: float, dt: float) -> None:
         """Adapt the slip's walk to a turn: the square of its change in dt seconds.

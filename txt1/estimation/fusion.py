@@ -422,9 +422,9 @@ class Fusion:
             judge.lag += (now - time - judge.lag) / LAGS
             wrong = ""
             if values == judge.last:
-                wrong = judge.frozen(measurement, self._newest()[0].mean[ROLLED])
+                wrong = judge.frozen(measurement, self._newest()[0].mean[ROLLED], self.asked_at)
             else:
-                judge.same, judge.last = 0, values
+                judge.same, judge.last, judge.same_since = 0, values, now
         if judge.time is None or time > judge.time:
             judge.time = time
             if kind is KIND_GYRO:
