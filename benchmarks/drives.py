@@ -203,7 +203,7 @@ def ours(
             estimator.take(name, reading_of(name, row, sigma))
             continue
         odometry.step((int(row[2]), int(row[3])), float(row[1]))
-        wheels = Wheels(odometry.odometry, float(row[1]), float(row[4]) * STEERING_MAX, float(row[5]), float(row[6]))
+        wheels = Wheels(odometry.odometry, float(row[1]), float(row[4]) * STEERING_MAX, float(row[5]))
         estimate = estimator.step(float(row[0]), wheels)
         if watch is not None:
             watch(estimator, estimate)

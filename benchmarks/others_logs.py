@@ -65,7 +65,7 @@ def skid(folder: Path, number: int) -> tuple[float, float, float, float]:
         )
         right, left = float(right), float(left)
         v, omega = 0.5 * (right + left) / dt, (right - left) / dt / SKID.track_width
-        told = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, v, omega), now, None, v, None))
+        told = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, v, omega), now, None, v))
         wheels_way += abs(0.5 * (right + left))
         way += abs(told.v) * dt
         if before is not None:
@@ -107,7 +107,7 @@ def scrubbing(scrub: float, seed: int, seconds: float = 120.0) -> tuple[float, f
             rolled.append((np.floor(counted[side] / COUNT) - before) * COUNT / CYCLE)
         right, left = map(float, rolled)
         odometry = Odometry(0.0, 0.0, 0.0, 0.5 * (right + left), (right - left) / SKID.track_width)
-        told = estimator.step(now, Wheels(odometry, now, None, asked, None))
+        told = estimator.step(now, Wheels(odometry, now, None, asked))
         told_way += abs(told.v) * CYCLE
         if cycle * CYCLE > SETTLED * seconds:
             nees.append(_nees(told, (x, y, theta)))
@@ -158,7 +158,7 @@ def slow(folder: Path, sigma: float, seed: int, *, gap: float = 0.0) -> tuple[fl
             zx, zy = x + sigma * float(rng.normal()), y + sigma * float(rng.normal())
             fix = FixReading(0.0, 0.0, zx, zy, sigma_x=sigma, sigma_y=sigma, mount=Mount(0.0, 0.0, 0.0))
             estimator.take("gps", Reading(now, fix))
-        told = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, v, omega), now, None, v, None))
+        told = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, v, omega), now, None, v))
         if told.located:
             located = min(located, now)
             if now > SETTLED * (end - begin):

@@ -14,7 +14,7 @@ from txt1.errors import ConfigError
 from txt1.estimation.calibration import GYRO_CLOCK, Calibration
 from txt1.estimation.filter import Drift, centred
 from txt1.estimation.fusion import Fusion
-from txt1.estimation.judging import STALE, Belonging, MotorWitness, SpinWitness, WitnessValues
+from txt1.estimation.judging import STALE, Belonging, SpinWitness, WitnessValues
 from txt1.estimation.sensors import (
     KIND_ENCODERS,
     KIND_GYRO,
@@ -141,8 +141,6 @@ class Wheels(NamedTuple):
     # counts on the rear servo since the last cycle, left positive; None where nobody knows
     steering: float | None
     setpoint: float  # m/s
-    # counts on the motor since the last cycle; None where nobody knows
-    motor: float | None
 
 
 class Turning(NamedTuple):
@@ -223,7 +221,6 @@ class Estimator:
         self._curvature = 0.0
         # s for which it has stood
         self._still = 0.0
-        self._witness = MotorWitness()
         self._spinning = SpinWitness()
         # its times (s) and rates (rad/s)
         self._gyro: deque[tuple[float, float]] = deque(maxlen=GYRO_KEPT)
@@ -434,10 +431,6 @@ class Estimator:
             self.fusion.changes.append(news)
         if spun and self.fusion.believes(ENCODERS):
             self.fusion.doubt_speed(spun, dt)
-        if wheels.motor is not None:
-            doubt = self._witness.doubt(wheels.setpoint, wheels.motor, dt)
-            if doubt and self.fusion.believes(ENCODERS):
-                self.fusion.doubt_speed(doubt, dt)
         self._still = self._still + dt if v == 0.0 == omega and wheels.setpoint == 0.0 else 0.0
         if self._still >= REST:
             self.fusion.rest(middle)
@@ -545,8 +538,8 @@ def wheels(runtime: Runtime) -> Wheels:
     """The robot's own part of a cycle of the filter."""
     state = runtime.state
     outputs, v = state.control.outputs, state.control.v
-    steering, motor = (float(outputs.rear), float(outputs.motor)) if runtime.hal.capabilities.pwm else (None, None)
-    return Wheels(state.odometry, state.odometry_time, steering, v, motor)
+    steering = float(outputs.rear) if runtime.hal.capabilities.pwm else None
+    return Wheels(state.odometry, state.odometry_time, steering, v)
 
 
 async def _add_twins(runtime: Runtime, config: EstimationConfig) -> None:

@@ -75,7 +75,7 @@ class Car:
             shaken = (self.noise(0.005), self.noise(0.03)) if v else (0.0, 0.0)
             told = Odometry(0.0, 0.0, 0.0, rolled + shaken[0], rolled * curvature + shaken[1])
             counts = STEERING_MAX * np.arctan(curvature * CAR.lever) / CAR.steering_max
-            self.estimate = found = self.estimator.step(self.now, Wheels(told, self.now, counts, v, None))
+            self.estimate = found = self.estimator.step(self.now, Wheels(told, self.now, counts, v))
             x, y, theta = self.pose
             apart = abs(found.x - x), abs(found.y - y), abs(wrap_angle(found.theta - theta))
             share = max(each / found.sigma(place) for place, each in enumerate(apart)) / 3.0

@@ -46,7 +46,7 @@ def drive(
             estimator.take(name, told(now, x + 0.02 * float(rng.normal()), y + 0.02 * float(rng.normal()), theta))
         rolled = v + 0.005 * float(rng.normal()) * (v > 0.0)
         turned = (1.0 + wider) * omega + 0.03 * float(rng.normal()) * (v > 0.0)
-        estimate = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, rolled, turned), now, None, asked, None))
+        estimate = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, rolled, turned), now, None, asked))
     return estimator, estimate, (x, y, theta)
 
 

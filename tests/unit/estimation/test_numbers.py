@@ -21,7 +21,7 @@ def test_sensors_that_tell_numpys_short_floats_leave_the_estimate_all_its_digits
         pose = TrackerReading(SHORT(1.0), SHORT(2.0), SHORT(0.0), (0.0, 0.0, SHORT(0.0), SHORT(1.0)))
         estimator.take("imu", Reading(now, ImuReading((0.0, 0.0, 9.81), turn)))
         estimator.take("vicon", Reading(now, pose._replace(sigma_x=SHORT(0.01))))
-        estimate = estimator.step(now, Wheels(Odometry(), now, None, 0.0, None))
+        estimate = estimator.step(now, Wheels(Odometry(), now, None, 0.0))
     assert estimator.failure == ""
     assert estimate.located
     assert {type(each) for each in (*estimate[:5], *estimate.covariance, estimate.bias, estimate.slip)} == {float}

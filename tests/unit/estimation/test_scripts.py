@@ -61,7 +61,7 @@ def script(seed: int) -> None:
                 if rng.random() < chance:
                     age = float(rng.choice([0.0, 0.01, 0.05, 0.3, 2.0, -0.1]))
                     estimator.take(each, reading(rng, each, now - age, pose))
-        wheels = Wheels(Odometry(0.0, 0.0, 0.0, v, omega), now, steering, v, 2000.0 * v)
+        wheels = Wheels(Odometry(0.0, 0.0, 0.0, v, omega), now, steering, v)
         estimate = estimator.step(now, wheels)
         assert estimator.failure == ""
         covariance = np.reshape(estimate.covariance, (5, 5))

@@ -45,7 +45,7 @@ def missed(
                 estimator.take("imu", Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
         omega = rate(now - 0.5 * CYCLE) / (1.0 - slip(now))
         # readings that are all the same would be those of a broken sensor
-        wheels = Wheels(Odometry(0.0, 0.0, 0.0, v + 1e-9 * (v > 0.0) * (cycle % 2), omega), now, None, v, None)
+        wheels = Wheels(Odometry(0.0, 0.0, 0.0, v + 1e-9 * (v > 0.0) * (cycle % 2), omega), now, None, v)
         theta += CYCLE * rate(now - 0.5 * CYCLE)
         estimate = estimator.step(now, wheels)
         found.append((estimate.bias - BIAS, wrap_angle(estimate.theta - theta) / estimate.sigma(2)))
@@ -88,7 +88,7 @@ def wheels_alone(
         now = cycle * CYCLE
         omega = turned(now)
         estimate = estimator.step(
-            now, Wheels(Odometry(0.0, 0.0, 0.0, 1.0, omega + 1e-9 * (cycle % 2)), now, None, 1.0, None)
+            now, Wheels(Odometry(0.0, 0.0, 0.0, 1.0, omega + 1e-9 * (cycle % 2)), now, None, 1.0)
         )
         way, turn = (1.0 - slip) * CYCLE, (1.0 - slip) * omega * CYCLE
         x, y, theta = x + way * np.cos(theta + 0.5 * turn), y + way * np.sin(theta + 0.5 * turn), theta + turn
@@ -142,5 +142,5 @@ def test_a_car_that_stands_for_a_minute_learns_no_slip_from_the_gyros_noise() ->
             told = rate + BIAS + NOISE * float(rng.normal())
             estimator.take("imu", Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
         wheels = Odometry(0.0, 0.0, 0.0, v / 0.9 + 1e-9 * (v > 0.0) * (cycle % 2), rate / 0.9)
-        slips.append(estimator.step(now, Wheels(wheels, now, None, v, None)).slip)
+        slips.append(estimator.step(now, Wheels(wheels, now, None, v)).slip)
     assert np.abs(np.subtract(slips[-1], slips[round(20.0 / CYCLE)])) < 0.01

@@ -1,44 +1,12 @@
-"""The motor's output as a witness of the speed, which nobody has to calibrate."""
+"""A speed in doubt makes the pose uncertain by the way, until positions tell it."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from txt1.estimation.fusion import Fusion
-from txt1.estimation.judging import Belonging, MotorWitness
+from txt1.estimation.judging import Belonging
 from txt1.estimation.sensors import Kind, Measurement
 
 PERIOD = 0.02  # s
-
-
-def after(witness: MotorWitness, seconds: float, setpoint: float, motor: float) -> float:
-    """The doubt after so long, m/s."""
-    found = 0.0
-    for _ in range(round(seconds / PERIOD)):
-        found = witness.doubt(setpoint, motor, PERIOD)
-    return found
-
-
-@given(st.floats(0.1, 1.5), st.floats(500.0, 20_000.0), st.sampled_from([1.0, -1.0]))
-def test_a_motor_that_needs_less_for_the_same_speed_puts_the_speed_in_doubt(v: float, motor: float, way: float) -> None:
-    witness = MotorWitness()
-    assert after(witness, 10.0, way * v, way * motor) == 0.0
-    assert after(witness, 2.0, way * v, way * 0.6 * motor) == pytest.approx(-0.4 * way * v, rel=0.15)
-    assert after(witness, 60.0, way * v, way * 0.6 * motor) == 0.0, "that is what it usually needs by now"
-
-
-def test_what_curves_and_floors_make_of_it_is_no_doubt() -> None:
-    witness = MotorWitness()
-    after(witness, 10.0, 0.5, 5000.0)
-    assert after(witness, 3.0, 0.5, 5600.0) == 0.0
-
-
-def test_another_setpoint_needs_another_output() -> None:
-    witness = MotorWitness()
-    after(witness, 10.0, 0.5, 5000.0)
-    assert after(witness, 5.0, 1.0, 9000.0) == 0.0
-    assert after(witness, 5.0, 0.0, 0.0) == 0.0, "at rest"
-    assert after(witness, 5.0, -0.5, -5000.0) == 0.0, "backwards"
 
 
 class Straight:
