@@ -233,6 +233,8 @@ class Fusion:
         # s of the run, of a gyro's newest reading
         self._turned_at = -inf
         self._besides = Besides()
+        self.asked_at = inf
+        """s of the run, when another speed or angle was asked of the wheels last; infinite: nobody tells."""
 
     def take(self, measurement: Measurement) -> None:
         """Take in a measurement with the next step."""
@@ -481,9 +483,10 @@ class Fusion:
             density = walk.blind if self._exact else walk.settled(belief.triangle[SS])
         if not self._rolling:
             density = walk.untold(density)
-        elif not self._placed and not (self._exact and self._turning):
+        elif not self._turning or not (self._placed or self._exact):
+            # nothing tells how fast the slip changes
             density = walk.settled(belief.triangle[SS])
-            if not self._turning:
+            if not self._turning and not self._placed:
                 belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
         if not self._turning:
             density = walk.unturned(density)

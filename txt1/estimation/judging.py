@@ -94,8 +94,6 @@ class Belonging:
     timeout: float = 1.0
     # whether it tells x and y: then the pose is in its frame
     tells_pose: bool = False
-    # whether something measures it: what was asked for stays the same as long as that does
-    told: bool = True
 
 
 @dataclass(slots=True)
@@ -117,8 +115,10 @@ class Judge:
     since: float = 0.0
     # when any reading came
     heard: float = 0.0
-    # readings in a row that were equal
+    # readings in a row that were equal; of encoders since something else was asked of them
     same: int = 0
+    # when the first of them came, s of the run
+    same_since: float = 0.0
     last: tuple[float, ...] = ()
     # when a reading of the pose was taken in, s of the run
     placed_at: float | None = None
@@ -151,13 +151,18 @@ class Judge:
             self.name, self.believed, self.reason, self.used, self.rejected, self.late, self.surprise, self.time
         )
 
-    def frozen(self, measurement: Measurement, speed: float) -> str:
-        """Note a reading like the last one; return its fault, or "" if it has none. `speed`: the wheels', m/s."""
-        self.same += 1
-        if measurement.kind is KIND_ENCODERS:
+    def frozen(self, measurement: Measurement, speed: float, asked_at: float) -> str:
+        """Note a reading like the last one; return its fault, or "" if it has none.
+
+        `speed` is the wheels', m/s; something else was asked of them at `asked_at`, s of the run.
+        """
+        encoders = measurement.kind is KIND_ENCODERS
+        # those of a car that goes on as it was asked to may stay the same
+        self.same += not encoders or asked_at > self.same_since
+        if encoders:
             # whole counts are often the same, but not for so long; those of a car that stands are
             stands = not any(measurement.values) and (self.believed or abs(speed) < MOVING)
-            frozen = self.same >= SAME_COUNTS and not stands and self.settings.told
+            frozen = self.same >= SAME_COUNTS and not stands
         else:
             moving = measurement.kind is not KIND_POSE or abs(speed) > MOVING or not self.believed
             frozen = self.same >= SAME_MAX and moving

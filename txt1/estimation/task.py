@@ -172,7 +172,6 @@ class Estimator:
                 each.gate,
                 each.timeout,
                 name in kinds and tells_pose(kinds[name], each),
-                told=name != ENCODERS or isfinite(geometry.count_length),
             )
             for name, each in self.settings.items()
         }
@@ -194,6 +193,7 @@ class Estimator:
             track_sigma=usual if config.track_sigma is None else config.track_sigma,
             drift=Drift(width=SKID_WALK) if skid else Drift(),
         )
+        self.fusion.asked_at = 0.0
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
         # without encoders there is no witness of how it rolls
@@ -286,6 +286,8 @@ class Estimator:
         """Return the estimate at `now`; raises ArithmeticError when it is no number any more."""
         dt = wheels.time - self._read
         if dt > 0.0:
+            if wheels.setpoint != self._setpoint or wheels.steering != self._steering:
+                self.fusion.asked_at = now
             if self._read > 0.0:
                 self._take_wheels(wheels, dt)
             self._read = wheels.time

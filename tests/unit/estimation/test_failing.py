@@ -314,3 +314,26 @@ def test_a_gps_that_holds_its_fix_while_the_car_stands_leaves_the_slip_as_known(
     car.way = lambda _: (1.0, 0.4)
     car.go(100.06)
     assert car.estimate.sigma(3) < 0.2, "m/s of a speed of 1"
+
+
+@pytest.mark.parametrize("asks", [False, True])
+def test_wheels_that_tell_the_same_are_frozen_only_if_something_else_was_asked(asks: bool) -> None:
+    estimator = Estimator(EstimationConfig(sensors=("encoders",)), {}, CAR)
+    for cycle in range(1, 200):
+        asked = 0.3 + 0.1 * (asks and cycle > 100)
+        estimator.step(CYCLE * cycle, Wheels(Odometry(0.0, 0.0, 0.0, 0.3, 0.1), CYCLE * cycle, None, asked))
+    (trust,) = estimator.trusts()
+    assert (trust.believed, trust.reason) == ((False, "stands still") if asks else (True, ""))
+
+
+def test_slow_wheels_beside_a_gps_do_not_know_less_of_their_slip_than_at_first() -> None:
+    rng, sigmas = np.random.default_rng(1), []
+    estimator = Estimator(EstimationConfig(sensors=("encoders", "gps")), {"gps": FixReading}, CAR)
+    for cycle in range(1, 5001):
+        now, v = CYCLE * cycle, 0.1
+        if cycle % 10 == 0:
+            x, y = v * now + float(rng.normal()), float(rng.normal())
+            estimator.take("gps", Reading(now, FixReading(0, 0, x, y, sigma_x=1.0, sigma_y=1.0)))
+        told = Odometry(0.0, 0.0, 0.0, v + 1e-9 * (cycle % 2), 0.0)
+        sigmas.append(estimator.step(now, Wheels(told, now, None, v)).sigma(3))
+    assert sigmas[-1] < 1.1 * sigmas[500]

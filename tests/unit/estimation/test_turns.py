@@ -87,9 +87,7 @@ def wheels_alone(
     for cycle in range(1, round(seconds / CYCLE) + 1):
         now = cycle * CYCLE
         omega = turned(now)
-        estimate = estimator.step(
-            now, Wheels(Odometry(0.0, 0.0, 0.0, 1.0, omega + 1e-9 * (cycle % 2)), now, None, 1.0)
-        )
+        estimate = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, 1.0, omega + 1e-9 * (cycle % 2)), now, None, 1.0))
         way, turn = (1.0 - slip) * CYCLE, (1.0 - slip) * omega * CYCLE
         x, y, theta = x + way * np.cos(theta + 0.5 * turn), y + way * np.sin(theta + 0.5 * turn), theta + turn
     return estimate, (x, y)
@@ -116,13 +114,13 @@ def test_wheels_that_stand_still_in_a_curve_outvote_no_gyro_and_teach_it_no_bias
     theta, biases = 0.0, []
     for cycle in range(1, round(20.0 / CYCLE) + 1):
         now = cycle * CYCLE
-        # from 10 s on the wheels tell the curve that ended then
-        rate, shaken = (omega, 1e-9 * (cycle % 2)) if now <= 10.0 else (0.0, 0.0)
+        # from 10 s on, when another speed is asked for, the wheels tell the curve that ended then
+        rate, shaken, asked = (omega, 1e-9 * (cycle % 2), v) if now <= 10.0 else (0.0, 0.0, 0.6)
         for time in (now - 0.5 * CYCLE, now):
             told = rate + BIAS + NOISE * float(rng.normal())
             estimator.take("imu", Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
         theta += CYCLE * rate
-        estimate = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, v + shaken, omega), now, counts, v, None))
+        estimate = estimator.step(now, Wheels(Odometry(0.0, 0.0, 0.0, v + shaken, omega), now, counts, asked))
         biases.append(estimate.bias)
     assert {each.name: each.believed for each in estimator.trusts()} == {"imu": True, "encoders": False}
     assert abs(biases[-1] - biases[499]) < LARGEST
