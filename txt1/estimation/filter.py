@@ -62,7 +62,10 @@ Where the track width is known well, it is 0, and wheels that turn otherwise tha
 """
 SIZE: Final = 8
 # places of variances in a covariance's triangle
-XX, YY, TT, UU, OO, SS = 0, 8, 15, 21, 26, 33
+XX, XY, XU, YY, YU, TT, TO, UU, OO, SS = 0, 1, 3, 8, 10, 15, 17, 21, 26, 33
+# of all that rolled and omega have a part in
+OF_ROLLED: Final = (3, 10, 16, 21, 22, 23, 24, 25)
+OF_OMEGA: Final = (4, 11, 17, 22, 26, 27, 28, 29)
 # standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
 STEERING: Final = 0.5
 # m/s below which the steering angle is not told from speed and yaw rate
@@ -169,34 +172,16 @@ def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
         dt: s.
 
     """
-    mean = belief.mean
-    (
-        xx, xy, xt, xu, xo, xb, xs, xw,
-        yy, yt, yu, yo, yb, ys, yw,
-        tt, tu, to, tb, ts, tw,
-        uu, uo, ub, us, uw,
-        oo, ob, os, ow,
-        bb, bs, bw,
-        ss, sw,
-        ww,
-    ) = belief.triangle  # fmt: skip
-    half = 0.5 * dt
+    half, spread = 0.5 * dt, list(belief.triangle)
+    parts: tuple[tuple[int, float], ...]
     if place == OMEGA:
-        tt, to, oo = tt + variance * half * half, to + variance * half, oo + variance
+        parts = (TT, half * half), (TO, half), (OO, 1.0)
     else:
-        c, s = half * cos(mean[THETA]), half * sin(mean[THETA])
-        xx, xy, yy = xx + variance * c * c, xy + variance * c * s, yy + variance * s * s
-        xu, yu, uu = xu + variance * c, yu + variance * s, uu + variance
-    return Belief(mean, (
-        xx, xy, xt, xu, xo, xb, xs, xw,
-        yy, yt, yu, yo, yb, ys, yw,
-        tt, tu, to, tb, ts, tw,
-        uu, uo, ub, us, uw,
-        oo, ob, os, ow,
-        bb, bs, bw,
-        ss, sw,
-        ww,
-    ), belief.lean)  # fmt: skip
+        c, s = half * cos(belief.mean[THETA]), half * sin(belief.mean[THETA])
+        parts = (XX, c * c), (XY, c * s), (YY, s * s), (XU, c), (YU, s), (UU, 1.0)
+    for each, share in parts:
+        spread[each] += variance * share
+    return Belief(belief.mean, tuple(spread), belief.lean)
 
 
 def predict(
@@ -813,30 +798,13 @@ def _gone(
     if dt <= 0.0:
         return belief
     x, y, theta, _, _, bias, slip, width = belief.mean
-    (
-        xx, xy, xt, xu, xo, xb, xs, xw,
-        yy, yt, yu, yo, yb, ys, yw,
-        tt, tu, to, tb, ts, tw,
-        uu, uo, ub, us, uw,
-        oo, ob, os, ow,
-        bb, bs, bw,
-        ss, sw,
-        ww,
-    ) = belief.triangle  # fmt: skip
+    spread = list(belief.triangle)
+    # what they tell of the rest stays in proportion
+    for place, variance, row in ((UU, rates[0], OF_ROLLED), (OO, rates[1], OF_OMEGA)):
+        share = sqrt(variance / spread[place]) if spread[place] > 0.0 < variance else 1.0
+        for each in row:
+            spread[each] *= share
+        spread[place] = variance
+    likely = Belief((x, y, theta, way / dt, turned / dt, bias, slip, width), tuple(spread), belief.lean)
     qx, qy, qt, _, _, qb, qs, qw = density
-    u, o = sqrt(rates[0] / uu) if uu > 0.0 < rates[0] else 1.0, sqrt(rates[1] / oo) if oo > 0.0 < rates[1] else 1.0
-    likely = Belief(
-        (x, y, theta, way / dt, turned / dt, bias, slip, width),
-        (
-            xx, xy, xt, u * xu, o * xo, xb, xs, xw,
-            yy, yt, u * yu, o * yo, yb, ys, yw,
-            tt, u * tu, o * to, tb, ts, tw,
-            rates[0], u * o * uo, u * ub, u * us, u * uw,
-            rates[1], o * ob, o * os, o * ow,
-            bb, bs, bw,
-            ss, sw,
-            ww,
-        ),
-        belief.lean,
-    )  # fmt: skip
     return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs, qw), sideways)
