@@ -111,8 +111,6 @@ FIRST: Final = 0.04
 HORIZON: Final = 0.5
 # readings over which it is averaged how late a sensor is
 LAGS: Final = 25
-# the same of a turn by wheels and gyro, beyond which the slip has changed
-TURNS: Final = 3.0
 # rad from which a turn tells of the slip
 CURVE: Final = 0.1
 # s over which the slip of two moments is related: floors, starts and stops; chosen
@@ -386,12 +384,7 @@ class Fusion:
                     self._tell(judge.restore())
                     mine = [each for each in self._entries if each.measurement.sensor == name]
                     if mine:
-                        self._heard_again(mine[-1])
-
-    def _heard_again(self, entry: _Entry) -> None:
-        """Forget the slip at the first reading of wheels that are believed again."""
-        entry.used = True
-        entry.fresh = entry.measurement.kind is KIND_ENCODERS
+                        mine[-1].used = True
 
     def _believed(self) -> list[Judge]:
         return [judge for judge in self._judges.values() if judge.believed]
@@ -613,10 +606,7 @@ class Fusion:
                 judge.rejected += 1
                 if judge.reason not in (OUTVOTED, WHEELS) and judge.fits(measurement.time):
                     self._tell(judge.restore())
-                    self._heard_again(entry)
-                    belief = slip_unknown(belief, self._walk.slip_sigma, self.track_sigma) if entry.fresh else belief
-                    residual, h = self._expect(belief.mean, measurement)
-                    after = update(belief, residual, h, sigmas)[0]
+                    entry.used = True
         return after if entry.used else belief
 
     def _wheels(
@@ -644,10 +634,7 @@ class Fusion:
         return after if wide is belief else update(wide, residual, h, sigmas)[0]
 
     def _turned(self, belief: Belief, measurement: Measurement, *, new: bool) -> Belief:
-        """The belief with how far the wheels turned the robot beside the gyro: it tells of bias and slip.
-
-        Where it misses by more than chance while turning, the slip has changed: strong tracking, as of the rates.
-        """
+        """The belief with how far the wheels turned the robot beside the gyro: it tells of bias and slip."""
         told, by_gyro, dt, path = measurement.values
         bias = belief.mean[BIAS]
         share, turned_by = turn_share(belief.mean, exact=self._exact), by_gyro - bias * dt
@@ -663,15 +650,7 @@ class Fusion:
         if new and abs(turned_by) > CURVE and miss:
             chance = (residual[0] / miss) ** 2
             self._walk.changed((residual[0] ** 2 - chance) / turned_by**2 + self._walk.told[SLIP] * dt, dt)
-        if -TURNS <= miss <= TURNS:
-            return after
-        if abs(turned_by) > CURVE:
-            change = min(abs(residual[0] / turned_by), SLID)
-            wide, place = belief.covariance, SLIP if self._exact else WIDTH
-            wide[place, place] += change * change
-            belief = belief_of(belief.mean, wide, belief.lean)
-            _, _, (miss,) = update(belief, residual, h, (sigma,), leans)
-        return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),), leans)[0]
+        return after
 
     def _place(
         self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float], h: Sequence[Row]
