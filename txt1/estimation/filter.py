@@ -32,7 +32,7 @@ covariance go on in one piece.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from math import asin, cos, hypot, inf, isfinite, sin, sqrt
+from math import asin, cos, exp, hypot, inf, isfinite, sin, sqrt
 from operator import mul
 from typing import Final, NamedTuple
 
@@ -63,9 +63,10 @@ Where the track width is known well, it is 0, and wheels that turn otherwise tha
 SIZE: Final = 8
 # places of variances in a covariance's triangle
 XX, XY, XU, YY, YU, TT, TO, UU, OO, SS = 0, 1, 3, 8, 10, 15, 17, 21, 26, 33
-# of all that rolled and omega have a part in
+# of all that these have a part in
 OF_ROLLED: Final = (3, 10, 16, 21, 22, 23, 24, 25)
 OF_OMEGA: Final = (4, 11, 17, 22, 26, 27, 28, 29)
+OF_SLIP: Final = (6, 13, 19, 24, 28, 31, 33, 34)
 # standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
 STEERING: Final = 0.5
 # m/s below which the steering angle is not told from speed and yaw rate
@@ -596,6 +597,19 @@ def slipping(belief: Belief, dt: float, density: float) -> Belief:
     return belief_of(belief.mean, covariance, belief.lean)
 
 
+def wandering(belief: Belief, dt: float, sigma: float, lasts: float) -> Belief:
+    """The belief when slip wanders about what is known of it, for dt seconds: by sigma, related over `lasts` seconds.
+
+    A Gauss-Markov process (A. Gelb, *Applied Optimal Estimation*, MIT Press 1974, 3.8). What the slip did before tells
+    less and less of it.
+    """
+    spread, keeps = list(belief.triangle), exp(-max(dt, 0.0) / lasts)
+    for place in OF_SLIP:
+        spread[place] *= keeps
+    spread[SS] = keeps * spread[SS] + (1.0 - keeps * keeps) * sigma * sigma
+    return Belief(belief.mean, tuple(spread), belief.lean)
+
+
 def slip_unknown(belief: Belief, sigma: float, track_sigma: float) -> Belief:
     """The belief when nothing is known of slip and track width but their standard deviations.
 
@@ -694,9 +708,9 @@ class Walk:
 
         It walks until it is as uncertain as at first; while a sensor told the place, it was known better.
         """
-        x, y, theta, rolled, omega, bias, usual, _ = self._least if self._exact else self.blind
+        x, y, theta, rolled, omega, bias, slip, _ = self.blind
         left = max(0.0, 1.0 - variance / self.slip_sigma**2)
-        return x, y, theta, rolled, omega, bias, usual * left, self.told[WIDTH]
+        return x, y, theta, rolled, omega, bias, slip * left, self.told[WIDTH]
 
     def changed(self, square: float, dt: float) -> None:
         """Adapt the slip's walk to a turn: the square of its change in dt seconds.

@@ -63,6 +63,7 @@ from txt1.estimation.filter import (
     update,
     upright,
     velocities,
+    wandering,
     widened,
 )
 from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL, Besides, Frame, Reckoning, about, aligned, bent, leaning
@@ -470,19 +471,21 @@ class Fusion:
     def _predicted(self, belief: Belief, begin: float, end: float, bend: float = 0.0, moment: float = 0.0) -> Belief:
         """The belief at `end`, s of the run, of one at `begin`; of changes of the steering, the sum and the moment."""
         dt, sideways, walk = end - begin, self.sideways, self._walk
-        density = walk.told
+        density, moves = walk.told, abs(belief.mean[ROLLED]) > MOVING
         # of a car that stands, slip does not change
-        if begin > walk.blind_from and abs(belief.mean[ROLLED]) > MOVING:
-            density = walk.blind if self._exact else walk.settled(belief.triangle[SS])
-        if not self._rolling:
-            density = walk.untold(density)
-        elif not self._turning or not (self._placed or self._exact):
-            # nothing tells how fast the slip changes
-            density = walk.settled(belief.triangle[SS])
-            if not self._turning and not self._placed:
-                belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
+        blind = moves and begin > walk.blind_from
         if not self._turning:
-            density = walk.unturned(density)
+            density = walk.unturned(walk.settled(belief.triangle[SS]) if self._rolling else walk.untold(density))
+            if self._rolling and not self._placed:
+                belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
+        elif not self._rolling:
+            density = walk.untold(density)
+        elif self._exact:
+            density = walk.blind if blind else density
+        elif blind or not self._placed:
+            density = walk.settled(belief.triangle[SS])
+            if moves and not self._placed:
+                belief = wandering(belief, dt, walk.slip_sigma, FLOOR)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
         return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bend * end - moment)

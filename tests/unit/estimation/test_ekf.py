@@ -14,6 +14,7 @@ from txt1.estimation.filter import (
     POSE,
     ROLLED,
     SIZE,
+    SLIP,
     THETA,
     Array,
     Drift,
@@ -31,6 +32,7 @@ from txt1.estimation.filter import (
     update,
     upright,
     velocities,
+    wandering,
 )
 from txt1.model.kinematics import wrap_angle
 
@@ -309,3 +311,15 @@ def test_a_belief_that_leans_tells_of_the_parameter_as_a_state_more_would() -> N
     assert variance == pytest.approx(spread[1, 1], rel=1e-6)
     assert ours.mean[X] == pytest.approx(both[0], rel=1e-6)
     assert ours.covariance[X, X] == pytest.approx(spread[0, 0], rel=1e-6)
+
+
+def test_slip_that_wanders_moves_a_car_by_as_much_as_its_spectral_density_says() -> None:
+    # straight on at 1 m/s: the way is the sum of a Gauss-Markov process, of variance 2 sigma^2 tau (T - tau) in the end
+    sigma, lasts, dt, seconds = 0.05, 2.0, 0.02, 40.0
+    spread = np.zeros((SIZE, SIZE))
+    spread[SLIP, SLIP] = sigma**2
+    belief = belief_of((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0), spread)
+    for _ in range(round(seconds / dt)):
+        belief = predict(wandering(belief, dt, sigma, lasts), dt, (0.0,) * 8)
+    assert belief.covariance[X, X] == pytest.approx(2.0 * sigma**2 * lasts * (seconds - lasts), rel=0.02)
+    assert belief.covariance[SLIP, SLIP] == pytest.approx(sigma**2)
