@@ -118,3 +118,13 @@ def test_who_comes_from_ros_with_a_bag_makes_a_map_and_drives_in_it(tmp_path: Pa
     child.send(b"q")
     assert watched.until_end() == 0
     assert sum(map(len, [*typed, "4 times right", "wwq"])) / KEYS_A_SECOND < FIRST_SUCCESS
+
+
+def test_ctrl_c_ends_a_map_of_a_bag_and_leaves_no_file(tmp_path: Path) -> None:
+    bag(tmp_path / "drive.bag", "ros1", count=3000)
+    child = start(80, 24, "map", "drive.bag", "-o", "room", folder=tmp_path)
+    watched = Watched(child, 80, 24)
+    watched.until("scans: /scan")
+    child.sendintr()
+    assert watched.until_end() == 130
+    assert [each.name for each in tmp_path.iterdir()] == ["drive.bag"]
