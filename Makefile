@@ -19,7 +19,7 @@ DOCS := .venv-docs
 PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot plugins/browser
 NEEDS = import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; extras = project["optional-dependencies"]; print(*(need for name in sys.argv[1:] for need in (extras.get(name) or project[name])), sep="\n")
 PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
-PIP_DOWNLOAD := -m pip --disable-pip-version-check download --quiet --quiet
+PIP_FETCH := -m pip --disable-pip-version-check wheel --quiet --quiet
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
 TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
 # of `make test`: each collects all tests, 20 s of a processor, so no more than keep two processors busy
@@ -160,11 +160,11 @@ $(VENV)/bin/python:
 
 # What README and `txt1` alone show needs: recordings and the page. Without --no-compile pip compiles all modules of all
 # packages, a third of the time until the first screen; Python compiles those that are used, when they are. Most of the
-# rest is reading the long lists of each package's files, so two read at once. The second one only downloads, as two
+# rest is reading the long lists of each package's files, so two read at once. The second one only fetches, as two
 # that install would meet in the packages that both need. txt1 runs from the tree until it is installed.
 $(VENV)/.drives: $(VENV)/bin/python pyproject.toml
 	@$(BIN)/python -c '$(NEEDS)' web > $(VENV)/web.txt
-	$(BIN)/python $(PIP_DOWNLOAD) --dest $(VENV)/wheels --requirement $(VENV)/web.txt & web=$$!; \
+	$(BIN)/python $(PIP_FETCH) --wheel-dir $(VENV)/wheels --requirement $(VENV)/web.txt & web=$$!; \
 	$(BIN)/python -c '$(NEEDS)' dependencies record | $(BIN)/python $(PIP_INSTALL) --no-compile --requirement /dev/stdin && wait $$web
 	$(BIN)/python $(PIP_INSTALL) --no-compile --no-index --find-links $(VENV)/wheels --requirement $(VENV)/web.txt
 	@touch $@
