@@ -35,7 +35,7 @@ MISTAKES = (
     Mistake(f"{RUN} --drive 0.5", ("--drive", "'0.5'", "0.5,0.3")),
     Mistake(f"{RUN} --drive 0.5,inf", ("--drive", "'inf'", "finite")),
     Mistake(f"{RUN} --seed 1.5", ("--seed", "'1.5'")),
-    Mistake(f"{RUN} --seed -1", ("seed", "-1", "greater than or equal to 0")),
+    Mistake(f"{RUN} --seed -1", ("--seed", "'-1'", "from 0")),
     Mistake("learn --episodes 0", ("--episodes", "'0'", "whole number from 1")),
     Mistake("learn --agent einstein", ("'einstein'", "thesis")),
     Mistake("experiment circle-fsat", ("circle-fsat", "circle-fast")),
@@ -96,7 +96,7 @@ MISTAKES = (
     # lines and ports
     Mistake(f"{RUN} --hal sim --port /dev/ttyUSB0", ("--port /dev/ttyUSB0", "serial")),
     Mistake("run --headless --duration 1 --hal serial --port FOLDER/ttyUSB9", ("ttyUSB9",), 1),
-    Mistake("run --headless --duration 1 --hal serial --port virtual --baud 0", ("serial.baud", "0")),
+    Mistake("run --headless --duration 1 --hal serial --port virtual --baud 0", ("--baud", "'0'", "from 1")),
     Mistake("board --tcp 99999", ("--tcp", "'99999'", "HOST:PORT")),
     Mistake(f"{RUN} --view 0.0.0.0:8765", ("ssh -L", "0.0.0.0", "--web")),
 )
