@@ -272,7 +272,7 @@ def summary(content: Content) -> list[str]:
     odometry = content.columns("odometry")
     seconds = float(np.ptp(odometry[0]))
     fastest = float(np.abs(odometry[3]).max())
-    lines = [f"{_travelled(content):.2f} m in {seconds:.1f} s by odometry, at most {fastest:.2f} m/s."]
+    lines = [f"{travelled(content):.2f} m in {seconds:.1f} s by odometry, at most {fastest:.2f} m/s."]
     if content.disarms:
         told = [text for _, text in content.events if text.startswith("disarmed: ")]
         count = "once," if len(content.disarms) == 1 else f"{len(content.disarms)} times, the last time"
@@ -396,7 +396,7 @@ def page_together(name: str, contents: Mapping[str, Content], picture: bytes) ->
     robots = [
         (
             robot,
-            f"{_travelled(each):.2f}",
+            f"{travelled(each):.2f}",
             _counted(each),
         )
         for robot, each in contents.items()
@@ -417,7 +417,7 @@ def page_together(name: str, contents: Mapping[str, Content], picture: bytes) ->
 def _together(contents: Mapping[str, Content]) -> list[str]:
     """Return the summary of several robots: how far, how near, who was disarmed."""
     _, nearest = distances([pose for pose in map(_pose, contents.values()) if pose.shape[1] > 1])
-    lines = [f"{len(contents)} robots drove {sum(map(_travelled, contents.values())):.2f} m together."]
+    lines = [f"{len(contents)} robots drove {sum(map(travelled, contents.values())):.2f} m together."]
     if nearest.size:
         lines.append(f"The smallest distance between two centres was {float(nearest.min()):.2f} m.")
     disarmed = [robot for robot, each in contents.items() if each.disarms]
@@ -430,7 +430,7 @@ def _pose(content: Content) -> NDArray[np.float64]:
     return content.columns("pose")
 
 
-def _travelled(content: Content) -> float:
+def travelled(content: Content) -> float:
     """The length of a robot's path by its odometry, m."""
     return float(np.hypot(*np.diff(content.columns("odometry")[1:3])).sum())
 
