@@ -1,6 +1,7 @@
 """How quick locating is: 2500 particles, each with 61 rays, by numba and by NumPy, on one core.
 
     python -m benchmarks.locating [MAP.yaml] [--seconds 3]
+    python -m benchmarks.locating --wrong 100    # pairs of a wrong map and a right one
     python -m benchmarks.locating [MAP.yaml] --kidnaps 100 [--range 10] [--keep FILE]    # goes on where FILE ends
 
 A pass weighs all particles against one scan. They stand on free floor, with any heading; the ranges are those that a
@@ -75,6 +76,90 @@ def building() -> Grid:
     return Grid(cells, 0.05)
 
 
+def flat_of(seed: int) -> Grid:
+    """Return a flat of 9 m x 7 m, with two walls, their doors, and boxes as chance will have them."""
+    rng = np.random.default_rng(seed)
+    cells = np.full((140, 180), OCCUPIED, np.int8)
+    cells[2:-2, 2:-2] = FREE
+    column, row = int(rng.integers(60, 120)), int(rng.integers(50, 90))
+    side = slice(2, column) if rng.random() < 0.5 else slice(column, 178)
+    cells[2:138, column : column + 3] = cells[row : row + 3, side] = OCCUPIED
+    for end in (0, row + 3):
+        door = int(rng.integers(end + 5, end + 25))
+        cells[door : door + 20, column : column + 3] = FREE
+    door = int(rng.integers(side.start + 5, side.stop - 28))
+    cells[row : row + 3, door : door + 20] = FREE
+    for row, column in rng.integers((10, 10), (120, 160), (8, 2)):
+        height, width = rng.integers(5, 16, 2)
+        cells[row : row + height, column : column + width] = OCCUPIED
+    return Grid(cells, 0.05)
+
+
+def larger(grid: Grid, times: float) -> Grid:
+    """Return a room similar to another one, but larger: its map has larger cells."""
+    return Grid(grid.cells, times * grid.resolution)
+
+
+def believed(true: Grid, given: Grid, seed: int) -> tuple[bool, bool]:
+    """Return whether the filter, on a given map, once says in 10 s of driving that it knows the pose; and whether it
+    says so at the end, rightly.
+    """
+    rng, locator = np.random.default_rng(seed), Timed(given, seed)
+    way = driven(true, some_pose(true, rng), rng, 100)
+    says, told, pose = False, None, way[0]
+    for k, (pose, odometry) in enumerate(zip(way, drifted(way, seed), strict=True)):
+        told = locator.update(0.1 * k, scanned(true, pose, rng, 5.6), odometry)
+        says = says or not told.lost
+    assert told is not None
+    return says, not told.lost and is_near(pose, told.pose)
+
+
+def wrong_maps(count: int) -> int:
+    """Count how many wrong maps are believed, and in how many right ones the filter knows its place after 10 s.
+
+    By turns, the wrong map is that of another flat, and of the same one, a quarter larger.
+    """
+    wrong, unknown = [], []
+    for seed in range(count):
+        true = flat_of(seed)
+        other = larger(true, 1.25) if seed % 2 else flat_of(seed + 1000)
+        if believed(true, other, seed)[0]:
+            wrong.append(seed)
+        if not believed(true, true, seed)[1]:
+            unknown.append(seed)
+    print(f"wrong maps that are believed, by seed: {wrong}; right maps without a pose: {unknown}")
+    holds = len(wrong) <= 0.01 * count and len(unknown) <= 0.05 * count
+    print(
+        f"{'holds' if holds else 'DOES NOT HOLD'}: {len(wrong)} of {count} wrong maps are believed (aim 1 %), and in "
+        f"{count - len(unknown)} of {count} right ones the pose is known after 10 s (aim 95 %)"
+    )
+    return 0
+
+
+def some_pose(grid: Grid, rng: np.random.Generator) -> Array:
+    """Draw a pose of the laser, 0.6 m from walls."""
+    rows, columns = np.nonzero(grid.clear > 12)
+    chosen = rng.integers(len(rows))
+    x, y = grid.to_room(float(columns[chosen]) + 0.5, float(rows[chosen]) + 0.5)
+    return np.array([float(x), float(y), rng.uniform(-pi, pi)])
+
+
+def scanned(grid: Grid, pose: Array, rng: np.random.Generator, far: float) -> Array:
+    """Return the points of a scan of 240 degrees; people stand before a tenth of the beams."""
+    angles = np.radians(np.arange(-120.0, 120.0, 2.0))
+    ranges = cast(grid, pose[0], pose[1], pose[2] + angles, far)
+    good = np.isfinite(ranges)
+    seen = ranges[good] + 0.01 * rng.standard_normal(good.sum())
+    seen[rng.random(len(seen)) < 0.1] *= 0.5
+    return np.column_stack((seen * np.cos(angles[good]), seen * np.sin(angles[good])))
+
+
+def is_near(true: Array, told: Array) -> bool:
+    """Return whether a pose is within 0.25 m and 10 degrees."""
+    off = difference(true, told)
+    return bool(np.hypot(off[0], off[1]) < 0.25 and abs(off[2]) < np.radians(10.0))
+
+
 def driven(grid: Grid, pose: Array, rng: np.random.Generator, steps: int) -> Array:
     """Return the poses of a drive, 0.05 m apart, which turns away where the way ahead is short."""
     poses = [pose]
@@ -109,13 +194,9 @@ class Timed(Locator):
 def kidnapped(grid: Grid, seed: int, far: float = 5.6) -> bool:
     """Return whether the filter knows where it is, 10 s after it was carried away."""
     rng, locator = np.random.default_rng(seed), Timed(grid, seed)
-    rows, columns = np.nonzero(grid.clear > 12)
-    angles = np.radians(np.arange(-120.0, 120.0, 2.0))
     true, wheels = [], []
     for steps in (10, 100):
-        chosen = rng.integers(len(rows))
-        x, y = grid.to_room(float(columns[chosen]) + 0.5, float(rows[chosen]) + 0.5)
-        way = driven(grid, np.array([float(x), float(y), rng.uniform(-pi, pi)]), rng, steps)
+        way = driven(grid, some_pose(grid, rng), rng, steps)
         true.append(way)
         wheels.append(drifted(way, seed))
     # the second odometry goes on where the first one ended: nobody told the wheels that they were lifted
@@ -123,15 +204,9 @@ def kidnapped(grid: Grid, seed: int, far: float = 5.6) -> bool:
     locator.place(true[0][0])
     told, pose = None, true[0][0]
     for k, (pose, odometry) in enumerate(zip(np.concatenate(true), np.concatenate(wheels), strict=True)):
-        ranges = cast(grid, pose[0], pose[1], pose[2] + angles, far)
-        good = np.isfinite(ranges)
-        seen = ranges[good] + 0.01 * rng.standard_normal(good.sum())
-        seen[rng.random(len(seen)) < 0.1] *= 0.5
-        points = np.column_stack((seen * np.cos(angles[good]), seen * np.sin(angles[good])))
-        told = locator.update(0.1 * k, points, odometry)
+        told = locator.update(0.1 * k, scanned(grid, pose, rng, far), odometry)
     assert told is not None
-    off = difference(pose, told.pose)
-    return not told.lost and bool(np.hypot(off[0], off[1]) < 0.25 and abs(off[2]) < np.radians(10.0))
+    return not told.lost and is_near(pose, told.pose)
 
 
 def kept(file: Path | None) -> dict[int, bool]:
@@ -147,9 +222,12 @@ def main() -> int:
     parser.add_argument("map", nargs="?", help="map_server's .yaml; default: a hall of 20 m x 15 m with pillars")
     parser.add_argument("--seconds", type=float, default=3.0, help="of processor time (default 3)")
     parser.add_argument("--kidnaps", type=int, default=0, help="count how many of so many are found again, instead")
+    parser.add_argument("--wrong", type=int, default=0, help="count how many of so many wrong maps are believed")
     parser.add_argument("--range", type=float, default=5.6, help="of the laser, m (default 5.6)")
     parser.add_argument("--keep", type=Path, help="keep each kidnapping's outcome there, and do none of them again")
     given = parser.parse_args()
+    if given.wrong:
+        return wrong_maps(given.wrong)
     grid = files.read(given.map).grid if given.map else building() if given.kidnaps else room()
     if given.kidnaps:
         outcomes = kept(given.keep)

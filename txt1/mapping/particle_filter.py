@@ -20,8 +20,11 @@ too many rays go through walls at the particles' mean, for a while, the filter i
 each tile and each sector of headings (`whole_map`). Places may look alike. So the rays of several of
 these scans are cast from each pose found, which also uses the free floor. Particles are placed at the likely poses. A
 search of a large map takes several scans, which are weighed meanwhile. If nothing fits for a while, the result is:
-lost. A limit: on a map of a larger room, everything seen might be people, so a
-wrong map is not always noticed.
+lost.
+
+*A wrong map.* On the map of a larger room all walls seen might be people before the map's walls: no ray goes through a
+wall, and the rays that are not too short fit. So the filter counts itself as found only if most rays of the small map
+end at walls of the whole map.
 """
 
 from __future__ import annotations
@@ -59,6 +62,10 @@ LOSES: Final = 0.75
 """Share of fitting rays below which the filter is lost after a while."""
 FINDS: Final = 0.92
 """Share from which it is found after a while."""
+BELIEVED: Final = 0.75
+"""Share of all rays of the small map that must end at walls of the whole map when the filter is found: people stand
+before the others.
+"""
 LEAST: Final = 0.25
 """Smallest share of a scan's rays that are not too short; with fewer, the scan decides nothing."""
 LOST_AFTER: Final = 1.0
@@ -123,12 +130,21 @@ class Located(NamedTuple):
     """Whether the pose must not be used."""
     alike: bool = False
     """Whether it is lost because another place is equally likely."""
+    foreign: bool = False
+    """Whether it is lost because too much of what is seen is not on the map."""
 
 
 def _rays_of(points: Array) -> tuple[Array, Array]:
     """Return ranges (m) and angles (rad) of the rays to compare."""
     chosen = points[np.linspace(0, len(points) - 1, min(RAYS, len(points))).astype(int)]
     return np.hypot(chosen[:, 0], chosen[:, 1]), np.arctan2(chosen[:, 1], chosen[:, 0])
+
+
+def _compared(trail: Mapper) -> list[tuple[Array, Array]]:
+    """Return the points of some of the newest scans of a small map, each with its pose relative to now."""
+    keys = trail.keys[-TRAIL:]
+    back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
+    return [(keys[k].cloud.points, back[k]) for k in np.unique(np.linspace(0, len(keys) - 1, COMPARED, dtype=int))]
 
 
 def _are_one(found: Likely, pose: Array) -> bool:
@@ -222,14 +238,14 @@ class Locator:
         self._trail: Mapper | None = None
         self._before: Array | None = None
         self._lost = True
-        self._doubts, self._alike = True, False
+        self._doubts, self._alike, self._foreign = True, False, False
         self._changes, self._next = 0.0, 0.0
         self._search: PendingSearch | None = None
 
     def place(self, pose: Any, spread: tuple[float, float] = (0.2, radians(8.0))) -> None:
         """Place the particles round a given pose, with standard deviations in m and rad."""
         self.particles, self._logs = self._round(np.asarray(pose), spread), np.zeros(self._count)
-        self._lost = self._doubts = self._alike = False
+        self._lost = self._doubts = self._alike = self._foreign = False
         self._search = None
 
     def _round(self, poses: Array, spread: tuple[float, float]) -> Array:
@@ -302,14 +318,29 @@ class Locator:
         return mean, (weights[:, None] * off).T @ off + np.diag([0.01, 0.01, radians(0.3)]) ** 2
 
     def _fit(self, pose: Array, ranges: Array, angles: Array) -> float:
-        """Return the share of rays that end at a wall of the map."""
+        """Return the share of rays that end at a wall of the map, among those that are not too short."""
+        fits, through = self._counted(pose, ranges, angles)
+        return fits / (fits + through) if fits + through >= LEAST * len(ranges) else 0.0
+
+    def _counted(self, pose: Array, ranges: Array, angles: Array) -> tuple[int, int]:
+        """Return the numbers of rays that end at a wall of the map, and that go through one."""
         from txt1.maps.rays import cast
 
         expected = cast(self.grid, pose[0], pose[1], pose[2] + angles)
         with np.errstate(invalid="ignore"):
             off, margin = ranges - expected, TELLS + 0.03 * ranges
-        fits, through = np.count_nonzero(np.abs(off) <= margin), np.count_nonzero(off > margin)
-        return fits / (fits + through) if fits + through >= LEAST * len(ranges) else 0.0
+        return int(np.count_nonzero(np.abs(off) <= margin)), int(np.count_nonzero(off > margin))
+
+    def _explained(self, pose: Array) -> float:
+        """Return the share of the small map's rays that end at walls of the map, if the laser is at a pose now."""
+        if self._trail is None:
+            return 1.0
+        fits, total = 0, 0
+        for points, back in _compared(self._trail):
+            ranges, angles = _rays_of(points)
+            fits += self._counted(composed(pose, back), ranges, angles)[0]
+            total += len(ranges)
+        return fits / total if total else 0.0
 
     def _told(self, time: float, fit: float) -> Located:
         mean, covariance = self._mean()
@@ -320,10 +351,11 @@ class Locator:
                 alone = self._is_alone(mean) if self._lost else True
                 if alone is not None:
                     self._alike = not alone
-                    self._lost, self._changes = not self._lost or self._alike, time
+                    self._foreign = self._lost and alone and self._explained(mean) < BELIEVED
+                    self._lost, self._changes = not self._lost or self._alike or self._foreign, time
         else:
             self._changes = time
-        return Located(time, mean, covariance, fit, self._lost or not sure, self._alike)
+        return Located(time, mean, covariance, fit, self._lost or not sure, self._alike, self._foreign)
 
     def _searched(self, time: float) -> bool:
         """Search the whole map for the small map; return whether particles could be placed."""
@@ -372,9 +404,7 @@ class Locator:
         places = yield from self._whole.places(sparse(cloud, 100), ENOUGH)
         if not len(places):
             return None
-        compared = [
-            (keys[k].cloud.points, back[k]) for k in np.unique(np.linspace(0, len(keys) - 1, COMPARED, dtype=int))
-        ]
+        compared = _compared(trail)
         best = np.argsort(-self._logs_of(places, compared), kind="stable")[:LIKELY]
         # places are as coarse as cells and sectors, so poses near them are compared, too
         poses = self._round(places[best[np.arange(self._count) % len(best)]], (0.07, radians(1.5)))

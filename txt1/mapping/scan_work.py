@@ -32,6 +32,7 @@ TOLD_CELLS: Final = 200_000
 SAVED_EVERY: Final = 30.0
 """s of driving between two saves of the unfinished map."""
 ALIKE: Final = "several places on the map look like this one: drive on, or say where the robot is (--at, /initialpose)"
+FOREIGN: Final = "much of what the laser sees is not on the map: is it the map of this room? If it is, make it anew"
 UNSURE: Final = 0.5
 """m of standard deviation from which a pose on the unfinished map is not used."""
 
@@ -77,6 +78,9 @@ class Locating:
         particles = locator.particles
         chosen = particles[np.linspace(0, len(particles) - 1, min(SHOWN, len(particles))).astype(int)]
         sheet, self._sheet = self._sheet, None
+        trouble = ""
+        if found.alike or found.foreign:
+            trouble = ALIKE if found.alike else FOREIGN
         return _news(
             task,
             found.pose,
@@ -85,7 +89,7 @@ class Locating:
             lost=found.lost,
             sheet=sheet,
             particles=tuple(_pose(each) for each in np.round(chosen, 3)),
-            trouble=ALIKE if found.alike else "",
+            trouble=trouble,
         )
 
     def finish(self) -> list[str]:

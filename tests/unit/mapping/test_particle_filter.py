@@ -5,6 +5,7 @@ from math import degrees, hypot
 import numpy as np
 import pytest
 
+from benchmarks.locating import believed, flat_of
 from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import drive, room, scan
 from txt1.mapping import whole_map
@@ -129,6 +130,12 @@ def test_in_a_room_that_looks_the_same_from_two_places_it_does_not_say_that_it_k
         found = locator.update(0.1 * k, scan(hall, pose, rng), wheels)
         assert found.lost
     assert found.alike
+
+
+def test_another_flat_in_which_all_that_fits_would_be_behind_people_is_not_believed():
+    # without a count of all rays, this drive ended with a pose on the wrong map
+    assert believed(flat_of(4), flat_of(1004), 4) == (False, False)
+    assert believed(flat_of(4), flat_of(4), 4) == (True, True)
 
 
 @pytest.mark.long
