@@ -20,6 +20,7 @@ from txt1.mapping import grid_files
 from txt1.mapping.graph import EDGE
 from txt1.mapping.mapper import KeyScan, Mapper
 from txt1.mapping.matcher import Cloud
+from txt1.maps.files import keep_out_of
 
 VERSION: Final = 1
 SUFFIXES: Final = (".graph", ".pgm", ".svg", ".yaml")
@@ -112,7 +113,9 @@ def files_of(mapper: Mapper, output: Path, resolution: float, drives: list[str])
     `resolution` m.
     """
     grid = grid_files.grid_of([key.cloud for key in mapper.keys], mapper.graph.poses, mapper.loops, resolution)
-    contents = grid_files.contents(grid, output.name, [("#d04010", mapper.poses)])
+    # a person wrote these into the .yaml
+    areas = keep_out_of(output.with_name(f"{output.name}.yaml"))
+    contents = grid_files.contents(grid, output.name, [("#d04010", mapper.poses)], areas)
     contents[".graph"] = content(mapper, {"drives": drives})
     files = {output.with_name(output.name + suffix): contents[suffix] for suffix in SUFFIXES}
     return files, grid_files.coarser(grid.resolution, resolution)

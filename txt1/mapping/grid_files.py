@@ -14,6 +14,7 @@ from txt1.mapping.matcher import Cloud, Kernels
 from txt1.mapping.poses import placed
 from txt1.maps.files import CELLS_MAX
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from txt1.maps.keep_out import Area
 
 Array = NDArray[np.float64]
 
@@ -81,12 +82,13 @@ def picture(grid: Grid) -> bytes:
     return f"P5\n{columns} {rows}\n255\n".encode() + grey.tobytes()
 
 
-def description(grid: Grid, image: str) -> str:
+def description(grid: Grid, image: str, keep_out: tuple[Area, ...] = ()) -> str:
     """Return the text of a map's .yaml."""
     x, y, yaw = grid.origin
+    areas = [[list(corner) for corner in area] for area in keep_out]
     return (
         f"image: {image}\nresolution: {grid.resolution:g}\norigin: [{x:.6g}, {y:.6g}, {yaw:g}]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n" + (f"keep_out: {areas}\n" if areas else "")
     )
 
 
@@ -116,12 +118,14 @@ def drawing(grid: Grid, ways: Iterable[tuple[str, Array]] = ()) -> str:
     return "\n".join((*parts, "</svg>\n"))
 
 
-def contents(grid: Grid, name: str, ways: Iterable[tuple[str, Array]] = ()) -> dict[str, bytes]:
+def contents(
+    grid: Grid, name: str, ways: Iterable[tuple[str, Array]] = (), keep_out: tuple[Area, ...] = ()
+) -> dict[str, bytes]:
     """Return the contents of a map's files by suffix; the .yaml, which names the picture, is last."""
     return {
         ".pgm": picture(grid),
         ".svg": drawing(grid, ways).encode(),
-        ".yaml": description(grid, f"{name}.pgm").encode(),
+        ".yaml": description(grid, f"{name}.pgm", keep_out).encode(),
     }
 
 

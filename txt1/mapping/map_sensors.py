@@ -56,7 +56,7 @@ from txt1.sensors.readings import ImuReading, Mount, Scan, TrackerReading, track
 from txt1.sim.room import Room
 from txt1.sim.walls import Walls
 from txt1.tasks.encoder import ROOM, origin
-from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_MAP, MapInUse, MapPose
+from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_MAP, Line, MapInUse, MapPose
 
 POSE: Final = "map"
 NEWS: Final = "mapping"
@@ -257,7 +257,7 @@ class OnMap(MapInUse):
         bus = runtime.bus
         bus.offer(MAP, lambda: self.sheet)
         bus.offer(MAP_POSE, self.pose)
-        bus.offer(WALLS_ON_MAP, lambda: None if self.sheet is None else self.sheet.walls)
+        bus.offer(WALLS_ON_MAP, lambda: None if self.sheet is None else (*self.sheet.walls, *self.keep_out()))
         if ROOM in bus.offered:
             state = runtime.state
             bus.offer(ROOM, lambda: None)
@@ -323,7 +323,7 @@ class OnMap(MapInUse):
             return
         self._newest = sweep
         if self._seen is None:
-            self._seen = SeenFloor(self.sheet.grid)
+            self._seen = SeenFloor(self.sheet.floor)
         self._seen.see(composed(news.origin, sweep.odometry), sweep.points)
         self._seen.stand(pose[:3], self._runtime.config.geometry)
 
@@ -357,8 +357,12 @@ class OnMap(MapInUse):
         if sheet is None or self.making:
             return None
         if self._floor is None or self._floor[0] is not sheet:
-            self._floor = sheet, Room(walls=Walls(Map("map", Path(), sheet.grid, "")))
+            self._floor = sheet, Room(walls=Walls(Map("map", Path(), sheet.floor, "")))
         return self._floor[1]
+
+    def keep_out(self) -> tuple[Line, ...]:
+        """Return the areas of the map that the robot keeps out of."""
+        return () if self.sheet is None else self.sheet.keep_out or ()
 
     def place(self, x: float, y: float, theta: float | None) -> None:
         """Set the robot's place on the map, m and rad (None: any heading); raises CommandRefused: there is no

@@ -22,6 +22,7 @@ from txt1.mapping.sweeps import Sweep
 from txt1.mapping.topics import MapNews, MapSheet, Pose, sheet_of
 from txt1.maps import files
 from txt1.maps.grid import Grid
+from txt1.maps.keep_out import Area
 
 SHOWN: Final = 60
 """Number of particles that are published."""
@@ -60,9 +61,9 @@ class Work(Protocol):
 class Locating:
     """Finds the robot on a map."""
 
-    def __init__(self, grid: Grid, seed: int) -> None:
+    def __init__(self, grid: Grid, seed: int, keep_out: tuple[Area, ...] = ()) -> None:
         self.locator = Locator(grid, seed)
-        self._sheet: MapSheet | None = sheet_of(grid)
+        self._sheet: MapSheet | None = sheet_of(grid)._replace(keep_out=keep_out or None)
 
     def take(self, task: ScanTask) -> MapNews:
         """Move the particles, and weigh them."""
@@ -213,7 +214,8 @@ def _news(
 
 def locating(room: str, seed: int) -> Locating:
     """Return the work that locates a robot on a map of this name; raises ConfigError: there is no such map."""
-    return Locating(map_of(room).grid, seed)
+    there = map_of(room)
+    return Locating(there.grid, seed, there.keep_out)
 
 
 def map_of(room: str) -> files.Map:

@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from txt1.maps.grid import Grid
+from txt1.maps.keep_out import closed
 from txt1.maps.outlines import Outline, outlines
 from txt1.sensors.base import reading_topic
 from txt1.tasks.encoder import ROOM
@@ -35,17 +36,29 @@ class MapSheet(NamedTuple):
     """int8, row by row from the lowest y: 0 free, 100 wall, -1 unknown; compressed (zlib)."""
     walls: tuple[Outline, ...]
     """The borders of the free floor, closed lines, m."""
+    keep_out: tuple[Outline, ...] | None = None
+    """The areas that a robot keeps out of, m; None: none."""
 
     @property
     def grid(self) -> Grid:
         """Return the map as a grid."""
         return _grid(self)
 
+    @property
+    def floor(self) -> Grid:
+        """Return the map as a grid in which the areas to keep out of are walls."""
+        return _floor(self)
+
 
 @lru_cache(maxsize=2)
 def _grid(sheet: MapSheet) -> Grid:
     cells = np.frombuffer(zlib.decompress(sheet.cells), np.int8).reshape(sheet.rows, sheet.columns)
     return Grid(cells, sheet.resolution, sheet.origin)
+
+
+@lru_cache(maxsize=2)
+def _floor(sheet: MapSheet) -> Grid:
+    return closed(sheet.grid, sheet.keep_out or ())
 
 
 def sheet_of(grid: Grid) -> MapSheet:

@@ -14,6 +14,9 @@ scale                 the same, but in between a share of the way from free_thre
 raw                   the pixel of 0 to 255 itself: 0 to 100 per cent, more is unknown
 ====================  ================================================================================================
 
+One field is our own: keep_out, a list of polygons, each a list of at least three corners [x, y] in m, into which a
+robot that drives in the map does not go. map_server ignores it.
+
 The savers of maps write an unknown cell as grey 205, which is occupied with probability 0.196. From ROS 2 Galactic to
 Humble they wrote free_thresh 0.25 beside it, by which map_server takes the cell for free. It is unknown here, as the
 saver meant it.
@@ -40,6 +43,7 @@ from numpy.typing import NDArray
 from txt1.errors import ConfigError, MissingExtra
 from txt1.file_limits import PICTURE_MAX, PNG_PIECES_MAX, open_file, read_bytes, read_text
 from txt1.maps.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, Grid
+from txt1.maps.keep_out import Area
 from txt1.resources import resource
 from txt1.safe_yaml import read_yaml
 
@@ -73,6 +77,8 @@ class Map(NamedTuple):
     """SHA-256 of its cells, resolution and origin: equal for files of equal meaning."""
     remarks: tuple[str, ...] = ()
     """What was read otherwise than the letter of the .yaml says, a line each, with the remedy."""
+    keep_out: tuple[Area, ...] = ()
+    """The areas that a robot keeps out of."""
 
 
 class _Fields(NamedTuple):
@@ -85,6 +91,7 @@ class _Fields(NamedTuple):
     mode: str
     free_thresh: float
     occupied_thresh: float
+    keep_out: tuple[Area, ...] = ()
 
 
 class _Picture(NamedTuple):
@@ -128,7 +135,7 @@ def read(name: str) -> Map:
     data = _bytes_of(picture)
     # kept, so that the robots of a team and all sensors share the arrays
     grid, digest, remarks = _read(file, text, picture, data)
-    return Map(name, file, grid, digest, (*moved, *remarks))
+    return Map(name, file, grid, digest, (*moved, *remarks), fields.keep_out)
 
 
 def _picture_of(file: Path, image: str) -> tuple[Path, tuple[str, ...]]:
@@ -246,8 +253,39 @@ def _fields(file: Path, text: str) -> _Fields:
         if share is None or not 0.0 <= share <= 1.0:
             raise wrong(field, "a share, 0 to 1")
         shares.append(share)
+    areas = _areas(tree.get("keep_out", []))
+    if areas is None:
+        raise wrong("keep_out", "areas, each with 3 corners [x, y] in m or more: [[[1, 0], [2, 0], [2, 1]]]")
     x, y, yaw = origin
-    return _Fields(image, resolution, (x, y, yaw), bool(negate), mode.lower(), *shares)
+    free, occupied = shares
+    return _Fields(image, resolution, (x, y, yaw), bool(negate), mode.lower(), free, occupied, areas)
+
+
+def keep_out_of(file: Path) -> tuple[Area, ...]:
+    """Return the areas to keep out of in a map's .yaml; none if there is no such file."""
+    try:
+        return _fields(file, read_text(file)).keep_out
+    except (OSError, UnicodeDecodeError, ConfigError):
+        return ()
+
+
+def _areas(tree: Any) -> tuple[Area, ...] | None:
+    """Return the areas of a field; None if it has another form."""
+    if not isinstance(tree, list):
+        return None
+    found: list[Area] = []
+    for area in tree:
+        if not isinstance(area, list) or len(area) < 3:
+            return None
+        corners: list[tuple[float, float]] = []
+        for corner in area:
+            given = corner if isinstance(corner, list) else []
+            numbers = [number for each in given if (number := _number(each)) is not None]
+            if not len(given) == len(numbers) == 2 or max(map(abs, numbers)) >= 1e6:
+                return None
+            corners.append((numbers[0], numbers[1]))
+        found.append(tuple(corners))
+    return tuple(found)
 
 
 def _number(value: Any) -> float | None:

@@ -13,6 +13,7 @@ from txt1.control.limits import clip
 from txt1.control.schedule import Schedule
 from txt1.driver import REFRESH, CommandSource
 from txt1.errors import CommandRefused
+from txt1.guards.keep_out.guard import AreaGuard
 from txt1.guards.obstacle_stop.guard import LaserGuard
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.mapping.poses import Array, placed
@@ -161,8 +162,8 @@ async def go_to(
     wheel = robot.program if source is None else source
     wheel.begin()
     there = robot.runtime.part(MapInUse) if poses.sees else None
-    guard = robot.runtime.part(LaserGuard)
-    keep, met = 0.0 if guard is None else guard.margin, np.empty((0, 2))
+    guards = (robot.runtime.part(LaserGuard), robot.runtime.part(AreaGuard))
+    keep, met = max((guard.margin for guard in guards if guard is not None), default=0.0), np.empty((0, 2))
     plans, detours, blocked, arrival = 0, 0, None, None
     while True:
         plans += 1

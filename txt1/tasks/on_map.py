@@ -76,6 +76,10 @@ class MapInUse:
         """Return the places (m, in the frame of the pose) of things seen near the robot that are not on the map."""
         return ()
 
+    def keep_out(self) -> tuple[Line, ...]:
+        """Return the areas of the map that the robot keeps out of, in the frame of the pose."""
+        return ()
+
     def place(self, x: float, y: float, theta: float | None) -> None:
         """Set the robot's pose, m and rad (theta None: any heading); raises CommandRefused."""
         raise NotImplementedError

@@ -66,6 +66,13 @@ def test_a_png_is_read_with_pillow_and_told_to_need_it(tmp_path: Path, monkeypat
         (MAP.replace("0.5", "'0,5'"), b"", "floor.yaml: resolution: '0,5'; give"),
         (MAP.replace("0.5", "1" + 400 * "0"), b"", "floor.yaml: resolution: 1000"),
         (MAP + "free_thresh: 20", b"", "floor.yaml: free_thresh: 20; give a share"),
+        (MAP + "keep_out: [[[0, 0], [1, 0]]]", b"", "floor.yaml: keep_out: [[[0, 0], [1, 0]]]; give areas"),
+        (
+            MAP + "keep_out: [[[0, 0], [1, 0], [.inf, 1]]]",
+            b"",
+            "floor.yaml: keep_out: [[[0, 0], [1, 0], [inf, 1]]]; give",
+        ),
+        (MAP + "keep_out: all", b"", "floor.yaml: keep_out: 'all'; give areas, each with 3 corners"),
         ("- 1", b"", "floor.yaml: no map: it has no lines"),
         ("a: [", b"", "floor.yaml: not valid YAML: "),
         (MAP, b"P6 1 1 255 abc", "floor.pgm: neither a PGM, a PNG nor a BMP"),
