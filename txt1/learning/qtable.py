@@ -61,12 +61,18 @@ class StoredTable:
         """Number of states and of actions."""
         return len(self.values), len(self.values[0])
 
-    def shaped(self, states: int, actions: int) -> Table:
-        """Return the values as lists; ValueError: their shape is not (states, actions)."""
+    def as_array(self) -> "StoredTable":
+        """Return it with an array of numpy as its values."""
+        import numpy as np
+
+        return StoredTable(np.array(self.values, float), self.about)
+
+    def shaped(self, states: int, actions: int) -> Any:
+        """Return the values; ValueError: their shape is not (states, actions)."""
         for needed, has, what in zip((states, actions), self.shape, ("states", "actions"), strict=True):
             if needed != has:
                 raise ValueError(f"has {has} {what} where {needed} are needed")
-        return table_of(self.values)
+        return self.values
 
     def kept(self, name: str, shape: tuple[int, ...]) -> Any:
         """Return an array of numpy that the agent keeps with the table; ValueError: it has another shape."""

@@ -40,9 +40,10 @@ def make(name: str, config: Config, rng: Any) -> Agent:
 
 
 def _made(name: str, config: Config, rng: Any, stored: StoredTable | None) -> Agent:
-    if name != "thesis" and isinstance(rng, Pcg64):
+    if name != "thesis":
         # the others compute with numpy
-        rng = rng.numpy()
+        rng = rng.numpy() if isinstance(rng, Pcg64) else rng
+        stored = None if stored is None else stored.as_array()
     agent: Agent = LEARNERS.make("agent", name, config, rng, stored)
     place = LEARNERS.place("agent", name)
     if callable(place) or name in {*LEARNERS.table, *brought(LEARNERS.group)}:

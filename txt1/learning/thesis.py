@@ -115,7 +115,7 @@ def create(config: Config, rng: Draws, table: StoredTable | None = None) -> Thes
     values = table.shaped(STATES, len(commands))
     driving = settings.model_copy(update={"policy": "greedy", "training": 0, "learn_on": False})
     driver = ThesisAgent(rng, commands, driving, exponent)
-    driver.q = values
+    driver.q = _copy(values)
     return driver
 
 

@@ -19,7 +19,7 @@ from txt1.config import load as configured
 from txt1.errors import QTableError
 from txt1.learning.light_direction import SECTORS
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, initial, load, save, update
-from txt1.learning.registry import from_table, make
+from txt1.learning.registry import LEARNERS, from_table, make
 from txt1.learning.thesis import TABLE_5_3, ThesisAgent, greedy_action
 from txt1.sim.pcg64 import Pcg64
 
@@ -230,6 +230,21 @@ def test_the_thesiss_learner_keeps_nothing_with_its_table(tmp_path: Path, about:
     path = tmp_path / "qtable.json"
     save(path, StoredTable(np.zeros((8, 3)), {"agent": "thesis", **about}))
     assert from_table(path, Config(), rng).name == "thesis"
+
+
+def test_a_learner_of_others_gets_an_array_and_numpys_generator(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[Any] = []
+
+    def create(config: Config, rng: Any, stored: StoredTable | None) -> Any:
+        given.append((rng.normal(), stored))
+        return object()
+
+    monkeypatch.setitem(LEARNERS.table, "mine", create)
+    save(file, StoredTable(TABLE_5_3, {"agent": "mine"}))
+    from_table(file, Config(), Pcg64([1]))
+    [(drawn, stored)] = given
+    assert [drawn] == Pcg64([1]).standard_normal(1)
+    assert stored.values[4, 1] == stored.shaped(8, 3)[4, 1] == TABLE_5_3[4][1]
 
 
 @pytest.mark.parametrize("version", [0, 2, "1", None])
