@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from txt1.guards.keep_out.guard import prepare
-from txt1.mapping import ways
 from txt1.mapping.map_sensors import OnMap
 from txt1.mapping.poses import composed, difference, placed
 from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.files import read
 from txt1.maps.keep_out import Area, inside
-from txt1.navigation import NoPath, go_to, map_floor, map_pose
+from txt1.navigation import NoPath, go_to, map_floor, map_pose, ways
 from txt1.robot import Robot
 from txt1.sensors.base import Reading
 

@@ -14,14 +14,13 @@ import pytest
 from txt1.bridges.services import Services
 from txt1.errors import CommandRefused
 from txt1.kernel.ticks import Ticks
-from txt1.mapping import ways
 from txt1.mapping.map_sensors import OnMap
 from txt1.mapping.poses import composed, difference, placed
 from txt1.mapping.sweeps import Sweep
 from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.files import read
 from txt1.model.reeds_shepp import Pose
-from txt1.navigation import follow, go_to, map_pose, plan
+from txt1.navigation import follow, go_to, map_pose, plan, ways
 from txt1.navigation.goto import Blocked, Halted
 from txt1.navigation.plan import NoPath, stretches
 from txt1.robot import Robot

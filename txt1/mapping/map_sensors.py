@@ -30,7 +30,6 @@ from txt1.commands import say
 from txt1.config.schema import SensorConfig
 from txt1.errors import CommandRefused, ConfigError, HalError, MissingExtra
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.mapping import ways
 from txt1.mapping.poses import composed, difference, placed
 from txt1.mapping.scan_work import Mapping, ScanTask, Work, locating, map_of
 from txt1.mapping.seen_floor import OFF_WALLS, SeenFloor
@@ -162,8 +161,6 @@ class NewsSensor:
             if settings.room is not None:
                 # planning needs them; imported with the first goal, they stopped the loop for some cycles
                 import_module("scipy.ndimage")
-                if isinstance(self._worker, Far):
-                    await asyncio.to_thread(ways.prepare)
         except ImportError:
             raise MissingExtra("a map", "fast") from None
 

@@ -2,4 +2,9 @@
 
 from txt1.additions import Addition
 
-ADDITION = Addition(name="navigation")
+ADDITION = Addition(
+    name="navigation",
+    order=6,
+    wanted=lambda config: "mapping" in config.given,
+    prepare="txt1.navigation.ways:ready",
+)

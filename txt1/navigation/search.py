@@ -10,7 +10,7 @@ weighted, so the path is good but not the best.
 A car that stands in a narrow place may have no room for a whole step. A second search, `narrow`, begins with short
 steps in small cells, as in a turn in several moves, and goes on with whole steps some way from the start.
 
-The loops are in `txt1.mapping.ways`, compiled where numba is installed.
+The loops are in `txt1.navigation.ways`, compiled where numba is installed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.mapping.ways import (
+from txt1.model.kinematics import move_along_arc, wrap_angle
+from txt1.model.reeds_shepp import Path, Pose, Segment
+from txt1.model.vehicle import Geometry
+from txt1.navigation.ways import (
     CELL,
     LATTICE,
     NARROW,
@@ -34,9 +37,6 @@ from txt1.mapping.ways import (
     grounds_of,
     loops,
 )
-from txt1.model.kinematics import move_along_arc, wrap_angle
-from txt1.model.reeds_shepp import Path, Pose, Segment
-from txt1.model.vehicle import Geometry
 from txt1.sim.room import Room, clearance
 from txt1.sim.walls import Walls
 
@@ -121,7 +121,7 @@ def heading_at(start: Pose, goal: tuple[float, float], room: Room, body: Geometr
 def ends_of(
     start: Pose, goal: Pose | None, room: Room, body: Geometry, clear: float, keep: float = 0.0, seen: float = inf
 ) -> Ends:
-    """Return the clearance required near the start and the goal, m, as `txt1.mapping.ways` reads it.
+    """Return the clearance required near the start and the goal, m, as `txt1.navigation.ways` reads it.
 
     There their own clearance is enough, at the goal at least `keep` m. So a goal close to a wall does not make the
     whole way narrow. Within `seen` m of the start the body may back up only where the floor was seen.

@@ -10,15 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.mapping import ways
-from txt1.mapping.ways import LEAVING
 from txt1.maps.files import Map
 from txt1.maps.grid import FREE, OCCUPIED, Grid
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Path as ReedsSheppPath
 from txt1.model.reeds_shepp import Pose, Segment, length
 from txt1.model.vehicle import Geometry
-from txt1.navigation import search
+from txt1.navigation import search, ways
 from txt1.navigation.plan import (
     NoPath,
     along,
@@ -29,6 +27,7 @@ from txt1.navigation.plan import (
     stretches,
 )
 from txt1.navigation.search import heading_at
+from txt1.navigation.ways import LEAVING
 from txt1.sim.room import Room, clearance
 from txt1.sim.walls import PLENTY, Walls, walls_of
 

@@ -8,6 +8,7 @@ for each; then the distance in m from the start within which a body may back up 
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from functools import cache
 from heapq import heappop, heappush
@@ -17,12 +18,14 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from txt1.kernel.loop import VirtualTimeLoop
 from txt1.maps.files import Map
 from txt1.maps.grid import FREE, Grid
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.sim.batch import compiled
 from txt1.sim.walls import SLOPE, Walls
 from txt1.sim.walls import STEP as STEP_BESIDE
+from txt1.tasks.on_map import MapInUse
 
 OFF_MAP: Final = 32.0
 """Cells by which a place off the map is deeper than its distance from the map's edge."""
@@ -393,6 +396,13 @@ def grounds_of(walls: Walls, behind: Walls | None, body: tuple[float, float, flo
     frame = (float(x), float(y), cos(yaw), sin(yaw), 1.0 / grid.resolution)
     unseen = walls if behind is None else behind
     return flat(grid.depth), flat(unseen.grid.depth), columns, rows, frame, body, behind is not None
+
+
+async def ready(runtime: Any, _: object) -> None:
+    """Prepare the loops for a robot that drives in a map on the real clock; without numba they run as they are."""
+    there = runtime.part(MapInUse)
+    if there is not None and not there.making and not isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+        await asyncio.to_thread(prepare)
 
 
 def prepare() -> None:
