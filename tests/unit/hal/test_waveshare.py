@@ -14,10 +14,12 @@ from txt1.cars.waveshare import driver as waveshare
 from txt1.cars.waveshare.driver import (
     BoardReport,
     Lines,
+    Paths,
     WaveshareHal,
     WaveshareOptions,
     began_anew,
     goes_on,
+    paths_of,
     report_of,
     rolls_on,
 )
@@ -49,8 +51,8 @@ def test_golden_commands() -> None:
 
 
 def test_golden_reports() -> None:
-    assert report_of(json.loads(UGV)) == BoardReport(0.25, -0.5, 0.56, -0.2, 12.16, -89.0)
-    assert report_of(json.loads(EARLIER)) == BoardReport(0.25, -0.5, 0.56, -0.2, 11.0, 0.3)
+    assert report_of(json.loads(UGV), "cm") == BoardReport(0.25, -0.5, 0.56, -0.2, 12.16, -89.0)
+    assert report_of(json.loads(EARLIER), "m") == BoardReport(0.25, -0.5, 0.56, -0.2, 11.0, 0.3)
     assert report_of({"T": 1005, "L": 1}) is None
     assert report_of({"T": 1001, "L": "1", "R": True, "v": float("nan")}) == BoardReport(*[None] * 6)
 
@@ -344,21 +346,60 @@ def test_larger_numbers_are_malformed(value: Any, expected: float | None) -> Non
 
 
 @pytest.mark.parametrize(
-    ("told", "expected"),
+    ("told", "paths", "expected"),
     [
-        ({"v": 60.0, "odl": 2.0, "odr": 3.0}, (2.0, 3.0, 60.0)),
-        ({"v": 61.0, "odl": 200, "odr": 300}, (2.0, 3.0, 0.61)),
-        ({"odl": 2.0, "odr": 3.0}, (2.0, 3.0, None)),
-        ({"v": 1200, "odl": 200}, (2.0, None, 12.0)),
-        ({"v": 1200, "odr": 200}, (None, 2.0, 12.0)),
+        ({"v": 60.0, "odl": 2.0, "odr": 3.0}, "m", (2.0, 3.0, 60.0)),
+        ({"v": 61.0, "odl": 200, "odr": 300}, "cm", (2.0, 3.0, 0.61)),
+        ({"odl": 2.0, "odr": 3.0}, "auto", (None, None, None)),
+        # the sensor of its voltage is missing
+        ({"v": 0, "odl": 200, "odr": 300}, "auto", (None, None, 0.0)),
+        ({"v": 1200, "odl": 200}, "cm", (2.0, None, 12.0)),
+        ({"v": 1200, "odr": 200}, "cm", (None, 2.0, 12.0)),
     ],
 )
 def test_voltages_that_no_rover_has_are_hundredths_and_paths_then_centimetres(
-    told: dict[str, float], expected: tuple[float | None, ...]
+    told: dict[str, float], paths: Paths, expected: tuple[float | None, ...]
 ) -> None:
-    report = report_of({"T": 1001} | told)
+    assert paths_of(told) == paths
+    report = report_of({"T": 1001} | told, paths)
     assert report is not None
     assert (report.path_left, report.path_right, report.voltage) == expected
+
+
+@pytest.mark.parametrize(("paths", "rolled"), [("auto", 0.5), ("cm", 0.48), ("m", 48.0)])
+def test_without_a_voltage_paths_count_only_in_a_unit_that_is_set(paths: Paths, rolled: float) -> None:
+    """It rolls on for 50 reports at 0.5 m/s, and tells centimetres."""
+    seen: list[Inputs] = []
+
+    async def look(hal: WaveshareHal, script: Kept) -> None:
+        hal.read(0.0)
+        for k in range(51):
+            await script.report(L=0.5, R=0.5, odl=k, odr=k, v=0)
+            await asyncio.sleep(0.02)
+        seen.append(hal.read(1.0))
+
+    scripted(look, paths=paths)
+    (inputs,) = seen
+    assert inputs.odometry is not None
+    if paths == "m":
+        # they fit no speed, so they are not believed
+        assert inputs.link is not None and inputs.link.faults["doubted"] > 0
+    else:
+        assert inputs.odometry.x == pytest.approx(rolled, abs=0.03)
+
+
+def test_a_wrong_digit_in_a_voltage_does_not_change_the_unit_of_paths() -> None:
+    async def look(hal: WaveshareHal, script: Kept) -> None:
+        hal.read(0.0)
+        await script.report(L=0.5, R=0.5, odl=1.0, odr=1.0, v=1216)
+        for k in range(1, 51):
+            await asyncio.sleep(0.02)
+            await script.report(L=0.5, R=0.5, odl=1.0 + 0.01 * k, odr=1.0 + 0.01 * k, v=12.16)
+        told = hal.read(1.0)
+        assert told.odometry is not None and told.odometry.x == pytest.approx(0.5, abs=0.03)
+        assert told.batteries == (12.16, 0.0)
+
+    scripted(look)
 
 
 def at(path: float | None = 0.0, v: float | None = 0.0, gyro: float | None = 0.0) -> BoardReport:
@@ -602,7 +643,7 @@ def test_the_settings_are_those_of_a_rover_with_encoders_unless_others_are_given
         assert {"T": 136, "cmd": 500} in await script.sent()
 
     scripted(look)
-    assert WaveshareOptions() == WaveshareOptions(115200, None, None, "auto", 0.5, 0.001064)
+    assert WaveshareOptions() == WaveshareOptions(115200, None, None, "auto", "auto", 0.5, 0.001064)
     told = WaveshareHal(Kept(), WaveshareOptions(encoders=False), config().geometry, lambda end: end).capabilities
     assert (told.odometry, told.pwm, told.battery, told.halt) == (False, True, True, False)
 
@@ -684,8 +725,8 @@ def test_only_a_report_that_agrees_with_the_doubted_one_is_believed() -> None:
         ([{"L": 0.5, "R": 0.5}, {"L": 0.5, "R": 0.5}], Odometry(0.05, 0.0, 0.0, 0.5, 0.0)),
         ([{"L": -0.5, "R": 0.5}, {"L": -0.5, "R": 0.5}], Odometry(0.0, 0.0, 0.1 / TRACK, 0.0, 1.0 / TRACK)),
         ([{}, {}], Odometry()),
-        # a path that is new, or of one side only, moves nothing by itself
-        ([{"L": 0.5, "R": 0.5}, {"odl": 7.0, "odr": 7.0, "L": 0.5, "R": 0.5}], Odometry(0.0, 0.0, 0.0, 0.5, 0.0)),
+        # a path that is new, or of one side only, moves nothing by itself: the speeds do
+        ([{"L": 0.5, "R": 0.5}, {"odl": 7.0, "odr": 7.0, "L": 0.5, "R": 0.5}], Odometry(0.05, 0.0, 0.0, 0.5, 0.0)),
         ([{"odl": 7.0, "odr": 7.0, "L": 0.5, "R": 0.5}], Odometry(0.0, 0.0, 0.0, 0.5, 0.0)),
         (
             [{"odl": 7.0, "L": 0.5, "R": 0.5}, {"odl": 7.0, "L": 0.5, "R": 0.5}],
@@ -702,7 +743,7 @@ def test_paths_move_the_rover_and_without_them_its_speeds(reports: list[dict[str
             await asyncio.sleep(0.1)
         assert hal.read(1.0).odometry == pytest.approx(expected, abs=1e-12)
 
-    scripted(look)
+    scripted(look, paths="m")
 
 
 def test_a_curve_is_an_arc_and_a_pause_counts_for_a_fifth_of_a_second_at_most() -> None:

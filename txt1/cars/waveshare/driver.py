@@ -43,8 +43,9 @@ LINE_MAX: Final = 2048
 # ms between two reports
 EVERY: Final = 20
 SETTINGS_EVERY: Final = 1.0  # s
-# V: a larger number is in hundredths of a volt, and paths are then in cm
+# V: a larger number is in hundredths of a volt; a smaller one than LOW comes of a sensor that is missing
 HUNDREDTHS: Final = 60.0
+LOW: Final = 5.0
 # m by which paths in whole centimetres jump
 ROUNDED: Final = 0.011
 # m/s at which a side may have rolled on although it reports a stand
@@ -116,6 +117,7 @@ def number(value: Any) -> float | None:
 
 Triple = tuple[float, float, float]
 Up = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
+Paths = Literal["auto", "m", "cm"]
 Model = Literal["ugv-rover", "ugv-beast", "rasp-rover", "ugv01", "wave-rover", "ugv02"]
 # of models whose reports have the PWM counts in place of speeds, as their motors have no encoders
 BLIND: Final = ("wave-rover", "ugv02")
@@ -148,22 +150,36 @@ class BoardReport(NamedTuple):
     gyro: float | None
 
 
-def report_of(found: dict[str, Any], whole: bool = False, gyro_of: str = "gz") -> BoardReport | None:
+def paths_of(found: dict[str, Any]) -> Paths:
+    """Return the unit of the paths that the version of this report's firmware has; auto: the report does not tell.
+
+    Waveshare changed both units in one version, from floats in V and m to whole numbers in 0.01 V and cm. No rover has
+    a battery of more than HUNDREDTHS or less than LOW.
+    """
+    voltage = number(found.get("v"))
+    if voltage is None or voltage < LOW:
+        return "auto"
+    return "cm" if voltage > HUNDREDTHS else "m"
+
+
+def report_of(found: dict[str, Any], paths: Paths = "auto", gyro_of: str = "gz") -> BoardReport | None:
     """Return the report in an object; None if it is another object.
 
-    `whole`: whether this firmware has whole hundredths of a volt and centimetres, as an earlier voltage showed; a
-    report without a voltage does not show it. `gyro_of` is the field of the rate about the vertical axis.
+    `paths` is the unit of its paths; auto: unknown, so they are not used. `gyro_of` is the field of the rate about the
+    vertical axis.
     """
     if found.get("T") != REPORT:
         return None
     left, right, path_left, path_right, voltage, gyro = (
         number(found.get(name)) for name in ("L", "R", "odl", "odr", "v", gyro_of)
     )
-    whole = whole or (voltage is not None and voltage > HUNDREDTHS)
-    if whole:
-        voltage = None if voltage is None else voltage / 100.0
+    if voltage is not None and (paths == "cm" or voltage > HUNDREDTHS):
+        voltage /= 100.0
+    if paths == "cm":
         path_left = None if path_left is None else path_left / 100.0
         path_right = None if path_right is None else path_right / 100.0
+    elif paths == "auto":
+        path_left = path_right = None
     return BoardReport(left, right, path_left, path_right, voltage, gyro)
 
 
@@ -215,6 +231,8 @@ class WaveshareOptions:
     """The rover, whose firmware gives reports their meaning; needed on a real port, unless `encoders` is set."""
     encoders: bool | None = None
     """Whether its motors have encoders; null: as the model says. Without them it takes PWM by control.speed_map."""
+    paths: Paths = "auto"
+    """Unit of the paths that the firmware tells; auto: by the voltage, whose unit changed in the same version."""
     up: Up = "auto"
     """Axis of the board that points up; auto: by gravity, at the first rest."""
     heartbeat: Positive = 0.5
@@ -263,8 +281,9 @@ class WaveshareHal(PlainHal):
         self._batteries: tuple[float, float] | None = None
         # loop time of the last voltage
         self._measured = 0.0
-        # whether its numbers are whole hundredths, as a voltage has shown
-        self._whole = False
+        # the unit of its paths, once two reports have told the same; and what the last one told
+        self._paths: Paths = self._options.paths
+        self._told_paths: Paths = "auto"
         # loop time
         self._set = -SETTINGS_EVERY
         self._bias, self._calm = 0.0, 0
@@ -335,10 +354,11 @@ class WaveshareHal(PlainHal):
 
     def _take(self, data: bytes) -> None:
         for found in self._lines.feed(data):
-            report = report_of(found, self._whole, self._gyro_of)
+            if self._paths == "auto" and found.get("T") == REPORT:
+                told, self._told_paths = self._told_paths, paths_of(found)
+                self._paths = told if told == self._told_paths else "auto"
+            report = report_of(found, self._paths, self._gyro_of)
             if report is not None:
-                if not self._whole and report.voltage is not None:
-                    self._whole = found["v"] != report.voltage
                 self._take_report(self._seen_upright(report, found))
 
     def _take_report(self, report: BoardReport) -> None:
@@ -369,8 +389,6 @@ class WaveshareHal(PlainHal):
             if before is not None and (not rolls_on(before, report, since) or began_anew(before, report, since)):
                 paths = 0.0, 0.0
                 self.line.down("the rover's board restarted: its paths started again at 0")
-        elif None not in now:
-            paths = 0.0, 0.0
         v, omega = 0.5 * (left + right), (right - left) / self._geometry.track_width
         distance, turn = 0.5 * (paths[0] + paths[1]), (paths[1] - paths[0]) / self._geometry.track_width
         rate = self._yaw_rate(report.gyro, still=left == right == 0.0)
