@@ -10,7 +10,7 @@ import sys
 
 from txt1pico import screens
 from txt1pico.core import Core
-from txt1pico.radio import Radio
+from txt1pico.radio import PWM, Radio
 
 try:
     from micropython import heap_lock, heap_unlock
@@ -47,6 +47,14 @@ def hand_of(words):
     return Radio(json.loads(words[1])) if len(words) > 1 else None
 
 
+def of_the_receiver(hand, data, count):
+    """Hand over what a receiver sends: bytes, or three pulses of two bytes each, us."""
+    if hand.protocol != PWM:
+        hand.receive(data, count)
+    elif count == 6:
+        hand.pulses(data[0] | data[1] << 8, data[2] | data[3] << 8, data[4] | data[5] << 8)
+
+
 def serve(core, source, target):
     """Run the core until the other end closes its output."""
     head = memoryview(bytearray(struct.calcsize(REQUEST)))
@@ -63,7 +71,7 @@ def serve(core, source, target):
         if count:
             core.receive(data, count)
         if radioed:
-            core.hand.receive(of_radio, radioed)
+            of_the_receiver(core.hand, of_radio, radioed)
         if periods:
             core.step(right, left, one, two, buttons, periods)
             panel.draw(core)

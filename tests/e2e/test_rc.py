@@ -237,7 +237,9 @@ async def test_the_transmitter_is_told_battery_and_mode() -> None:
 # -- the dialogue -------------------------------------------------------------------------------------------------
 
 
-async def found(receiver: VirtualReceiver, protocol: str = "crsf") -> tuple[dict[str, object], list[str]]:
+async def found(
+    receiver: VirtualReceiver, protocol: str = "crsf", robot: Robot | None = None
+) -> tuple[dict[str, object], list[str]]:
     """The section that the dialogue finds with a person at this transmitter, and what it told."""
     moves = {
         "rest": {"throttle": 0.0, "steering": 0.0, "switch": "hand", "on": True},
@@ -259,7 +261,8 @@ async def found(receiver: VirtualReceiver, protocol: str = "crsf") -> tuple[dict
             receiver.on = False
 
     told: list[str] = []
-    section = await calibration.calibrate(RcParameters(protocol, "x"), ready, told.append, receiver)  # type: ignore[arg-type]
+    given = RcParameters(protocol, "x" if robot is None else "board")  # type: ignore[arg-type]
+    section = await calibration.calibrate(given, ready, told.append, receiver, robot)
     return section, told
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -10,9 +11,10 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
+from tests.e2e.test_rc import found
 from txt1.cars.pico.virtual_pico import Pico, interpreter
 from txt1.config import load
-from txt1.errors import ConfigError, MissingExtra, StopNotVerified
+from txt1.errors import ConfigError, HalError, MissingExtra, StopNotVerified
 from txt1.hal.serial import SerialHal
 from txt1.hal.serial import create as create_serial
 from txt1.hal.simulated_controller import ControllerPort
@@ -136,6 +138,41 @@ async def _outlived(robot: Robot, pico: Pico, receiver: VirtualReceiver) -> None
     receiver.switch = "half way"
     await asyncio.sleep(3.0)
     assert abs(speed(pico)) < 0.02
+
+
+@asynccontextmanager
+async def servo_outputs() -> AsyncIterator[tuple[Robot, Pico, VirtualReceiver]]:
+    """A host that is not armed, and a Pico whose receiver has three servo outputs."""
+    config = load(None, ["hal=serial", "serial.port=pico", "rc.port=board", "rc.protocol=pwm", *ENDLESS]).config
+    hal = create_serial(config)
+    async with Robot.open(hal, config=config, arm=False) as robot:
+        assert isinstance(hal, SerialHal) and isinstance(hal.port, ControllerPort)
+        assert await robot.load_gains(timeout=60.0)
+        pico = hal.port.device
+        assert isinstance(pico, Pico) and pico.radio is not None
+        yield robot, pico, pico.radio
+
+
+async def test_the_dialogue_finds_the_pulses_of_servo_outputs_and_moves_nothing() -> None:
+    async with servo_outputs() as (robot, pico, receiver):
+        section, told = await found(receiver, "pwm", robot)
+        assert pico.hal.vehicle.state.x == 0.0  # type: ignore[attr-defined]
+    pico_settings = json.loads(told[-1].partition(": ")[2])["receiver"]
+    assert pico_settings == {
+        "protocol": "pwm",
+        "pins": [20, 21, 22],
+        "throttle": [1, 1000, 1500, 2000],
+        "steering": [2, 1950, 1480, 1050],
+        "switch": [3, 2000, 1000],
+    }
+    assert (section["port"], section["protocol"]) == ("board", "pwm")
+
+
+async def test_the_dialogue_refuses_servo_outputs_that_hold_the_last_position() -> None:
+    async with servo_outputs() as (robot, _, receiver):
+        receiver.fails = "hold"
+        with pytest.raises(HalError, match=r"goes on telling the last position .* \(2000 us of throttle\)"):
+            await found(receiver, "pwm", robot)
 
 
 async def test_a_layer_without_a_board_has_no_receiver() -> None:

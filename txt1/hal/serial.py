@@ -319,9 +319,9 @@ class SerialHal(PlainHal):
                 return
         self._send(PowerControl(switch, on))
 
-    def permit_hand(self, on: bool) -> None:
+    def permit_hand(self, on: bool, stopped: bool) -> None:
         """Let the hand at a radio control at the board drive, or not; the board keeps it when this host dies."""
-        self._send(RcPermit(on))
+        self._send(RcPermit(on, stopped))
 
     def clear_loops(self, now: float) -> None:
         """Clear the integral that the board's loops wound up while nothing moved: its ESC may be switched on.

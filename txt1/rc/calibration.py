@@ -5,17 +5,20 @@ It moves nothing: it listens to the receiver while a person moves the sticks.
 
 import asyncio
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict
 from statistics import median
 from typing import Any, Final
 
-from txt1.errors import HalError
+from txt1.errors import ConfigError, HalError
+from txt1.hal.serial import SerialHal
 from txt1.link.base import Port
-from txt1.rc.frames import CHANNELS, RcFrame
+from txt1.rc.frames import RcFrame
 from txt1.rc.receiver_port import ReceiverLine
 from txt1.rc.settings import APART, RcParameters, firmware_settings, take_over
 from txt1.rc.take_over import ModeSwitch, RcState, Stick, TakeOver
+from txt1.robot import Robot
 
 # s for which the receiver is listened to after each answer
 LISTENS: Final = 0.5
@@ -29,15 +32,25 @@ Ready = Callable[[str, str], Awaitable[None]]
 """Asks a person to do something (a key for programs, a text), and returns when it is done."""
 
 
-class ReceiverListener:
+class Listener(ABC):
     """Collects what a receiver tells."""
 
-    def __init__(self, parameters: RcParameters, port: Port | None) -> None:
-        self.line = ReceiverLine(parameters.protocol, parameters.port or "", self._take, port)
-        self._protocol = parameters.protocol
-        self._heard: list[tuple[int, ...]] = []
+    def __init__(self) -> None:
         self.rule: TakeOver | None = None
         """Also gets everything, once the channels are known."""
+        self._heard: list[tuple[int, ...]] = []
+
+    @abstractmethod
+    async def open(self) -> None:
+        """Begin to listen; raises HalError."""
+
+    @abstractmethod
+    async def close(self) -> None:
+        """End it."""
+
+    @abstractmethod
+    def silence(self) -> str:
+        """Return why nothing comes, and what to look at."""
 
     def _take(self, heard: RcFrame, now: float) -> None:
         if heard.pulses is not None:
@@ -50,17 +63,77 @@ class ReceiverListener:
         self._heard.clear()
         await asyncio.sleep(LISTENS)
         if not self._heard:
-            raise HalError(
-                f"no frame of {self._protocol} comes{self.line.problem and f' ({self.line.problem})'}: is "
-                "the transmitter on and bound, is the wire at RX, and is it the right rc.protocol (sbus, crsf)?"
-            )
+            raise HalError(self.silence())
         return tuple(float(median(each)) for each in zip(*self._heard, strict=True))
+
+
+class ReceiverListener(Listener):
+    """Listens to a receiver at this computer."""
+
+    def __init__(self, parameters: RcParameters, port: Port | None) -> None:
+        super().__init__()
+        self._line = ReceiverLine(parameters.protocol, parameters.port or "", self._take, port)
+        self._protocol = parameters.protocol
+
+    async def open(self) -> None:
+        """Open the port."""
+        await self._line.open()
+
+    async def close(self) -> None:
+        """Close it."""
+        await self._line.close()
+
+    def silence(self) -> str:
+        """Return what to look at."""
+        return (
+            f"no frame of {self._protocol} comes{self._line.problem and f' ({self._line.problem})'}: is "
+            "the transmitter on and bound, is the wire at RX, and is it the right rc.protocol (sbus, crsf)?"
+        )
+
+
+class BoardListener(Listener):
+    """Listens to the three servo outputs of a receiver at a board, whose hand may not drive meanwhile."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__()
+        if not isinstance(robot.hal, SerialHal):
+            raise ConfigError(f"--rc board: the hardware layer '{robot.hal.name}' has no receiver; choose --hal serial")
+        self._hal = robot.hal
+        self._listening: asyncio.Task[None] | None = None
+
+    async def open(self) -> None:
+        """Forbid the hand, and begin to listen."""
+        self._listening = asyncio.create_task(self._listen())
+
+    async def close(self) -> None:
+        """End it. The board frees the hand a second after this host, as nobody has stopped it."""
+        if self._listening is not None:
+            self._listening.cancel()
+            self._listening = None
+
+    def silence(self) -> str:
+        """Return what to look at."""
+        if self._hal.rc is None:
+            return 'the board tells of no receiver: put `"receiver": {"protocol": "pwm", ...}` into its settings.json'
+        return "no pulses come: is the transmitter on and bound, and are all three servo outputs wired to the pins?"
+
+    async def _listen(self) -> None:
+        last = None
+        while True:
+            self._hal.permit_hand(False, False)
+            told = self._hal.rc
+            if told is not None and told is not last:
+                last, (report, arrived) = told, told
+                pulses = int(report.throttle), int(report.steering), int(report.switch)
+                if all(pulses):
+                    self._take(RcFrame(pulses), arrived)
+            await asyncio.sleep(LOOK)
 
 
 def moved(before: tuple[float, ...], after: tuple[float, ...], what: str, but: tuple[int, ...] = ()) -> int:
     """Return the index of the channel that moved; raises HalError if none or several did. `but`: known channels."""
     ways = [abs(a - b) for a, b in zip(after, before, strict=True)]
-    found = [k for k in range(CHANNELS) if ways[k] >= APART and k not in but]
+    found = [k for k in range(len(before)) if ways[k] >= APART and k not in but]
     if len(found) != 1:
         told = f"the channels {', '.join(str(k + 1) for k in found)} did" if found else "none did"
         raise HalError(
@@ -70,14 +143,20 @@ def moved(before: tuple[float, ...], after: tuple[float, ...], what: str, but: t
 
 
 async def calibrate(
-    parameters: RcParameters, ready: Ready, tell: Callable[[str], None], port: Port | None = None
+    parameters: RcParameters,
+    ready: Ready,
+    tell: Callable[[str], None],
+    port: Port | None = None,
+    robot: Robot | None = None,
 ) -> dict[str, Any]:
     """Ask a person to move each stick and the switch, and to switch the transmitter off; return the section `rc`.
 
+    `robot` has the board of a receiver whose port is board; it is not armed.
+
     Raises HalError: the receiver cannot be heard, or goes on telling positions without its transmitter.
     """
-    listener = ReceiverListener(parameters, port)
-    await listener.line.open()
+    listener: Listener = ReceiverListener(parameters, port) if robot is None else BoardListener(robot)
+    await listener.open()
     try:
         await ready("rest", "Switch the transmitter on, let go of its sticks, and put its switch to hand.")
         rest = await listener.pulses()
@@ -107,15 +186,18 @@ async def calibrate(
         await _tells_its_loss(listener, listener.rule, sticks["throttle"])
         tell("the receiver tells the loss of its transmitter")
         pico = firmware_settings(found.throttle, found.steering, found.switch, found.protocol)
-        tell(f"the same for settings.json of a Pico: {json.dumps({'receiver': pico})}")
+        told = "the same for settings.json of a Pico"
+        if robot is not None:
+            told = "for settings.json of the Pico, if the receiver has the pins 20, 21, 22 there now"
+        tell(f"{told}: {json.dumps({'receiver': pico})}")
         await ready("on", "Let go, and switch the transmitter on again.")
         await listener.pulses()
         return {name: value for name, value in asdict(found).items() if value is not None}
     finally:
-        await listener.line.close()
+        await listener.close()
 
 
-async def _tells_its_loss(listener: ReceiverListener, rule: TakeOver, throttle: Stick) -> None:
+async def _tells_its_loss(listener: Listener, rule: TakeOver, throttle: Stick) -> None:
     """Raise HalError unless the receiver tells the loss soon, and goes on telling it."""
     loop = asyncio.get_running_loop()
     await asyncio.sleep(TELLS)

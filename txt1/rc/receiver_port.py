@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Final
 
-from txt1.errors import LinkLost
+from txt1.errors import ConfigError, LinkLost
 from txt1.link.base import Link, Port
 from txt1.link.device import DevicePort
 from txt1.link.silence import Watched
@@ -21,6 +21,8 @@ class ReceiverLine:
     def __init__(
         self, protocol: str, address: str, take: Callable[[RcFrame, float], None], port: Port | None = None
     ) -> None:
+        if protocol not in PROTOCOLS:
+            raise ConfigError(f"rc.protocol: {protocol} is for a receiver at a board (--rc board); choose sbus or crsf")
         chosen = PROTOCOLS[protocol]
         self._decoder = chosen.decoder
         self._decoding = chosen.decoder()

@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager
 from math import inf
 from typing import Final
 
+from txt1.control.limits import Fault
 from txt1.errors import ConfigError
 from txt1.hal.serial import SerialHal
 from txt1.kernel.ticks import Ticks
@@ -34,6 +35,9 @@ TOLD: Final = {
     RcState.HALF_WAY: "the hand holds it at zero",
     RcState.COMPUTER: "the computer may drive, by a fresh command",
 }
+
+OF_THE_HOST: Final = frozenset((Fault.LINK, Fault.MISSED, Fault.SLEPT))
+"""Faults of this computer or its line, which say nothing about the car: they bind the hand only while it is heard."""
 
 LETTERS: Final = {
     RcState.LOST: "LOST",
@@ -183,9 +187,10 @@ class BoardHand(RcHand):
         if not isinstance(robot.hal, SerialHal):
             raise ConfigError(f"rc.port: board: the hardware layer '{robot.hal.name}' has no receiver; give its port")
         self._hal = robot.hal
-        # what the board was told last, and when it is told again, s of the run
-        self._permitted: bool | None = None
+        # what the board was told last, permitted and stopped, and when it is told again, s of the run
+        self._told_board: tuple[bool, bool] | None = None
         self._due = 0.0
+        self._was_armed = robot.armed
 
     async def open(self) -> None:
         """Do nothing: the board reports by itself."""
@@ -212,15 +217,25 @@ class BoardHand(RcHand):
 
     def let_go(self) -> None:
         """Forbid the hand for a moment: a board that permits it again waits for the throttle's neutral."""
-        self._hal.permit_hand(False)
-        self._permitted = False
+        self._hal.permit_hand(False, self._stopped)
+        self._told_board = None
 
     def tell(self, now: float, state: RcState) -> None:
         """Tell the board whether the hand may drive: at once when that changes, and again and again."""
         armed = self._robot.armed
-        if self._hal.rc is not None and (armed is not self._permitted or now >= self._due):
-            self._permitted, self._due = armed, now + TELEMETRY_PERIOD
-            self._hal.permit_hand(armed)
+        self._was_armed |= armed
+        told = armed, self._stopped
+        if self._hal.rc is not None and (told != self._told_board or now >= self._due):
+            self._told_board, self._due = told, now + TELEMETRY_PERIOD
+            self._hal.permit_hand(*told)
+
+    @property
+    def _stopped(self) -> bool:
+        """Whether somebody stopped or disarmed the robot, or the car has a fault: this outlives the host."""
+        gate = self._robot.runtime.gate
+        if gate.armed:
+            return False
+        return gate.stopped or (self._was_armed and gate.closed_by not in OF_THE_HOST)
 
 
 def _check_priorities(robot: Robot) -> None:

@@ -23,6 +23,9 @@ class Protocol(NamedTuple):
 BOARD: Final = "board"
 """The port of a receiver that is at the board, such as a Pico."""
 
+PWM_PINS: Final = 20, 21, 22
+"""A Pico's pins for the three servo outputs of a receiver, in the drawing."""
+
 PROTOCOLS: Final[dict[str, Protocol]] = {
     "sbus": Protocol(100_000, "8E2", SbusDecoder),
     "crsf": Protocol(420_000, "8N1", CrsfDecoder),
@@ -36,8 +39,8 @@ UNKNOWN_SWITCH: Final = ModeSwitch()
 class RcParameters:
     """A radio control receiver; `txt1 calibrate --rc PORT` finds all of it."""
 
-    protocol: Literal["sbus", "crsf"] = "crsf"
-    """SBUS, or CRSF (ExpressLRS, Crossfire)."""
+    protocol: Literal["sbus", "crsf", "pwm"] = "crsf"
+    """SBUS, or CRSF (ExpressLRS, Crossfire); pwm: three servo outputs, at a board only."""
     port: str | None = None
     """Serial device, socket://host:port, or board: the board has the receiver; null: as --rc says."""
     speed: Positive | None = None
@@ -82,5 +85,10 @@ def firmware_settings(
         name: [stick.channel, round(stick.least), round(stick.middle), round(stick.most)]
         for name, stick in (("throttle", throttle), ("steering", steering))
     }
-    lines = {"protocol": protocol, "uart": 1, "rx_pin": 9, "tx_pin": 8}
-    return {**lines, **rows, "switch": [switch.channel, round(switch.hand), round(switch.computer)]}
+    lines: dict[str, object] = {"protocol": protocol, "uart": 1, "rx_pin": 9, "tx_pin": 8}
+    channel = switch.channel
+    if protocol == "pwm":
+        # the pins stand in the order of throttle, steering and switch
+        lines = {"protocol": protocol, "pins": [PWM_PINS[each.channel - 1] for each in (throttle, steering, switch)]}
+        rows["throttle"][0], rows["steering"][0], channel = 1, 2, 3
+    return {**lines, **rows, "switch": [channel, round(switch.hand), round(switch.computer)]}

@@ -1,6 +1,7 @@
 """A virtual receiver of a radio control, and its transmitter: a port whose sticks and faults a program sets."""
 
 import asyncio
+import struct
 from collections.abc import Sequence
 from typing import Final, Literal
 
@@ -10,8 +11,8 @@ from txt1.link.virtual_device import VirtualDevice
 from txt1.rc.frames import CHANNELS, CRSF_CHANNELS, CRSF_STATISTICS, SBUS_FAILSAFE, SBUS_HEAD, SBUS_LOST, crsf_frame
 from txt1.rc.take_over import ModeSwitch, Stick
 
-# s between two frames: of SBUS, of CRSF at 150 Hz
-PERIODS: Final = {"sbus": 0.014, "crsf": 1.0 / 150.0}
+# s between two frames: of SBUS, of CRSF at 150 Hz; between two pulses of a servo output
+PERIODS: Final = {"sbus": 0.014, "crsf": 1.0 / 150.0, "pwm": 0.02}
 # frames of channels between two link statistics
 STATISTICS_EVERY: Final = 15
 # s for which a receiver repeats the channels, marked as lost, before it tells the failsafe
@@ -41,7 +42,7 @@ def sbus_frame(pulses: Sequence[float], flags: int = 0) -> bytes:
 
 
 class VirtualReceiver(VirtualDevice):
-    """The receiver and its transmitter, as a port."""
+    """The receiver and its transmitter, as a port. By `pwm` it sends three pulses, us, of two bytes each."""
 
     address = "a virtual receiver"
 
@@ -56,7 +57,9 @@ class VirtualReceiver(VirtualDevice):
         """Whether the port can be opened."""
         self.got = b""
         """All bytes from the host."""
-        self._protocol, self._fails = protocol, fails
+        self.fails = fails
+        """Its behaviour without its transmitter."""
+        self._protocol = protocol
         self._lost_at = 0.0
         self._pulses: list[float] = [1500.0] * CHANNELS
         self._sending: asyncio.Task[None] | None = None
@@ -101,17 +104,19 @@ class VirtualReceiver(VirtualDevice):
             middle = 0.5 * (SWITCH.hand + SWITCH.computer)
             places = {"hand": SWITCH.hand, "half way": middle, "computer": SWITCH.computer}
             self._pulses[SWITCH.channel - 1] = places[self.switch]
-        elif self._fails == "silent":
+        elif self.fails == "silent":
             return b""
-        elif self._fails == "out of range":
+        elif self.fails == "out of range":
             self._pulses[THROTTLE.channel - 1] = 880.0
+        if self._protocol == "pwm":
+            return struct.pack("<3H", *(round(self._pulses[each.channel - 1]) for each in (THROTTLE, STEERING, SWITCH)))
         if self._protocol == "sbus":
             flags = 0
-            if not self.on and self._fails == "flagged":
+            if not self.on and self.fails == "flagged":
                 flags = SBUS_LOST | (SBUS_FAILSAFE if now - self._lost_at > HOLDS else 0)
             return sbus_frame(self._pulses, flags)
         if count % STATISTICS_EVERY == 0:
-            quality = 100 if self.on or self._fails != "statistics" else 0
+            quality = 100 if self.on or self.fails != "statistics" else 0
             return crsf_frame(CRSF_STATISTICS, bytes((60, 60, quality, 10, 0, 4, 3, 60, quality, 10)))
         return crsf_frame(CRSF_CHANNELS, packed(self._pulses))
 

@@ -110,7 +110,8 @@ class Core:
         self._manual_ok = False
         self.hand = hand
         self._held = False  # whether the hand holds the wheel, or nobody may
-        self._permitted = True  # whether the host lets the hand drive; it stays if the host dies
+        self._permitted = True  # whether the host lets the hand drive
+        self._stopped = False  # whether somebody at a host has stopped it, which outlives the host
         self._permit_age = AGE_MAX
         self._must_rest = False  # whether the host has to ask for zero before it drives again
 
@@ -174,7 +175,7 @@ class Core:
         elif command == facts.POWER_CONTROL:
             self._switch(buffer[data], buffer[data + 1])
         elif command == facts.RC_PERMIT:
-            self._permit(buffer[data])
+            self._permit(buffer[data], buffer[data + 1])
         elif command == facts.IDENTITY:
             if buffer[at + 2] == 0:
                 self._identify()
@@ -193,10 +194,11 @@ class Core:
         self._omega = clip(16 * omega, abs(v) * 16000 // facts.RADIUS_MIN)
         self._age, self._epoch_ok = 0, True
 
-    def _permit(self, on):
-        """Let the hand drive, or not: a host that is disarmed binds it, and from then on also by its death."""
-        if on > 1 or self.hand is None:
+    def _permit(self, on, stopped):
+        """Let the hand drive, or not; a stop binds it until a host permits it, whatever other hosts tell meanwhile."""
+        if on > 1 or stopped > 1 or self.hand is None:
             return
+        self._stopped = not on and (self._stopped or stopped == 1)
         self._permit_age = 0
         if on and not self._permitted:
             self.hand.let_go()
@@ -283,10 +285,12 @@ class Core:
 
     def _send_hand(self):
         transmitter, hand = self.transmitter, self.hand
-        if transmitter.begin(facts.RC_REPORT, 6):
+        if transmitter.begin(facts.RC_REPORT, 12):
             transmitter.int16(hand.state)
             transmitter.int16(hand.v)
             transmitter.int16((hand.omega + 8) >> 4)
+            for k in range(3):
+                transmitter.int16(hand.heard[k])
             transmitter.finish()
 
     def _send_battery(self):
@@ -394,6 +398,10 @@ class Core:
         """See who drives by the radio control; a host that drives again has to ask for zero first."""
         hand = self.hand
         hand.step(dt)
+        if not (self._permitted or self._stopped or self.link_alive) and self._permit_age > PERMITS:
+            # nobody stopped it, and its host is dead: as at power-up, it waits for the throttle's neutral
+            self._permitted = True
+            hand.lose()
         held = hand.state != radio.COMPUTER
         if held:
             self._must_rest = True

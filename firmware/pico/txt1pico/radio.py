@@ -56,6 +56,7 @@ class Radio:
         state: who drives.
         v: set-point of the sticks, mm/s; 0 unless they drive.
         omega: 1/16 mrad/s.
+        heard: the last pulses of throttle, steering and switch, us, also those that no stick makes; 0 after a loss.
         faults: bytes of a frame in vain.
 
     """
@@ -75,6 +76,7 @@ class Radio:
         self._waiting = self._let_go = True
         self.state = LOST
         self.v = self.omega = self.faults = 0
+        self.heard = array("h", (0, 0, 0))
         self.telemetry = bytearray(28)
         self.telemetry_length = 0
         self._to_tell = 0
@@ -97,6 +99,7 @@ class Radio:
 
     def lose(self):
         """Take the loss of the transmitter."""
+        self.heard[0] = self.heard[1] = self.heard[2] = 0
         self._waiting = self._let_go = True
         self.state = LOST
         self.v = self.omega = 0
@@ -188,7 +191,8 @@ class Radio:
 
     def take(self, throttle, steering, switch):
         """Take the pulses of a frame, us; one that no stick makes does not count."""
-        a, b = self._throttle, self._steering
+        a, b, heard = self._throttle, self._steering, self.heard
+        heard[0], heard[1], heard[2] = throttle, steering, switch
         ahead = place(throttle, a[1], a[2], a[3])
         left = place(steering, b[1], b[2], b[3])
         hand, computer = self._switch[1], self._switch[2]

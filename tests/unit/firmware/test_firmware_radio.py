@@ -179,8 +179,10 @@ def test_a_stop_of_the_host_binds_the_hand_and_outlives_the_host() -> None:
     car.throttle = 1800
     car.run(0.5)
     assert car.moves
-    car.run(1.0, lambda k: [RcPermit(False), Velocity(0.0, 0.0)])
+    car.run(1.0, lambda k: [RcPermit(False, True), Velocity(0.0, 0.0)])
     assert not car.moves
+    # another host begins, and is not armed
+    car.run(1.0, lambda k: [RcPermit(False), Velocity(0.0, 0.0)])
     for switch in ("computer", "hand"):
         car.switch, car.throttle = switch, 1500
         car.run(1.5)
@@ -194,6 +196,32 @@ def test_a_stop_of_the_host_binds_the_hand_and_outlives_the_host() -> None:
     car.throttle = 1800
     car.run(0.3)
     assert car.moves
+
+
+def test_a_host_that_dies_unarmed_frees_the_hand_which_has_to_let_go_first() -> None:
+    """It was not armed yet, or hung and lost its arming: nobody has stopped the car."""
+    car = Car()
+    car.throttle = 1800
+    car.run(2.0, lambda k: [RcPermit(False), Velocity(0.0, 0.0)])
+    assert not car.moves, "the gate of a host that is heard binds the hand"
+    car.run(5.0)
+    assert not car.moves, "the stick is held"
+    car.throttle = 1500
+    car.run(1.5)
+    car.throttle = 1800
+    car.run(0.3)
+    assert car.moves
+
+
+def test_a_host_that_hangs_unarmed_binds_the_hand_again_when_it_goes_on() -> None:
+    car = Car()
+    car.run(1.0, lambda k: [RcPermit(False), Velocity(0.0, 0.0)])
+    car.run(3.0)
+    car.throttle = 1800
+    car.run(0.5)
+    assert car.moves
+    car.run(0.5, lambda k: [RcPermit(False), Velocity(0.0, 0.0)])
+    assert not car.moves
 
 
 def test_an_esc_that_is_off_stays_off_under_the_hand() -> None:

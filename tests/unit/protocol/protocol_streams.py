@@ -33,9 +33,9 @@ LENGTHS = {
         0x6E: {2},
         0x6F: {8},
         0x70: {12 + 16 * n for n in range(15)},
-        0x72: {1},
+        0x72: {2},
     },
-    Role.HOST: {0x68: {20}, 0x6A: {4}, 0x70: {1}, 0x71: {6}},
+    Role.HOST: {0x68: {20}, 0x6A: {4}, 0x70: {1}, 0x71: {12}},
 }
 
 
@@ -66,14 +66,14 @@ HOST_MESSAGES: st.SearchStrategy[HostMessage] = st.one_of(
     st.builds(PwmTest, counts(), counts(), counts(), counts(), counts()),
     st.builds(PowerControl, st.sampled_from(Switch), st.booleans()),
     st.builds(PwmCommand, counts(), counts()),
-    st.builds(RcPermit, st.booleans()),
+    st.builds(RcPermit, st.booleans(), st.booleans()),
     st.builds(PidSet, st.tuples(int32(), int32(), int32()), SETS),
 )
 BOARD_MESSAGES: st.SearchStrategy[BoardMessage] = st.one_of(
     st.builds(EncoderOdometry, int32(), int32(), int32(), int32(), int32()),
     st.builds(BatteryLevels, uint16(), uint16()),
     st.builds(PidResponse, st.booleans()),
-    st.builds(RcReport, short(), short(), short()),
+    st.builds(RcReport, *(short() for _ in range(6))),
 )
 MESSAGES = {Role.BOARD: HOST_MESSAGES, Role.HOST: BOARD_MESSAGES}
 

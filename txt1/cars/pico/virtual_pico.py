@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from struct import Struct
 from typing import IO, Final, NamedTuple
@@ -95,8 +96,10 @@ class Pico(VirtualDevice):
         """The joystick's buttons that are held down."""
         self.radio: VirtualReceiver | None = None
         """A virtual receiver of a radio control, if `rc.port` is board."""
-        if config.section(RcParameters).port == BOARD:
-            self.radio = VirtualReceiver("crsf")
+        given = config.section(RcParameters)
+        self._protocol = given.protocol
+        if given.port == BOARD:
+            self.radio = VirtualReceiver(given.protocol)
         self._process: subprocess.Popen[bytes] | None = None
         self._cycles: asyncio.Task[None] | None = None
         self._counts = (0, 0)
@@ -147,7 +150,13 @@ class Pico(VirtualDevice):
     @property
     def _words(self) -> list[str]:
         """The settings of the receiver, for the firmware."""
-        return [] if self.radio is None else [json.dumps(firmware_settings(THROTTLE, STEERING, SWITCH))]
+        if self.radio is None:
+            return []
+        sticks = THROTTLE, STEERING, SWITCH
+        if self._protocol == "pwm":
+            # its inputs, in the order of the setting
+            sticks = replace(THROTTLE, channel=1), replace(STEERING, channel=2), replace(SWITCH, channel=3)
+        return [json.dumps(firmware_settings(*sticks, self._protocol))]
 
     def _radioed(self, data: bytes) -> None:
         self._exchange(0, (0, 0), (0, 0), b"", data)

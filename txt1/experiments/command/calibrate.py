@@ -33,7 +33,7 @@ from txt1.kernel.processors import processors
 from txt1.kit.app import App, get_ready
 from txt1.kit.options import ROBOT, loaded
 from txt1.rc import calibration as rc_calibration
-from txt1.rc.settings import RcParameters
+from txt1.rc.settings import BOARD, RcParameters
 from txt1.robot import Robot
 from txt1.safe_yaml import read_yaml
 from txt1.trials.run import run
@@ -77,8 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             ),
             "--rc": takes(
                 "PORT",
-                "ask only for a radio control whose receiver is at PORT: find its channels, and check that it tells "
-                "the loss of its transmitter",
+                "ask only for a radio control whose receiver is at PORT, or board (a Pico's servo inputs): find "
+                "its channels, and check that it tells the loss of its transmitter",
             ),
             "--robot": takes("NAME", "with --sensors: name of the robot, if the recording has several"),
             "--ask": flag("ask you about a simulated car, too, and not a simulated operator"),
@@ -169,18 +169,26 @@ def _radio(arguments: argparse.Namespace) -> int:
         raise ConfigError("--rc: calibrate writes a file: add --write FILE.yaml, for example --write mycar.yaml")
     if not sys.stdin.isatty():
         raise ConfigError("--rc: calibrate asks questions: it needs a terminal")
-    tree = _tree(str(file) if file.exists() else loaded(arguments).config.vehicle)
+    if arguments.rc == BOARD:
+        arguments.set = [*arguments.set, "rc.port=board", "rc.protocol=pwm"]
     config = loaded(arguments).config
+    tree = _tree(str(file) if file.exists() else config.vehicle)
     person = Person()
     given = replace(config.section(RcParameters), port=arguments.rc)
+    app = App()
 
     async def asked() -> None:
-        tree["rc"] = await rc_calibration.calibrate(given, person.ready, person.tell)
+        if arguments.rc == BOARD:
+            async with app.robot(config, hal=create(config)) as robot:
+                await robot.linked(10.0)
+                tree["rc"] = await rc_calibration.calibrate(given, person.ready, person.tell, robot=robot)
+        else:
+            tree["rc"] = await rc_calibration.calibrate(given, person.ready, person.tell)
         run_folder.make(file.parent)
         _write(file, tree)
         print(f"{file}: written; drive with --vehicle {file} --rc")
 
-    return App().run(asked())
+    return app.run(asked())
 
 
 def _sensors(arguments: argparse.Namespace) -> int:
