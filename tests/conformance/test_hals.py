@@ -863,3 +863,17 @@ class TestPiOnARover(HalConformance):
 
     def make(self) -> Hal:
         return create(on_a_pi("rover", motor=[0, 1], encoders=[[17, 27], [22, 23]]))
+
+
+@pytest.mark.parametrize("vehicle", ["f1tenth", "rover"])
+def test_an_unknown_esc_is_told_and_not_taken_for_broken_encoders(vehicle: str) -> None:
+    class Unknown(TestPiOnARover if vehicle == "rover" else TestPiWithOneEncoder):  # type: ignore[misc]
+        def make(self) -> Hal:
+            pins: dict[str, Any] = {"encoders": [[17, 27]]}
+            if vehicle == "rover":
+                pins = {"motor": [0, 1], "encoders": [[17, 27], [22, 23]]}
+            return create(on_a_pi(vehicle, reverse=None, **pins))
+
+    with pytest.raises(SkipTest, match=r"as hal_options\.reverse is not set: the step 'reverse' of txt1 calibrate"):
+        Unknown().test_forward_is_positive_and_backward_negative()
+    Unknown().test_front_to_the_left_and_rear_to_the_right_turn_left()

@@ -285,6 +285,7 @@ class HalConformance(Conformance[Hal]):
         for outputs, sign in ((FORWARD, 1), (BACKWARD, -1)):
             before = await self.hold(NEUTRAL, self.settle)
             after = await self.hold(outputs, self.drive)
+            self.follows(outputs, after)
             given = f"motor {outputs.motor}" if self.can.pwm else f"v {outputs.v} m/s"
             if ticks := _rolled(before, after):
                 told = f"are forward positive, but {given} changed them by right {ticks[0]}, left {ticks[1]}"
@@ -317,7 +318,9 @@ class HalConformance(Conformance[Hal]):
         paths = []
         for outputs in (FORWARD, PIVOT):
             before = await self.hold(NEUTRAL, self.settle)
-            paths.append(_rolled(before, await self.hold(outputs, self.drive)) or (0, 0))
+            after = await self.hold(outputs, self.drive)
+            self.follows(outputs, after)
+            paths.append(_rolled(before, after) or (0, 0))
         (right, left), (turning_right, turning_left) = paths
         alike = all(0 < b / ALIKE < a < b * ALIKE for a, b in ((turning_right, right), (-turning_left, left)))
         given = f"motor {FORWARD.motor} rolls them by {paths[0]} ticks and rear {PIVOT.rear} by {paths[1]}"
@@ -461,6 +464,12 @@ class HalConformance(Conformance[Hal]):
             promise(moved < NOTICEABLE, "Hal.write", f"neutral holds the robot, but it moved {moved:.3f} m")
             moved = _moved(after, await self.hold(FORWARD, 2.0 * self.drive))
             promise(moved > NOTICEABLE, "Hal.write", f"is obeyed again after the outage, but it moved {moved:.3f} m")
+
+    def follows(self, outputs: Outputs, after: Inputs) -> None:
+        """Skip the test if the HAL says that its motors do not follow these outputs, such as an unknown ESC."""
+        if after.held:
+            why = "" if after.link is None else f": {after.link.text}"
+            raise SkipTest(f"the HAL holds its motors at motor {outputs.motor}, v {outputs.v} m/s{why}")
 
     def is_ready(self) -> bool:
         """Return whether the device may be driven."""
