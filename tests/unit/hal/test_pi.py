@@ -22,7 +22,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.patience import LIMIT, wait_until
+from tests.patience import LIMIT, until, wait_until
 from txt1.cars.pi import driver
 from txt1.cars.pi import guard as pi_guard
 from txt1.cars.pi.chips import FileBus, Pca9685Chip, VirtualBus, pulse_of
@@ -1576,6 +1576,39 @@ def pretends(program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     (tmp_path / "guard.py").write_text(program)
     monkeypatch.setattr(pi_guard, "__file__", str(tmp_path / "guard.py"))
     return Process(setup(bus=str(tmp_path / "registers")))
+
+
+FAILS = """
+import os, struct
+os.write(1, struct.pack("<?dqq", True, -1.0, 0, 0))
+while os.read(0, 4096):
+    os.write(1, struct.pack("<?dqq", False, -1.0, 0, 0))
+"""
+
+
+def test_a_bus_that_fails_is_opened_again_by_another_guard_with_growing_pauses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process, registers = pretends(FAILS, tmp_path, monkeypatch), tmp_path / "registers"
+
+    async def body() -> None:
+        async def answer(now: float) -> bool:
+            process.put((1500.0, 1500.0), now)
+            given: list[Any] = []
+            await until(lambda: given.append(process.heard(now)) or given[-1] is not None)
+            return bool(given[-1].done)
+
+        await process.open()
+        for now, ends in ((0.0, 2.1), (2.2, 4.2), (4.3, 8.3), (8.4, 16.4), (16.5, 26.5)):
+            guards = processes_of(registers)
+            for at in (now, ends - 0.2):
+                assert not await answer(at)
+            with pytest.raises(HalError, match="their guard was ended, as the bus fails"):
+                await answer(ends)
+            await until(lambda before=guards: processes_of(registers) not in ([], before))
+        await process.close()
+
+    run(body())
 
 
 @pytest.mark.parametrize(

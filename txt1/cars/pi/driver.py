@@ -29,6 +29,7 @@ from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
 from txt1.hal.plain_hal import PlainHal
 from txt1.hal.registry import BUSES, VIRTUAL
 from txt1.installing import installs
+from txt1.link.silence import Ladder
 from txt1.model.channels import STRAIGHT, Channels
 from txt1.model.odometry import Odometry, rolled
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry, sides
@@ -50,8 +51,8 @@ SETTLED: Final = 1.0
 NOTHING: Final = 1.0
 # s without an edge of an encoder after which the car stands
 STILL: Final = 0.1
-# s after which a new guard is started when a guard has ended
-AGAIN: Final = 1.0
+# s for which the bus may fail, and then between the first two attempts to start a new guard
+PATIENCE: Final = 2.0
 # s that a guard may take to start, as Python on a Raspberry Pi 3; doubled each time that it was not enough
 START: Final = 10.0
 NOT_NEUTRAL: Final = (
@@ -163,6 +164,10 @@ class Process:
     A guard that does not answer is killed. A servo board keeps the last pulse. So when a guard was killed, this process
     puts out neutral itself, and only then starts another guard: two processes never write at the same time. A thread
     makes all calls that may block in the bus, and no caller waits for it longer than `WRITES`.
+
+    A bus that fails for `PATIENCE` s is opened again, by a new guard, for ever and with growing pauses
+    (`txt1.link.silence`): the adapter of a bus may have been plugged out and in. The servo board itself gets pulses all
+    the time, so it is not greeted; a guard sets it up when it answers again.
     """
 
     def __init__(self, setup: GuardSetup) -> None:
@@ -174,6 +179,7 @@ class Process:
         self._rest = b""
         # time since which pulses wait for an answer, s of the run
         self._unanswered = inf
+        self._ladder = Ladder(PATIENCE, greets=False)
         # s that the next guard may take to start
         self._patience = START
 
@@ -208,8 +214,7 @@ class Process:
         process = self._process
         if process is None or process.stdout is None:
             if now >= self._again and (self._starting is None or self._starting.done()):
-                self._again = now + AGAIN
-                self._starting = asyncio.ensure_future(self._start_again())
+                self._begin_again(now)
             return None
         try:
             data = os.read(process.stdout.fileno(), 4096)
@@ -224,12 +229,29 @@ class Process:
         data = self._rest + data
         whole = len(data) // ANSWER.size * ANSWER.size
         self._rest = data[whole:]
-        return answer_of(data[whole - ANSWER.size : whole]) if whole else None
+        if not whole:
+            return None
+        answer = answer_of(data[whole - ANSWER.size : whole])
+        if answer.done:
+            self._ladder.heard(now)
+        elif self._ladder.due == inf:
+            # the first answer of all
+            self._ladder.heard(now)
+        elif now >= self._ladder.due:
+            self._give_up(process, now, "was ended, as the bus fails")
+        return answer
 
     def _give_up(self, process: subprocess.Popen[bytes], now: float, reason: str) -> NoReturn:
-        self._process, self._ended, self._again = None, process, now + AGAIN
-        self._starting = asyncio.ensure_future(self._start_again())
+        self._process, self._ended = None, process
+        self._ladder.lost(now)
+        self._begin_again(now)
         raise HalError(f"the outputs are lost: their guard {reason}")
+
+    def _begin_again(self, now: float) -> None:
+        """Start another guard, and see when the next one is due if this one does not start."""
+        self._ladder.connected(now)
+        self._again = self._ladder.due
+        self._starting = asyncio.ensure_future(self._start_again())
 
     async def _start_again(self) -> None:
         ended = self._ended
