@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from math import inf
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import numpy as np
 from annotated_types import Ge, Le, MinLen
@@ -12,10 +12,21 @@ from numpy.typing import NDArray
 
 from txt1.config.sources import checked
 from txt1.errors import HalError, MissingExtra
+from txt1.kernel.clock import RealClock, seconds
 from txt1.sensors.base import Setup
 from txt1.sensors.frame_grabber import Frames
 from txt1.sensors.readings import CAMERA_MOUNT, Image, Mount, image_topic
 from txt1.units import NotNegative, Positive, PositiveInt
+
+
+# s without a picture after which the camera is begun again; and until it has begun
+PICTURE_PATIENCE: Final = 5.0
+START_PATIENCE: Final = 30.0
+SILENT: Final = "the camera sends no pictures any more: is it plugged in, and does no other program use it?"
+# s between two looks whether a picture has come
+LOOK: Final = 0.005
+
+_clock: Final = RealClock()
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +34,7 @@ class VideoOptions:
     """The source of the pictures, and their rate."""
 
     source: Annotated[str, MinLen(1)] = "/dev/video0"
-    """A V4L2 device, or a video file."""
+    """A V4L2 device, a video file, or the address of a stream, such as http://192.168.1.8/video.mjpg."""
     width: PositiveInt = 640
     """Width requested from a device, pixels."""
     height: PositiveInt = 480
@@ -51,6 +62,11 @@ def jpeg(picture: NDArray[np.uint8], quality: int = 75) -> bytes:
     return data.getvalue()
 
 
+def is_live(source: str) -> bool:
+    """Return whether pictures come from a device or a stream, so that their absence is silence."""
+    return source.startswith("/dev/") or "://" in source
+
+
 def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[Image | None]:
     """Yield the pictures of the source as they come, those of a file at its own pace by `wait`.
 
@@ -60,28 +76,32 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
         import av
     except ImportError:
         raise MissingExtra("a camera", "camera") from None
-    device = given.source.startswith("/dev/")
-    size = {"video_size": f"{given.width}x{given.height}"}
+    device, live = given.source.startswith("/dev/"), is_live(given.source)
+    # a device that does not block: its silence has to be noticed
+    options = {"video_size": f"{given.width}x{given.height}", "fflags": "nonblock"} if device else {}
+    timeout = (START_PATIENCE, PICTURE_PATIENCE) if live else None
     while True:
         try:
-            container = av.open(given.source, format="v4l2" if device else None, options=size if device else {})
-        except (OSError, ValueError) as error:
-            # PyAV's errors are also these
-            remedy = "is the camera plugged in, and are you in the group video?" if device else "is it a video file?"
+            container = av.open(given.source, format="v4l2" if device else None, options=options, timeout=timeout)
+        except (OSError, ValueError, av.FFmpegError) as error:
+            # most of PyAV's errors are OSError or ValueError, too; a time-out is neither
+            remedy = "is it a video file?"
+            if live:
+                remedy = "is the camera plugged in, and are you in the group video?" if device else "is the camera on?"
             why = getattr(error, "strerror", None) or error
             raise HalError(f"{given.source}: {why}: {remedy}") from None
         with container:
             if not container.streams.video:
                 raise HalError(f"{given.source}: there is no picture in it: is it a video file?")
             last, began = -inf, None
-            for frame in _decoded(container):
+            for frame in _waited_for(container, wait) if live else _decoded(container):
                 if frame is None:
                     yield None
                     continue
                 time = frame.time if frame.time is not None else last + 1.0 / given.rate
                 if time < last + 1.0 / given.rate - 1e-6:
                     continue
-                if not device:
+                if not live:
                     wait(0.0 if began is None else min(max(time - last, 0.0), 1.0))
                 last = began = time
                 yield Image(
@@ -90,7 +110,7 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
                     jpeg(np.asarray(frame.to_ndarray(format="rgb24"), np.uint8), given.quality),
                     given.mount,
                 )
-        if device:
+        if live:
             raise HalError(f"{given.source} sends no more pictures: is the camera plugged in?")
         if not given.repeat:
             return
@@ -105,6 +125,29 @@ def _decoded(container: Any) -> Iterator[Any]:
             yield from packet.decode()
         except av.FFmpegError:
             yield None
+
+
+def _waited_for(container: Any, wait: Callable[[float], object]) -> Iterator[Any]:
+    """Yield the frames of a device or a stream, until the sensor is closed; raises HalError if none comes for long."""
+    import av
+
+    last = _clock.now_ns()
+    while not wait(0.0):
+        try:
+            for frame in _decoded(container):
+                last = _clock.now_ns()
+                yield frame
+            return
+        except BlockingIOError:
+            # no picture yet
+            wait(LOOK)
+        except av.ExitError:
+            # a stream was waited for in vain
+            raise HalError(SILENT) from None
+        except (OSError, ValueError) as error:
+            raise HalError(f"the camera sends no more pictures: {error}: is it plugged in?") from None
+        if seconds(_clock.now_ns() - last) > PICTURE_PATIENCE:
+            raise HalError(SILENT)
 
 
 def create(setup: Setup) -> Frames[Image]:

@@ -7,14 +7,15 @@ Use it in your own test class (see `txt1.conformance`), or from the command line
 `txt1.sensors.base` states the promises.
 
 A device behind a port has promises about silence, too. They are tried if `behind` returns a sensor whose port is
-wrapped, with its virtual device behind the port: the outages are put on the bytes.
+wrapped, with its virtual device behind the port: the outages are put on the bytes. Those of a camera, or of another
+device without a port, are tried if `filmed` returns a sensor and what stands for its device.
 """
 
 import asyncio
 from collections.abc import Callable, Coroutine
 from functools import wraps
 from math import inf, isfinite
-from typing import Any, Final
+from typing import Any, Final, Protocol
 from unittest import SkipTest
 
 from txt1.conformance import Conformance, broken, kept, named, opened, promise, unopened
@@ -60,6 +61,38 @@ def in_an_outage(
     return decorate
 
 
+class CutSource(Protocol):
+    """What stands for a device without a port, such as a camera: its pictures can be cut off."""
+
+    def cut(self, outage: Outage) -> None:
+        """Send nothing more: SILENT, or UNPLUGGED, so that it cannot be opened."""
+
+    def restore(self) -> None:
+        """Send again."""
+
+
+def cut_off(
+    outage: Outage,
+) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
+    """Run a test on a new sensor whose source can be cut off; skip it for a sensor without one."""
+
+    def decorate(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+        tested = opened(test)
+
+        @wraps(test)
+        def off(self: Any) -> None:
+            made = self.filmed()
+            if made is None:
+                raise SkipTest("override SensorConformance.filmed to try outages of a device without a port")
+            self.part, self.source = made
+            self.kind = outage
+            tested(self)
+
+        return off
+
+    return decorate
+
+
 # s of the processor that a simulated sensor may take: it computes what a device measures
 COMPUTED: Final = 0.0003
 
@@ -70,9 +103,17 @@ class SensorConformance(Conformance[Sensor[Any]]):
     interface = Sensor
     outage: OutagePort
     lasts: float
+    source: CutSource
+    kind: Outage
+    # s without a picture after which a camera has to be told
+    patience = 40.0
 
     def behind(self, wrap: Callable[[Port], Port]) -> Sensor[Any] | None:
         """Return a new sensor whose port is `wrap` of the port of its virtual device; None if it has no port."""
+        return None
+
+    def filmed(self) -> tuple[Sensor[Any], CutSource] | None:
+        """Return a new sensor of a device without a port, and what stands for the device; None if there is none."""
         return None
 
     def absent(self) -> Sensor[Any] | None:
@@ -204,7 +245,36 @@ class SensorConformance(Conformance[Sensor[Any]]):
     async def test_a_device_that_makes_no_sense_is_not_asked_at_once(self) -> None:
         await self.reads_on("makes no sense")
 
+    @cut_off(Outage.SILENT)
+    async def test_a_camera_that_is_silent_is_told_and_reads_on(self) -> None:
+        await self.is_told_and_reads_on()
+
+    @cut_off(Outage.UNPLUGGED)
+    async def test_a_camera_that_is_unplugged_is_told_and_reads_on(self) -> None:
+        await self.is_told_and_reads_on()
+
     # -- for the tests -----------------------------------------------------------------------------------------
+
+    async def is_told_and_reads_on(self) -> None:
+        """Check that a cut source is told as a failure, and read again once it is restored."""
+        await self.reading()
+        self.source.cut(self.kind)
+        begun = self.now
+        failed = False
+        while not failed:
+            await asyncio.sleep(self.part.period)
+            promise(self.now < begun + self.patience, "Sensor.read", "raises HalError when its device is silent")
+            try:
+                self.part.read(self.now)
+            except (HalError, OSError) as error:
+                text, failed = str(error), True
+                told = f"says in one line what is wrong, not {text!r}"
+                promise(bool(text) and "\n" not in text, "Sensor.read", told)
+        self.source.restore()
+        begun = self.now
+        while self.try_to_read() is None:
+            await asyncio.sleep(self.part.period)
+            promise(self.now < begun + self.patience, "Sensor.read", "returns readings when the device is back")
 
     async def reads_on(self, does: str = "is silent") -> None:
         """Check that the sensor reads until the outage and again after it, and does not flood a silent device."""
