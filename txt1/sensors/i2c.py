@@ -6,11 +6,12 @@ switches the outputs off then.
 """
 
 import errno
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError, MissingExtra
+from txt1.sensors.base import Setup
 
 
 class SensorBus(Protocol):
@@ -52,3 +53,19 @@ def open_bus(bus: int) -> SensorBus:
             remedy = "sudo usermod -aG i2c $USER, then log out and in again"
         raise HalError(f"I2C bus {bus} cannot be opened ({error.strerror}): {remedy}") from None
     return opened
+
+
+def opener(setup: Setup, bus: int | str, virtual: Callable[[], SensorBus]) -> Callable[[], SensorBus]:
+    """Return what opens the bus of a sensor: `virtual` for "virtual". Raises ConfigError for the bus of the outputs."""
+    if isinstance(bus, str):
+        return virtual
+    refuse_bus_of_outputs(setup.name, bus, setup.config)
+    return lambda: open_bus(bus)
+
+
+def why_silent(error: OSError, bus: int | str, address: int) -> str:
+    """Return where a transfer failed, and the remedy."""
+    where = f"I2C bus {bus}, address 0x{address:02x}"
+    if error.errno == errno.EREMOTEIO:
+        return f"{where}: nothing answers; check wiring, power and options.address"
+    return f"{where}: {error.strerror}; a chip may hold the bus: switch its power off and on"

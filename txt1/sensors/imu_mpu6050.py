@@ -5,14 +5,13 @@ for zero whenever the robot is disarmed and the chip lies still for a second: a 
 too, but is armed. Until then a reading's sigma says that the rates are worth little.
 """
 
-import errno
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from math import cos, hypot, radians, sin
 from statistics import fmean, pstdev
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, NamedTuple
 
 from annotated_types import Ge, Le
 
@@ -20,7 +19,7 @@ from txt1.config.sources import checked
 from txt1.errors import HalError
 from txt1.sensors.base import Setup
 from txt1.sensors.frame_grabber import Frames, Wait
-from txt1.sensors.i2c import SensorBus, open_bus, refuse_bus_of_outputs
+from txt1.sensors.i2c import SensorBus, opener, why_silent
 from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Vector, imu_topic
 from txt1.units import Positive
 
@@ -97,6 +96,23 @@ def decode(data: Sequence[int]) -> tuple[Vector, Vector]:
     return (ax * g, ay * g, az * g), (gx * w, gy * w, gz * w)
 
 
+class MotionChip(NamedTuple):
+    """A chip's registers."""
+
+    # of its identity, and the names by what stands there
+    who: int
+    known: Mapping[int, str]
+    # registers and values that wake it and set its ranges
+    setup: Sequence[tuple[int, int]]
+    # of the first of 14 bytes, and their decoder
+    data: int
+    decode: Callable[[Sequence[int]], tuple[Vector, Vector]]
+    # of the bank that its registers belong to, if it has banks
+    bank: int | None = None
+
+
+MPU6050: Final = MotionChip(WHO_AM_I, KNOWN, SETUP, ACCEL_XOUT_H, decode)
+
 SIGMA: Final = ImuSigma(rates=0.01, acceleration=1.0, attitude=0.0, heading=0.0)
 """Assumed; the chip tells no orientation."""
 
@@ -117,17 +133,25 @@ class Mpu6050Options:
     """Standard deviations for its messages: rates (rad/s) once the bias is known, accelerations (m/s^2)."""
 
 
-def begin(bus: SensorBus, address: int) -> None:
+def begin(bus: SensorBus, address: int, chip: MotionChip = MPU6050) -> None:
     """Wake the chip; raises HalError if it is another one, OSError if none answers."""
-    who = bus.read_i2c_block_data(address, WHO_AM_I, 1)[0]
-    if who not in KNOWN:
-        raise HalError(f"the chip at 0x{address:02x} is no {', '.join(KNOWN.values())}: it says 0x{who:02x}")
-    for register, value in SETUP:
+    who = bus.read_i2c_block_data(address, chip.who, 1)[0]
+    if who not in chip.known and chip.bank is not None:
+        # another program may have left it in another bank
+        bus.write_i2c_block_data(address, chip.bank, [0])
+        who = bus.read_i2c_block_data(address, chip.who, 1)[0]
+    if who not in chip.known:
+        raise HalError(f"the chip at 0x{address:02x} is no {', '.join(chip.known.values())}: it says 0x{who:02x}")
+    for register, value in chip.setup:
         bus.write_i2c_block_data(address, register, [value])
 
 
 def readings(
-    given: Mpu6050Options, opened: Callable[[], SensorBus], armed: Callable[[], bool], wait: Wait
+    given: Mpu6050Options,
+    opened: Callable[[], SensorBus],
+    armed: Callable[[], bool],
+    wait: Wait,
+    chip: MotionChip = MPU6050,
 ) -> Iterator[ImuReading | None]:
     """Yield readings in the vehicle's axes, one in each period; raises HalError when the bus or the chip fails."""
     rest, yaw, mount = RestBias(), given.mount.yaw, given.mount._replace(yaw=0.0)
@@ -140,13 +164,13 @@ def readings(
 
     try:
         with closing(opened()) as bus:
-            begin(bus, given.address)
+            begin(bus, given.address, chip)
             while True:
                 wait(given.period)
-                force, told = decode(bus.read_i2c_block_data(given.address, ACCEL_XOUT_H, DATA.size))
+                force, told = chip.decode(bus.read_i2c_block_data(given.address, chip.data, DATA.size))
                 if not any(force):
                     # it lost its power, and sleeps
-                    begin(bus, given.address)
+                    begin(bus, given.address, chip)
                     yield None
                     continue
                 rest.take(force, told, armed())
@@ -154,26 +178,24 @@ def readings(
                 rates = told[0] - bias[0], told[1] - bias[1], told[2] - bias[2]
                 yield ImuReading(turned(force), turned(rates), None, None, mount, given.sigma if rest.bias else unsure)
     except OSError as error:
-        where = f"I2C bus {given.bus}, address 0x{given.address:02x}"
-        if error.errno == errno.EREMOTEIO:
-            raise HalError(f"{where}: nothing answers; check wiring, power and options.address") from None
-        raise HalError(f"{where}: {error.strerror}; a chip may hold the bus: switch its power off and on") from None
+        raise HalError(why_silent(error, given.bus, given.address)) from None
 
 
 def create(setup: Setup) -> Frames[ImuReading]:
     """Make the driver ``imu_mpu6050``; options: those of `Mpu6050Options`."""
-    given = checked(Mpu6050Options, setup.options, f"sensors.{setup.name}.options")
-    if given.bus == "virtual":
-        from txt1.sensors.virtual_mpu6050 import Mpu6050Chip
+    from txt1.sensors.virtual_mpu6050 import Mpu6050Chip
 
-        return sensor(setup.name, given, lambda: Mpu6050Chip(given.address), setup.armed)
-    number = given.bus
-    refuse_bus_of_outputs(setup.name, number, setup.config)
-    return sensor(setup.name, given, lambda: open_bus(number), setup.armed)
+    given = checked(Mpu6050Options, setup.options, f"sensors.{setup.name}.options")
+    opened = opener(setup, given.bus, lambda: Mpu6050Chip(given.address))
+    return sensor(setup.name, given, opened, setup.armed)
 
 
 def sensor(
-    name: str, given: Mpu6050Options, opened: Callable[[], SensorBus], armed: Callable[[], bool]
+    name: str,
+    given: Mpu6050Options,
+    opened: Callable[[], SensorBus],
+    armed: Callable[[], bool],
+    chip: MotionChip = MPU6050,
 ) -> Frames[ImuReading]:
     """Return the sensor on a bus that `opened` opens in the sensor's thread."""
-    return Frames(imu_topic(name), given.period, lambda wait: readings(given, opened, armed, wait))
+    return Frames(imu_topic(name), given.period, lambda wait: readings(given, opened, armed, wait, chip))

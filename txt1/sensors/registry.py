@@ -35,6 +35,8 @@ DRIVERS: Final = Registry(
         "imu_3dmgx2": "txt1.sensors.imu_3dmgx2:create",
         "imu_bno08x_rvc": "txt1.sensors.imu_bno08x:create",
         "imu_mpu6050": "txt1.sensors.imu_mpu6050:create",
+        "imu_icm20948": "txt1.sensors.imu_icm20948:create",
+        "imu_bno055": "txt1.sensors.imu_bno055:create",
         "gps_gpsd": "txt1.sensors.gps_gpsd:create",
         "mocap_vrpn": "txt1.sensors.mocap_vrpn:create",
         "laser_scip": "txt1.sensors.laser_scip:create",
