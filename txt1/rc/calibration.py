@@ -32,7 +32,7 @@ Ready = Callable[[str, str], Awaitable[None]]
 """Asks a person to do something (a key for programs, a text), and returns when it is done."""
 
 
-class Listener(ABC):
+class ChannelListener(ABC):
     """Collects what a receiver tells."""
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Listener(ABC):
         return tuple(float(median(each)) for each in zip(*self._heard, strict=True))
 
 
-class ReceiverListener(Listener):
+class ReceiverListener(ChannelListener):
     """Listens to a receiver at this computer."""
 
     def __init__(self, parameters: RcParameters, port: Port | None) -> None:
@@ -91,7 +91,7 @@ class ReceiverListener(Listener):
         )
 
 
-class BoardListener(Listener):
+class BoardListener(ChannelListener):
     """Listens to the three servo outputs of a receiver at a board, whose hand may not drive meanwhile."""
 
     def __init__(self, robot: Robot) -> None:
@@ -155,7 +155,7 @@ async def calibrate(
 
     Raises HalError: the receiver cannot be heard, or goes on telling positions without its transmitter.
     """
-    listener: Listener = ReceiverListener(parameters, port) if robot is None else BoardListener(robot)
+    listener: ChannelListener = ReceiverListener(parameters, port) if robot is None else BoardListener(robot)
     await listener.open()
     try:
         await ready("rest", "Switch the transmitter on, let go of its sticks, and put its switch to hand.")
@@ -197,7 +197,7 @@ async def calibrate(
         await listener.close()
 
 
-async def _tells_its_loss(listener: Listener, rule: TakeOver, throttle: Stick) -> None:
+async def _tells_its_loss(listener: ChannelListener, rule: TakeOver, throttle: Stick) -> None:
     """Raise HalError unless the receiver tells the loss soon, and goes on telling it."""
     loop = asyncio.get_running_loop()
     await asyncio.sleep(TELLS)

@@ -18,7 +18,6 @@ from txt1.sensors.frame_grabber import Frames
 from txt1.sensors.readings import CAMERA_MOUNT, Image, Mount, image_topic
 from txt1.units import NotNegative, Positive, PositiveInt
 
-
 # s without a picture after which the camera is begun again; and until it has begun
 PICTURE_PATIENCE: Final = 5.0
 START_PATIENCE: Final = 30.0

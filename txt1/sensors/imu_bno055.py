@@ -71,7 +71,7 @@ class Bno055Options:
     """Standard deviations for its messages: rates (rad/s) once the chip knows the bias, accelerations (m/s^2)."""
 
 
-class Told(NamedTuple):
+class Bno055Sample(NamedTuple):
     """What the chip tells, about its own axes: m/s^2, rad/s, orientation."""
 
     force: Vector
@@ -79,7 +79,7 @@ class Told(NamedTuple):
     orientation: Quaternion
 
 
-def decode(data: Sequence[int]) -> Told | None:
+def decode(data: Sequence[int]) -> Bno055Sample | None:
     """Return what the chip tells in 32 bytes; None if the orientation is no rotation."""
     words = DATA.unpack(bytes(data))
     ax, ay, az, _, _, _, gx, gy, gz, _, _, _, w, x, y, z = words
@@ -87,7 +87,7 @@ def decode(data: Sequence[int]) -> Told | None:
     if abs(norm - 1.0) > NORM_ERROR:
         return None
     one, rate = norm * PER_ONE, radians(1.0) / PER_DEGREE
-    return Told(
+    return Bno055Sample(
         (ax / PER_FORCE, ay / PER_FORCE, az / PER_FORCE),
         (gx * rate, gy * rate, gz * rate),
         (x / one, y / one, z / one, w / one),
