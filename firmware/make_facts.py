@@ -1,4 +1,4 @@
-"""Writes firmware/pico/txt1pico/facts.py: the numbers that board and computer share, from their one definition in txt1.
+"""Writes the numbers that board and computer share, from their one definition in txt1, as a module and as a C header.
 
 python firmware/make_facts.py           # write it
 python firmware/make_facts.py --check   # exit code 1 when it is out of date
@@ -30,6 +30,7 @@ from txt1.tasks import battery, controller, mode, panel
 from txt1.tasks.fields import BatteryState
 
 FILE = Path(__file__).parent / "pico" / "txt1pico" / "facts.py"
+HEADER = Path(__file__).parent / "arduino" / "src" / "txt1_facts.h"
 HEAD = '''"""The numbers that board and computer share. Made by firmware/make_facts.py: do not edit."""
 
 try:
@@ -117,7 +118,22 @@ def text() -> str:
     return HEAD + "".join(forms[type(value)].format(name, value) for name, value in facts().items())
 
 
+def header() -> str:
+    """Return the C header."""
+    lines = ["/* The numbers that board and computer share. Made by firmware/make_facts.py: do not edit. */"]
+    lines += ["#ifndef TXT1_FACTS_H", "#define TXT1_FACTS_H", ""]
+    for name, value in facts().items():
+        if isinstance(value, tuple):
+            value = f"{{{', '.join(map(str, value))}}}"
+        elif isinstance(value, str):
+            value = f'"{value}"'
+        lines.append(f"#define TXT1_{name} {value}")
+    return "\n".join((*lines, "", "#endif", ""))
+
+
 if __name__ == "__main__":
+    made = {FILE: text(), HEADER: header()}
     if "--check" in sys.argv:
-        sys.exit(FILE.read_text() != text())
-    FILE.write_text(text())
+        sys.exit(any(file.read_text() != content for file, content in made.items()))
+    for file, content in made.items():
+        file.write_text(content)
