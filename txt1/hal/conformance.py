@@ -302,6 +302,7 @@ class HalConformance(Conformance[Hal]):
         self.requires("simulated")
         before = await self.hold(NEUTRAL, self.settle)
         after = await self.hold(LEFT, self.drive)
+        self.follows(LEFT, after)
         if ticks := _rolled(before, after):
             told = f"the right wheel goes further, but the ticks are right {ticks[0]} and left {ticks[1]}"
             where = "Outputs.front, Outputs.rear"

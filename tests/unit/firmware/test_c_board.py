@@ -176,7 +176,7 @@ def test_what_it_sends_is_what_the_virtual_board_would_send_of_the_same_values(l
     assert kinds == {PidResponse, EncoderOdometry, BatteryLevels}
 
 
-def test_nothing_moves_before_gains_and_velocity_have_come_and_a_silent_host_stops_it(library: ctypes.CDLL) -> None:
+def test_nothing_moves_before_gains_have_come_and_a_silent_host_stops_it(library: ctypes.CDLL) -> None:
     board = CBoard(library)
 
     def run(seconds: float, v: float | None) -> None:

@@ -52,7 +52,7 @@ NOTHING: Final = 1.0
 # s without an edge of an encoder after which the car stands
 STILL: Final = 0.1
 # s for which the bus may fail, and then between the first two attempts to start a new guard
-PATIENCE: Final = 2.0
+BUS_PATIENCE: Final = 2.0
 # s that a guard may take to start, as Python on a Raspberry Pi 3; doubled each time that it was not enough
 START: Final = 10.0
 NOT_NEUTRAL: Final = (
@@ -165,7 +165,7 @@ class Process:
     puts out neutral itself, and only then starts another guard: two processes never write at the same time. A thread
     makes all calls that may block in the bus, and no caller waits for it longer than `WRITES`.
 
-    A bus that fails for `PATIENCE` s is opened again, by a new guard, for ever and with growing pauses
+    A bus that fails for `BUS_PATIENCE` s is opened again, by a new guard, for ever and with growing pauses
     (`txt1.link.silence`): the adapter of a bus may have been plugged out and in. The servo board itself gets pulses all
     the time, so it is not greeted; a guard sets it up when it answers again.
     """
@@ -179,7 +179,7 @@ class Process:
         self._rest = b""
         # time since which pulses wait for an answer, s of the run
         self._unanswered = inf
-        self._ladder = Ladder(PATIENCE, greets=False)
+        self._ladder = Ladder(BUS_PATIENCE, greets=False)
         # s that the next guard may take to start
         self._patience = START
 
