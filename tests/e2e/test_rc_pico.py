@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import pytest
 from blockbuster import BlockBuster
@@ -14,6 +14,7 @@ from tests.e2e.conftest import ENDLESS, may_block
 from tests.e2e.test_rc import found
 from txt1.cars.pico.virtual_pico import Pico, interpreter
 from txt1.config import load
+from txt1.control.limits import Fault
 from txt1.errors import ConfigError, HalError, MissingExtra, StopNotVerified
 from txt1.hal.serial import SerialHal
 from txt1.hal.serial import create as create_serial
@@ -124,6 +125,30 @@ async def test_the_hand_drives_on_when_the_host_dies() -> None:
     with pytest.raises(StopNotVerified):
         async with radio() as (robot, pico, receiver, _):
             await _outlived(robot, pico, receiver)
+
+
+@pytest.mark.parametrize("why", ["stopped", "disarmed", "its computer hung"])
+async def test_a_stop_outlives_the_host_and_a_host_that_hung_does_not_bind_the_hand(why: str) -> None:
+    with suppress(StopNotVerified):
+        async with radio() as (robot, pico, receiver, _):
+            gate = robot.runtime.gate
+            if why == "stopped":
+                robot.stop()
+            elif why == "disarmed":
+                robot.disarm("somebody works at the wheels")
+            else:
+                gate.disarm("30 missed cycles", Fault.MISSED)
+            await asyncio.sleep(1.0)
+            hal = robot.hal
+            assert isinstance(hal, SerialHal)
+            # nothing more goes to the board
+            hal.line.link = None
+            await asyncio.sleep(4.0)
+            receiver.throttle = 0.4
+            await asyncio.sleep(3.0)
+            assert (speed(pico) > 0.4) is (why == "its computer hung")
+            receiver.throttle = 0.0
+            await asyncio.sleep(3.0)
 
 
 async def _outlived(robot: Robot, pico: Pico, receiver: VirtualReceiver) -> None:
