@@ -67,6 +67,7 @@ class Score(NamedTuple):
     nees: float  # of x, y and theta, mean
     share: float  # of the time, in which NEES is in its 95 % band
     overconfident: float  # s, the longest time with a sigma of less than a third of the error
+    sigma: float  # of the position, mean, by the rms error
 
 
 Drive = dict[str, Array]
@@ -100,7 +101,7 @@ def score(drive: Drive, rows: list[tuple[float, Array, Array]]) -> Score:
     truth = drive["truth"]
     begin = truth[0, 0] + 0.25 * (truth[-1, 0] - truth[0, 0])
     heading = np.unwrap(truth[:, 3])
-    errors, nees, over, longest = [], [], 0.0, 0.0
+    errors, nees, sigmas, over, longest = [], [], [], 0.0, 0.0
     before = None
     for time, pose, spread in rows:
         if time < begin:
@@ -109,19 +110,22 @@ def score(drive: Drive, rows: list[tuple[float, Array, Array]]) -> Score:
         error[2] = wrap_angle(error[2])
         errors.append(error)
         nees.append(float(error @ np.linalg.solve(spread, error)))
-        bold = np.hypot(*error[:2]) > 3.0 * np.sqrt(spread[0, 0] + spread[1, 1])
+        sigmas.append(float(np.sqrt(spread[0, 0] + spread[1, 1])))
+        bold = np.hypot(*error[:2]) > 3.0 * sigmas[-1]
         over = over + (time - (before or time)) if bold else 0.0
         longest, before = max(longest, over), time
     if not errors:
-        return Score(np.inf, np.inf, np.inf, 0.0, np.inf)
+        return Score(np.inf, np.inf, np.inf, 0.0, np.inf, 0.0)
     found = np.array(errors)
     told = np.array(nees)
+    position = float(np.sqrt(np.mean(found[:, 0] ** 2 + found[:, 1] ** 2)))
     return Score(
-        float(np.sqrt(np.mean(found[:, 0] ** 2 + found[:, 1] ** 2))),
+        position,
         float(np.sqrt(np.mean(found[:, 2] ** 2))) * 180.0 / pi,
         float(told.mean()),
         float(np.mean((told > BAND[0]) & (told < BAND[1]))),
         longest,
+        float(np.mean(sigmas)) / position,
     )
 
 
@@ -249,7 +253,7 @@ def _row(file: Path) -> tuple[bool, str]:
         f"| {name} | {knowing.position:.4f}, {knowing.heading:.3f} {'**missed**' if missed_knowing else 'met'} "
         f"| {mine.position:.4f}, {mine.heading:.3f} {'**missed**' if missed else 'met'} "
         f"| {wanted[0]:.4f}, {wanted[1]:.3f} "
-        f"| {mine.nees:.2f} | {mine.share:.2f} | {mine.overconfident:.1f} "
+        f"| {mine.nees:.2f} | {mine.share:.2f} | {mine.sigma:.2f} | {mine.overconfident:.1f} "
         f"| {other.position:.4f}, {other.heading:.2f} | {other.nees:.2f} | {figures[0]} | {figures[1]} |",
     )
 
@@ -261,10 +265,10 @@ def show(folder: Path) -> None:
 
 def _print(rows: list[tuple[bool, str]]) -> None:
     print(
-        "| drive | told the start: m, degrees rms | not told | at most | NEES | in band | sigma < error / 3, s "
-        "| plain filter here | its NEES | plain filter, another's | version 0.2.0 |"
+        "| drive | told the start: m, degrees rms | not told | at most | NEES | in band | sigma of error "
+        "| sigma < error / 3, s | plain filter here | its NEES | plain filter, another's | version 0.2.0 |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     for _, line in sorted(rows, key=lambda each: each[0]):
         print(line)
     print(f"{sum(not met for met, _ in rows)} of {len(rows)} rows miss, with or without the start")
