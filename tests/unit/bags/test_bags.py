@@ -145,7 +145,10 @@ def test_a_laser_upside_down_and_a_chain_of_frames_are_understood() -> None:
 
 def test_the_tutorial_runs_as_it_stands(ros1: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = Path(__file__).parents[3] / "docs" / "tutorials" / "bag.md"
-    typed = re.findall(r"(?m)^    txt1 (.*)$", page.read_text("utf-8"))
+    # a drive in the map goes on until a key
+    typed = [
+        words for words in re.findall(r"(?m)^    txt1 (.*)$", page.read_text("utf-8")) if not words.startswith("run ")
+    ]
     assert len(typed) == 3
     monkeypatch.chdir(tmp_path)
     (tmp_path / "drive.bag").symlink_to(ros1)
