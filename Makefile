@@ -14,6 +14,7 @@ APART := build/apart/env
 LEROBOT ?= $(CURDIR)/.venv-lerobot/bin/python
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag python3-roslaunch ros-std-msgs python3-genpy libroscpp-dev libtf-dev libnav-msgs-dev python3-gencpp
 FUZZ := .venv-fuzz
+SBOM := .venv-sbom
 DOCS := .venv-docs
 # distributions of their own that the tests need, each with its tests
 PLUGINS := plugins/learners plugins/physics plugins/ros1 plugins/lerobot plugins/browser
@@ -118,10 +119,11 @@ wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to th
 	rm -rf build dist
 	COMPILE_TXT1=1 $(BIN)/python $(PIP_WHEEL) --wheel-dir dist .
 
-release: lint test wheel  ## dist/ as a release has it: wheels, sdist, constraints.txt of the tested versions, SHA256SUMS
+release: lint test wheel $(SBOM)/.installed  ## dist/ as a release has it: wheels, sdist, constraints.txt of the tested versions, their bill of materials, SHA256SUMS
 	$(BIN)/python -m rigs.release constraints dist/constraints.txt
 	$(BIN)/python $(PIP_WHEEL) --wheel-dir dist . $(PLUGINS:%=./%)
 	$(BIN)/python -c "from setuptools.build_meta import build_sdist; build_sdist('dist')" > build/sdist.txt
+	$(SBOM)/bin/cyclonedx-py requirements dist/constraints.txt --pyproject pyproject.toml --output-reproducible -o dist/txt1.cdx.json
 	$(BIN)/python -m rigs.release sums dist
 
 torture: $(VENV)/.dev $(FUZZ)/.dev  ## faults, mutants and random bytes in great numbers, into docs/results/reliability.md; hours, and it can be ended and goes on
@@ -153,7 +155,7 @@ docs-links: docs  ## the links that lead out of the pages, tried one by one; nee
 	$(DOCS)/bin/python docs/links.py build/site
 
 clean:
-	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) $(VIEWERS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) $(FUZZ) $(SBOM) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) $(VIEWERS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -184,6 +186,12 @@ $(VENV)/.dev: $(VENV)/.installed $(PLUGINS:%=%/pyproject.toml)
 	$(BIN)/python -m compileall -j 2 -q txt1 $(PLUGINS)  # as pip does with all others: each process of the tests loads them
 	@$(BIN)/python -m pytest --collect-only >/dev/null 2>&1 & $(BIN)/python -c 'from txt1.mapping.scan_work import warm; warm()' && wait
 	@touch $@
+
+$(SBOM)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(SBOM)
+	$(SBOM)/bin/python $(PIP_INSTALL) --upgrade 'pip>=25.1'
+	$(SBOM)/bin/python $(PIP_INSTALL) --group sbom
+	touch $@
 
 $(FUZZ)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(FUZZ)

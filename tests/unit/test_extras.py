@@ -47,4 +47,4 @@ def test_each_extra_that_a_page_names_is_one() -> None:
 
 
 def test_what_only_the_work_on_it_needs_is_no_extra() -> None:
-    assert set(PROJECT["dependency-groups"]) == {"bench", "browser", "coverage", "dev", "docs", "fuzz"}
+    assert set(PROJECT["dependency-groups"]) == {"bench", "browser", "coverage", "dev", "docs", "fuzz", "sbom"}
