@@ -13,8 +13,6 @@ from functools import cache
 from math import exp, log1p, sqrt
 from typing import Any, Final, Protocol
 
-from mypy_extensions import mypyc_attr
-
 _32: Final = (1 << 32) - 1
 _64: Final = (1 << 64) - 1
 _128: Final = (1 << 128) - 1
@@ -52,7 +50,6 @@ class Draws(Protocol):
         """Return `size` numbers of mean 0 and standard deviation 1."""
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
 class Pcg64:
     """A stream of random numbers; `entropy`, whole numbers from 0 on, names it."""
 
