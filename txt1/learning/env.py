@@ -332,11 +332,12 @@ class Drives:
         task, seen = self.task, self.bodies.seen()
         self.touched = seen.touched
         judged = task.judged(seen)
-        task.begun(seen, resting)
-        self.steps += ~resting
         moves = ~resting
-        late = (self.steps * task.period >= task.time_limit - 1e-9) & moves
-        judged = TaskOutcome(np.where(resting, 0.0, judged.rewards), judged.success & moves, judged.lost & moves)
+        self.steps += moves
+        late = self.steps * task.period >= task.time_limit - 1e-9
+        if resting.any():
+            task.begun(seen, resting)
+            judged = TaskOutcome(np.where(resting, 0.0, judged.rewards), judged.success & moves, judged.lost & moves)
         return task.observed(seen), judged, late
 
 
