@@ -21,8 +21,10 @@ from txt1.mapping.poses import composed
 Array = NDArray[np.float64]
 
 GZIP: Final = b"\x1f\x8b"
-# CARMEN's parameters that have the field of view of FLASER in degrees; without one it is 180
+# CARMEN's parameters that have the field of view of FLASER; without one it is 180 degrees
 FIELDS: Final = ("laser_front_laser_fov", "robot_front_laser_fov")
+RADIANS_TO: Final = 2.0 * pi + 1e-4
+"""rad, a whole turn, as a rounded number may have it."""
 SHORTEST: Final = 0.05
 """m; a shorter range counts as none."""
 LONGEST: Final = 30.0
@@ -112,8 +114,10 @@ def _scans(path: Path, lines: Iterable[str]) -> Iterator[LaserScan]:
             if not words or line.startswith("#"):
                 continue
             if words[0] == "PARAM" and words[1] in FIELDS:
-                field = radians(float(words[2]))
-                if not 0.0 < field <= 2.0 * pi:
+                told = float(words[2])
+                # some logs have it in radians, and no laser sees as few degrees
+                field = told if 0.0 < told <= RADIANS_TO else radians(told)
+                if not 0.0 < field <= RADIANS_TO:
                     raise ValueError(f"{words[1]} is {words[2]} degrees; it is from 0 to 360")
             elif words[0] == "FLASER":
                 yield _flaser(words, field)

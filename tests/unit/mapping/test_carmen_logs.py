@@ -40,6 +40,12 @@ def test_the_field_of_view_is_read_where_a_log_tells_it(tmp_path, told, last):
         carmen_logs.read(file)
 
 
+def test_a_field_of_view_in_radians_is_no_beam_of_three_degrees(tmp_path):
+    file = tmp_path / "a.log"
+    file.write_text(f"PARAM laser_front_laser_fov 3.141593 host 1.5\n{TEXT}")
+    assert np.allclose(np.degrees(carmen_logs.read(file).scans[0].angles), -90.0 + 45.0 * np.arange(4), atol=1e-3)
+
+
 def test_robotlaser(tmp_path):
     file = tmp_path / "b.log"
     file.write_text(ROBOTLASER)
