@@ -5,9 +5,13 @@
 
 The odometry of these logs was corrected by those who published them. So an error is added, the same one for all: 5 % on
 one wheel, and a heading that wanders by 2 degrees a metre. The error of a trajectory (ATE) is the rms of what positions
-differ from the reference after the best rigid alignment. Times are processor time, those of yag-slam in an environment
-of its own, with its own settings. Debian's mrpt-apps run on the first seed where they are installed; neither of them
-closes loops.
+differ from the reference after the best rigid alignment. Relative errors need no alignment: they are the rms by which
+the way between two scans differs from the reference's, from each scan to the next one, and at revisits: between scans
+that the reference has within 1 m of each other, with 20 m or more driven in between (Kuemmerle and others, "On
+measuring the accuracy of SLAM algorithms", Autonomous Robots 27, 2009; their relations were chosen by hand).
+
+Times are processor time, those of yag-slam in an environment of its own, with its own settings. Debian's mrpt-apps run
+on the first seed where they are installed; neither of them closes loops.
 """
 
 import argparse
@@ -28,10 +32,14 @@ from rigs.laser_logs import read as read_log
 from txt1.errors import Txt1Error
 from txt1.mapping import carmen_logs, grid_files
 from txt1.mapping.mapper import Mapper
-from txt1.mapping.poses import trajectory_error
+from txt1.mapping.poses import difference, trajectory_error
 from txt1.maps.grid import OCCUPIED
 
 DATA: Final = Path("/work/shared/data/laser")
+NEAR: Final = 1.0
+"""m between two scans of a revisit."""
+FAR: Final = 20.0
+"""m driven between them, at least."""
 LOGS: Final = ("intel", "aces", "csail", "freiburg-079")
 PEER: Final = Path(__file__).parent / "peers" / "yag.py"
 PACKAGES: Final = ("yag-slam=={}", "opencv-python-headless", "msgpack")  # it does not name the latter two
@@ -44,6 +52,30 @@ class Result(NamedTuple):
     """m, NaN where the log has no reference."""
     spent: float
     """Processor time of a scan, s."""
+    relative: tuple[float, ...] = ()
+    """Relative errors per step, m and rad, and at revisits, m and rad; empty where the log has no reference."""
+
+
+def relative_errors(poses: carmen_logs.Array, reference: carmen_logs.Array) -> tuple[float, ...]:
+    """Return the relative errors per step, m and rad, and at revisits, m and rad; NaN without revisits."""
+    steps = np.arange(len(reference) - 1)
+    driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(reference[:, :2], axis=0).T))))
+    pairs = []
+    for k in range(len(reference)):
+        before = np.flatnonzero(driven < driven[k] - FAR)
+        apart = np.hypot(*(reference[before, :2] - reference[k, :2]).T)
+        if len(before) and apart.min() < NEAR:
+            pairs.append((before[apart.argmin()], k))
+    places = np.array(pairs, np.int64).reshape(-1, 2).T
+    found: list[float] = []
+    for first, second in ((steps, steps + 1), places):
+        off = [
+            difference(difference(reference[i], reference[j]), difference(poses[i], poses[j]))
+            for i, j in zip(first, second, strict=True)
+        ]
+        x, y, theta = np.array(off).T if off else np.full((3, 1), np.nan)
+        found += [float(np.sqrt(np.mean(x * x + y * y))), float(np.sqrt(np.mean(theta * theta)))]
+    return tuple(found)
 
 
 def ours(log: carmen_logs.Log, odometry: carmen_logs.Array) -> tuple[Result, Mapper]:
@@ -54,7 +86,12 @@ def ours(log: carmen_logs.Log, odometry: carmen_logs.Array) -> tuple[Result, Map
         mapper.add(scan.time, carmen_logs.points_of(scan.ranges, scan.angles, longest, scan.swept), pose)
     mapper.finish()
     spent = (process_time() - begin) / len(log.scans)
-    return Result(_error(mapper.poses, log), spent), mapper
+    return _result(mapper.poses, log, spent), mapper
+
+
+def _result(poses: carmen_logs.Array, log: carmen_logs.Log, spent: float) -> Result:
+    relative = () if log.reference is None else relative_errors(poses, log.reference)
+    return Result(_error(poses, log), spent, relative)
 
 
 def _error(poses: carmen_logs.Array, log: carmen_logs.Log) -> float:
@@ -100,7 +137,7 @@ def yag(python: Path, log: carmen_logs.Log, odometry: carmen_logs.Array) -> Resu
             print(f"{log.name}: yag-slam failed: {(done.stderr.strip().splitlines() or ['no word'])[-1]}")
             return None
         result = np.load(found)
-        return Result(_error(result["poses"], log), float(result["spent"]) / len(log.scans))
+        return _result(result["poses"], log, float(result["spent"]) / len(log.scans))
 
 
 def told(log: carmen_logs.Log, seeds: int, python: Path | None, picture: Path | None) -> list[list[Result]]:
@@ -126,6 +163,15 @@ def told(log: carmen_logs.Log, seeds: int, python: Path | None, picture: Path | 
         )
     print("| " + " | ".join(cells) + " |", flush=True)
     return [mine, theirs]
+
+
+def relative_cells(results: list[Result]) -> list[str]:
+    """Return the means of relative errors over seeds as cells of a table: per step, and at revisits."""
+    each = [result.relative for result in results if result.relative]
+    if not each:
+        return ["-", "-"]
+    a, b, c, d = np.mean(each, axis=0)
+    return [f"{1e3 * m:.1f}, {np.degrees(turn):.2f}" for m, turn in ((a, b), (c, d))]
 
 
 def draw(mapper: Mapper, odometry: carmen_logs.Array, name: Path) -> None:
@@ -225,6 +271,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("|---|---|---|---|---|---|---|---|---|---|")
     for log in read:
         rows[log.name] = told(log, given.seeds, python, given.pictures)
+    print("\nRelative errors in mm and degrees, per step and at revisits:\n")
+    print("| log | step | at revisits | yag-slam's step | at revisits |")
+    print("|---|---|---|---|---|")
+    for name, row in rows.items():
+        print("| " + " | ".join([name, *(cell for side in row for cell in relative_cells(side))]) + " |")
     verdict(rows)
     print("\nPlaces passed twice, without an error added:")
     for log in read:
