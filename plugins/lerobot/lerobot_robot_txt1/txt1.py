@@ -95,7 +95,8 @@ class Txt1(Robot):
     def _run(self) -> None:
         """Run txt1's loop until the robot is disconnected."""
         try:
-            asyncio.run(self._serve())
+            # by txt1's own loop, in which a simulation waits for a busy computer
+            txt1.run(self._serve())
         except BaseException as error:
             self._error = error
         finally:
