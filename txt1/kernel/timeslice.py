@@ -33,11 +33,12 @@ def short() -> None:
 
 
 def ordinary(process: int, niceness: int, session: bool = False) -> None:
-    """Give all threads of another process ordinary turns and this niceness.
+    """Give all threads of another process ordinary turns and this niceness, or the caller's if that is larger.
 
     `session`: the process leads a session of its own; so does its share of the processor, where the system divides the
     processor among sessions.
     """
+    niceness = max(niceness, os.getpriority(os.PRIO_PROCESS, 0))
     for thread in _threads(process):
         # it has ended
         with suppress(OSError):
