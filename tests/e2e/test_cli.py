@@ -199,7 +199,7 @@ def test_settings_reach_the_run(capsys: Capture, tmp_path: Path, monkeypatch: py
         (["--set", "seed"], ["--set seed", "key=value"]),
         (["--set", "sim.start=[9, 0, 0]"], ["sim.start", "(9, 0, 0)", "wall", "another start"]),
         (["--config", "/no/such.yaml"], ["/no/such.yaml", "No such file", "check --config"]),
-        (["--seed", "-1"], ["seed", "-1", "greater than or equal to 0", "--seed"]),
+        (["--seed", "-1"], ["seed", "-1", "whole number from 0", "--seed"]),
         (["--seed", "x"], ["--seed", "'x'"]),
         (["--drive", "1"], ["--drive", "'1'", "V,OMEGA"]),
         (["--drive", "nan,0"], ["--drive", "'nan'", "finite"]),

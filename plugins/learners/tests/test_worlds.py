@@ -228,7 +228,7 @@ def test_the_picture_of_the_pilot_turns_towards_the_light_on_either_side() -> No
 def test_the_picture_of_the_thesiss_table_takes_its_best_action_in_each_sector() -> None:
     best = np.array([0, 0, 0, 0, 1, 2, 2, 2])  # right, straight on, left
     places = np.array([[-2.0, -0.5], [0.5, -2.0], [2.0, 0.0], [0.5, 2.0]])
-    assert thesis.courses(StoredTable(np.eye(3)[best]), places).tolist() == [-TURN, -TURN, 0.0, TURN]
+    assert list(thesis.courses(StoredTable(np.eye(3)[best]), places)) == [-TURN, -TURN, 0.0, TURN]
 
 
 @pytest.mark.long
