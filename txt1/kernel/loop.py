@@ -17,7 +17,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextvars import Context
 from functools import partial
 from math import inf
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar, cast
 
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, SimulationClock, VirtualClock, nanoseconds
 from txt1.kernel.jumps import Jumps
@@ -207,5 +207,9 @@ def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
 
 
 def clock_of(loop: asyncio.AbstractEventLoop) -> Clock:
-    """The clock an event loop runs on; the real one for a loop that is not ours (plain ``asyncio.run``)."""
-    return loop.clock if isinstance(loop, RealTimeLoop | VirtualTimeLoop) else RealClock()
+    """The clock an event loop runs on; one that is not ours (plain ``asyncio.run``) keeps the one made for it here."""
+    return (
+        loop.clock
+        if isinstance(loop, RealTimeLoop | VirtualTimeLoop)
+        else cast("Clock", vars(loop).setdefault("txt1_clock", SimulationClock()))
+    )

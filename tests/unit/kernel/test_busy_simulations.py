@@ -24,7 +24,9 @@ class Stranger(SimHal):
     waits = False
 
 
-def stalled(hal: Hal | None, settings: tuple[str, ...] = ()) -> tuple[bool, str, float, int]:
+def stalled(
+    hal: Hal | None, settings: tuple[str, ...] = (), begin: Callable[..., tuple[bool, str, float, int]] = run
+) -> tuple[bool, str, float, int]:
     """Whether a robot is armed after this process stood still, why not, the time that passed for it, what it missed."""
 
     async def main() -> tuple[bool, str, float, int]:
@@ -37,11 +39,14 @@ def stalled(hal: Hal | None, settings: tuple[str, ...] = ()) -> tuple[bool, str,
             await asyncio.sleep(0.1)
             return robot.armed, robot.reason, passed, robot.runtime.statistics()["controller"].misses - misses
 
-    return run(main())
+    return begin(main())
 
 
-def test_simulated_time_waits_for_a_busy_computer_and_the_car_stays_armed() -> None:
-    armed, reason, passed, missed = stalled(None)
+@pytest.mark.parametrize("begin", [run, asyncio.run])
+def test_simulated_time_waits_for_a_busy_computer_and_the_car_stays_armed(
+    begin: Callable[..., tuple[bool, str, float, int]],
+) -> None:
+    armed, reason, passed, missed = stalled(None, begin=begin)
     assert armed, reason
     assert passed < STALL / 2.0, "its time stood still"
     assert missed >= (STALL - 2.0 * CYCLE) / CYCLE, "on the wall clock these cycles were missed"
