@@ -381,13 +381,20 @@ def head(*cells: str) -> list[str]:
 
 def worst(values: Iterable[float | None], digits: int = 2) -> str:
     """Median and worst of some figures."""
+    numbers = list(values)
+    longest = most(numbers, digits)
+    there = [each for each in numbers if each is not None]
+    return f"{median(there):.{digits}f} ({longest})" if there and len(there) == len(numbers) else longest
+
+
+def most(values: Iterable[float | None], digits: int = 2) -> str:
+    """The worst of some figures."""
     there = list(values)
     if not there:
         return "-"
     if None in there:
         return f"{sum(each is None for each in there)} of {len(there)} do not"
-    numbers = [each for each in there if each is not None]
-    return f"{median(numbers):.{digits}f} ({max(numbers):.{digits}f})"
+    return f"{max(each for each in there if each is not None):.{digits}f}"
 
 
 def failures(runs: list[Shown]) -> str:
@@ -451,17 +458,17 @@ def table_of_stops(kept: Kept) -> list[str]:
         for name in ("straight", "lock"):
             each = [one[name] for one in runs]
             there = [one for one in each if "failed" not in one]
-            cells += [failures(each) or worst(one["standing"] for one in there), worst(one["way"] for one in there)]
+            cells += [failures(each) or most(one["standing"] for one in there), most(one["way"] for one in there)]
         armed = sum(not one[name].get("armed", False) for one in runs for name in ("straight", "lock"))
         lines.append(row(car[0], WORDS[car[1]], *cells, armed))
     lines += [
         "",
-        *head("event at 0.4 to 1 m/s: s to stand, median (worst)", *(f"{car}, {WORDS[name]}" for car, name in CARS)),
+        *head("event at 0.4 to 1 m/s: s to stand", *(f"{car}, {WORDS[name]}" for car, name in CARS)),
     ]
     for each in stops.CASES:
         if each.name not in STOPS or each.kind != "sim":
             continue
-        cells = [worst(one[each.name]["standing"] for one in kept.get(("stopped", *car), [])) for car in CARS]
+        cells = [most(one[each.name]["standing"] for one in kept.get(("stopped", *car), [])) for car in CARS]
         lines.append(row(each.about, *cells))
     return lines
 
