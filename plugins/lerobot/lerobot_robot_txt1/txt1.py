@@ -21,9 +21,12 @@ from lerobot_robot_txt1.config_txt1 import Txt1Config
 from txt1.commands import say
 from txt1.errors import HalError, NotArmed
 
-STATE: Final = {"x_m": "x", "y_m": "y", "theta_rad": "theta", "v_m_s": "v", "omega_rad_s": "omega"}
-"""Features of the odometry, named as in `txt1 log export --lerobot`, and what they are called in txt1."""
-ACTION: Final = ("v_m_s", "omega_rad_s")
+STATE: Final = {"x.pos": "x", "y.pos": "y", "theta.pos": "theta", "x.vel": "v", "theta.vel": "omega"}
+"""Features of the odometry, in m, rad and s, and what they are called in txt1.
+
+LeRobot gives a policy those that end in .pos and .vel. `txt1 log export --lerobot` names them so, too.
+"""
+ACTION: Final = ("x.vel", "theta.vel")
 """The velocities asked for."""
 SOURCE: Final = "lerobot"
 PATIENCE: Final = 20.0  # s to open the robot, and for its first picture
@@ -141,9 +144,12 @@ class Txt1(Robot):
         return told
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Ask for velocities; returns those that the gate may let through at most."""
+        """Ask for velocities; returns those that the gate may let through at most.
+
+        Places that LeRobot asks for, as it does to bring an arm back, move nothing: the car stands.
+        """
         robot = self._connected()
-        v, omega = (float(action[each]) for each in ACTION)
+        v, omega = (float(action.get(each, 0.0)) for each in ACTION)
         limit = robot.config.safety.v_max
         told = max(-limit, min(limit, v)), omega
         self._actions, self._moved = self._actions + 1, self._moved or any(told)

@@ -21,7 +21,7 @@ from txt1.model.vehicle import Geometry
 
 HELD: Final = 0.5  # s for which a key counts: keyboards begin to repeat after this
 AXES: Final = {"w": (1.0, 0.0), "s": (-1.0, 0.0), "a": (0.0, 1.0), "d": (0.0, -1.0)}
-ACTIONS: Final = ("v_m_s", "omega_rad_s")
+ACTIONS: Final = ("x.vel", "theta.vel")
 
 
 @TeleoperatorConfig.register_subclass("txt1_keys")

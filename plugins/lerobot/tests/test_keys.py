@@ -32,10 +32,10 @@ def test_a_drive_begins_with_the_first_action(monkeypatch: pytest.MonkeyPatch) -
     assert teleoperator.is_connected
     # a robot that takes long to open
     now = 110.0
-    assert teleoperator.get_action() == {"v_m_s": 0.4, "omega_rad_s": 0.3}
+    assert teleoperator.get_action() == {"x.vel": 0.4, "theta.vel": 0.3}
     now = 111.9
-    assert teleoperator.get_action()["v_m_s"] == 0.4
+    assert teleoperator.get_action()["x.vel"] == 0.4
     now = 112.1
-    assert teleoperator.get_action() == {"v_m_s": 0.0, "omega_rad_s": 0.0}
+    assert teleoperator.get_action() == {"x.vel": 0.0, "theta.vel": 0.0}
     teleoperator.disconnect()
     assert not teleoperator.is_connected

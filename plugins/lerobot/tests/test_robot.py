@@ -47,6 +47,6 @@ def test_actions_that_are_all_zero_are_told(
     robot: Any, v: float, told: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for _ in range(5):
-        robot.send_action({"v_m_s": v, "omega_rad_s": 0.0})
+        robot.send_action({"x.vel": v, "theta.vel": 0.0})
     robot.disconnect()
     assert capsys.readouterr().err.count("all 5 actions were 0, so what was recorded is a robot that stands") == told

@@ -22,6 +22,8 @@ RECORDING += ["--dataset.reset_time_s=0", "--dataset.fps=10", "--dataset.push_to
 # options were renamed with LeRobot 0.6
 SINCE_06 = tuple(map(int, version("lerobot").split(".")[:2])) >= (0, 6)
 CODEC, EVALUATED = ("rgb_encoder.vcodec", "env_eval_freq") if SINCE_06 else ("vcodec", "eval_freq")
+# a policy's drive is recorded by `rollout` then, by `record` before; each wants names of its own
+DRIVEN = "me/rollout_txt1" if SINCE_06 else "me/eval_txt1"
 RECORDING += [f"--dataset.{CODEC}=h264", "--display_data=false"]
 # a small network for plain processors; pretrained weights would come from a hub
 POLICY = ["--policy.type=act", "--policy.device=cpu", "--policy.push_to_hub=false"]
@@ -56,7 +58,7 @@ def main(folder: str) -> None:
         shutil.rmtree(each, ignore_errors=True)
     recorded, driven = (
         ["--dataset.repo_id=me/txt1", f"--dataset.root={root}"],
-        ["--dataset.repo_id=me/eval_txt1", f"--dataset.root={drives}"],
+        [f"--dataset.repo_id={DRIVEN}", f"--dataset.root={drives}"],
     )
     keys = ["--teleop.type=txt1_keys", f"--teleop.drive={DRIVE}"]
     lerobot("record", *ROBOT, *keys, *recorded, *RECORDING, QUIET)
@@ -67,14 +69,18 @@ def main(folder: str) -> None:
     lerobot("replay", *ROBOT, *recorded, "--dataset.episode=0", QUIET)
     told = lerobot("train", *recorded, *POLICY, f"--output_dir={trained}", *TRAINING)
     path = trained / "checkpoints" / "last" / "pretrained_model"
-    lerobot("record", *ROBOT, f"--policy.path={path}", "--policy.device=cpu", *driven, *RECORDING, QUIET)
+    given = (*ROBOT, f"--policy.path={path}", "--policy.device=cpu", *driven, *RECORDING, QUIET)
+    if SINCE_06:
+        lerobot("rollout", *given, "--strategy.type=episodic", "--fps=10")
+    else:
+        lerobot("record", *given)
     came = {
         "state": features["observation.state"]["names"],
         "action": features["action"]["names"],
         **rows(root, "me/txt1"),
         "pictures": [len(pictures), *pictures[0].shape, float(pictures[-1].std())],
         "losses": [float(loss) for loss in re.findall(r"\bloss:([\d.]+)", told)],
-        "by the policy": rows(drives, "me/eval_txt1"),
+        "by the policy": rows(drives, DRIVEN),
     }
     print(json.dumps(came))
 

@@ -50,11 +50,11 @@ def _pose(message: Any) -> tuple[float, ...]:
 
 
 STATE: Final = {
-    "/odom": Signal(("x_m", "y_m", "theta_rad", "v_m_s", "omega_rad_s"), _pose),
+    "/odom": Signal(("x.pos", "y.pos", "theta.pos", "x.vel", "theta.vel"), _pose),
     "/light": Signal(tuple(f"light_{place}_lux" for place in ("fl", "fr", "rl", "rr")), lambda message: message.lux),
 }
 SIGNALS: Final = STATE | {
-    ACTION: Signal(("v_m_s", "omega_rad_s"), lambda message: (message.twist.linear.x, message.twist.angular.z))
+    ACTION: Signal(("x.vel", "theta.vel"), lambda message: (message.twist.linear.x, message.twist.angular.z))
 }
 
 
