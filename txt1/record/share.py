@@ -30,9 +30,11 @@ ABOUT: Final = ("txt1", "python", "numpy", "processor", "libm", "hal", "clock")
 SAFE_TEXTS: Final = re.compile(
     r"(^|\.)(hal|vehicle|driver|physics|steering|model|reverse|transport|preset|auto_arm|enabled)$"
 )
+# such a text; a path has other characters, and names folders
+WORD: Final = re.compile(r"[\w-]+")
 # settings that say where something stands
 PLACED: Final = re.compile(
-    r"(^sim\.(room|obstacles|light|start)|(^|\.)(start|at|place|origin|datum|latitude|longitude|altitude)($|\.))"
+    r"(^sim\.(room|obstacles|light|start)|(^|\.)(start|at|place|home|origin|datum|lat|lon|latitude|longitude|altitude)($|\.))"
 )
 LEFT_OUT: Final = "left out"
 # points of the way at most
@@ -50,7 +52,7 @@ def shared(path: Path, robot: str | None = None, kinds: Collection[str] = ()) ->
         content = Content(path, robot)
     config, about = content.config, content.metadata.get("txt1", {})
     odometry = content.columns("odometry")
-    called = _aliases(config, kinds)
+    called = (lambda text: text) if "names" in kinds else _aliases(content)
     result: dict[str, Any] = {
         "about": {key: about[key] for key in ABOUT if key in about},
         "drive": {
@@ -82,13 +84,17 @@ def shared(path: Path, robot: str | None = None, kinds: Collection[str] = ()) ->
     return result
 
 
-def _aliases(config: Config | None, kinds: Collection[str]) -> Callable[[str], str]:
-    """Return the function that puts sensor1, sensor2, ... in the place of the sensors' own names."""
-    if config is None or not config.sensors or "names" in kinds:
-        return lambda text: text
-    number = {name: f"sensor{index}" for index, name in enumerate(config.sensors, 1)}
+def _aliases(content: Content) -> Callable[[str], str]:
+    """Return the function that puts sensor1, sensor2, ... in the place of the sensors' own names.
+
+    The names are those of the configuration and of the topics: the configuration of another version is not known.
+    """
+    config = content.config
+    told = [found[1] for topic in content.topics if (found := re.match("/sensors/([^/]+)", topic))]
+    names = dict.fromkeys([*(() if config is None else config.sensors), *told])
+    number = {name: f"sensor{index}" for index, name in enumerate(names, 1)}
     own = re.compile(r"(?<![\w-])(" + "|".join(map(re.escape, number)) + r")(?![\w-])")
-    return lambda text: own.sub(lambda found: number[found[1]], text)
+    return lambda text: own.sub(lambda found: number[found[1]], text) if number else text
 
 
 def _settings(config: Config, kinds: Collection[str], called: Callable[[str], str]) -> dict[str, object]:
@@ -99,14 +105,16 @@ def _settings(config: Config, kinds: Collection[str], called: Callable[[str], st
         [(f"{key}.{name}", each) for name, each in value.items()] if isinstance(value, dict) else [(key, value)]
         for key, value in changed
     )
-    return {called(key): value if _may(key, value, kinds) else LEFT_OUT for key, value in apart}
+    return {called(key): value if may_share(key, value, kinds) else LEFT_OUT for key, value in apart}
 
 
-def _may(key: str, value: object, kinds: Collection[str]) -> bool:
+def may_share(key: str, value: object, kinds: Collection[str]) -> bool:
     """Return whether the value of a setting may be shared."""
     if PLACED.search(key):
         return "places" in kinds
-    return "names" in kinds or value is None or isinstance(value, bool | int | float) or bool(SAFE_TEXTS.search(key))
+    if "names" in kinds or value is None or isinstance(value, bool | int | float):
+        return True
+    return isinstance(value, str) and bool(SAFE_TEXTS.search(key) and WORD.fullmatch(value))
 
 
 def share(path: Path, file: Path, robot: str | None, kinds: Collection[str]) -> Path:

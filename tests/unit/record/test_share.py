@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from txt1.cli import execute
+from txt1.record.share import may_share
 
 SECRETS = ("bob", "roof", "kitchen", "/dev/ttySecret", "35.08")
 
@@ -56,6 +57,21 @@ def test_what_is_shared_has_numbers_and_parts_but_neither_names_nor_places(recor
     assert told["settings"]["sensors.sensor1.driver"] == "sim_gps"
     assert told["settings"]["sim.start"] == "left out"
     assert "way" not in told and "picture" not in told and "events" not in told
+
+
+def test_a_sensors_name_is_left_out_also_where_the_configuration_cannot_be_read(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("txt1.record.report.Content.config", None)
+    text = shared(recorded)
+    assert json.loads(text)["settings"] == "of another version"
+    assert not [secret for secret in SECRETS if secret in text]
+
+
+def test_a_text_that_may_be_a_path_is_left_out_whatever_its_setting() -> None:
+    assert may_share("physics.model", "rover", ()) and not may_share("physics.model", "/home/bob/car.xml", ())
+    assert not may_share("vehicle", "bob/car.yaml", ()) and may_share("vehicle", "bob/car.yaml", ("names",))
+    assert not may_share("hal_options.home.lat", 35.08, ("names",))
 
 
 def test_names_places_and_pictures_are_shared_where_they_are_asked_for(recorded: Path) -> None:
