@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from math import cos, hypot, radians, sin
-from typing import Annotated, Final, Literal, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 from annotated_types import Ge, Le
 
@@ -23,8 +23,8 @@ from txt1.sensors.base import Setup
 from txt1.sensors.frame_grabber import Frames, Wait
 from txt1.sensors.i2c import SensorBus, opener, why_silent
 from txt1.sensors.imu_bno08x import product
-from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Quaternion, Vector, imu_topic
-from txt1.units import Positive
+from txt1.sensors.imu_mpu6050 import Mpu6050Options, turning
+from txt1.sensors.readings import ImuReading, ImuSigma, Quaternion, Vector, imu_topic
 
 # registers of page 0, of the data sheet BST-BNO055-DS000
 CHIP_ID: Final = 0x00
@@ -56,19 +56,14 @@ SIGMA: Final = ImuSigma(rates=0.01, acceleration=1.0, attitude=0.03, heading=0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Bno055Options:
-    """The place of the chip, and its mounting."""
+class Bno055Options(Mpu6050Options):
+    """The place of the chip, and its mounting; its address is 0x29 if ADR (COM3) is high.
 
-    bus: Annotated[int, Ge(0)] | Literal["virtual"] = 3
-    """Number of the I2C bus, not that of a servo board; `virtual`: a virtual chip at rest."""
+    It makes a hundred readings a second. It finds its bias by itself, and `sigma` is for its readings from then on.
+    """
+
     address: Annotated[int, Ge(3), Le(0x77)] = 0x28
-    """I2C address: 0x28, or 0x29 if ADR (COM3) is high."""
-    period: Positive = 0.01
-    """s between two readings; the chip makes a hundred a second."""
-    mount: Mount = IMU_MOUNT
-    """x, y, z (m) on the vehicle, and the angle (rad) of the chip's x axis to the vehicle's."""
     sigma: ImuSigma = SIGMA
-    """Standard deviations for its messages: rates (rad/s) once the chip knows the bias, accelerations (m/s^2)."""
 
 
 class Bno055Sample(NamedTuple):
@@ -112,12 +107,7 @@ def readings(given: Bno055Options, opened: Callable[[], SensorBus], wait: Wait) 
     """Yield readings in the vehicle's axes, one in each period; raises HalError when the bus or the chip fails."""
     yaw, mount = given.mount.yaw, given.mount._replace(yaw=0.0)
     unsure = given.sigma._replace(rates=max(UNKNOWN, given.sigma.rates or 0.0))
-    c, s, back = cos(yaw), sin(yaw), (0.0, 0.0, -sin(0.5 * yaw), cos(0.5 * yaw))
-
-    def turned(vector: Vector) -> Vector:
-        x, y, z = vector
-        return c * x - s * y, s * x + c * y, z
-
+    turned, back = turning(yaw), (0.0, 0.0, -sin(0.5 * yaw), cos(0.5 * yaw))
     try:
         with closing(opened()) as bus:
             begin(bus, given.address, wait)

@@ -146,6 +146,17 @@ def begin(bus: SensorBus, address: int, chip: MotionChip = MPU6050) -> None:
         bus.write_i2c_block_data(address, register, [value])
 
 
+def turning(yaw: float) -> Callable[[Vector], Vector]:
+    """Return what turns a vector from a chip's axes to the vehicle's; `yaw` is the chip's x axis on it, rad."""
+    c, s = cos(yaw), sin(yaw)
+
+    def turned(vector: Vector) -> Vector:
+        x, y, z = vector
+        return c * x - s * y, s * x + c * y, z
+
+    return turned
+
+
 def readings(
     given: Mpu6050Options,
     opened: Callable[[], SensorBus],
@@ -156,12 +167,7 @@ def readings(
     """Yield readings in the vehicle's axes, one in each period; raises HalError when the bus or the chip fails."""
     rest, yaw, mount = RestBias(), given.mount.yaw, given.mount._replace(yaw=0.0)
     unsure = given.sigma._replace(rates=max(UNKNOWN, given.sigma.rates or 0.0))
-    c, s = cos(yaw), sin(yaw)
-
-    def turned(vector: Vector) -> Vector:
-        x, y, z = vector
-        return c * x - s * y, s * x + c * y, z
-
+    turned = turning(yaw)
     try:
         with closing(opened()) as bus:
             begin(bus, given.address, chip)
