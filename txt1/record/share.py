@@ -98,8 +98,8 @@ def _aliases(content: Content) -> Callable[[str], str]:
 
 
 def _settings(config: Config, kinds: Collection[str], called: Callable[[str], str]) -> dict[str, object]:
-    """Return the settings that are not as the vehicle's file has them."""
-    usual = dict(flatten(Config(vehicle=config.vehicle)))
+    """Return the settings that are not as by default, the vehicle's among them."""
+    usual = dict(flatten(Config()))
     changed = [(key, value) for key, value in flatten(config) if key not in usual or usual[key] != value]
     apart = chain.from_iterable(
         [(f"{key}.{name}", each) for name, each in value.items()] if isinstance(value, dict) else [(key, value)]

@@ -68,6 +68,16 @@ def test_a_sensors_name_is_left_out_also_where_the_configuration_cannot_be_read(
     assert not [secret for secret in SECRETS if secret in text]
 
 
+def test_the_kind_of_car_is_shared_with_what_its_file_sets(tmp_path: Path) -> None:
+    file = tmp_path / "race.mcap"
+    assert (
+        execute(["run", "--headless", "--speed", "max", "--duration", "1", "--vehicle", "f1tenth", "--log", str(file)])
+        == 0
+    )
+    settings = json.loads(shared(file))["settings"]
+    assert settings["vehicle"] == "f1tenth" and settings["geometry.steering"] == "front"
+
+
 def test_a_text_that_may_be_a_path_is_left_out_whatever_its_setting() -> None:
     assert may_share("physics.model", "rover", ()) and not may_share("physics.model", "/home/bob/car.xml", ())
     assert not may_share("vehicle", "bob/car.yaml", ()) and may_share("vehicle", "bob/car.yaml", ("names",))
