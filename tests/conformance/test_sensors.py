@@ -14,14 +14,11 @@ from txt1.cli import execute
 from txt1.config import load
 from txt1.conformance import promises, verdicts
 from txt1.errors import HalError
-from txt1.sensors import imu_bno055, imu_mpu6050
 from txt1.sensors.base import Reading, Sensor, Setup, reading_topic
 from txt1.sensors.camera import jpeg
 from txt1.sensors.conformance import SensorConformance
 from txt1.sensors.light import SimulatedLight, eyes
 from txt1.sensors.registry import DRIVERS, Impaired
-from txt1.sensors.virtual_i2c_imus import Bno055Chip
-from txt1.sensors.virtual_mpu6050 import Mpu6050Chip
 from txt1.telemetry.topics import Rule, Topic
 
 
@@ -241,20 +238,3 @@ def test_the_command_says_what_there_is(capsys: pytest.CaptureFixture[str]) -> N
     assert sensor == "sensor eye: sim_light"
     assert execute(["sensor", "check", "sonar"]) == 2
     assert f"there is no sensor driver 'sonar'; installed: {', '.join(DRIVERS.names())}" in capsys.readouterr().err
-
-
-class TestMpu6050(SensorConformance):
-    def make(self) -> Sensor[Any]:
-        return imu_mpu6050.sensor("checked_mpu6050", imu_mpu6050.Mpu6050Options(), Mpu6050Chip, lambda: False)
-
-    def absent(self) -> Sensor[Any]:
-        other = imu_mpu6050.Mpu6050Options(address=0x69)
-        return imu_mpu6050.sensor("checked_mpu6050", other, Mpu6050Chip, lambda: False)
-
-
-class TestBno055(SensorConformance):
-    def make(self) -> Sensor[Any]:
-        return imu_bno055.sensor("checked_bno055", imu_bno055.Bno055Options(), Bno055Chip)
-
-    def absent(self) -> Sensor[Any]:
-        return imu_bno055.sensor("checked_bno055", imu_bno055.Bno055Options(address=0x29), Bno055Chip)

@@ -24,6 +24,8 @@ class Outage(StrEnum):
     """The connection carries nothing any more, also later; a new connection is served."""
     NONSENSE = "makes no sense"
     """Whatever is written comes back at once, and an empty line: an answer that makes no sense."""
+    HELD = "held"
+    """A chip holds the data line of its I2C bus: each transfer waits, and fails."""
 
 
 class OutagePort:

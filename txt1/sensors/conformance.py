@@ -7,23 +7,27 @@ Use it in your own test class (see `txt1.conformance`), or from the command line
 `txt1.sensors.base` states the promises.
 
 A device behind a port has promises about silence, too. They are tried if `behind` returns a sensor whose port is
-wrapped, with its virtual device behind the port: the outages are put on the bytes. Those of a camera, or of another
-device without a port, are tried if `filmed` returns a sensor and what stands for its device.
+wrapped, with its virtual device behind the port: the outages are put on the bytes. Those of a chip on an I2C bus are
+tried in the same way if `on_bus` returns a sensor whose bus is wrapped. Those of a camera, or of another device without
+a port, are tried if `filmed` returns a sensor and what stands for its device.
 """
 
 import asyncio
 from collections.abc import Callable, Coroutine
 from functools import wraps
 from math import inf, isfinite
+from statistics import fmean, median
 from typing import Any, Final, Protocol
 from unittest import SkipTest
 
 from txt1.conformance import Conformance, broken, kept, named, opened, promise, unopened
 from txt1.errors import HalError, Txt1Error
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.link.base import Port
 from txt1.link.outages import Outage, OutagePort
 from txt1.link.silence import LONGEST
-from txt1.sensors.base import Reading, Sensor
+from txt1.sensors.base import Reading, Sensor, numbers
+from txt1.sensors.cut_bus import GIVES_UP, CutBus
 from txt1.telemetry.topics import Rule, Topic
 
 # s from opening to an outage
@@ -32,6 +36,9 @@ BEGINS: Final = 4.0
 BACK: Final = LONGEST + 5.0
 # the most times a second that anything is written to a device that does not answer, on the average
 ASKS: Final = 5.0
+# readings whose mean is compared, and the share of the largest number by which a restart may change it
+COMPARED: Final = 5
+ALIKE: Final = 0.1
 
 
 def in_an_outage(
@@ -93,6 +100,33 @@ def cut_off(
     return decorate
 
 
+def on_its_bus(
+    outage: Outage, lasts: float
+) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
+    """Run a test on a new sensor whose I2C bus can be cut off; skip it for a sensor without one."""
+
+    def decorate(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+        tested = opened(test)
+
+        @wraps(test)
+        def cut(self: Any) -> None:
+            buses: list[CutBus] = []
+
+            def wrapped(make: Callable[[], Any]) -> Callable[[], Any]:
+                buses.append(CutBus(make))
+                return buses[-1].open
+
+            sensor = self.on_bus(wrapped)
+            if sensor is None:
+                raise SkipTest("override SensorConformance.on_bus to try outages of an I2C bus, where there is one")
+            self.part, self.bus, self.kind, self.lasts = sensor, buses[0], outage, lasts
+            tested(self)
+
+        return cut
+
+    return decorate
+
+
 # s of the processor that a simulated sensor may take: it computes what a device measures
 COMPUTED: Final = 0.0003
 
@@ -105,11 +139,20 @@ class SensorConformance(Conformance[Sensor[Any]]):
     lasts: float
     source: CutSource
     kind: Outage
+    bus: CutBus
     # s without a picture after which a camera has to be told
     patience = 40.0
 
     def behind(self, wrap: Callable[[Port], Port]) -> Sensor[Any] | None:
         """Return a new sensor whose port is `wrap` of the port of its virtual device; None if it has no port."""
+        return None
+
+    def on_bus(self, wrap: Callable[[Callable[[], Any]], Callable[[], Any]]) -> Sensor[Any] | None:
+        """Return a new sensor whose I2C bus is opened by `wrap` of what makes its virtual bus; None if it has no bus.
+
+        What is given to `wrap` makes the bus with chips that have just got power. Its methods are those of smbus2, or
+        whichever the driver calls; they are called in the driver's thread.
+        """
         return None
 
     def filmed(self) -> tuple[Sensor[Any], CutSource] | None:
@@ -253,12 +296,78 @@ class SensorConformance(Conformance[Sensor[Any]]):
     async def test_a_camera_that_is_unplugged_is_told_and_reads_on(self) -> None:
         await self.is_told_and_reads_on()
 
+    @on_its_bus(Outage.SILENT, 1.0)
+    async def test_a_chip_that_is_silent_for_a_second_is_told_and_reads_on(self) -> None:
+        await self.chip_reads_on()
+
+    @on_its_bus(Outage.SILENT, 60.0)
+    async def test_a_chip_that_is_silent_for_a_minute_is_told_and_reads_on(self) -> None:
+        await self.chip_reads_on()
+
+    @on_its_bus(Outage.UNPLUGGED, 2.0)
+    async def test_a_bus_that_is_unplugged_is_told_and_reads_on_when_it_is_back(self) -> None:
+        await self.chip_reads_on()
+
+    @on_its_bus(Outage.POWER, 2.0)
+    async def test_a_chip_without_power_is_told_and_reads_on_as_before(self) -> None:
+        await self.chip_reads_on()
+
+    @on_its_bus(Outage.POWER, 0.0)
+    async def test_a_chip_that_starts_again_in_its_first_mode_reads_on_as_before(self) -> None:
+        await self.chip_reads_on()
+
+    @on_its_bus(Outage.HELD, 3.0)
+    async def test_a_bus_that_is_held_is_told_and_keeps_nobody_waiting(self) -> None:
+        await self.chip_reads_on()
+
     # -- for the tests -----------------------------------------------------------------------------------------
+
+    async def chip_reads_on(self) -> None:
+        """Check that a bus that is cut is told, asked now and then and waited for by nobody, and read on as before."""
+        before = await self.means()
+        self.bus.cut(self.kind)
+        if self.lasts > 0.0:
+            await self.is_told()
+            begun, asked = self.now, self.bus.transfers
+            waited = []
+            while self.now < begun + self.lasts:
+                await asyncio.sleep(self.part.period)
+                since = stopwatch_ns()
+                self.try_to_read()
+                waited.append((stopwatch_ns() - since) / NS_PER_S)
+            promise(median(waited) < 0.5 * GIVES_UP, "Sensor.read", "never waits, also while the bus is held")
+            often = (self.bus.transfers - asked) / (self.now - begun)
+            told = f"asks a chip that does not answer now and then, but did so {often:.0f} times a second"
+            promise(often <= ASKS, "Sensor", told)
+        self.bus.restore()
+        begun = self.now
+        while self.try_to_read() is None or self.now < begun + COMPARED * self.part.period:
+            await asyncio.sleep(self.part.period)
+            promise(self.now < begun + BACK, "Sensor.read", "returns readings when the device is back")
+        after = await self.means()
+        limit = ALIKE * max(map(abs, before.values()), default=0.0)
+        for name, number in before.items():
+            told = f"has {name} {number:.4g} as before the outage, not {after.get(name, 0.0):.4g}: the chip is at rest"
+            promise(abs(after.get(name, 0.0) - number) <= limit, "Reading.value", told)
+
+    async def means(self) -> dict[str, float]:
+        """Return the means of the next readings' numbers."""
+        read = [numbers(self.part.topic, (await self.reading()).value) for _ in range(COMPARED)]
+        return {name: fmean(each[name] for each in read) for name in read[0] if all(name in each for each in read)}
 
     async def is_told_and_reads_on(self) -> None:
         """Check that a cut source is told as a failure, and read again once it is restored."""
         await self.reading()
         self.source.cut(self.kind)
+        await self.is_told()
+        self.source.restore()
+        begun = self.now
+        while self.try_to_read() is None:
+            await asyncio.sleep(self.part.period)
+            promise(self.now < begun + self.patience, "Sensor.read", "returns readings when the device is back")
+
+    async def is_told(self) -> None:
+        """Wait until the sensor tells that its device fails."""
         begun = self.now
         failed = False
         while not failed:
@@ -270,11 +379,6 @@ class SensorConformance(Conformance[Sensor[Any]]):
                 text, failed = str(error), True
                 told = f"says in one line what is wrong, not {text!r}"
                 promise(bool(text) and "\n" not in text, "Sensor.read", told)
-        self.source.restore()
-        begun = self.now
-        while self.try_to_read() is None:
-            await asyncio.sleep(self.part.period)
-            promise(self.now < begun + self.patience, "Sensor.read", "returns readings when the device is back")
 
     async def reads_on(self, does: str = "is silent") -> None:
         """Check that the sensor reads until the outage and again after it, and does not flood a silent device."""

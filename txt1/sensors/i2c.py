@@ -66,6 +66,9 @@ def opener(setup: Setup, bus: int | str, virtual: Callable[[], SensorBus]) -> Ca
 def why_silent(error: OSError, bus: int | str, address: int) -> str:
     """Return where a transfer failed, and the remedy."""
     where = f"I2C bus {bus}, address 0x{address:02x}"
-    if error.errno == errno.EREMOTEIO:
+    if error.errno in (errno.EREMOTEIO, errno.ENXIO):
+        # the second from buses made of two pins
         return f"{where}: nothing answers; check wiring, power and options.address"
+    if error.errno in (errno.ENODEV, errno.ENOENT):
+        return f"{where}: there is no such bus any more; is its adapter plugged in?"
     return f"{where}: {error.strerror}; a chip may hold the bus: switch its power off and on"

@@ -94,13 +94,20 @@ def begin(bus: SensorBus, address: int, wait: Wait) -> None:
     who = bus.read_i2c_block_data(address, CHIP_ID, 1)[0]
     if who != IDENTITY:
         raise HalError(f"the chip at 0x{address:02x} is no BNO055: it says 0x{who:02x}")
-    mode, units = (bus.read_i2c_block_data(address, register, 1)[0] for register in (OPR_MODE, UNIT_SEL))
-    if mode & 0x0F == IMU and units & 0x07 == UNITS:
+    if is_set(bus, address):
         return
     for register, value in ((PAGE_ID, 0), (OPR_MODE, CONFIG), (UNIT_SEL, UNITS), (PWR_MODE, 0), (OPR_MODE, IMU)):
         bus.write_i2c_block_data(address, register, [value])
         if register == OPR_MODE:
             wait(CHANGES)
+    if not is_set(bus, address):
+        raise HalError(f"the chip at 0x{address:02x} does not keep its settings: check its power and wiring")
+
+
+def is_set(bus: SensorBus, address: int) -> bool:
+    """Return whether the chip has its units and its mode."""
+    mode, units = (bus.read_i2c_block_data(address, register, 1)[0] for register in (OPR_MODE, UNIT_SEL))
+    return mode & 0x0F == IMU and units & 0x07 == UNITS
 
 
 def readings(given: Bno055Options, opened: Callable[[], SensorBus], wait: Wait) -> Iterator[ImuReading | None]:

@@ -52,6 +52,7 @@ ICM20948: Final = MotionChip(
         (ACCEL_CONFIG, 0x1B),
         (REG_BANK_SEL, 0x00),
     ),
+    (PWR_MGMT_1, 0x01),
     ACCEL_XOUT_H,
     decode,
     REG_BANK_SEL,

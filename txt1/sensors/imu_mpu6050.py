@@ -2,7 +2,11 @@
 
 The chip's gyro is off by up to 20 degrees a second, and by another value at each temperature. So its mean is taken
 for zero whenever the robot is disarmed and the chip lies still for a second: a car that drives straight on looks still,
-too, but is armed. Until then a reading's sigma says that the rates are worth little.
+too, but is armed. Until then a reading's sigma says that the rates are worth little. An outage of the bus leaves the
+bias as it is.
+
+A chip that has lost its power starts in its first mode: an MPU6050 sleeps, an MPU9250 measures at other scales. So a
+register that setting it up changes is read after each measurement.
 """
 
 import struct
@@ -104,6 +108,8 @@ class MotionChip(NamedTuple):
     known: Mapping[int, str]
     # registers and values that wake it and set its ranges
     setup: Sequence[tuple[int, int]]
+    # one of them that is another one after power-up
+    mark: tuple[int, int]
     # of the first of 14 bytes, and their decoder
     data: int
     decode: Callable[[Sequence[int]], tuple[Vector, Vector]]
@@ -111,7 +117,7 @@ class MotionChip(NamedTuple):
     bank: int | None = None
 
 
-MPU6050: Final = MotionChip(WHO_AM_I, KNOWN, SETUP, ACCEL_XOUT_H, decode)
+MPU6050: Final = MotionChip(WHO_AM_I, KNOWN, SETUP, (GYRO_CONFIG, 0x08), ACCEL_XOUT_H, decode)
 
 SIGMA: Final = ImuSigma(rates=0.01, acceleration=1.0, attitude=0.0, heading=0.0)
 """Assumed; the chip tells no orientation."""
@@ -134,7 +140,7 @@ class Mpu6050Options:
 
 
 def begin(bus: SensorBus, address: int, chip: MotionChip = MPU6050) -> None:
-    """Wake the chip; raises HalError if it is another one, OSError if none answers."""
+    """Wake the chip; raises HalError if it is another one or keeps nothing, OSError if none answers."""
     who = bus.read_i2c_block_data(address, chip.who, 1)[0]
     if who not in chip.known and chip.bank is not None:
         # another program may have left it in another bank
@@ -144,6 +150,14 @@ def begin(bus: SensorBus, address: int, chip: MotionChip = MPU6050) -> None:
         raise HalError(f"the chip at 0x{address:02x} is no {', '.join(chip.known.values())}: it says 0x{who:02x}")
     for register, value in chip.setup:
         bus.write_i2c_block_data(address, register, [value])
+    if not is_set(bus, address, chip):
+        raise HalError(f"the chip at 0x{address:02x} does not keep its settings: check its power and wiring")
+
+
+def is_set(bus: SensorBus, address: int, chip: MotionChip) -> bool:
+    """Return whether the chip has its settings."""
+    register, value = chip.mark
+    return bus.read_i2c_block_data(address, register, 1)[0] == value
 
 
 def turning(yaw: float) -> Callable[[Vector], Vector]:
@@ -163,9 +177,14 @@ def readings(
     armed: Callable[[], bool],
     wait: Wait,
     chip: MotionChip = MPU6050,
+    rest: RestBias | None = None,
 ) -> Iterator[ImuReading | None]:
-    """Yield readings in the vehicle's axes, one in each period; raises HalError when the bus or the chip fails."""
-    rest, yaw, mount = RestBias(), given.mount.yaw, given.mount._replace(yaw=0.0)
+    """Yield readings in the vehicle's axes, one in each period; raises HalError when the bus or the chip fails.
+
+    `rest` is what is known of the bias.
+    """
+    rest = rest or RestBias()
+    yaw, mount = given.mount.yaw, given.mount._replace(yaw=0.0)
     unsure = given.sigma._replace(rates=max(UNKNOWN, given.sigma.rates or 0.0))
     turned = turning(yaw)
     try:
@@ -174,9 +193,13 @@ def readings(
             while True:
                 wait(given.period)
                 force, told = chip.decode(bus.read_i2c_block_data(given.address, chip.data, DATA.size))
-                if not any(force):
-                    # it lost its power, and sleeps
+                if not is_set(bus, given.address, chip):
+                    # it lost its power before it measured this, or while it did
                     begin(bus, given.address, chip)
+                    yield None
+                    continue
+                if not any(force):
+                    # it has just been woken
                     yield None
                     continue
                 rest.take(force, told, armed())
@@ -204,4 +227,5 @@ def sensor(
     chip: MotionChip = MPU6050,
 ) -> Frames[ImuReading]:
     """Return the sensor on a bus that `opened` opens in the sensor's thread."""
-    return Frames(imu_topic(name), given.period, lambda wait: readings(given, opened, armed, wait, chip))
+    rest = RestBias()
+    return Frames(imu_topic(name), given.period, lambda wait: readings(given, opened, armed, wait, chip, rest))

@@ -33,10 +33,11 @@ class Icm20948Chip(Mpu6050Chip):
 
     def read(self, register: int, count: int) -> list[int]:
         """Return bytes of the bank that is selected; the measurements are made now."""
-        self._measure()
+        self.measure()
         return list(self.banks[self.bank][register : register + count])
 
-    def _measure(self) -> None:
+    def measure(self) -> None:
+        """Fill the registers of the measurements."""
         awake = not self.banks[0][0x06] & 0x40
         g_range = 2 << (self.banks[2][0x14] >> 1 & 3)
         degree_range = 250 << (self.banks[2][0x01] >> 1 & 3)
@@ -63,7 +64,8 @@ class Bno055Chip(Mpu6050Chip):
         self.registers = bytearray(128)
         self.registers[0x00], self.registers[0x3B] = 0xA0, 0x80
 
-    def _measure(self) -> None:
+    def measure(self) -> None:
+        """Fill the registers of the measurements."""
         fuses = self.registers[0x3D] & 0x0F == 0x08 and self.registers[0x3E] == 0
         in_mg, in_rps = self.registers[0x3B] & 1, self.registers[0x3B] >> 1 & 1
         force = [round(a * (1000.0 / 9.80665 if in_mg else 100.0)) for a in self.force]

@@ -1,7 +1,7 @@
-"""A virtual MPU6050, register by register, alone on its I2C bus.
+"""A virtual MPU6050 and MPU9250, register by register, each alone on its I2C bus.
 
 The numbers are those of the maker's register map and data sheet; they are not the driver's, so that a wrong number
-there shows. After power-up the chip sleeps, and its measurements are zero.
+there shows. After power-up an MPU6050 sleeps, and its measurements are zero.
 """
 
 import errno
@@ -60,10 +60,11 @@ class Mpu6050Chip:
 
     def read(self, register: int, count: int) -> list[int]:
         """Return bytes, starting at a register; the measurements are made now."""
-        self._measure()
+        self.measure()
         return list(self.registers[register : register + count])
 
-    def _measure(self) -> None:
+    def measure(self) -> None:
+        """Fill the registers of the measurements."""
         awake = not self.registers[0x6B] & 0x40
         g_range = 2 << (self.registers[0x1C] >> 3 & 3)
         degree_range = 250 << (self.registers[0x1B] >> 3 & 3)
@@ -74,3 +75,12 @@ class Mpu6050Chip:
         for k, word in enumerate(words):
             count = min(max(round(word * FULL), -32768), 32767) if awake else 0
             self.registers[0x3B + 2 * k : 0x3D + 2 * k] = (count & 0xFFFF).to_bytes(2, "big")
+
+
+class Mpu9250Chip(Mpu6050Chip):
+    """The MPU-9250's gyro and accelerometer: awake after power-up, at +-2 g and +-250 degrees/s."""
+
+    def power_up(self) -> None:
+        """Measure, with the registers' first values."""
+        self.registers = bytearray(128)
+        self.registers[0x6B], self.registers[0x75] = 0x01, 0x71

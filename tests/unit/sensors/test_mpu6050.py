@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 from itertools import islice
 from math import cos, pi, radians, sin
 from random import Random
@@ -17,9 +19,10 @@ from txt1.errors import ConfigError, HalError
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 from txt1.sensors.base import Setup
+from txt1.sensors.i2c import why_silent
 from txt1.sensors.imu_mpu6050 import Mpu6050Options, RestBias, create, decode, readings
 from txt1.sensors.readings import ImuReading, Mount
-from txt1.sensors.virtual_mpu6050 import Mpu6050Chip
+from txt1.sensors.virtual_mpu6050 import Mpu6050Chip, Mpu9250Chip
 from txt1.sim.parameters import LineFaults
 
 G = 9.80665
@@ -55,6 +58,71 @@ def test_a_chip_that_lost_its_power_is_woken_again() -> None:
     assert next(made) is None
     again = next(made)
     assert again is not None and again.acceleration[2] == pytest.approx(G, abs=0.05)
+
+
+def test_an_mpu9250_that_lost_its_power_is_not_read_at_its_first_scale() -> None:
+    """An MPU9250 is awake then, and tells 1 g as 2 g by the scale that was set."""
+    chip = Mpu9250Chip()
+    made = readings(Mpu6050Options(), lambda: chip, lambda: False, lambda seconds: None)
+    found = []
+    for k in range(20):
+        if k % 5 == 4:
+            chip.power_up()
+        found.append(next(made))
+    forces = [each.acceleration[2] for each in found if each is not None]
+    assert forces == pytest.approx([G] * 16, abs=0.05)
+
+
+def test_a_chip_that_has_just_been_woken_tells_no_free_fall() -> None:
+    chip = Mpu6050Chip()
+    made = readings(Mpu6050Options(), lambda: chip, lambda: False, lambda seconds: None)
+    assert next(made) is not None
+    measure = chip.measure
+    chip.measure = lambda: None  # type: ignore[method-assign]
+    chip.registers[0x3B:0x49] = bytes(14)
+    assert next(made) is None
+    chip.measure = measure  # type: ignore[method-assign]
+    assert next(made) is not None
+
+
+def test_a_chip_that_keeps_no_settings_is_told() -> None:
+    chip = Mpu6050Chip()
+    chip.write = lambda register, data: None  # type: ignore[method-assign]
+    with pytest.raises(HalError, match="the chip at 0x68 does not keep its settings: check its power"):
+        read(chip, 1)
+
+
+def test_an_outage_leaves_the_bias_as_it_is() -> None:
+    chip, rest = Mpu6050Chip(), RestBias()
+
+    def read_on(count: int, armed: bool) -> ImuReading:
+        made = readings(Mpu6050Options(), lambda: chip, lambda: armed, lambda seconds: None, rest=rest)
+        *_, last = islice(made, count)
+        assert last is not None and last.sigma is not None
+        return last
+
+    read_on(120, armed=False)
+    chip.held = True
+    with pytest.raises(HalError):
+        read_on(1, armed=True)
+    chip.held = False
+    chip.power_up()
+    after = read_on(1, armed=True)
+    assert after.rates == pytest.approx((0.0, 0.0, 0.0), abs=0.005) and after.sigma and after.sigma.rates == 0.01
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (errno.EREMOTEIO, "nothing answers; check wiring"),
+        (errno.ENXIO, "nothing answers; check wiring"),
+        (errno.ENODEV, "is its adapter plugged in"),
+        (errno.ETIMEDOUT, "a chip may hold the bus"),
+    ],
+)
+def test_each_error_of_a_bus_has_its_remedy(number: int, told: str) -> None:
+    """A bus of two pins tells a missing answer as ENXIO, a Raspberry Pi's own as EREMOTEIO."""
+    assert told in why_silent(OSError(number, os.strerror(number)), 3, 0x68)
 
 
 def test_the_bias_is_found_at_rest_while_disarmed_and_told_by_the_sigma() -> None:
