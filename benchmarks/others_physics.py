@@ -552,13 +552,14 @@ TABLES: Final[dict[str, Callable[[Kept], list[str]]]] = {
 
 
 def write(results: dict[str, Shown]) -> None:
-    """Put the tables into the page, between the lines that name them."""
+    """Put the tables into the page, between the lines that name them; one of which no run is kept stays as it is."""
     kept: Kept = {}
     for text, shown in results.items():
         probe, vehicle, physics, _ = text.split()
         kept.setdefault((probe, vehicle, physics), []).append(shown)
     for name, table in TABLES.items():
-        page_parts.write(PAGE, name, "\n".join(table(kept)), "benchmarks.others_physics")
+        if (lines := table(kept)) != table({}):
+            page_parts.write(PAGE, name, "\n".join(lines), "benchmarks.others_physics")
 
 
 def main() -> None:
