@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks.board_faults import BOARDS
 from txt1 import Robot, run
+from txt1.board.board import BoardEvent
 from txt1.errors import StopNotVerified
 from txt1.sidecar import Request
 from txt1_ros1.robot_end import Ros1Desk
@@ -73,10 +74,27 @@ async def age_of_commands(program: Program) -> None:
 
 async def set_points(program: Program) -> None:
     await program.call("arm")
+    await program.drive(3.0)
+    assert program.robot.runtime.state.control.v == program.robot.config.safety.v_max == 1.5
     await program.drive(0.28, 3.0)
     assert program.robot.runtime.state.control.omega == pytest.approx(0.5)
     await program.drive(nan, 0.0)
     assert program.robot.faults["command_not_finite"] > 0
+
+
+async def priority(program: Program) -> None:
+    await program.call("arm")
+    keys = program.robot.source("keys")
+    for _ in range(15):
+        keys.hold(-0.3, 0.0)
+        await program.drive(0.4, duration=0.1)
+    assert program.robot.odometry.v < -0.1
+    keys.release()
+    await program.drive(0.4, duration=2.0)
+    assert not program.moves
+    await program.drive(0.0, duration=0.1)
+    await program.drive(0.4, duration=3.0)
+    assert program.moves
 
 
 async def pwm_by_hand(program: Program) -> None:
@@ -118,6 +136,7 @@ CHECKS: dict[str, Callable[[Program], Awaitable[None]]] = {
     "Stops stay": stops_stay,
     "Age of commands": age_of_commands,
     "Set-points": set_points,
+    "Priority": priority,
     "PWM by hand": pwm_by_hand,
     "Power": power,
     "Gains": gains,
@@ -129,14 +148,57 @@ def test_the_page_s_list_is_whole() -> None:
     assert re.findall(r"^- \*\*(.+?)\.\*\*", PAGE.read_text("utf-8"), re.M) == list(CHECKS)
 
 
+async def after(event: BoardEvent, undone: BoardEvent | None, program: Program) -> None:
+    """Let something happen to the board while it drives, and undo it: a stop that nobody asked for."""
+    board: Any = program.robot.hal.port.board  # type: ignore[attr-defined]
+    assert await program.call("arm")
+    await program.drive(0.4, duration=2.0)
+    assert program.moves
+    board.happen(event)
+    await program.drive(0.4, duration=3.0)
+    if undone is not None:
+        board.happen(undone)
+    await program.drive(0.4, duration=5.0)
+    assert not program.moves and not program.robot.armed
+
+
+async def wall(program: Program) -> None:
+    """Drive against a wall, and back from it."""
+    assert await program.call("arm")
+    await program.drive(0.4, duration=15.0)
+    await program.drive(-0.4, duration=3.0)
+    assert not program.moves and not program.robot.armed and "a wall" in program.robot.reason
+
+
+STOPS: dict[str, tuple[BoardEvent, BoardEvent | None]] = {
+    "a runaway": (BoardEvent("encoders", 0.0), BoardEvent("encoders", 1.0)),
+    "a lost link": (BoardEvent("restart", 2.0), None),
+}
+
+
+def test_a_wall_is_a_stop_that_stays() -> None:
+    drive(wall, "sim.room.length=6", "sim.room.width=6")
+
+
+@pytest.mark.parametrize("what", STOPS)
+def test_a_stop_that_nobody_asked_for_stays_as_the_page_says(what: str) -> None:
+    assert what in PAGE.read_text("utf-8").replace("\n", " ")
+    drive(lambda program: after(*STOPS[what], program))
+
+
 @pytest.mark.parametrize("what", CHECKS)
 def test_it_differs_from_the_original_as_the_page_says(what: str) -> None:
+    drive(CHECKS[what])
+
+
+def drive(check: Callable[[Program], Awaitable[None]], *room: str) -> None:
+    """Check a program on a board with the habits of the originals, by default in an endless room."""
+
     async def main() -> None:
-        settings = (*BOARDS["original"], "sim.room.length=.inf", "sim.room.width=.inf")
         try:
-            async with Robot.open("serial", settings=settings, seed=1, arm=False) as robot:
+            async with Robot.open("serial", settings=(*BOARDS["original"], *room), seed=1, arm=False) as robot:
                 await robot.load_gains()
-                await CHECKS[what](Program(robot))
+                await check(Program(robot))
         except StopNotVerified as error:
             # a check that failed
             if error.__cause__ is not None:
