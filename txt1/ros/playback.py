@@ -19,11 +19,12 @@ from txt1.record.mcap_records import Encoder
 from txt1.record.reader import Decoding, FilePass, Item, metadata_of, robot_in
 from txt1.ros.definitions import OWNERS
 from txt1.ros.node import started
-from txt1.ros.publisher import JOINTS, WheelJoints, description, line_of
+from txt1.ros.publisher import DESCRIBED, JOINTS, PLACES, WheelJoints, line_of
 from txt1.ros.python import RosPython
 from txt1.ros.robot_node import ros2_python
 from txt1.ros.topics import Publication, Quality, recorded
-from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+from txt1.ros.urdf import robot_description
+from txt1.sensors.mounts import ORIGINAL, TF_STATIC
 from txt1.sidecar import Request, Sidecar
 from txt1.tasks.controller import PWM
 from txt1.tasks.encoder import ODOMETRY
@@ -41,8 +42,9 @@ LAST: Final = 1.0
 class Playback:
     """Sends the messages of a recording at `speed` times its pace, from `start` s of the run on.
 
-    In addition it sends the robot's description, its static transforms, and its wheels. `say` is called for messages
-    without a type in ROS. Raises RecordingError: there is no such robot in the file.
+    In addition it sends the robot's description, its wheels, and the places of the original's sensors, until the
+    recording's own follow: a recording by version 0.2.0 has none. `say` is called for messages without a type in ROS.
+    Raises RecordingError: there is no such robot in the file.
     """
 
     def __init__(
@@ -131,15 +133,16 @@ class Playback:
 
         if not self._described:
             self._described = True
-            for publication, value in description(self._name, self._geometry, [Scan, Image, ImuReading, FixReading]):
-                tell(publication, value, now)
+            tell(DESCRIBED, robot_description(self._name, self._geometry), now)
+            tell(PLACES, ORIGINAL, now)
         size = 0
         while self._next is not None and self._next.message.log_time <= now and size < BYTES_MAX:
             item, self._next = self._next, next(self._items, None)
             time, place = item.message.log_time, self._place(item)
             if place is not None:
                 message = item.schema.name.replace("/msg/", "/")
-                messages.append((number(item.channel.id, place[0], message, place[1]), time, item.message.data))
+                key = item.name if item.name == TF_STATIC.name else item.channel.id
+                messages.append((number(key, place[0], message, place[1]), time, item.message.data))
                 size += len(item.message.data)
             if item.name == PWM.name:
                 pwm = self._decoding.message(item)

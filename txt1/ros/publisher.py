@@ -6,7 +6,7 @@ import asyncio
 import json
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import tau
 from typing import Any, Final, Literal, NamedTuple
 
@@ -33,7 +33,7 @@ from txt1.ros.topics import (
 )
 from txt1.ros.urdf import robot_description
 from txt1.runtime import Runtime
-from txt1.sensors.mounts import fixed, links_of
+from txt1.sensors.mounts import TF_STATIC, SensorFrames
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY, POSE, TRANSFORM, origin
 from txt1.tasks.on_map import MapInUse
@@ -74,11 +74,8 @@ class WheelJoints:
         return Joints((self._angle,) * 4 + (left, left, right, right), (rate,) * 4 + (0.0,) * 4)
 
 
-def description(name: str, geometry: Geometry, kinds: Iterable[type]) -> Iterator[tuple[Publication, Any]]:
-    """Yield the static transforms of a robot with sensors of these types of readings, and its URDF."""
-    links = links_of(kinds)
-    yield Publication("tf_static", "latched", fixed(links)), None
-    yield Publication("robot_description", "latched", DESCRIPTION), robot_description(name, geometry, links)
+PLACES: Final = Publication("tf_static", "latched", TF_STATIC)
+DESCRIBED: Final = Publication("robot_description", "latched", DESCRIPTION)
 
 
 JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
@@ -125,6 +122,13 @@ class Publisher:
         """Whether ROS gets the robot's time instead of the time of day."""
         self._leave: Callable[[], None] = lambda: None
         self._events: deque[Message] = deque(maxlen=EVENTS_MAX)
+        # from the start on: readings tell where their sensors sit
+        self._frames = SensorFrames()
+        sensors = [polled.sensor.topic for polled in runtime.sensors.values()]
+        for topic in sensors:
+            self._frames.link(topic)
+        self._begun = False
+        runtime.bus.subscribe(self._see, sensors)
         # messages without a type in the node, and their topics' names
         self._lacking: dict[str, list[str]] = {}
         # topics with a value that could not become a message
@@ -147,16 +151,17 @@ class Publisher:
                 JOINTS,
             )
         )
-        self._steered = self._named(STEERED)
+        self._steered, self._places, self._described = (self._named(each) for each in (STEERED, PLACES, DESCRIBED))
         runtime = self._runtime
         for polled in runtime.sensors.values():
             self._kinds.setdefault(polled.sensor.topic.type, polled.sensor.topic)
-        for publication, value in description(runtime.name, runtime.config.geometry, self._kinds):
-            self._tell(self._named(publication), value, runtime.now)
+        self._begun = True
+        self._describe()
         self._leave = runtime.bus.subscribe(self._take)
 
     def end(self) -> None:
         """Collect nothing more."""
+        self._begun = False
         self._leave()
         self._events.clear()
 
@@ -241,7 +246,10 @@ class Publisher:
             if topic.rule is Rule.SNAPSHOT or topic.name in NOT_TOLD or self._left_out(topic):
                 every: Sequence[Publication] = ()
             elif topic.name.startswith("/sensors/"):
-                every = sensor(topic, self._kinds.setdefault(topic.type, topic) is topic)
+                every = [
+                    each._replace(topic=self._frames.framed(each.topic, topic))
+                    for each in sensor(topic, self._kinds.setdefault(topic.type, topic) is topic)
+                ]
             else:
                 every = (of_the_table(topic),)
             found = self._publications[topic] = tuple(
@@ -261,6 +269,16 @@ class Publisher:
             self._events.append((time, publication.topic, value))
         if topic is ODOMETRY:
             self._tell_frames(value, time)
+
+    def _see(self, topic: Topic[Any], value: Any, _time: float) -> None:
+        """Describe the robot anew if a sensor sits elsewhere than known before."""
+        if self._frames.see(topic, value) and self._begun:
+            self._describe()
+
+    def _describe(self) -> None:
+        runtime, mounts = self._runtime, self._frames.mounts
+        self._tell(self._places, mounts, runtime.now)
+        self._tell(self._described, robot_description(runtime.name, runtime.config.geometry, mounts), runtime.now)
 
     def _tell(self, publication: Publication, value: Any, time: float) -> None:
         if publication.topic.message not in self._lacking:

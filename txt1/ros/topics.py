@@ -255,9 +255,10 @@ def recorded(name: str, message: str, taken: Container[str]) -> tuple[str, Quali
     """
     if name in ("/tf_room", "/tf_room_below", "/tf_map"):
         return "tf", "default"
-    # the transforms of the sensors are told from the start on
-    if name in NOT_TOLD or name == "/tf_static":
+    if name in NOT_TOLD:
         return None
+    if name == "/tf_static":
+        return "tf_static", "latched"
     if name.startswith("/sensors/"):
         place = _RECORDED.get(message, "")
         return place if place and place not in taken else f"~{name}", "sensor"

@@ -7,15 +7,18 @@ from typing import Final
 
 from txt1.model.vehicle import Geometry
 from txt1.ros.topics import AXLES, WHEELS
-from txt1.sensors.mounts import Links
-from txt1.sensors.readings import BASE, OPTICAL
+from txt1.sensors.mounts import Mounts, optical
+from txt1.sensors.readings import BASE
 
+# sizes of the original's sensors by the ends of their links' names, m
 _SIZES: Final = {
-    "base_laser_link": (0.05, 0.05, 0.07),
-    "base_camera_link": (0.07, 0.28, 0.06),
-    "base_imu_link": (0.044, 0.024, 0.064),
-    "base_gps_link": (0.061, 0.061, 0.02),
+    "laser_link": (0.05, 0.05, 0.07),
+    "camera_link": (0.07, 0.28, 0.06),
+    "imu_link": (0.044, 0.024, 0.064),
+    "gps_link": (0.061, 0.061, 0.02),
 }
+# of any other
+SMALL: Final = (0.03, 0.03, 0.03)
 # width of a tyre, m
 TYRE: Final = 0.085
 # height of the body, m
@@ -52,23 +55,24 @@ _JOINT: Final = """\
   </joint>"""
 
 
-def robot_description(name: str, geometry: Geometry, links: Links) -> str:
-    """Return the robot as URDF; ROS 2's robot_state_publisher moves its joints by ``joint_states``."""
-    parts: list[str] = []
-    for link, (above, x, y, z) in links.items():
-        ahead, turned = 0.0, "0 0 0"
-        if link == OPTICAL:
-            turned = f"{-tau / 4:.9f} 0 {-tau / 4:.9f}"
-            parts.append(f'  <link name="{link}"/>')
-        else:
-            size, colour = _SIZES.get(link, (0.0, 0.0, 0.0)), "grey"
-            if link == "base_link":
-                size, colour, ahead = (geometry.length, geometry.width - 2.0 * TYRE, HEIGHT), "blue", geometry.centre
-            box = f'<box size="{" ".join(f"{each:g}" for each in size)}"/>'
-            place = _origin((ahead, 0.0, 0.0))
-            mass = _box(place, size) if link == "base_link" else ""
-            parts.append(_BODY.format(link, place, box, colour, mass))
-        parts.append(_JOINT.format(f"{link}_joint", "fixed", above, link, _origin((x, y, z), turned), ""))
+def robot_description(name: str, geometry: Geometry, mounts: Mounts = ()) -> str:
+    """Return the robot with sensors at these places as URDF; ROS 2's robot_state_publisher moves its joints by
+    ``joint_states``.
+    """
+    size = geometry.length, geometry.width - 2.0 * TYRE, HEIGHT
+    place = _origin((geometry.centre, 0.0, 0.0))
+    parts = [
+        _BODY.format("base_link", place, _cuboid(size), "blue", _box(place, size)),
+        _fixed("base_footprint", "base_link", _origin((0.0, 0.0, BASE))),
+    ]
+    here = _origin((0.0, 0.0, 0.0))
+    for link, mount in mounts:
+        at = _origin((mount.x, mount.y, mount.z - BASE), f"0 0 {mount.yaw:.6g}")
+        of_the_kind = next((size for kind, size in _SIZES.items() if link.endswith(kind)), SMALL)
+        parts += [_BODY.format(link, here, _cuboid(of_the_kind), "grey", ""), _fixed("base_link", link, at)]
+        if link.endswith("camera_link"):
+            turned = _origin((0.0, 0.0, 0.0), f"{-tau / 4:.9f} 0 {-tau / 4:.9f}")
+            parts += [f'  <link name="{optical(link)}"/>', _fixed(link, optical(link), turned)]
     radius, lock = geometry.circumference / tau, geometry.steering_max
     # the pose of this car is on its rear axle
     rear = 0.0 if geometry.steering == "front" else -0.5 * geometry.wheelbase
@@ -96,6 +100,14 @@ def robot_description(name: str, geometry: Geometry, links: Links) -> str:
             _BODY.format(f"{wheel}_wheel", lying, tyre, "black", wheel_mass),
         ]
     return _ROBOT.format(name or "txt1", "\n".join(parts))
+
+
+def _cuboid(size: tuple[float, float, float]) -> str:
+    return f'<box size="{" ".join(f"{each:g}" for each in size)}"/>'
+
+
+def _fixed(above: str, link: str, origin: str) -> str:
+    return _JOINT.format(f"{link}_joint", "fixed", above, link, origin, "")
 
 
 def _box(place: str, size: tuple[float, float, float]) -> str:

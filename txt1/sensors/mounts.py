@@ -1,27 +1,40 @@
-"""Where the original's sensors sit on the robot: links without joints, and their static transforms."""
+"""Where the sensors sit on the robot: their links, and the static transforms of these."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from math import cos, sin
 from typing import Any, Final, TypeVar
 
-from txt1.sensors.readings import BASE, OPTICAL, DepthImage, FixReading, Image, ImuReading, Mount, Scan
+from txt1.sensors.readings import (
+    BASE,
+    CAMERA_MOUNT,
+    GPS_MOUNT,
+    IMU_MOUNT,
+    LASER_MOUNT,
+    OPTICAL,
+    DepthImage,
+    FixReading,
+    Image,
+    ImuReading,
+    Mount,
+    Scan,
+)
 from txt1.telemetry.topics import Rule, Topic
 
 T = TypeVar("T")
 
-Links = dict[str, tuple[str, float, float, float]]
-"""Links without joints, by name: the parent, and the place in it, m; only the optical ones are turned."""
+Mounts = tuple[tuple[str, Mount], ...]
+"""The places of sensors on the vehicle, by the names of their links."""
 
-MOUNTS: Final[Mapping[str, tuple[float, float, float]]] = {
-    "base_laser_link": (0.1905, 0.0, 0.1435),
-    "base_camera_link": (0.1448, 0.0, 0.2832),
-    "base_imu_link": (-0.1016, 0.0, 0.3187),
-    "base_gps_link": (-0.0762, 0.0, 0.3492),
-}
-"""Places of the original's sensors in base_link, m."""
+ORIGINAL: Final[Mounts] = (
+    ("base_laser_link", LASER_MOUNT),
+    ("base_camera_link", CAMERA_MOUNT),
+    ("base_imu_link", IMU_MOUNT),
+    ("base_gps_link", GPS_MOUNT),
+)
+"""Places of the original's sensors."""
 _LINK: Final[Mapping[type, str]] = {
     Scan: "base_laser_link",
     Image: "base_camera_link",
@@ -31,15 +44,6 @@ _LINK: Final[Mapping[type, str]] = {
 }
 # rotation from the camera to its optical frame
 TO_OPTICAL: Final = {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}
-
-
-def links_of(kinds: Iterable[type]) -> Links:
-    """Return the links of a robot with sensors of these types of readings."""
-    wanted = {_LINK[kind] for kind in kinds if kind in _LINK}
-    sensors: Links = {name: ("base_link", *place) for name, place in MOUNTS.items() if name in wanted}
-    if "base_camera_link" in sensors:
-        sensors[OPTICAL] = "base_camera_link", 0.0, 0.0, 0.0
-    return {"base_link": ("base_footprint", 0.0, 0.0, BASE), **sensors}
 
 
 def transform(above: str, name: str, place: tuple[float, float, float], yaw: float = 0.0) -> dict[str, Any]:
@@ -53,12 +57,9 @@ def transform(above: str, name: str, place: tuple[float, float, float], yaw: flo
     }
 
 
-def _optical(link: str) -> str:
+def optical(link: str) -> str:
+    """Return the link of a camera's pictures: z ahead, x to the right."""
     return link.replace("_link", "_optical_link")
-
-
-Mounts = tuple[tuple[str, Mount], ...]
-"""The places of sensors on the vehicle, by the names of their links."""
 
 
 def mounted(mounts: Mounts) -> dict[str, Any]:
@@ -67,7 +68,7 @@ def mounted(mounts: Mounts) -> dict[str, Any]:
     for name, mount in mounts:
         found.append(transform("base_link", name, (mount.x, mount.y, mount.z - BASE), mount.yaw))
         if name.endswith("camera_link"):
-            found.append(transform(name, _optical(name), (0.0, 0.0, 0.0)))
+            found.append(transform(name, optical(name), (0.0, 0.0, 0.0)))
     return {"transforms": found}
 
 
@@ -109,7 +110,7 @@ class SensorFrames:
         link = self.link(sensor)
         if link in ("", _LINK.get(sensor.type)):
             return topic
-        frames = {_LINK[sensor.type]: link, OPTICAL: _optical(link)}
+        frames = {_LINK[sensor.type]: link, OPTICAL: optical(link)}
         frame = topic.constants["header"]["frame_id"]
         return replace(topic, constants={**topic.constants, "header": {"frame_id": frames.get(frame, frame)}})
 
@@ -125,17 +126,3 @@ class SensorFrames:
     def mounts(self) -> Mounts:
         """The places so far."""
         return tuple((link, mount) for link, (_, mount) in self._found.items())
-
-
-def fixed(links: Links) -> Topic[object]:
-    """Return the topic of the static transforms of links: by name, the parent and the place in it, m."""
-    transforms = [transform(above, name, (x, y, z)) for name, (above, x, y, z) in links.items()]
-    return Topic(
-        "/tf_static",
-        object,
-        "m",
-        "tf2_msgs/TFMessage",
-        Rule.EVENT,
-        "where everything sits on the robot",
-        make=lambda _: {"transforms": transforms},
-    )

@@ -39,6 +39,8 @@ class LaserParameters:
     """Standard deviation of ranges up to 1 m, m; assumed."""
     noise_share: Share = 0.01
     """Standard deviation of longer ranges, as a share of the range; assumed."""
+    mount: Mount = LASER_MOUNT
+    """The place of the scanner, and the angle of its own 0 degrees."""
 
 
 def standing(config: Config) -> Shapes:
@@ -68,11 +70,10 @@ class SimulatedLaser(SimulatedSensor[Scan]):
         rng: Generator,
         others: Others = tuple,
         body: Geometry = Geometry(),  # noqa: B008 - immutable
-        mount: Mount = LASER_MOUNT,
     ) -> None:
         super().__init__(scan_topic(name), parameters.turn_time, pose)
         self._others, self._shapes, self._body = others, shapes, body
-        self._parameters, self._rng, self._mount = parameters, rng, mount
+        self._parameters, self._rng = parameters, rng
         beams = min(parameters.beams, parameters.steps)
         self._step = tau / parameters.steps
         self._angles = self._step * (np.arange(beams) - beams // 2)
@@ -97,14 +98,14 @@ class SimulatedLaser(SimulatedSensor[Scan]):
             p.range_min,
             p.range_max,
             None,
-            self._mount,
+            self._parameters.mount,
             p.turn_time,
         )
         return Reading(first, scan)
 
     def _measured(self, old: Pose, new: Pose, then: float, now: float, first: float) -> Any:
         """Return ranges, m, with noise; inf if nothing is in range."""
-        p, mount, angles = self._parameters, self._mount, self._angles
+        p, mount, angles = self._parameters, self._parameters.mount, self._angles
         shapes = self._shapes
         if others := self._others():
             shapes += bodies(others, self._body)

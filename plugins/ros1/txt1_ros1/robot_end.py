@@ -119,8 +119,6 @@ class Ros1Desk(RobotEnd):
             },
         )
         self._readings = SensorFeed(robot.runtime)
-        # places of the sensors, for a node that has started
-        self._frames: list[dict[str, Any]] = []
         # whether the node serves now, and whether it ever did
         self._serving = self._served = False
         # from the start on: a command may be ignored before the node serves
@@ -151,8 +149,8 @@ class Ros1Desk(RobotEnd):
         epoch = seconds(wall_ns()) - now
         if self._virtual:
             epoch = robot.config.section(RecordConfig).epoch or 0.0
-        if self._frames:
-            told["frames"], self._frames = self._frames, []
+        if self._serving and (places := self._readings.places()):
+            told["frames"] = places
         if readings := self._readings.take(epoch):
             told["readings"] = readings
         if now >= self._odometry_due:
@@ -180,7 +178,7 @@ class Ros1Desk(RobotEnd):
         self.let_go()
 
     def _begin(self) -> None:
-        self._frames = self._readings.begin()
+        self._readings.begin()
         self._odometry_due = self._battery_due = 0.0
         if self._served:
             self._arming.end("its node was away")

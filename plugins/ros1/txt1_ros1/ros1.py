@@ -187,7 +187,7 @@ class OriginalNode:
         self._log.publish(told)
 
     def _tell_frames(self, stamp: Any, transforms: list[dict[str, Any]]) -> None:
-        """Publish once the places of everything on the robot."""
+        """Publish the places of everything on the robot."""
         told = TFMessage([fill(TransformStamped(), each, self._place) for each in transforms])
         for each in told.transforms:
             each.header.stamp = stamp

@@ -11,7 +11,7 @@ from typing import Any, Final
 from txt1.kernel.clock import NS_PER_S
 from txt1.ros.topics import sensor
 from txt1.runtime import Runtime
-from txt1.sensors.mounts import fixed, links_of
+from txt1.sensors.mounts import SensorFrames, mounted
 from txt1.telemetry.topics import Topic
 
 # messages that wait for the node; the oldest are dropped
@@ -31,21 +31,31 @@ class SensorFeed:
         self._first: dict[type, Topic[Any]] = {}
         self._waiting: deque[tuple[str, Topic[Any], Any, float]] = deque(maxlen=READINGS_MAX)
         self._leave: Callable[[], None] = lambda: None
+        # from the start on: readings tell where their sensors sit
+        self._frames, self._moved = SensorFrames(), False
+        sensors = [polled.sensor.topic for polled in runtime.sensors.values()]
+        for topic in sensors:
+            self._first.setdefault(topic.type, topic)
+            self._frames.link(topic)
+        runtime.bus.subscribe(self._see, sensors)
 
-    def begin(self) -> list[dict[str, Any]]:
-        """Begin to collect; return the transforms of the sensors' places."""
+    def begin(self) -> None:
+        """Begin to collect."""
         self.end()
-        for polled in self._runtime.sensors.values():
-            self._first.setdefault(polled.sensor.topic.type, polled.sensor.topic)
+        self._moved = True
         self._leave = self._runtime.bus.subscribe(self._take)
-        told: Any = fixed(links_of(self._first)).make(None)
-        return list(told["transforms"])
+
+    def places(self) -> list[dict[str, Any]]:
+        """Return the transforms of the sensors' places if they are not as at the last call; else none."""
+        moved, self._moved = self._moved, False
+        return list(mounted(self._frames.mounts)["transforms"]) if moved else []
 
     def end(self) -> None:
         """Collect nothing more."""
         self._leave()
         self._leave = lambda: None
         self._waiting.clear()
+        self._moved = False
 
     def take(self, epoch: float) -> list[Told]:
         """Return the messages since the last call, with times of day for a run that started at `epoch`, s."""
@@ -55,12 +65,16 @@ class SensorFeed:
             for name, topic, value, time in waiting
         ]
 
+    def _see(self, topic: Topic[Any], value: Any, _time: float) -> None:
+        self._moved |= self._frames.see(topic, value)
+
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
         if not topic.name.startswith("/sensors/"):
             return
         for name, _, each in sensor(topic, self._first.setdefault(topic.type, topic) is topic):
             if not each.message.startswith(OWN):
-                self._waiting.append((name.removeprefix("~/"), each, value, time))
+                framed = self._frames.framed(each, topic)
+                self._waiting.append((name.removeprefix("~/"), framed, value, time))
 
 
 def tree(topic: Topic[Any], value: Any) -> dict[str, Any]:

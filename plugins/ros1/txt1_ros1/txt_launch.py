@@ -10,7 +10,8 @@ from __future__ import annotations
 from math import pi
 from typing import TYPE_CHECKING, Final
 
-from txt1.sensors.mounts import MOUNTS, links_of
+from txt1.sensors.mounts import ORIGINAL
+from txt1.sensors.readings import BASE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -149,10 +150,10 @@ def frames() -> Iterator[tuple[str, str, float, float, float, float, float, floa
 
     The IMU is turned: the original's sends its readings as they are, with z downwards.
     """
-    links = links_of(()) | {name: ("base_link", *place) for name, place in MOUNTS.items()}
-    for name, (parent, x, y, z) in links.items():
+    yield "base_footprint", "base_link", 0.0, 0.0, BASE, 0.0, 0.0, 0.0
+    for name, mount in ORIGINAL:
         angle = pi if name == "base_imu_link" else 0.0
-        yield parent, name, x, y, z, angle, 0.0, angle
+        yield "base_link", name, mount.x, mount.y, round(mount.z - BASE, 6), angle, 0.0, angle
 
 
 def files() -> dict[str, str]:

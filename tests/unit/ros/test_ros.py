@@ -6,7 +6,7 @@ import asyncio
 import json
 import sys
 from base64 import b64decode
-from math import tau
+from math import pi, tau
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +34,13 @@ from txt1.ros.stamps import Publishers, Stamps
 from txt1.ros.topics import JOINTS, recorded, turned
 from txt1.ros.urdf import robot_description
 from txt1.sensors.base import Reading
-from txt1.sensors.mounts import MOUNTS, TO_OPTICAL, links_of
-from txt1.sensors.readings import OPTICAL, FixReading, Image, ImuReading, Scan
+from txt1.sensors.mounts import ORIGINAL, TO_OPTICAL
+from txt1.sensors.readings import BASE, OPTICAL, Mount, Scan
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic
 
 STALE = 0.25
+LASER = "sensor_msgs/msg/LaserScan"
 
 
 @given(offset=st.floats(-1e5, 1e5), delays=st.lists(st.floats(0.0, 0.2), min_size=2, max_size=50))
@@ -150,13 +151,14 @@ def test_every_message_is_read_by_another_library(message: str, store: Typestore
 @pytest.mark.parametrize("steering", ["both", "front", "skid"])
 def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering: str) -> None:
     geometry = Geometry(steering=steering)  # type: ignore[arg-type]
-    text = robot_description("txt03", geometry, links_of([Scan, Image, ImuReading, FixReading]))
+    text = robot_description("txt03", geometry, ORIGINAL)
     robot = URDF.from_xml_string(text.partition("\n")[2])
     assert robot.get_root() == "base_footprint"
     assert {joint.name for joint in robot.joints} >= set(JOINTS)
-    for link, place in MOUNTS.items():
+    for link, mount in ORIGINAL:
         joint = robot.joint_map[f"{link}_joint"]
-        assert (joint.parent, joint.type) == ("base_link", "fixed") and tuple(joint.origin.xyz) == place
+        assert (joint.parent, joint.type) == ("base_link", "fixed")
+        assert joint.origin.xyz == pytest.approx([mount.x, mount.y, mount.z - BASE])
     optical = robot.joint_map[f"{OPTICAL}_joint"]
     assert optical.parent == "base_camera_link" and optical.origin.rpy == pytest.approx([-tau / 4, 0.0, -tau / 4])
     moving = {joint.name for joint in robot.joints if joint.type == "revolute"}
@@ -165,6 +167,55 @@ def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering:
         robot.joint_map["base_link_joint"].origin.xyz[2] + robot.joint_map["rear_left_steering_joint"].origin.xyz[2]
     )
     assert height == pytest.approx(robot.link_map["rear_left_wheel"].visual.geometry.radius, abs=1e-5), "on the floor"
+
+
+def test_a_laser_that_looks_back_is_described_so() -> None:
+    text = robot_description("", Geometry(), (("base_rear_laser_link", Mount(-0.3, 0.02, BASE, pi)),))
+    origin = URDF.from_xml_string(text.partition("\n")[2]).joint_map["base_rear_laser_link_joint"].origin
+    assert (origin.xyz, origin.rpy) == ([-0.3, 0.02, 0.0], [0.0, 0.0, pytest.approx(pi, abs=1e-5)])
+
+
+def test_ros_is_told_where_each_laser_sits_before_its_first_scan() -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    told: list[tuple[str, Any]] = []
+    names: list[str] = []
+    kinds = {"tf_static": "tf2_msgs/msg/TFMessage", "scan": LASER, "rear/scan": LASER}
+    settings = [*(f"sensors.{name}.driver=sim_laser" for name in ("laser", "rear")), "obstacle_stop.sensor=laser"]
+
+    async def listen() -> None:
+        async with Robot.open("sim", seed=1, settings=settings) as robot:
+            feed = Publisher(robot.runtime, print)
+            channels: dict[int, str] = {}
+            feed.begin()
+
+            def hear() -> None:
+                line = json.loads(feed.line({}) or b"")
+                names.extend(name for _, name, _, _ in line.get("new", ()))
+                channels.update({number: name for number, name, _, _ in line.get("new", ())})
+                for number, _, data in line["messages"]:
+                    if (name := channels[number]) in kinds:
+                        told.append((name, store.deserialize_cdr(b64decode(data), kinds[name])))
+
+            await asyncio.sleep(0.5)
+            hear()
+            rear = robot.runtime.sensors["rear"].sensor.topic
+            scan = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0, mount=Mount(-0.3, 0.0, BASE, pi))
+            robot.runtime.bus.publish(rear, scan, robot.now)
+            hear()
+
+    run(listen(), speed="max")
+    known: set[str] = set()
+    for name, message in told:
+        if name == "tf_static":
+            known |= {each.child_frame_id for each in message.transforms}
+        else:
+            assert message.header.frame_id in known, "a scan without a frame is lost in RViz and slam_toolbox"
+    assert known == {"base_link", "base_laser_link", "base_rear_laser_link"}
+    assert names.count("tf_static") == names.count("robot_description") == 1, "one publisher each"
+    last = [message for name, message in told if name == "tf_static"][-1].transforms
+    assert [each.child_frame_id for each in last] == ["base_link", "base_laser_link", "base_rear_laser_link"]
+    assert last[-1].transform.translation.x == -0.3 and last[-1].transform.rotation.z == pytest.approx(1.0)
+    assert {message.header.frame_id for name, message in told if name == "rear/scan"} == {"base_rear_laser_link"}
 
 
 def test_a_camera_s_optical_frame_has_z_ahead_and_x_to_the_right() -> None:
@@ -189,7 +240,7 @@ def test_a_left_turn_turns_the_front_wheels_left() -> None:
 def test_what_moves_in_the_description_has_a_mass_of_a_cars_size() -> None:
     f1tenth = Geometry(steering="front", wheelbase=0.33, circumference=0.33, length=0.58, width=0.31, centre=0.165)
     for geometry, published in ((Geometry(), None), (f1tenth, 3.74)):
-        robot = URDF.from_xml_string(robot_description("", geometry, links_of([Scan])).partition("\n")[2])
+        robot = URDF.from_xml_string(robot_description("", geometry, ORIGINAL).partition("\n")[2])
         assert robot.link_map["base_footprint"].inertial is None, "KDL refuses a root with a mass"
         inertial = [robot.link_map[joint.child].inertial for joint in robot.joints if joint.type != "fixed"]
         inertial.append(robot.link_map["base_link"].inertial)

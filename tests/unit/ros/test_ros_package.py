@@ -18,8 +18,7 @@ from urdf_parser_py.urdf import URDF
 
 from txt1.cli import run
 from txt1.config import Config
-from txt1.sensors.mounts import links_of
-from txt1.sensors.readings import Scan
+from txt1.sensors.mounts import ORIGINAL
 from txt1.sensors.sim_laser import LaserParameters
 
 PACKAGE = Path(__file__).parents[3] / "examples" / "ros" / "txt1_bringup"
@@ -188,7 +187,7 @@ def test_nav2_is_told_this_car_s_size_radius_speeds_and_frames() -> None:
     assert control["desired_linear_vel"] <= smooth["max_velocity"][0] <= config.safety.v_max
     assert -config.safety.v_max <= smooth["min_velocity"][0] < 0.0
     assert smooth["max_velocity"][1] == 0.0 and smooth["max_velocity"][2] <= config.safety.omega_max
-    frames = {"map", "odom", "base_footprint", *links_of([Scan])}
+    frames = {"map", "odom", "base_footprint", "base_link", *dict(ORIGINAL)}
     for name in ("local_costmap", "global_costmap"):
         costmap = told[name][name]["ros__parameters"]
         corners = yaml.safe_load(costmap["footprint"])

@@ -135,9 +135,9 @@ def test_a_ray_ends_at_the_surface_of_the_nearest_thing(
 
 def test_a_laser_on_the_move_measures_from_where_each_beam_left() -> None:
     drive = Drive(1.5, 1e-6)
-    parameters = LaserParameters(noise=0.0, noise_share=0.0, range_max=30.0)
+    parameters = LaserParameters(noise=0.0, noise_share=0.0, range_max=30.0, mount=Mount())
     wall = shapes_of((Box(10.0, 0.0, 0.2, 40.0),))
-    sensor = SimulatedLaser("twin_laser", drive.pose, wall, parameters, default_rng(1), mount=Mount())
+    sensor = SimulatedLaser("twin_laser", drive.pose, wall, parameters, default_rng(1))
     reading = readings(sensor, drive, 0.35)[-1]
     scan = reading.value
     ahead = scan.ranges * np.cos(scan.angles)

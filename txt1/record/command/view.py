@@ -30,8 +30,7 @@ from txt1.kernel.clock import NS_PER_S
 from txt1.record.cdr import encode
 from txt1.record.options import LAYOUT
 from txt1.record.reader import Decoding, FilePass, Item
-from txt1.sensors.mounts import fixed, links_of
-from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+from txt1.sensors.mounts import ORIGINAL, TF_STATIC, mounted
 from txt1.sensors.ros_messages import POINTS, cloud
 from txt1.tasks.controller import PWM, SETPOINT
 from txt1.tasks.encoder import ODOMETRY as ODOMETRY_TOPIC
@@ -227,17 +226,18 @@ def _draw(copy: _Copy, item: Item, decoding: Decoding, time: int) -> int:
 
 
 def _with_places(reading: FilePass, copy: _Copy) -> Iterator[Item]:
-    """Yield every message; before the first the static transforms are told."""
+    """Yield every message; before the first the places of the original's sensors are told, which the recording's own
+    replace.
+    """
     told = False
     for item in reading:
         if not told:
             told = True
-            links = fixed(links_of([Scan, Image, ImuReading, FixReading]))
-            values: Any = links.make(None)
+            values = mounted(ORIGINAL)
             seconds, nanoseconds = divmod(item.message.log_time, NS_PER_S)
             for each in values["transforms"]:
                 each["header"] = {**each["header"], "stamp": {"sec": seconds, "nanosec": nanoseconds}}
-            copy.tell("/tf_static", links.message, item.message.log_time, values)
+            copy.tell(TF_STATIC.name, TF_STATIC.message, item.message.log_time, values)
         yield item
 
 

@@ -71,11 +71,9 @@ def package(arguments: argparse.Namespace) -> int:
 
 
 def urdf(arguments: argparse.Namespace) -> int:
-    """Print the URDF of the configured robot, with all of the original's sensors."""
+    """Print the URDF of the configured robot, without its sensors, which tell their places themselves."""
     from txt1.ros.urdf import robot_description
-    from txt1.sensors.mounts import links_of
-    from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
 
     config = loaded(arguments).config
-    print(robot_description(config.name, config.geometry, links_of([Scan, Image, ImuReading, FixReading])), end="")
+    print(robot_description(config.name, config.geometry), end="")
     return OK
