@@ -10,8 +10,7 @@ from __future__ import annotations
 from math import pi
 from typing import TYPE_CHECKING, Final
 
-from txt1.sensors.mounts import ORIGINAL
-from txt1.sensors.readings import BASE
+from txt1.sensors.mounts import ORIGINAL, mounted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -150,10 +149,12 @@ def frames() -> Iterator[tuple[str, str, float, float, float, float, float, floa
 
     The IMU is turned: the original's sends its readings as they are, with z downwards.
     """
-    yield "base_footprint", "base_link", 0.0, 0.0, BASE, 0.0, 0.0, 0.0
-    for name, mount in ORIGINAL:
+    for each in mounted(ORIGINAL)["transforms"]:
+        name, (x, y, z) = each["child_frame_id"], (round(each["transform"]["translation"][axis], 6) for axis in "xyz")
         angle = pi if name == "base_imu_link" else 0.0
-        yield "base_link", name, mount.x, mount.y, round(mount.z - BASE, 6), angle, 0.0, angle
+        # the original had no frame for its camera's pictures
+        if "optical" not in name:
+            yield each["header"]["frame_id"], name, x, y, z, angle, 0.0, angle
 
 
 def files() -> dict[str, str]:
