@@ -1,28 +1,10 @@
-"""The teleoperator without LeRobot, whose two classes stand here for themselves."""
-
-import sys
-from collections.abc import Callable
-from types import ModuleType
+"""The teleoperator without LeRobot."""
 
 import pytest
 
 
-class TeleoperatorConfig:
-    @classmethod
-    def register_subclass(cls, name: str) -> Callable[[type], type]:
-        return lambda kind: kind
-
-
-class Teleoperator:
-    def __init__(self, config: object) -> None:
-        pass
-
-
+@pytest.mark.usefixtures("lerobot")
 def test_a_drive_begins_with_the_first_action(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = ModuleType("lerobot.teleoperators")
-    module.__dict__.update(Teleoperator=Teleoperator, TeleoperatorConfig=TeleoperatorConfig)
-    monkeypatch.setitem(sys.modules, "lerobot", ModuleType("lerobot"))
-    monkeypatch.setitem(sys.modules, "lerobot.teleoperators", module)
     from lerobot_teleoperator_txt1 import keys
 
     now = 100.0
