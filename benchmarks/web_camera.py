@@ -47,6 +47,9 @@ LINK: Final = (2e6, 0.05, 0.05)
 PRESSES: Final = 100
 # s between two presses
 PAUSES: Final = (0.2, 0.4)
+# of static/link.js: s after which a stop is sent again, and how often it is sent
+AGAIN: Final = 0.03
+COPIES: Final = 10
 KINDS: Final = ("nobody", "4 that answer", "4 that do not answer", "4 that do not read")
 HEADINGS: Final = (
     "viewers", "presses", "to the gate: p50, ms", "p99, ms", "worst, ms", "lost",
@@ -153,9 +156,10 @@ async def operator(port: int, camera: int, kind: str, presses: int) -> None:
             with suppress(aiohttp.ClientError, OSError):
                 await client.post(f"{url}/sign-in", data={"token": TOKEN})
                 page = await client.ws_connect(f"{url}/socket")
+                channel = await client.ws_connect(f"{url}/stop")
                 break
         confirmed: dict[int, float] = {}
-        tasks = [asyncio.create_task(hear(page, confirmed))]
+        tasks = [asyncio.create_task(hear(each, confirmed)) for each in (page, channel)]
         ages: list[float] = []
         idle: list[socket.socket] = []
         number = 0 if kind == KINDS[0] else VIEWERS
@@ -171,7 +175,7 @@ async def operator(port: int, camera: int, kind: str, presses: int) -> None:
         pressed, rng, began = [], Random(1), monotonic()
         for count in range(presses):
             pressed.append(monotonic())
-            await page.send_str(json.dumps({"do": "stop", "stop": count}))
+            tasks.append(asyncio.create_task(stop((page, channel), count, confirmed)))
             await asyncio.sleep(rng.uniform(*PAUSES))
         lasted, seen = monotonic() - began, list(ages)
         await asyncio.sleep(3.0)
@@ -182,14 +186,26 @@ async def operator(port: int, camera: int, kind: str, presses: int) -> None:
         os._exit(0)
 
 
-async def hear(page: aiohttp.ClientWebSocketResponse, confirmed: dict[int, float]) -> None:
+async def stop(
+    connections: Sequence[aiohttp.ClientWebSocketResponse], number: int, confirmed: dict[int, float]
+) -> None:
+    """Send a stop as static/link.js does: on both connections, and again until it is confirmed."""
+    for _ in range(COPIES):
+        for each in connections:
+            await each.send_str(json.dumps({"do": "stop", "stop": number}))
+        await asyncio.sleep(AGAIN)
+        if number in confirmed:
+            return
+
+
+async def hear(connection: aiohttp.ClientWebSocketResponse, confirmed: dict[int, float]) -> None:
     """Answer pings, and note confirmations."""
-    async for message in page:
+    async for message in connection:
         told = json.loads(message.data)
         if "ping" in told:
-            await page.send_str(json.dumps({"do": "pong", "ping": told["ping"], "t": monotonic()}))
+            await connection.send_str(json.dumps({"do": "pong", "ping": told["ping"], "t": monotonic()}))
         elif "stop" in told:
-            confirmed[told["stop"]] = monotonic()
+            confirmed.setdefault(told["stop"], monotonic())
 
 
 async def view(look: aiohttp.ClientWebSocketResponse, ages: list[float], answers: bool) -> None:

@@ -168,6 +168,7 @@ def test_a_stop_that_a_connection_lost_is_told_and_sent_over_the_next(browser: A
             socket.on_message(lambda text: None if '"stop"' in text else server.send(text))
 
     page.route_web_socket("**/socket", connect)
+    page.route_web_socket("**/stop", lambda channel: channel.close())
     car.call(lambda robot: robot.arm())
     page.goto(car.url)
     is_told(page, "state", "'armed'")
@@ -178,6 +179,43 @@ def test_a_stop_that_a_connection_lost_is_told_and_sent_over_the_next(browser: A
     is_told(page, "state", "'stopped'")
     assert car.call(lambda robot: robot.runtime.gate.stopped)
     is_told(page, "lost", "true", "hidden")
+    page.context.close()
+
+
+@pytest.mark.parametrize("works", ["socket", "stop"])
+def test_a_stop_that_one_of_its_two_connections_loses_arrives_on_the_other(works: str, browser: Any, car: Live) -> None:
+    page, lost = fresh(browser), list[str]()
+    other = {"socket": "stop", "stop": "socket"}[works]
+
+    def connect(socket: Any) -> None:
+        """It looks open, and loses stops."""
+        server = socket.connect_to_server()
+        socket.on_message(lambda text: lost.append(text) if '"stop"' in text else server.send(text))
+
+    page.route_web_socket(f"**/{other}", connect)
+    car.call(lambda robot: robot.arm())
+    page.goto(car.url)
+    is_told(page, "state", "'armed'")
+    page.locator("#stop").click()
+    car.until(lambda robot: robot.runtime.gate.stopped)
+    is_told(page, "state", "'stopped'")
+    assert page.locator("#lost").is_hidden() and lost
+    page.context.close()
+
+
+def test_a_stop_channel_that_was_lost_is_opened_again(browser: Any, car: Live) -> None:
+    page = fresh(browser)
+    page.add_init_script(
+        "window.channels = []; const Plain = WebSocket;"
+        "WebSocket = class extends Plain {"
+        "  constructor(url) { super(url); if (url.endsWith('/stop')) channels.push(this) }"
+        "}"
+    )
+    page.goto(car.url)
+    opened = "() => channels.length === {} && channels.at(-1).readyState === 1"
+    assert waits(page, opened.format(1))
+    page.evaluate("channels[0].close()")
+    assert waits(page, opened.format(2))
     page.context.close()
 
 

@@ -24,7 +24,7 @@ PARTING: Final = 0.02
 # s between two pings of a socket; without an answer within half of it, the socket is closed
 SOCKET_BEAT: Final = 4.0
 # requests that open a socket: another site's page may not make them
-SOCKETS: Final = ("/socket", "/camera/")
+SOCKETS: Final = ("/socket", "/stop", "/camera/")
 
 HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",

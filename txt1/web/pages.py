@@ -44,6 +44,8 @@ FAST: Final = (
     "/mode",
     "/driver",
 )
+# number of a connection that is no page's first
+NO_PAGE: Final = -1
 # of RFC 6455, 7.4.1
 POLICY_VIOLATION: Final = 1008
 # sent with everything else, once a second
@@ -161,6 +163,7 @@ class Pages:
         self.folder, self.limit, self.camera = folder, limit, camera
         self.cars = {name: PageRobot(name) for name in fleet or [""]}
         self.connected: dict[int, Page] = {}
+        self.stop_channels: set[Page] = set()
         # set when the robot's process has gone
         self.ended = asyncio.Event()
         # held while a recording is read
@@ -190,8 +193,17 @@ class Pages:
         self.status(page)
         return page
 
+    def join_stop_channel(self, address: str, socket: PageSocket, account: Account) -> Page:
+        """Return the second connection of a page. It is shown nothing but the confirmation of its stops."""
+        page = Page(NO_PAGE, "stop channel", address, socket, next(iter(self.cars.values())), account)
+        self.stop_channels.add(page)
+        return page
+
     def leave(self, page: Page) -> None:
-        """Forget a page that has gone, and release the robot that it drove."""
+        """Forget a page that has gone, and release the robot that it drove; or forget a stop channel."""
+        if page in self.stop_channels:
+            self.stop_channels.remove(page)
+            return
         if page.player is not None:
             page.player.stop()
         del self.connected[page.number]

@@ -50,6 +50,12 @@ PLAYERS_MAX: Final[Mapping[Role, int]] = {"visitor": 2, "operator": 4}
 
 EVERYBODY: Final[frozenset[Role]] = frozenset({"operator", "visitor"})
 OPERATOR: Final[frozenset[Role]] = frozenset({"operator"})
+# whoever may stop: also a connection that may do nothing else
+ALL: Final[frozenset[Role]] = EVERYBODY | {"stop channel"}
+REFUSALS: Final[Mapping[Role, str]] = {
+    "visitor": "visitors may look, drive and stop; this is the operator's",
+    "stop channel": "this connection is for stops alone",
+}
 
 Message = dict[str, Any]
 
@@ -108,7 +114,7 @@ def take(pages: Pages, page: Page, text: str) -> None:
 def _carry_out(pages: Pages, page: Page, request: PageRequest, message: Message, present: float) -> None:
     if page.role not in request.who:
         page.counts["refused"] += 1
-        page.tell(told="visitors may look, drive and stop; this is the operator's")
+        page.tell(told=REFUSALS[page.role])
         return
     fields = request.read(message)
     age = 0.0
@@ -416,7 +422,7 @@ def _wind(pages: Pages, page: Page, where: tuple[object, object], age: float) ->
 
 REQUESTS: Final[Mapping[str, PageRequest]] = {
     # everybody stops, whatever else there is
-    "stop": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME, _number_of_stop, _stop),
+    "stop": PageRequest(ALL, WheelUse.UNUSED, FRAME, _number_of_stop, _stop),
     "disarm": PageRequest(EVERYBODY, WheelUse.UNUSED, ACTION, _nothing, _disarm),
     # whoever has the wheel, or gets it
     "drive": PageRequest(EVERYBODY, WheelUse.TAKEN, FRAME, _velocity, _drive, again=""),

@@ -1,4 +1,4 @@
-"""The routes of the web page: its files, signing in and out, recordings, and a socket for every page.
+"""The routes of the web page: its files, signing in and out, recordings, and two sockets for every page.
 
 `ROUTES` says who may ask for each; there are no routes but these.
 """
@@ -13,9 +13,9 @@ from urllib.parse import parse_qs
 from aiohttp import WSMsgType, web
 
 from txt1.web.admission import MESSAGE_MAX, PARTING, SOCKET_BEAT, STRANGERS, Admission, Route, wall
-from txt1.web.auth import Auth
+from txt1.web.auth import Auth, Role
 from txt1.web.budgets import FRAME, PING, SIGN_IN
-from txt1.web.connections import STRANGER
+from txt1.web.connections import STRANGER, Metered
 from txt1.web.files import page_files
 from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME
@@ -103,8 +103,27 @@ class Routes(Admission):
         """Connect a page until it leaves."""
         role = self.role(request)
         assert role is not None
+        socket, metered = await self._connected(request, role, len(self._pages.connected))
+        return await self._until_it_leaves(
+            self._pages.join(role, request.remote or "", socket, metered.account), socket
+        )
+
+    async def stop_channel(self, request: web.Request) -> web.StreamResponse:
+        """Connect a page's second connection, which may do nothing but stop, until it leaves.
+
+        A packet that is lost holds up all that follows it on its connection. A page sends its stops on both.
+        """
+        role = self.role(request)
+        assert role is not None
+        socket, metered = await self._connected(request, role, len(self._pages.stop_channels))
+        return await self._until_it_leaves(
+            self._pages.join_stop_channel(request.remote or "", socket, metered.account), socket
+        )
+
+    async def _connected(self, request: web.Request, role: Role, there: int) -> tuple[web.WebSocketResponse, Metered]:
+        """Return the socket of a page, and what pays for it, if there are not too many `there`."""
         room = PAGES_MAX if role == "operator" else PAGES_MAX - OPERATORS
-        if len(self._pages.connected) >= room:
+        if there >= room:
             raise web.HTTPServiceUnavailable(text=f"there are {room} pages already\n")
         metered = self.pay(request, 0.0)
         # pings are answered by `listen`, when they are paid
@@ -113,7 +132,9 @@ class Routes(Admission):
         )
         await socket.prepare(request)
         metered.page = True
-        page = self._pages.join(role, request.remote or "", socket, metered.account)
+        return socket, metered
+
+    async def _until_it_leaves(self, page: Page, socket: web.WebSocketResponse) -> web.WebSocketResponse:
         sender = asyncio.create_task(self._pages.send(page))
         try:
             await listen(self._pages, page, socket)
@@ -128,6 +149,7 @@ ROUTES: Final = (
     Route("POST", "/sign-in", STRANGERS, Routes.sign_in),
     Route("POST", "/sign-out", STRANGERS, Routes.sign_out),
     Route("GET", "/socket", frozenset(EVERYBODY), Routes.socket),
+    Route("GET", "/stop", frozenset(EVERYBODY), Routes.stop_channel),
     Route("GET", "/visitors.svg", frozenset(OPERATOR), Routes.visitors),
     Route("GET", "/recordings/{name}", frozenset(EVERYBODY), Routes.recording),
     Route("GET", "/{name}", STRANGERS, Routes.file),

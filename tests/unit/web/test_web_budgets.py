@@ -119,7 +119,9 @@ async def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator
         yield site
 
 
-async def opened(site: Site, role: str = "visitor") -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+async def opened(
+    site: Site, role: str = "visitor", path: str = "/socket"
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     """A page's socket."""
     reader, writer = await site.connect()
     asked = {
@@ -131,7 +133,7 @@ async def opened(site: Site, role: str = "visitor") -> tuple[asyncio.StreamReade
         "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
     }
     lines = "".join(f"{name}: {value}\r\n" for name, value in asked.items())
-    writer.write(f"GET /socket HTTP/1.1\r\n{lines}\r\n".encode())
+    writer.write(f"GET {path} HTTP/1.1\r\n{lines}\r\n".encode())
     assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101")
     return reader, writer
 
@@ -160,15 +162,16 @@ FRAMES: Final[dict[str, bytes]] = {
 }
 
 
+@pytest.mark.parametrize("path", ["/socket", "/stop"])
 @pytest.mark.parametrize("role", ["visitor", "operator"])
 @pytest.mark.parametrize("kind", FRAMES)
 async def test_a_stop_behind_a_flood_of_any_frames_is_obeyed_and_then_its_page_is_closed(
-    kind: str, role: str, site: Site
+    kind: str, role: str, path: str, site: Site
 ) -> None:
-    reader, writer = await opened(site, role)
+    reader, writer = await opened(site, role, path)
     writer.write(FRAMES[kind] + frame(1, b'{"do": "disarm"}') + STOP)
     await ended(reader)
-    await site.until(lambda: not site.pages.connected)
+    await site.until(lambda: not site.pages.connected and not site.pages.stop_channels)
     assert site.robot.times("stop") >= 1 and site.robot.times("disarm") == 0
 
 

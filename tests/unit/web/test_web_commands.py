@@ -54,14 +54,17 @@ class Desk:
         self._numbers = count(1)
 
     def join(self, role: Role = "operator") -> Page:
-        page = self.pages.join(role, "127.0.0.1", Socket(), self.budgets.account("127.0.0.1"))  # type: ignore[arg-type]
+        account, socket = self.budgets.account("127.0.0.1"), Socket()
+        if role == "stop channel":
+            return self.pages.join_stop_channel("127.0.0.1", socket, account)  # type: ignore[arg-type]
+        page = self.pages.join(role, "127.0.0.1", socket, account)  # type: ignore[arg-type]
         page.clock.answered(NOW, NOW, NOW)
         return page
 
     def ask(self, page: Page, do: str, **fields: object) -> list[tuple[str, dict[str, object]]]:
         """What the robot is asked for because of a page's request."""
         self.robot.asked.clear()
-        for each in self.pages.connected.values():
+        for each in (page, *self.pages.connected.values()):
             each.outbox.clear()
         take(self.pages, page, json.dumps({"do": do, "n": next(self._numbers), "t": NOW, **fields}))
         return self.robot.asked

@@ -158,6 +158,7 @@ MAY_ASK: Final = {
     ("POST", "/sign-in"): ("", "visitor", "operator"),
     ("POST", "/sign-out"): ("", "visitor", "operator"),
     ("GET", "/socket"): ("visitor", "operator"),
+    ("GET", "/stop"): ("visitor", "operator"),
     ("GET", "/visitors.svg"): ("operator",),
     ("GET", "/recordings/{name}"): ("visitor", "operator"),
     ("GET", "/{name}"): ("", "visitor", "operator"),
@@ -188,6 +189,7 @@ async def test_each_route_is_for_its_roles_and_there_is_no_other(site: Site) -> 
         ("/recordings/link.mcap", 403, 404, 404),
         ("/recordings/folder.mcap", 403, 404, 404),
         ("/socket", 403, 400, 400),
+        ("/stop", 403, 400, 400),
     ],
 )
 async def test_what_strangers_visitors_and_the_operator_may_fetch(
@@ -234,6 +236,7 @@ def limits(headers: Any, site: Site) -> None:
         ("POST", "/sign-out", 403),
         ("POST", "/socket", 403),
         ("GET", "/socket", 403),
+        ("GET", "/stop", 403),
         ("GET", "/", 200),
         ("GET", "/style.css", 200),
     ],

@@ -1,15 +1,24 @@
 // The socket to the robot: telemetry in, requests out. It reconnects by itself. Of what was asked for before, it sends
 // only a stop that the server has not confirmed: a stop is as good later as it is now.
 
-const PAUSES = [200, 500, 1000, 2000]  // ms before each new try; the last goes on
+//
+// A packet that is lost holds up all that follows it on its connection. So there is a second connection for stops alone,
+// the stop channel: a stop is sent on both, and again until it is confirmed, as repetitions show TCP a loss early.
+// Without the channel the socket does everything.
 
-function serverSocket() {
+const PAUSES = [200, 500, 1000, 2000]  // ms before each new try; the last goes on
+const AGAIN = 30  // ms after which a stop is sent again
+const COPIES = 10  // of a stop on a connection; after that TCP's own repetitions have to do
+
+function serverSocket(name) {
   const scheme = location.protocol === "https:" ? "wss" : "ws"
-  return new WebSocket(`${scheme}://${location.host}${new URL("socket", location.href).pathname}`)
+  return new WebSocket(`${scheme}://${location.host}${new URL(name, location.href).pathname}`)
 }
 
 export class Link {
   #socket = null
+  #channel = null  // for stops
+  #copies = null  // timer of the next copy of a stop
   #number = 0
   #tries = 0
   #stop = 0  // counts stops; each is numbered
@@ -22,6 +31,7 @@ export class Link {
     this.message = message
     this.change = change
     this.#open()
+    if (!globalThis.robotSocket) this.#openChannel()  // a robot within the browser has no server
   }
 
   get open() { return this.#socket?.readyState === WebSocket.OPEN }
@@ -43,24 +53,39 @@ export class Link {
   stop() {
     this.#stop++
     this.#asked ||= performance.now()
-    this.#sendStop()
+    this.#sendStop(COPIES)
   }
 
-  #sendStop() {
-    this.send({ do: "stop", stop: this.#stop })
+  #sendStop(copies) {
+    clearTimeout(this.#copies)
+    if (!this.#asked) return
+    for (const socket of [this.#channel, this.#socket])
+      if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ do: "stop", stop: this.#stop }))
+    if (copies > 1) this.#copies = setTimeout(() => this.#sendStop(copies - 1), AGAIN)
+  }
+
+  #confirmed({ stop }) {
+    if (stop === this.#stop) this.#asked = 0
+  }
+
+  #openChannel() {
+    const channel = this.#channel = serverSocket("stop")
+    channel.onopen = () => this.#sendStop(COPIES)
+    channel.onmessage = ({ data }) => this.#confirmed(JSON.parse(data))
+    channel.onclose = () => setTimeout(() => this.#openChannel(), PAUSES.at(-1))
   }
 
   #open() {
-    const socket = this.#socket = globalThis.robotSocket?.() ?? serverSocket()  // a robot within the browser has no server
+    const socket = this.#socket = globalThis.robotSocket?.() ?? serverSocket("socket")
     socket.onopen = () => {
       this.#tries = 0
-      if (this.#asked) this.#sendStop()
+      this.#sendStop(COPIES)
       this.change(true)
     }
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data)
       if (message.ping !== undefined) this.send({ do: "pong", ping: message.ping, t: performance.now() / 1000 })
-      if (message.stop === this.#stop) this.#asked = 0
+      this.#confirmed(message)
       if (message.topics) {
         this.heard = performance.now()
         this.telemetry(message)
