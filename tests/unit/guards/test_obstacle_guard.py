@@ -239,3 +239,44 @@ async def test_it_is_on_where_it_is_asked_for(enabled: str, sensors: dict[str, t
     )
     await prepare(runtime, ObstacleStop(enabled=enabled))  # type: ignore[arg-type]
     assert len(made) == guards
+
+
+# -- what it may have stopped for --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("centre", [0.2, -0.2])
+@pytest.mark.parametrize(
+    ("x", "y", "told"),
+    [
+        (0.399, 0.0, True),
+        (0.401, 0.0, False),
+        (0.001, 0.1, True),
+        (-0.001, 0.1, False),
+        (0.2, 0.249, True),
+        (0.2, -0.249, True),
+        (0.2, 0.251, False),
+        (0.2, -0.251, False),
+        (0.399, 0.249, True),
+        (0.399, -0.249, True),
+    ],
+)
+def test_it_tells_the_points_ahead_of_the_middle_up_to_two_margins_from_the_body(
+    x: float, y: float, told: bool, centre: float
+) -> None:
+    """x and y are from the middle of a body of 0.6 by 0.3 m, with a margin of 5 cm."""
+    desk = Desk(post(centre + x, y), ObstacleStop(margin=0.05), length=0.6, width=0.3, centre=centre)
+    desk.guard(0.0, 0.0, 0.0)
+    points = desk.guard.ahead(0.1)
+    assert points.shape == (int(told), 2)
+    assert not told or points[0] == pytest.approx((centre + x, y), abs=1e-6)
+
+
+@pytest.mark.parametrize("lacks", ["a scan", "a young scan", "a pose", "anything near"])
+def test_it_tells_no_points_where_there_are_none(lacks: str) -> None:
+    desk = Desk(post(30.0 if lacks == "anything near" else 0.3))
+    if lacks == "a scan":
+        desk.reading = None
+    if lacks != "a pose":
+        desk.guard(0.0, 0.0, 0.0)
+    at = 0.1 + (desk.settings.timeout if lacks == "a young scan" else 0.0)
+    assert desk.guard.ahead(at).shape == (0, 2)
