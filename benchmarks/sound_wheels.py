@@ -35,7 +35,7 @@ KINDS = {
     "sim": ("hal=sim",),
     "ours": ("hal=serial", "serial.port=virtual"),
     "original": ("hal=serial", "serial.port=virtual", "board.habits=original"),
-    "vesc": ("hal=vesc", "vehicle=f1tenth"),
+    "vesc": ("hal=vesc", "vehicle=f1tenth", "safety.v_dead_band=0.25"),
     "waveshare": ("hal=waveshare", "vehicle=rover"),
 }
 FLOORS = ("ice", "patches of ice", "a lifted wheel")

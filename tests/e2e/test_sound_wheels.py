@@ -6,6 +6,12 @@ from benchmarks.sound_wheels import CASES, taken_for
 from txt1.control.limits import LOST
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("sim", 13), ("sim", 23), ("original", 28)])
+def test_wheels_that_swing_on_ice_and_come_to_rest_are_not_lost_sight_of(kind: str, seed: int) -> None:
+    """A motor's output against them acts up to a period later, and a car that rolls back stands before it goes."""
+    assert LOST not in taken_for(kind, "ice", seed)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("kind", "what"), CASES)
 def test_no_sound_car_is_lost_sight_of_in_a_thousand_drives(kind: str, what: str) -> None:

@@ -90,7 +90,8 @@ class WheelSight:
         """Return whether the car is not seen any more, by a reading of wheels that do not turn.
 
         The reading came `dt` s after the last. `asked` is the outer wheel's speed by the set-point of that time, m/s.
-        `brakes`: the motor's output was against it, so the wheels may have come to rest.
+        `brakes`: the motor's output was against it at this reading or the one before, as it acts up to a period later:
+        so the wheels may have come to rest.
         """
         if self.doubted:
             return True
@@ -108,7 +109,6 @@ class WheelSight:
         return self._way > self._way_max
 
     def _rolled(self, asked: float) -> float:
-        """Return the speed, m/s, at which it rolled and has no reason to brake."""
-        ahead = asked > 0.0
-        last = max(abs(speed) for speed in (self._speed, self._before, 0.0) if speed == 0.0 or (speed > 0.0) is ahead)
-        return min(last, abs(asked))
+        """Return the speed, m/s, at which it rolled and has no reason to brake: 0 if it rolled the other way last."""
+        last, before = (self._speed, self._before) if asked > 0.0 else (-self._speed, -self._before)
+        return min(max(last, before), abs(asked)) if last > 0.0 else 0.0

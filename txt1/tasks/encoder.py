@@ -144,7 +144,8 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
     A car that is commanded to drive and not seen any more gets neutral outputs at once, past loops that do not see it.
     """
     turning = 0.5 * geometry.track_width
-    looked = 0.0
+    # the time of the last reading, s of the run, and the motor's output then
+    looked, pushed = 0.0, 0
     wheels = WheelOdometry(geometry)
     if hal.capabilities.blind:
         state.tell(0.0, "no encoders: odometry is dead reckoning, and the rules on runaways are off")
@@ -176,14 +177,14 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
                 gate.sight.turns(outer_wheel(seen.v, turning * seen.omega), time - looked)
             elif given.v or given.omega or gate.sight.doubted:
                 wanted = outer_wheel(given.v, turning * given.omega)
-                if gate.unseen(wanted, time - looked, given.outputs.motor * wanted < 0.0):
+                if gate.unseen(wanted, time - looked, given.outputs.motor * wanted < 0.0 or pushed * wanted < 0.0):
                     neutral = gate.neutral(state.servos)
                     if hal.capabilities.halt:
                         hal.halt(neutral, now)
                     hal.write(neutral, now)
             else:
                 gate.sight.clear()
-        looked = time
+        looked, pushed = time, state.control.outputs.motor
 
 
 def _put(state: State, odometry: Odometry, time: float, still: bool) -> None:

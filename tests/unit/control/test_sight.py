@@ -64,6 +64,13 @@ def test_a_car_at_rest_and_one_that_turns_round_are_not_judged() -> None:
     assert set(after([1.0, 1.0, 0.0, 0.0, 0.0], -1.0)) == {"seen"}
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_car_that_rolled_the_other_way_last_comes_to_rest_before_it_follows(sign: float) -> None:
+    """On ice a car swings about a small set-point, and an original board's loops take long to push it on."""
+    assert set(after([sign * -0.1, sign * 0.04, *[0.0] * 20], sign * -0.1)) == {"seen"}
+    assert "lost" in after([sign * 0.04, sign * -0.1, *[0.0] * 20], sign * -0.1)
+
+
 def test_a_car_that_is_not_commanded_is_not_judged_and_begins_anew() -> None:
     sight = WheelSight(0.0)
     for wheel, asked in ((1.0, 1.0), (1.0, 1.0), (0.0, SLOWEST / 2), *[(0.0, 1.0)] * 9):
