@@ -200,18 +200,17 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Ca
     for colour, way in ((BLUE, "left"), (GREEN, "straight"), (RED, "right")):
         axes.plot([], [], ">", color=colour, label=way)
     for name, (x, y) in zip(SENSORS, table.about.get("sensors", MOUNT), strict=True):
-        axes.plot(-y, x, "ks", markersize=4)
+        axes.plot(-y, x, "ks", markersize=4, label="" if name != SENSORS[0] else "sensors")
         axes.annotate(name, (-y, x), (3, 3), textcoords="offset points", fontsize=9)
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
-    axes.plot(task.goal_radius * np.cos(angle), task.goal_radius * np.sin(angle), color=GREY)
-    axes.set(
-        xlabel="light to the right, m",
-        ylabel="light ahead, m",
-        aspect="equal",
-    )
+    axes.plot(task.goal_radius * np.cos(angle), task.goal_radius * np.sin(angle), color=GREY, label="goal")
+    axes.set(xlabel="light to the right, m", ylabel="light ahead, m", aspect="equal")
     axes.yaxis.set_label_coords(-0.62 / 3.7, 0.5)
     axes.set_title("which way it drives, by where the light is", y=1.06)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 0.985), ncols=3, fontsize=8, frameon=False)
+    axes.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 0.985), ncols=5, fontsize=8, frameon=False, columnspacing=1.0,
+        handletextpad=0.3, handlelength=1.2,
+    )  # fmt: skip
 
 
 def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None:

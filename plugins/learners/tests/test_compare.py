@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from rigs.figure_texts import faults
+from tests.size import ROOT
 from txt1.config import Config, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError
@@ -45,6 +47,14 @@ def test_a_failure_is_counted_and_is_in_no_ratio() -> None:
     assert (one["episodes"], one["failures"], one["success"]) == (5, 1, 0.8)
     assert one["to_floor"] == pytest.approx(5.0 / 4.5) and one["to_optimum"] == pytest.approx(1.25)
     assert one["driven"] == 7 * 300.0 + 4 * 5.0 + 300.0, "the robot drove them"
+
+
+def test_no_text_of_the_picture_is_cut_or_over_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    figure = pytest.importorskip("matplotlib.figure")
+    found: list[list[str]] = []
+    monkeypatch.setattr(figure.Figure, "savefig", lambda self, path: found.append(faults(self)))
+    contenders.draw(Path("compared.png"), compare.read(ROOT / "docs/results/learning/compared.jsonl")[1])
+    assert found == [[]]
 
 
 def here(work: Callable[[Any], Any], trials: Mapping[Any, Any], keep: Callable[[Any, Any], None]) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,8 +33,17 @@ def test_a_learners_module_says_which_way_it_drives_and_whether_its_table_is_sho
 def test_no_text_of_the_pictures_is_cut_or_stands_over_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figure = pytest.importorskip("matplotlib.figure")
     found: dict[str, list[str]] = {}
-    monkeypatch.setattr(figure.Figure, "savefig", lambda self, path, **_: found.update({path.name: faults(self)}))
+    legends: dict[str, list[str]] = {}
+
+    def kept(self: Any, path: Path, **_: object) -> None:
+        found[path.name] = faults(self)
+        told = [axes.get_legend() for axes in self.axes if axes.get_legend() is not None]
+        legends[path.name] = [text.get_text() for legend in told for text in legend.get_texts()]
+
+    monkeypatch.setattr(figure.Figure, "savefig", kept)
     words = ["learn", "--agent", "thesis", "--trials", "2", "--episodes", "12", "--seed", "1", "--out", str(tmp_path)]
     assert execute(words) == 0
     assert found.keys() == {"times.png", "learning_curve.png", "paths.png", "qtable.png"}
     assert not any(found.values()), found
+    assert legends["qtable.png"] == ["left", "straight", "right", "sensors", "goal"]
+    assert {"each trial", "mean of successes", "optimum"} <= set(legends["learning_curve.png"])
