@@ -36,7 +36,7 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint types style imports wheel release torture bench bench-before docs docs-serve docs-version docs-links clean
+.PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint types style imports wheel release torture bench bench-before docs docs-serve docs-version docs-links build/drive clean
 
 # The first screen waits for what the drive needs. txt1 itself, and what draws pictures of a drive, are installed beside it.
 run: $(VENV)/.drives  ## drive a simulated robot from the keyboard or the page; RUN="..." adds options
@@ -141,11 +141,16 @@ bench-before: $(VENV)/.dev  ## this tree beside the last release: speed, start, 
 	rm -rf build/before && mkdir -p build/before && git archive $(BEFORE) | tar -x -C build/before
 	$(BIN)/python -m benchmarks.before build/before
 
-docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link checked
+docs: $(DOCS)/.installed build/drive  ## the pages as a site in build/site, every link checked, with the robot in the browser if there is npm
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict
-	@echo "open build/site/index.html; make docs-serve has the search, too"
+	@echo "open build/site/index.html; make docs-serve has the search, and the robot in the browser, too"
 
-docs-serve: $(DOCS)/.installed  ## the pages with search at http://127.0.0.1:8000, made anew when a file changes
+# docs/pages.py takes it; without npm or a network the door of the site leads to how it is made
+build/drive: $(DOCS)/.installed
+	@rm -rf $@
+	@$(DOCS)/bin/python -m txt1 browser build -o $@ || echo "the site is made without the robot in the browser, which needs npm and a network"
+
+docs-serve: $(DOCS)/.installed build/drive  ## the pages with search at http://127.0.0.1:8000, made anew when a file changes
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs serve --quiet
 
 docs-version: docs  ## keep the pages as VERSION, beside the others, on the branch gh-pages; MIKE=--push publishes it
@@ -199,10 +204,10 @@ $(FUZZ)/.dev: pyproject.toml
 	$(FUZZ)/bin/python $(PIP_INSTALL) --group dev --group fuzz --editable . $(PLUGINS:%=--editable %)
 	@touch $@
 
-$(DOCS)/.installed: pyproject.toml
+$(DOCS)/.installed: pyproject.toml plugins/browser/pyproject.toml
 	$(PYTHON) -m venv $(DOCS)
 	$(DOCS)/bin/python $(PIP_INSTALL) --upgrade 'pip>=25.1'
-	$(DOCS)/bin/python $(PIP_INSTALL) --group docs --editable '.[record,plots,view]'
+	$(DOCS)/bin/python $(PIP_INSTALL) --group docs --editable '.[record,plots,view]' --editable plugins/browser
 	@touch $@
 
 # The benchmarks' folder comes after what is installed, so they measure the wheel and not the sources beside them.

@@ -33,6 +33,8 @@ COPIED: Final = (
     "config/**/*.yaml",
     "plugins/*/README.md",
 )  # files that pages link to
+DRIVES: Final = ROOT / "build" / "drive"  # the robot in the browser, which `make docs` made unless it could not
+DOOR: Final = "../plugins/browser/README.md#drive-now"  # leads to how to make it, and on the site to the robot itself
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -56,12 +58,16 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, where, content=text))
     for path in (each for pattern in COPIED for each in ROOT.glob(pattern)):
         files.append(File.generated(config, f"tree/{path.relative_to(ROOT)}", content=path.read_text("utf-8")))
+    for path in (each for each in DRIVES.rglob("*") if each.is_file()):
+        files.append(File.generated(config, f"drive/{path.relative_to(DRIVES)}", abs_src_path=str(path)))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
     """Let links that leave docs/ lead to the site's copies."""
     here = PurePosixPath(page.file.src_uri).parent
+    if DRIVES.exists():
+        markdown = markdown.replace(f"({DOOR})", "(drive/index.html)")
     of_root = page.file.src_uri in PAGES.values()
 
     def moved(found: re.Match[str]) -> str:
