@@ -1,0 +1,1 @@
+"""AprilTags as landmarks: tags at known places tell where the robot is."""
