@@ -29,7 +29,14 @@ def test_each_file_of_changes_has_a_name_that_a_release_takes() -> None:
     assert [name for name, text in there.items() if not FRAGMENT.fullmatch(name) or not text] == []
 
 
-def test_a_release_makes_a_section_of_the_changelog_from_them() -> None:
+def test_what_waits_for_a_release_is_read_in_one_sitting() -> None:
+    changelog = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    for section in re.findall(r"(?ms)^## Unreleased\n.*?(?=^## )", changelog):
+        assert len(section.splitlines()) <= 120
+        assert [line for line in section.splitlines() if len(line) > 120] == []
+
+
+def test_the_files_of_changes_are_shown_together() -> None:
     pytest.importorskip("towncrier")
     words = [sys.executable, "-m", "towncrier", "build", "--draft", "--version", "9.9.9"]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
