@@ -32,11 +32,12 @@ WEB ?= tests/browser
 # the last release: its tag, or the commit that made the version
 BEFORE ?= $(shell git describe --tags --abbrev=0 2>/dev/null || git log -1 --format=%h --grep='^Version [0-9]')
 BARE ?=
+TRIAL ?=
 VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint types style imports wheel release torture bench bench-before docs docs-serve docs-version docs-links build/drive clean
+.PHONY: run test coverage test-long test-plugins test-web test-ros test-viewers test-lerobot steady try-bare lint types style imports wheel release constraints torture bench bench-before docs docs-serve docs-version docs-links build/drive clean
 
 # The first screen waits for what the drive needs. txt1 itself, and what draws pictures of a drive, are installed beside it.
 run: $(VENV)/.drives  ## drive a simulated robot from the keyboard or the page; RUN="..." adds options
@@ -119,12 +120,20 @@ wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to th
 	rm -rf build dist
 	COMPILE_TXT1=1 $(BIN)/python $(PIP_WHEEL) --wheel-dir dist .
 
-release: lint test wheel $(SBOM)/.installed  ## dist/ as a release has it: wheels, sdist, constraints.txt of the tested versions, their bill of materials, SHA256SUMS
-	$(BIN)/python -m rigs.release constraints dist/constraints.txt
+release: lint test wheel constraints  ## dist/ as a release has it: wheels, sdist, constraints.txt of the tested versions, their bill of materials, SHA256SUMS; tries them
+	$(BIN)/python -m rigs.release sums dist
+	$(BIN)/python rigs/release_trial.py dist $(TRIAL)
+
+# What the tests do without, as they have fakes of it, is installed for a user with all extras: but for PyTorch and what needs it.
+constraints: $(VENV)/.dev $(SBOM)/.installed  ## wheels without compiled parts, sdist, constraints.txt and its bill of materials, into dist/
+	rm -rf build plugins/*/build && mkdir build
 	$(BIN)/python $(PIP_WHEEL) --wheel-dir dist . $(PLUGINS:%=./%)
 	$(BIN)/python -c "from setuptools.build_meta import build_sdist; build_sdist('dist')" > build/sdist.txt
+	$(BIN)/python -m pip --disable-pip-version-check freeze --all --exclude-editable > build/packages.txt
+	$(PYTHON) -m venv build/users
+	build/users/bin/python $(PIP_INSTALL) --constraint build/packages.txt "$$(ls dist/txt1-*-none-any.whl)[all]" "$$(ls dist/txt1_learners-*.whl)[dask]" dist/txt1_[!l]*.whl dist/lerobot_*.whl
+	$(BIN)/python -m rigs.release constraints dist/constraints.txt build/users/bin/python
 	$(SBOM)/bin/cyclonedx-py requirements dist/constraints.txt --pyproject pyproject.toml --output-reproducible -o dist/txt1.cdx.json
-	$(BIN)/python -m rigs.release sums dist
 
 torture: $(VENV)/.dev $(FUZZ)/.dev  ## faults, mutants and random bytes in great numbers, into docs/results/reliability.md; hours, and it can be ended and goes on
 	$(BIN)/python -m torture campaign --page

@@ -1,22 +1,27 @@
-"""The files that a release has beside wheels and sdist: tested versions as constraints for pip, and checksums.
+"""The number of a release, and its files beside wheels and sdist: tested versions as constraints, and checksums.
 
-    python -m rigs.release constraints dist/constraints.txt
+    python -m rigs.release version 0.3.0
+    python -m rigs.release constraints dist/constraints.txt build/users/bin/python
     python -m rigs.release sums dist
 
 The constraints are read from the environment that runs this command. `make release` runs it in the environment in which
 the tests have just passed. From the requirements of txt1 and its plug-ins, the base and every extra, it follows each
-requirement to the packages that are installed, and names their versions. What is not installed was not tested: it
-stands in a comment.
+requirement to the packages that are installed, and names their versions. What the tests replace by fakes is installed
+in the environment of the other Python, a user's with all extras: there everything that our modules import of it is
+imported, and its line says so. What is in neither was not tested: it stands in a comment.
 """
 
+import ast
+import json
 import platform
 import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from datetime import date
 from hashlib import sha256
-from importlib.metadata import Distribution, PackageNotFoundError, distribution
+from importlib.metadata import Distribution, PackageNotFoundError, distribution, packages_distributions
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +31,7 @@ from packaging.utils import canonicalize_name
 from txt1.installing import distribution_of
 from txt1.unknown import PLUGINS
 
+ROOT: Final = Path(__file__).parents[1]
 SUMS: Final = "SHA256SUMS"
 
 OURS: Final = ("txt1", *map(distribution_of, PLUGINS))
@@ -73,21 +79,53 @@ def versions(names: Sequence[str] = OURS) -> tuple[dict[str, str], list[str]]:
 
 def commit() -> str:
     """Return the commit of the sources with "and changes" where files differ from it; "unknown" without git."""
-    root = Path(__file__).parents[1]
     if shutil.which("git") is None:
         return "unknown"
     told = []
     for words in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"]):
-        done = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)
+        done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
         if done.returncode:
             return "unknown"
         told.append(done.stdout.strip())
     return f"{told[0]} and changes" if told[1] else told[0]
 
 
-def constraints() -> str:
-    """Return the text of the constraints file."""
+def imports_of(modules: Sequence[str]) -> list[str]:
+    """Return the import statements of txt1 and its plug-ins that bring something of these modules."""
+    found = set()
+    for file in (*ROOT.glob("txt1/**/*.py"), *ROOT.glob("plugins/*/*/**/*.py")):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.Import):
+                node.names = [one for one in node.names if one.name.partition(".")[0] in modules]
+                found |= {ast.unparse(node)} if node.names else set()
+            elif isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in modules:
+                found.add(ast.unparse(node))
+    return sorted(found)
+
+
+def imported() -> dict[str, str]:
+    """Import what our modules import of the packages in this environment, and return the packages' versions."""
+    found, _ = versions()
+    modules = [
+        module for module, owners in packages_distributions().items() if found.keys() & map(canonicalize_name, owners)
+    ]
+    for statement in imports_of(modules):
+        exec(statement, {})
+    return found
+
+
+def users_versions(python: str) -> dict[str, str]:
+    """Return what another Python imports so."""
+    words = [python, "-m", "rigs.release", "imported"]
+    told = subprocess.run(words, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
+    return dict(json.loads(told))
+
+
+def constraints(users: dict[str, str] | None = None) -> str:
+    """Return the text of the constraints file; `users` are the versions that a user's environment imported."""
     found, missing = versions()
+    alone = {name: version for name, version in (users or {}).items() if name not in found}
+    missing = [name for name in missing if name not in alone]
     return "\n".join(
         [
             f"# txt1 {distribution('txt1').version} was tested with these versions.",
@@ -95,6 +133,10 @@ def constraints() -> str:
             "# python -m pip install -c constraints.txt WHEEL",
             *(f"# not tested, as it was not installed: {name}" for name in missing),
             *(f"{name}=={version}" for name, version in found.items()),
+            *(
+                f"{name}=={version}  # in a user's environment: our imports of it work"
+                for name, version in alone.items()
+            ),
             "",
         ]
     )
@@ -119,19 +161,56 @@ def notes(changelog: str, version: str) -> str:
     return found[1].strip() + "\n"
 
 
+def set_version(root: Path, version: str, day: str) -> None:
+    """Write a version and its day into each file that names it; the changelog's "Unreleased" becomes its section.
+
+    Raises:
+        ValueError: the version is none, the changelog has no "Unreleased", or changes/ has files that are not in it.
+
+    """
+    if re.fullmatch(r"\d+\.\d+\.\d+", version) is None:
+        raise ValueError(f"{version!r} is no version: give it as 1.2.3")
+    if waiting := sorted(file.name for file in (root / "changes").glob("*.*.md")):
+        raise ValueError(f'changes/ has {", ".join(waiting)}: fold them into CHANGELOG.md\'s "Unreleased"')
+    named = {
+        "pyproject.toml": [(r'(?m)^(version = ")[\d.]+', rf"\g<1>{version}")],
+        "txt1/version.py": [(r'(__version__ = ")[\d.]+', rf"\g<1>{version}")],
+        "CITATION.cff": [(r"(?m)^(version: ).*", rf"\g<1>{version}"), (r"(?m)^(date-released: ).*", rf"\g<1>{day}")],
+        "CHANGELOG.md": [(r"(?m)^## Unreleased$", f"## {version} ({day})")],
+    }
+    for plugin in root.glob("plugins/*/pyproject.toml"):
+        needs = (r'(?m)^(dependencies = \["txt1==)[\d.]+', rf"\g<1>{version}")
+        named[str(plugin.relative_to(root))] = [*named["pyproject.toml"], needs]
+    written = {}
+    for name, changes in named.items():
+        text = (root / name).read_text("utf-8")
+        for pattern, new in changes:
+            text, count = re.subn(pattern, new, text)
+            if count != 1:
+                raise ValueError(f"{name} has {count} lines like {pattern!r}, it needs one")
+        written[name] = text
+    for name, text in written.items():
+        (root / name).write_text(text, encoding="utf-8")
+
+
 def main(words: list[str]) -> None:
-    """Write the constraints to a file, a folder's checksums into it, or print a version's section of the changelog."""
+    """Write constraints or checksums, or print versions or a section of the changelog."""
     match words:
-        case ["constraints", file]:
+        case ["constraints", file, *users]:
             Path(file).parent.mkdir(parents=True, exist_ok=True)
-            Path(file).write_text(constraints(), encoding="utf-8")
+            Path(file).write_text(constraints(users_versions(*users) if users else None), encoding="utf-8")
+        case ["version", version]:
+            set_version(ROOT, version, date.today().isoformat())
+        case ["imported"]:
+            print(json.dumps(imported()))
         case ["sums", folder]:
             (Path(folder) / SUMS).write_text(sums(Path(folder)), encoding="utf-8")
         case ["notes", version]:
-            changelog = Path(__file__).parents[1] / "CHANGELOG.md"
-            print(notes(changelog.read_text("utf-8"), version), end="")
+            print(notes((ROOT / "CHANGELOG.md").read_text("utf-8"), version), end="")
         case _:
-            raise SystemExit("python -m rigs.release constraints FILE | sums FOLDER | notes VERSION")
+            raise SystemExit(
+                "python -m rigs.release constraints FILE [PYTHON] | imported | sums FOLDER | notes VERSION"
+            )
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
-from rigs.release import commit, constraints, main, notes, versions
+from rigs.release import OURS, commit, constraints, imports_of, main, notes, set_version, versions
+from txt1.version import __version__
 
 ROOT = Path(__file__).parents[2]
 
@@ -25,10 +26,70 @@ def test_the_constraints_name_the_installed_versions_and_the_untested_packages()
     _, missing = versions()
     assert [line.rpartition(" ")[2] for line in lines if "not tested" in line] == missing
     for line in pinned:
-        one = Requirement(line)
+        one = Requirement(line.partition("  #")[0])
         # pip takes no others as constraints
         assert one.url is None and not one.extras
     assert f"Python {'.'.join(map(str, sys.version_info[:3]))}," in lines[1]
+
+
+def test_what_only_a_users_environment_has_is_named_with_what_was_tried_of_it() -> None:
+    _, missing = versions()
+    others = dict.fromkeys(missing, "1.2.3")
+    lines = constraints(others | {"numpy": "0.0.1"}).splitlines()
+    assert f"numpy=={version('numpy')}" in lines, "what the tests had goes before"
+    assert not any("not tested" in line for line in lines)
+    for name in missing:
+        (line,) = (line for line in lines if line.startswith(f"{name}=="))
+        assert line.partition("#")[0].strip() == f"{name}==1.2.3" and "imports" in line
+
+
+def test_what_our_modules_import_of_a_package_is_found() -> None:
+    found = imports_of(["pettingzoo", "Phidget22"])
+    assert "from pettingzoo import ParallelEnv" in found
+    assert any(line.startswith("from Phidget22.Devices.VoltageRatioInput import") for line in found)
+    assert not any("numpy" in line or "txt1" in line for line in found)
+
+
+def root_with(folder: Path, *fragments: str) -> Path:
+    """A folder with the files that name the version, and fragments of a changelog."""
+    names = ["pyproject.toml", "txt1/version.py", "CITATION.cff", "CHANGELOG.md"]
+    names += [str(each.relative_to(ROOT)) for each in ROOT.glob("plugins/*/pyproject.toml")]
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text((ROOT / name).read_text("utf-8"), "utf-8")
+    log = folder / "CHANGELOG.md"
+    if "\n## Unreleased\n" not in log.read_text("utf-8"):
+        log.write_text("## Unreleased\n\n- new\n\n" + log.read_text("utf-8"), "utf-8")
+    (folder / "changes").mkdir()
+    for name in ("README.md", *fragments):
+        (folder / "changes" / name).write_text("New.\n", "utf-8")
+    return folder
+
+
+def test_a_version_is_written_wherever_it_is_named(tmp_path: Path) -> None:
+    folder = root_with(tmp_path)
+    set_version(folder, "7.8.9", "2031-02-03")
+    read = {each.relative_to(folder): each.read_text("utf-8") for each in folder.rglob("*") if each.is_file()}
+    log = read.pop(Path("CHANGELOG.md"))
+    assert "## 7.8.9 (2031-02-03)\n" in log and "## Unreleased" not in log and notes(log, "7.8.9").strip()
+    assert not any(__version__ in text for text in read.values())
+    assert "version: 7.8.9\ndate-released: 2031-02-03\n" in read[Path("CITATION.cff")]
+    plugins = [text for name, text in read.items() if name.match("plugins/*/pyproject.toml")]
+    assert len(plugins) == len(OURS) - 1
+    assert all('version = "7.8.9"' in text and '"txt1==7.8.9"' in text for text in plugins)
+
+
+@pytest.mark.parametrize(
+    ("fragments", "version", "told"),
+    [(["pad-lost.fixed.md"], "7.8.9", "pad-lost"), ([], "next", "'next' is no version")],
+)
+def test_a_version_is_refused_and_nothing_written(
+    fragments: list[str], version: str, told: str, tmp_path: Path
+) -> None:
+    folder = root_with(tmp_path, *fragments)
+    with pytest.raises(ValueError, match=told):
+        set_version(folder, version, "2031-02-03")
+    assert (folder / "CITATION.cff").read_text("utf-8") == (ROOT / "CITATION.cff").read_text("utf-8")
 
 
 def test_without_git_the_constraints_name_no_commit(monkeypatch: pytest.MonkeyPatch) -> None:
