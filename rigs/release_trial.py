@@ -42,7 +42,8 @@ PROOFS: Final[dict[str, tuple[str, ...]]] = {
     "view": (f"{RUN} --view",),
     "web": (f"{RUN} --web 127.0.0.1:0",),
     "all": (
-        f"{RECORDED} --web 127.0.0.1:0",
+        f"{RUN} --web 127.0.0.1:0",
+        RECORDED,
         "txt1 report drive.mcap",
         "txt1 map drive.mcap -o flat",
         "txt1 teach drive.mcap -o flat.onnx --see laser --epochs 1 --networks 2",

@@ -136,8 +136,10 @@ class Parser(argparse.ArgumentParser):
         """Print the mistake and exit."""
         wrong = re.match(r"argument (?:COMMAND|ACTION): invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if wrong:
-            near = get_close_matches(wrong[1], re.findall(r"[\w-]+", wrong[2]), 1)
-            message = f"there is no '{wrong[1]}'{f', did you mean {near[0]!r}?' if near else ''}"
+            choices = re.findall(r"[\w-]+", wrong[2])
+            near = get_close_matches(wrong[1], choices, 1)
+            few = f"; there are {', '.join(choices)}" if len(choices) <= 8 else ""
+            message = f"there is no '{wrong[1]}'{f', did you mean {near[0]!r}?' if near else few}"
         self.exit(USAGE, f"txt1: {message}; see '{self.prog} --help'\n")
 
 

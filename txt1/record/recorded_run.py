@@ -17,6 +17,7 @@ from txt1.record.session import machine
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.inputs import INPUT, REPORT, STEP, Input, Report
 from txt1.telemetry import exact
+from txt1.version import __version__
 
 
 @dataclass
@@ -39,6 +40,8 @@ class Recorded:
     """The time of the last message, s of the run."""
     epoch: float = 0.0
     """Time stamp of the run's start, s since 1970."""
+    former: str = ""
+    """The version of txt1 that made it, if it is an earlier one."""
     alike: bool = True
     """Whether it was made with the processor and the libraries of now, so that each bit is the same."""
 
@@ -177,5 +180,8 @@ class _RunRead:
         if digest := about.get("map"):
             check_map(path, str(found.config.sim.room.map), digest)
         found.epoch = self.reading.epoch
+        # until 0.2.0 no processor was named
+        if about.get("txt1") != __version__ or "processor" not in about:
+            found.former = about.get("txt1", "")
         found.alike = all(about.get(name, told) == told for name, told in machine().items())
         return found

@@ -88,6 +88,8 @@ class Verdict(NamedTuple):
     """Whether every bit had to be equal; on another processor or with other libraries, numbers within 1e-6."""
     lacks: str = ""
     """Contents that an older version did not record, and that were not compared."""
+    former: str = ""
+    """The version of txt1 that made the recording, if it is an earlier one."""
 
 
 def verify(path: Path, robot: str | None = None, attach: Attach = lambda runtime: None) -> Verdict:
@@ -120,6 +122,7 @@ def verify(path: Path, robot: str | None = None, attach: Attach = lambda runtime
         tuple(left_out),
         robots[0].alike,
         robots[0].lacks,
+        robots[0].former,
     )
 
 

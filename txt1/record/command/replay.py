@@ -52,6 +52,8 @@ def main(arguments: argparse.Namespace) -> int:
     print(f"{arguments.file}: {verdict.difference or same}{within}")
     if verdict.difference is None and left:
         print(f"not compared: {', '.join(f'{topic} {count}' for topic, count in verdict.uncompared.items())}")
+    if verdict.difference is not None and verdict.former:
+        print(f"{arguments.file}: txt1 {verdict.former} recorded it; a simulation of now drives otherwise")
     if verdict.lacks:
         print(f"{arguments.file}: {verdict.lacks}")
     return OK if verdict.difference is None else FAULT
