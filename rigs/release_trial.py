@@ -83,9 +83,14 @@ while waiting:
             done.add(one.name)
             for module in modules[known_as(one.name)]:
                 if module.isidentifier() and not module.startswith("_") and module not in ("tests", "test", "setup"):
-                    import_module(module)
+                    try:
+                        import_module(module)
+                    except ModuleNotFoundError:
+                        raise
+                    except ImportError as fault:
+                        print(f"{module}: {fault}")
 """
-"""Imports what the packages that a distribution asks for, with an extra, bring."""
+"""Imports what the packages that a distribution asks for, with an extra, bring, and prints what a system lacks."""
 
 
 class Trial(NamedTuple):
@@ -156,18 +161,22 @@ def typed(line: str, folder: Path, path: Path | None = None, **more: str) -> str
     return done.stdout
 
 
-def install(python: str, trial: Trial, dist: Path, folder: Path) -> None:
-    """Install a trial into an environment of its own below the folder, and type its lines in an empty folder."""
+def install(python: str, trial: Trial, dist: Path, folder: Path) -> str:
+    """Install a trial into an environment of its own below the folder, and type its lines in an empty folder.
+
+    Returns which packages do not load, as a library of the system is missing.
+    """
     empty, programs = folder / "empty", folder / "env" / "bin"
     empty.mkdir()
     typed(f"{python} -m venv env", folder)
     wants = " ".join(f"'{each}'" for each in trial.wants)
     typed(f"python -m pip install --quiet --no-compile --constraint {dist}/constraints.txt {wants}", folder, programs)
     (folder / "imports.py").write_text(IMPORTS, "utf-8")
-    typed(f"python {folder}/imports.py {trial.imports[0]} '{trial.imports[1]}'", empty, programs)
+    lacks = typed(f"python {folder}/imports.py {trial.imports[0]} '{trial.imports[1]}'", empty, programs)
     typed(f"python -m {RUN}", empty, programs)
     for line in trial.types:
         typed(line, empty, programs)
+    return " ".join(lacks.split())
 
 
 def pipx(python: str, dist: Path, folder: Path) -> None:
@@ -208,9 +217,10 @@ OTHERS: Final = {"pipx": pipx, "uvx": uvx, "container": container, "checksums": 
 """Trials that pip's environments are not for."""
 
 
-def tell(python: str, name: str, began: float, fault: str = "") -> None:
+def tell(python: str, name: str, began: float, fault: str = "", lacks: str = "") -> None:
     """Print the line of a trial."""
-    print(f"{'FAILED' if fault else 'ok':7}{python:8}{name:20}{time.monotonic() - began:6.0f} s", flush=True)
+    took = time.monotonic() - began
+    print(f"{'FAILED' if fault else 'ok':7}{python:8}{name:20}{took:6.0f} s  {lacks}".rstrip(), flush=True)
     if fault:
         print(f"{fault}\n", flush=True)
 
@@ -225,18 +235,18 @@ def tried(python: str, dist: Path, names: Sequence[str], quick: bool) -> int:
         alone = name in PROOFS.keys() - {"all"} or name in PLUGINS
         if (names and name not in names) or (quick and alone):
             continue
-        began = time.monotonic()
+        began, lacks = time.monotonic(), ""
         try:
             with tempfile.TemporaryDirectory(prefix="txt1-trial-") as folder:
                 if name in each:
-                    install(executable, each[name], dist, Path(folder))
+                    lacks = install(executable, each[name], dist, Path(folder))
                 else:
                     OTHERS[name](executable, dist, Path(folder))
         except Failed as fault:
             failed += 1
             tell(".".join(version), name, began, str(fault))
         else:
-            tell(".".join(version), name, began)
+            tell(".".join(version), name, began, lacks=lacks)
     return failed
 
 

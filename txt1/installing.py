@@ -80,7 +80,13 @@ def installs_plugin(name: str, extra: str = "") -> str:
 
 
 def needs_extra(extra: str, plugin: str = "") -> str:
-    """Return the end of a sentence about what needs an extra, of txt1 or of a plug-in: the command that installs it."""
+    """Return the end of a sentence about what needs an extra, of txt1 or of a plug-in: the command that installs it.
+
+    While an import fails although its package is there, it is the fault of that package: a library of the system.
+    """
+    fault = sys.exception()
+    if isinstance(fault, ImportError) and not isinstance(fault, ModuleNotFoundError):
+        return f"has its package, but that does not load: {fault}; install what it names"
     if not plugin:
         return f"needs the extra '{extra}': {installs(extra)}"
     return f"needs the extra '{extra}' of {distribution_of(plugin)}: {installs_plugin(plugin, extra)}"

@@ -23,10 +23,11 @@ import txt1
 from tests.patience import LIMIT
 from txt1.cli import COMMANDS, execute, told
 from txt1.commands import USAGE, need
-from txt1.errors import NotCapable
+from txt1.errors import MissingExtra, NotCapable
 from txt1.hal.base import Capabilities, Hal
 from txt1.hal.sim import SimHal
 from txt1.installing import installs, installs_package, installs_plugin
+from txt1.sensors.depth import RealSenseOptions, realsense_frames
 from txt1.version import __version__
 
 ROOT = Path(__file__).parents[2]
@@ -395,6 +396,17 @@ def test_an_extra_is_installed_from_where_txt1_came_by_the_python_that_lacks_it(
     assert installs("record") == "pipx run --spec 'txt1[record] @ https://example.org/txt1.whl' txt1"
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "uv" / "archive-v0" / "1234"))
     assert installs("record") == "uvx --from 'txt1[record] @ https://example.org/txt1.whl' txt1"
+
+
+def test_a_package_that_does_not_load_is_not_told_to_be_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pyrealsense2.py").write_text('raise ImportError("libusb-1.0.so.0: cannot open shared object file")\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "pyrealsense2", raising=False)
+    with pytest.raises(MissingExtra, match=r"does not load: libusb.*; install what it names") as refused:
+        next(realsense_frames(RealSenseOptions()))
+    assert "pip" not in str(refused.value)
 
 
 def test_a_plugin_is_installed_from_where_txt1_came(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
