@@ -15,6 +15,7 @@ import textwrap
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from datetime import date
 from math import hypot
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -391,12 +392,12 @@ DRIVES = ("linear-steps", "angular-steps", "circle-slow", "circle-fast", "waypoi
 NAMES = (*DRIVES, "battery-run")
 WEAK_TITLE = "30 % less motor gain, and twice the lag of motors and servos"
 
-INTRODUCTION = """\
+INTRODUCTION = f"""\
 # The drive tests
 
 Three tests of the thesis, in simulation and with the thesis's gains: the controllers (4.4), the path along waypoints,
 and the battery run (3.6.3). `python -m docs.drive_tests --real-time` drives them, and writes this page and its figures;
-each step, leg and gain goes to out/drive-tests. `txt1 experiment NAME --seed 1` repeats a single test.
+each step, leg and gain goes to out/drive-tests ({date.today()}). `txt1 experiment NAME --seed 1` repeats a single test.
 
 Responses are means over 0.2 s of the simulator's true motion. A response has settled when it stays within 5 % of the
 step around its end value.

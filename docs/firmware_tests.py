@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Callable
+from datetime import date
 from typing import Any, Final
 
 from matplotlib.figure import Figure
@@ -21,11 +22,11 @@ from txt1.experiments.run_folder import Run
 PICO: Final = ("hal=serial", "serial.port=pico")
 STYLES: Final = (("#0072b2", 2.6), ("#e69f00", 1.5), ("black", 0.7))  # colours that all eyes tell apart; line widths
 
-INTRODUCTION: Final = """\
+INTRODUCTION: Final = f"""\
 # The firmware in the thesis's drive tests
 
 MicroPython's unix port runs the Pico's firmware, with a simulated vehicle behind its pins. The firmware drives the
-thesis's tests beside the virtual board (`txt1 board`) and the simulation without a wire, all with seed 1.
+thesis's tests beside the virtual board (`txt1 board`) and the simulation without a wire, with seed 1 ({date.today()}).
 `python -m docs.firmware_tests` makes this page. No figure was measured on a real Pico.
 
 ![The six tests: firmware, virtual board and simulation](firmware-tests.png)

@@ -136,6 +136,24 @@ def test_every_block_of_yaml_on_a_page_is_valid(page: Path, tmp_path: Path) -> N
                 checked(getattr(driver, f"{config.hal.title()}Options"), config.hal_options, "hal_options")
 
 
+def test_each_page_of_results_names_the_day_of_its_measuring() -> None:
+    for page in sorted((ROOT / "docs/results").glob("*.md")):
+        # a proof
+        if page.name != "least_time.md":
+            assert re.search(r"\b20\d\d-\d\d-\d\d\b", page.read_text("utf-8")), page.name
+
+
+def test_each_picture_has_the_command_that_makes_it() -> None:
+    listed = subprocess.run(["git", "ls-files", "docs"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("did not run: this is no checkout")
+    pictures = [each for each in listed.stdout.split() if Path(each).suffix in (".png", ".svg", ".gif", ".webp")]
+    rows = re.findall(r"(?m)^\| ([^|`]+) \| .*`.*\|$", (ROOT / "docs/results/first-hour.md").read_text("utf-8"))
+    named = [name.strip() for row in rows for name in row.split(",")]
+    unmade = [each for each in pictures if not any(Path(each).match(name) for name in named)]
+    assert pictures and unmade == []
+
+
 def test_the_moving_picture_has_room_for_its_legends_and_loads_quickly() -> None:
     image = pytest.importorskip("PIL.Image", reason="Pillow is not installed: the extra 'camera'")
     file = ROOT / "docs" / "web" / "drive.webp"
