@@ -104,7 +104,7 @@ class NotArmed(CommandRefused):
 
 
 A_STOP: Final = "a stop"
-"""The driver that overruled a source which was stopped without its asking."""
+"""Stands for the source that overruled, where a source was stopped without its asking."""
 
 
 class Overruled(CommandRefused):
