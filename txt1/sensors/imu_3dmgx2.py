@@ -12,7 +12,7 @@ from annotated_types import MinLen
 
 from txt1.config.sources import checked
 from txt1.sensors.base import Setup
-from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Quaternion, imu_topic
+from txt1.sensors.readings import IMU_MOUNT, STANDARD_GRAVITY, ImuReading, ImuSigma, Mount, Quaternion, imu_topic
 from txt1.sensors.stream import Framed, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
@@ -31,8 +31,6 @@ STOP: Final = {"gx2": b"\xfa", "gx3": b"\xfa\x75\xb4"}
 TICKS: Final = {"gx2": 19_660_800.0, "gx3": 62_500.0}
 LENGTHS: Final = {PLAIN: 67, MAGNETIC: 79, CONFIRMED: 8, IDENTIFIER: 20}
 GAUSS: Final = 1e-4  # T
-# the device's unit of acceleration, standard gravity, m/s^2
-UNIT: Final = 9.80665
 # larger accelerations in g and rates in rad/s are no measurements
 MOST: Final = 100.0
 
@@ -130,7 +128,7 @@ class ImuDecoder(Framed[ImuReading]):
             magnetic = (bx * GAUSS, -by * GAUSS, -bz * GAUSS)
         # + 0.0 turns -0.0 into 0.0
         reading = ImuReading(
-            (ax * UNIT, -ay * UNIT + 0.0, -az * UNIT + 0.0),
+            (ax * STANDARD_GRAVITY, -ay * STANDARD_GRAVITY + 0.0, -az * STANDARD_GRAVITY + 0.0),
             (p, -q + 0.0, -r + 0.0),
             orientation_of(tuple(rest)),
             magnetic,

@@ -16,7 +16,16 @@ from annotated_types import MinLen
 
 from txt1.config.sources import checked
 from txt1.sensors.base import Setup
-from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Quaternion, Vector, imu_topic
+from txt1.sensors.readings import (
+    IMU_MOUNT,
+    STANDARD_GRAVITY,
+    ImuReading,
+    ImuSigma,
+    Mount,
+    Quaternion,
+    Vector,
+    imu_topic,
+)
 from txt1.sensors.stream import Framed, Measured, Streamed
 from txt1.units import NotNegative, PositiveInt
 
@@ -27,8 +36,6 @@ FRAME: Final = struct.Struct("<2sB6h3xB")
 FRAME_PERIOD: Final = 0.01
 # number of lost frames after which the rates are not known
 GAP_MAX: Final = 10
-# standard gravity, m/s^2
-UNIT: Final = 9.80665
 # rad/s: the device measures 2000 degrees/s; whoever turns faster has started again
 MOST: Final = 35.0
 
@@ -97,7 +104,7 @@ class RvcDecoder(Framed[ImuReading]):
             return 0
         _, index, *numbers, _ = FRAME.unpack(frame)
         yaw, pitch, roll = (radians(number / 100.0) for number in numbers[:3])
-        ax, ay, az = (number / 1000.0 * UNIT for number in numbers[3:])
+        ax, ay, az = (number / 1000.0 * STANDARD_GRAVITY for number in numbers[3:])
         turned = orientation_of(yaw, pitch, roll)
         # the vehicle's axes, not the device's
         orientation = product(turned, (0.0, 0.0, -sin(0.5 * self._yaw), cos(0.5 * self._yaw)))

@@ -13,8 +13,8 @@ from txt1.config.sources import checked
 from txt1.sensors.base import Setup
 from txt1.sensors.frame_grabber import Frames
 from txt1.sensors.i2c import opener
-from txt1.sensors.imu_mpu6050 import DATA, PER_DEGREE, PER_G, UNIT, MotionChip, Mpu6050Options, sensor
-from txt1.sensors.readings import ImuReading, Vector
+from txt1.sensors.imu_mpu6050 import DATA, PER_DEGREE, PER_G, MotionChip, Mpu6050Options, sensor
+from txt1.sensors.readings import STANDARD_GRAVITY, ImuReading, Vector
 
 # registers of the data sheet DS-000189, revision 1.3; of bank 0
 WHO_AM_I: Final = 0x00
@@ -32,7 +32,7 @@ REG_BANK_SEL: Final = 0x7F
 def decode(data: Sequence[int]) -> tuple[Vector, Vector]:
     """Return specific force, m/s^2, and rates, rad/s, about the chip's axes, of its 14 bytes."""
     ax, ay, az, gx, gy, gz, _ = DATA.unpack(bytes(data))
-    g, w = UNIT / PER_G, radians(1.0) / PER_DEGREE
+    g, w = STANDARD_GRAVITY / PER_G, radians(1.0) / PER_DEGREE
     return (ax * g, ay * g, az * g), (gx * w, gy * w, gz * w)
 
 

@@ -24,7 +24,7 @@ from txt1.errors import HalError
 from txt1.sensors.base import Setup
 from txt1.sensors.frame_grabber import Frames, Wait
 from txt1.sensors.i2c import SensorBus, opener, why_silent
-from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, Vector, imu_topic
+from txt1.sensors.readings import IMU_MOUNT, STANDARD_GRAVITY, ImuReading, ImuSigma, Mount, Vector, imu_topic
 from txt1.units import Positive
 
 # registers of "MPU-6000 and MPU-6050 Register Map", revision 4.2
@@ -52,8 +52,6 @@ SETUP: Final = (
 # counts per degree/s, and per g
 PER_DEGREE: Final = 65.5
 PER_G: Final = 8192.0
-# standard gravity, m/s^2
-UNIT: Final = 9.80665
 
 # samples that have to be still
 STILL_SAMPLES: Final = 100
@@ -86,7 +84,7 @@ class RestBias:
         axes = tuple(zip(*self._samples, strict=True))
         self._samples.clear()
         means, spread = [fmean(axis) for axis in axes], [pstdev(axis) for axis in axes]
-        upright = abs(hypot(*means[:3]) - UNIT) < GRAVITY_SHARE * UNIT
+        upright = abs(hypot(*means[:3]) - STANDARD_GRAVITY) < GRAVITY_SHARE * STANDARD_GRAVITY
         if upright and max(spread[:3]) < STILL_FORCE and max(spread[3:]) < STILL_RATE:
             x, y, z = means[3:]
             if hypot(x, y, z) < BIAS_MAX:
@@ -96,7 +94,7 @@ class RestBias:
 def decode(data: Sequence[int]) -> tuple[Vector, Vector]:
     """Return specific force, m/s^2, and rates, rad/s, about the chip's axes, of its 14 bytes."""
     ax, ay, az, _, gx, gy, gz = DATA.unpack(bytes(data))
-    g, w = UNIT / PER_G, radians(1.0) / PER_DEGREE
+    g, w = STANDARD_GRAVITY / PER_G, radians(1.0) / PER_DEGREE
     return (ax * g, ay * g, az * g), (gx * w, gy * w, gz * w)
 
 

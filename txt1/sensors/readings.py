@@ -19,6 +19,9 @@ from txt1.sensors.base import reading_topic
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Topic
 
+STANDARD_GRAVITY: Final = 9.80665
+"""m/s^2: the unit g in which devices tell accelerations. `txt1.units.GRAVITY` is that of the simulated world."""
+
 Vector = tuple[float, float, float]
 # x, y, z, w
 Quaternion = tuple[float, float, float, float]

@@ -4,8 +4,8 @@ from itertools import count
 from math import asin, atan2, degrees
 
 from txt1.sensors.base import Reading
-from txt1.sensors.imu_bno08x import UNIT, pack
-from txt1.sensors.readings import ImuReading, Quaternion, Vector
+from txt1.sensors.imu_bno08x import pack
+from txt1.sensors.readings import STANDARD_GRAVITY, ImuReading, Quaternion, Vector
 from txt1.sensors.virtual_sensor import Talker
 
 
@@ -26,6 +26,6 @@ def bno08x() -> Talker:
         value = reading.value
         ax, ay, az = value.acceleration
         angles = angles_of(value.orientation or (0.0, 0.0, 0.0, 1.0))
-        return pack(next(index), angles, (ax / UNIT, ay / UNIT, az / UNIT))
+        return pack(next(index), angles, (ax / STANDARD_GRAVITY, ay / STANDARD_GRAVITY, az / STANDARD_GRAVITY))
 
     return Talker(frame)

@@ -6,6 +6,7 @@ The numbers are those of the makers' data sheets; they are not the drivers', so 
 from collections.abc import Sequence
 from math import cos, degrees, sin
 
+from txt1.sensors.readings import STANDARD_GRAVITY
 from txt1.sensors.virtual_mpu6050 import FULL, Mpu6050Chip
 
 
@@ -41,7 +42,7 @@ class Icm20948Chip(Mpu6050Chip):
         awake = not self.banks[0][0x06] & 0x40
         g_range = 2 << (self.banks[2][0x14] >> 1 & 3)
         degree_range = 250 << (self.banks[2][0x01] >> 1 & 3)
-        words = [a / 9.80665 / g_range + self._rng.gauss(0.0, 0.0003) for a in self.force]
+        words = [a / STANDARD_GRAVITY / g_range + self._rng.gauss(0.0, 0.0003) for a in self.force]
         told = zip(self.rates, self.bias, strict=True)
         words += [degrees(w + b) / degree_range + self._rng.gauss(0.0, 0.00005) for w, b in told]
         for k, word in enumerate(words):
@@ -68,7 +69,7 @@ class Bno055Chip(Mpu6050Chip):
         """Fill the registers of the measurements."""
         fuses = self.registers[0x3D] & 0x0F == 0x08 and self.registers[0x3E] == 0
         in_mg, in_rps = self.registers[0x3B] & 1, self.registers[0x3B] >> 1 & 1
-        force = [round(a * (1000.0 / 9.80665 if in_mg else 100.0)) for a in self.force]
+        force = [round(a * (1000.0 / STANDARD_GRAVITY if in_mg else 100.0)) for a in self.force]
         rates = [round(w * 900.0 if in_rps else degrees(w) * 16.0) for w in self.rates]
         # about z by the heading, then about the turned y axis: a raised x axis is a negative turn
         a, b = 0.5 * self.heading, -0.5 * self.pitch

@@ -11,12 +11,11 @@ from txt1.sensors.imu_3dmgx2 import (
     MAGNETIC,
     PLAIN,
     TICKS,
-    UNIT,
     checksum,
     matrix_of,
     pack,
 )
-from txt1.sensors.readings import ImuReading
+from txt1.sensors.readings import STANDARD_GRAVITY, ImuReading
 from txt1.sensors.virtual_sensor import VirtualSensor
 
 STOP: Final = 0xFA
@@ -73,7 +72,7 @@ class VirtualImu(VirtualSensor):
             return b""
         value = self._now.value
         (ax, ay, az), (p, q, r) = value.acceleration, value.rates
-        numbers = [ax / UNIT, -ay / UNIT, -az / UNIT, p, -q, -r]
+        numbers = [ax / STANDARD_GRAVITY, -ay / STANDARD_GRAVITY, -az / STANDARD_GRAVITY, p, -q, -r]
         if command == MAGNETIC:
             x, y, z = value.magnetic or (0.0, 0.0, 0.0)
             numbers += x / GAUSS, -y / GAUSS, -z / GAUSS

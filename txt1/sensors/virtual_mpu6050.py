@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from math import degrees
 from random import Random
 
-from txt1.sensors.readings import Vector
+from txt1.sensors.readings import STANDARD_GRAVITY, Vector
 
 # counts at full scale
 FULL: float = 32768.0
@@ -20,7 +20,7 @@ class Mpu6050Chip:
     """The chip; its motion may be set, in m/s^2 and rad/s about its own axes."""
 
     def __init__(self, address: int = 0x68, seed: int = 1) -> None:
-        self.force: Vector = (0.0, 0.0, 9.80665)
+        self.force: Vector = (0.0, 0.0, STANDARD_GRAVITY)
         self.rates: Vector = (0.0, 0.0, 0.0)
         self.bias: Vector = (0.05, -0.12, 0.21)
         """Offset of the gyro, rad/s."""
@@ -68,7 +68,7 @@ class Mpu6050Chip:
         awake = not self.registers[0x6B] & 0x40
         g_range = 2 << (self.registers[0x1C] >> 3 & 3)
         degree_range = 250 << (self.registers[0x1B] >> 3 & 3)
-        words = [a / 9.80665 / g_range + self._rng.gauss(0.0, 0.0003) for a in self.force]
+        words = [a / STANDARD_GRAVITY / g_range + self._rng.gauss(0.0, 0.0003) for a in self.force]
         words.append(0.0)
         told = zip(self.rates, self.bias, strict=True)
         words += [degrees(w + b) / degree_range + self._rng.gauss(0.0, 0.00005) for w, b in told]

@@ -12,13 +12,11 @@ from txt1.cars.vesc.driver import ImuValues, VescHal
 from txt1.config import checked
 from txt1.errors import ConfigError, HalError
 from txt1.sensors.base import Reading, Setup
-from txt1.sensors.readings import IMU_MOUNT, ImuReading, ImuSigma, Mount, imu_topic
+from txt1.sensors.readings import IMU_MOUNT, STANDARD_GRAVITY, ImuReading, ImuSigma, Mount, imu_topic
 from txt1.units import NotNegative
 
 # s between two questions
 ANSWER_PERIOD: Final = 0.02
-# standard gravity, m/s^2
-UNIT: Final = 9.80665
 # g: the first acceleration of a car that stands lies within this of 1
 NEAR: Final = 0.2
 SIGMA: Final = ImuSigma(rates=0.02, acceleration=1.0, attitude=0.0, heading=0.0)
@@ -99,7 +97,7 @@ class VescImu:
         mount = self._options.mount
         c, s = cos(mount.yaw), sin(mount.yaw)
         (ax, ay, az), (p, q, r) = values.acceleration, values.rates
-        force = UNIT * (c * ax - s * ay), UNIT * (s * ax + c * ay), UNIT * az
+        force = STANDARD_GRAVITY * (c * ax - s * ay), STANDARD_GRAVITY * (s * ax + c * ay), STANDARD_GRAVITY * az
         rates = radians(c * p - s * q), radians(s * p + c * q), radians(r)
         return ImuReading(force, rates, None, None, mount._replace(yaw=0.0), self._options.sigma)
 
