@@ -136,6 +136,27 @@ def test_every_block_of_yaml_on_a_page_is_valid(page: Path, tmp_path: Path) -> N
                 checked(getattr(driver, f"{config.hal.title()}Options"), config.hal_options, "hal_options")
 
 
+def anchors(text: str) -> set[str]:
+    """The ids of a page's headings, as sites make them, and those that it writes itself."""
+    headings = re.findall(r"(?m)^#+ (.*)$", re.sub(r"(?ms)^```.*?^```", "", text))
+    plain = (re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading) for heading in headings)
+    made = {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in plain}
+    return made | set(re.findall(r'<a id="([^"]+)">', text))
+
+
+@EACH
+def test_every_link_inside_the_repository_leads_to_a_place(page: Path) -> None:
+    made = re.findall(r'"(reference/\w+\.md)": \w+\(\)', (ROOT / "docs/pages.py").read_text("utf-8"))
+    text = re.sub(r"(?ms)^```.*?^```|`[^`\n]*`", "", page.read_text("utf-8"))
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        place, _, anchor = link.partition("#")
+        file = (page.parent / place).resolve() if place else page
+        if re.match(r"https?:|mailto:", link) or file in [ROOT / "docs" / each for each in made]:
+            continue
+        assert file.exists(), link
+        assert not anchor or file.suffix != ".md" or anchor in anchors(file.read_text("utf-8")), link
+
+
 def test_each_page_of_results_names_the_day_of_its_measuring() -> None:
     for page in sorted((ROOT / "docs/results").glob("*.md")):
         # a proof
