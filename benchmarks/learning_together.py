@@ -17,13 +17,14 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.rounds import table
+from tests.lessons import Lessons
 from txt1.config import load
 from txt1.fleet.plan import names
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import run
-from txt1.learning.shared_knowledge import Learned
-from txt1.learning.sharing import Lessons, Sharing
+from txt1.learning.agent import Learned
 from txt1.trials.provenance import code_hash
+from txt1_learners.sharing import Sharing
 from txt1_learners.studies.team import Join, learn_together
 
 Times = list[list[float]]  # s to the light, by robot and episode; a failure counts as LIMIT

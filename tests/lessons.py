@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
-from txt1.learning.shared_knowledge import Learned, learned_of
+from txt1.fleet.shared_knowledge import learned_of
+from txt1.learning.agent import Learned
 
 
 class Lessons:

@@ -37,10 +37,11 @@ from txt1.fleet.network import Peer, configuration
 from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
 from txt1.fleet.screen import screen as fleet_screen
 from txt1.fleet.selection import Selection
+from txt1.fleet.shared_knowledge import FORGET, LEARNED, TOLD, learned_of
 from txt1.fleet.stopping import Standing
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
-from txt1.learning.shared_knowledge import FORGET, LEARNED, TOLD, Learned, learned_of
+from txt1.learning.agent import Learned
 from txt1.record.reader import robots_in
 from txt1.record.snapshots import Snapshots
 from txt1.robot import Robot

@@ -40,8 +40,6 @@ NOT_PUBLIC: Final[dict[str, tuple[str, set[str]]]] = {
             "txt1.learning.qtable",
             "txt1.learning.registry",
             "txt1.learning.settings",
-            "txt1.learning.shared_knowledge",
-            "txt1.learning.sharing",
             "txt1.learning.solvability",
             "txt1.learning.task",
             "txt1.learning.world_presets",

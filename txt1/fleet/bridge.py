@@ -20,9 +20,9 @@ from txt1.fleet.key import FLEET_NAME
 from txt1.fleet.messages import StopAnswer
 from txt1.fleet.network import Hooks, Peer
 from txt1.fleet.radio import SILENCE
+from txt1.fleet.shared_knowledge import learned_of
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock
-from txt1.learning.shared_knowledge import learned_of
 from txt1.sidecar import LINE_MAX, Connection
 
 FLEET_RATE: Final = 20.0  # Hz

@@ -14,7 +14,8 @@ from txt1.fleet.cooperation import Cooperation, body_of, pose_in_room, see_simul
 from txt1.fleet.law import make_law
 from txt1.fleet.members import FLEET, FLEET_STOP, NEW, Member, member_of
 from txt1.fleet.radio import Said
-from txt1.learning.shared_knowledge import FORGET, LEARNED, TOLD, Learned, learned_of
+from txt1.fleet.shared_knowledge import FORGET, LEARNED, TOLD, learned_of
+from txt1.learning.agent import Learned
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -44,7 +45,7 @@ QUIET: Final = 1.0
 
 
 class FleetLink:
-    """The medium of a `txt1.fleet.cooperation.Cooperation`, and the exchange of a `txt1.learning.sharing.Sharing`."""
+    """The medium of a `txt1.fleet.cooperation.Cooperation`, and the exchange of a `txt1_learners.sharing.Sharing`."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot

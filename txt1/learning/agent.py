@@ -7,7 +7,6 @@ from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from txt1.learning.qtable import StoredTable
-from txt1.learning.shared_knowledge import Learned
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
@@ -15,7 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Agent", "Decision", "Doubter", "Looker", "PeriodicAgent", "Readings", "Rows", "Sharer", "StoredTable"]
+__all__ = ["Agent", "Decision", "Doubter", "Learned", "Looker", "PeriodicAgent", "Readings", "Rows", "Sharer"]
+__all__ += ["StoredTable"]
 
 # learned numbers; all rows have one length
 Rows = Sequence[Sequence[float]]
@@ -30,6 +30,19 @@ class Decision(NamedTuple):
     reward: float | None
     # of the actions in this state, after learning
     values: tuple[float, ...]
+
+
+class Learned(NamedTuple):
+    """The rows that a learner has learned, for the others of its fleet."""
+
+    # its name; rows of a learner with another name are not taken over
+    learner: str
+    # number of episodes in which it has learned
+    episodes: int
+    # for each row, how often it was updated; 0: unknown
+    visits: tuple[int, ...]
+    # of equal length
+    rows: tuple[tuple[float, ...], ...]
 
 
 class Agent(Protocol):
@@ -81,7 +94,7 @@ class Agent(Protocol):
 
 @runtime_checkable
 class Sharer(Protocol):
-    """A learner that can learn together with others (`txt1.learning.sharing`), between two episodes."""
+    """A learner that can learn together with others (the plug-in txt1-learners), between two episodes."""
 
     def shared(self) -> Learned:
         """Return its rows, and how well each is known."""

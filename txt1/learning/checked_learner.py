@@ -11,9 +11,8 @@ from operator import index
 from typing import Any, Final
 
 from txt1.errors import Txt1Error
-from txt1.learning.agent import Agent, Decision, Sharer
+from txt1.learning.agent import Agent, Decision, Learned, Sharer
 from txt1.learning.qtable import StoredTable
-from txt1.learning.shared_knowledge import Learned
 
 PROPERTIES: Final = ("name", "ready")
 METHODS: Final = [name for name in vars(Agent) if not name.startswith("_")]

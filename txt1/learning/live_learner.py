@@ -3,8 +3,7 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from txt1.learning.options import Learner
-from txt1.learning.sharing import Exchange, Sharing, sharer
+from txt1.learning.options import Learner, learning_together
 from txt1.learning.task import need_light, start
 from txt1.robot import Robot
 
@@ -15,14 +14,12 @@ async def beside(robot: Robot, learner: Learner) -> AsyncIterator[None]:
     await need_light(robot)
 
     async def begin() -> None:
-        sharing = None
-        if learner.share is not None:
-            exchange = next((part for part in robot.runtime.parts if isinstance(part, Exchange)), None)
-            # the options make sure that the robot is in a fleet
-            assert exchange is not None
-            sharing = Sharing(sharer(str(learner.name), learner.agent), exchange, learner.share, tell=robot.tell)
-            await sharing.joined()
-        start(robot, learner.agent, sharing=sharing)
+        if learner.share is None:
+            start(robot, learner.agent)
+            return
+        sharing = learning_together().of_robot(robot, str(learner.name), learner.agent, learner.share)
+        await sharing.joined()
+        sharing.accompany(start(robot, learner.agent).trial)
 
     robot.on_ready.append(begin)
     yield

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import TYPE_CHECKING, Final, NamedTuple
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from txt1.additions import Options
 from txt1.commands import count, existing, takes
-from txt1.errors import ConfigError
+from txt1.errors import ConfigError, MissingPlugin
 
 if TYPE_CHECKING:
     from txt1.config import Config
@@ -45,14 +46,20 @@ def asked(arguments: Namespace, config: Config) -> Learner | None:
     # one of the two options is given
     assert agent is not None
     if arguments.share is not None:
-        from txt1.learning.sharing import sharer
-
         if arguments.fleet is None:
             raise ConfigError("--share: the robot is in no fleet; add --fleet")
         if arguments.learn is None:
             raise ConfigError("--share: this robot does not learn; add --learn")
-        sharer(arguments.learn, agent)
+        learning_together().sharer(arguments.learn, agent)
     return Learner(arguments.learn, agent, arguments.share)
+
+
+def learning_together() -> Any:
+    """Return the plug-in's module by which robots learn together; raises MissingPlugin."""
+    try:
+        return import_module("txt1_learners.sharing")
+    except ModuleNotFoundError:
+        raise MissingPlugin("--share: learning together", "learners") from None
 
 
 OPTIONS: Final = Options(
@@ -60,7 +67,7 @@ OPTIONS: Final = Options(
     {
         "--learn": takes("AGENT", "let this learner learn to find the light (see txt1 learn)"),
         "--policy": takes("FILE", "drive to the light by a learned qtable.json", existing),
-        "--share": takes("EPISODES", "with --learn: learn from the fleet every EPISODES episodes", count),
+        "--share": takes("EPISODES", "with --learn and a plug-in: learn from the fleet every EPISODES episodes", count),
     },
     asked,
 )

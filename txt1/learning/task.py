@@ -14,7 +14,6 @@ from txt1.errors import A_STOP, ConfigError, HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
 from txt1.learning.agent import Agent, Doubter, Looker
 from txt1.learning.settings import LearningConfig
-from txt1.learning.sharing import Sharing
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
 from txt1.learning.world import named as world_named
 from txt1.learning.world import world_of
@@ -295,13 +294,10 @@ def _told_pose(robot: Robot, by: str) -> PoseSource:
     return PoseSource(by, read)
 
 
-def start(
-    robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: int = EPISODES, sharing: Sharing | None = None
-) -> LearningTask:
+def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: int = EPISODES) -> LearningTask:
     """Start the learning task beside the robot's other tasks, under an operator's eyes (`txt1 run`).
 
     The robot has its gains and light sensors (see `need_light`). With `pose` None the configured pose is used.
-    `sharing` is its part in learning with a fleet.
     """
     config = robot.config
     if robot.hal.capabilities.place:
@@ -318,8 +314,6 @@ def start(
     trial = Trial(
         agent, task_of(config), starts(config.own_seed, 1, episodes), config.section(LearningConfig).actions, done=tell
     )
-    if sharing is not None:
-        sharing.accompany(trial)
     task = LearningTask(robot, trial, pose)
     task.start()
     return task

@@ -10,7 +10,7 @@ from mypy_extensions import mypyc_attr
 
 from txt1.config import Config
 from txt1.errors import NoDirection
-from txt1.learning.agent import Decision, Rows
+from txt1.learning.agent import Decision, Learned, Rows
 from txt1.learning.light_direction import (
     SECTORS,
     LightFilter,
@@ -23,7 +23,6 @@ from txt1.learning.light_direction import (
 )
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
 from txt1.learning.settings import LearningConfig, ThesisConfig
-from txt1.learning.shared_knowledge import Learned
 from txt1.learning.trial import COMMANDS, Commands
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry

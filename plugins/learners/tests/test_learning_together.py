@@ -7,12 +7,12 @@ import pytest
 
 from tests.lessons import Lessons
 from txt1.config import load
+from txt1.fleet.shared_knowledge import learned_of
 from txt1.kernel.loop import run
-from txt1.learning.shared_knowledge import learned_of
-from txt1.learning.sharing import Sharing, sharer
 from txt1_learners.action_effects import Effects
 from txt1_learners.pilot import PilotAgent
 from txt1_learners.sensor_map import HEIGHT
+from txt1_learners.sharing import Sharing, sharer
 from txt1_learners.studies.team import learn_together
 from txt1_learners.sweeps import SweepsAgent
 

@@ -15,9 +15,9 @@ from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
 from txt1.learning.qtable import StoredTable, save
 from txt1.learning.registry import LEARNERS, from_table, make, of_module
-from txt1.learning.sharing import sharer
 from txt1.unknown import missing
 from txt1_learners import pilot, sweeps
+from txt1_learners.sharing import sharer
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))["project"]
 NAMES = sorted(PROJECT["entry-points"]["txt1.learners"])

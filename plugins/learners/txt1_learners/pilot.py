@@ -76,9 +76,8 @@ from pydantic import Field
 
 from txt1 import Odometry
 from txt1.config import Config
-from txt1.learning.agent import Decision, PeriodicAgent, Rows, StoredTable
+from txt1.learning.agent import Decision, Learned, PeriodicAgent, Rows, StoredTable
 from txt1.learning.settings import LearningConfig
-from txt1.learning.shared_knowledge import Learned
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.units import NotNegative, Positive, PositiveInt, Share

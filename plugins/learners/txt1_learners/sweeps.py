@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from txt1 import Odometry
 from txt1.config import Config
-from txt1.learning.agent import Decision, Rows, StoredTable
+from txt1.learning.agent import Decision, Learned, Rows, StoredTable
 from txt1.learning.light_direction import LightFilter, spread_limit
 from txt1.learning.settings import LearningConfig
-from txt1.learning.shared_knowledge import Learned
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import SENSOR_X, SENSOR_Y, Readings
 from txt1.sim.lamp import PointLight, illuminances

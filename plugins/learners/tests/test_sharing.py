@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from tests.lessons import Lessons
 from txt1.config import load
 from txt1.errors import ConfigError
-from txt1.learning.agent import PeriodicAgent
-from txt1.learning.shared_knowledge import NUMBERS_MAX, Learned, learned_of
-from txt1.learning.sharing import Sharing, merge, sharer
+from txt1.learning.agent import Learned, PeriodicAgent
 from txt1.learning.thesis import ThesisAgent, create
+from txt1_learners.sharing import Sharing, merge, sharer
 
 CONFIG = load().config
 NUMBERS = st.floats(-1e6, 1e6)
@@ -58,43 +57,6 @@ def test_one_liar_cannot_speak_of_what_only_he_and_one_other_know() -> None:
     assert np.all(np.array(merge(knows_not, [honest])[0]) == 1.0), (
         "of two nobody can say who lies, so each believes the other"
     )
-
-
-# -- what is heard is checked ----------------------------------------------------------------------------------
-
-
-@given(st.lists(st.lists(st.floats(-1e9, 1e9), min_size=2, max_size=2), min_size=1, max_size=9), st.integers(0, 10**9))
-def test_what_was_learned_survives_the_way(rows: list[list[float]], count: int) -> None:
-    sound = Learned("thesis", count, (count,) * len(rows), tuple(map(tuple, rows)))  # type: ignore[arg-type]
-    assert learned_of({**sound._asdict(), "from": "txt01"}) == sound
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [
-        ({"rows": [[float("nan")], [1.0]]}, "number nan in row 0"),
-        ({"rows": [[1.0], [float("-inf")]]}, "number -inf in row 1"),
-        ({"rows": [[1.0], [1e10]]}, "number 1e\\+10 in row 1"),
-        ({"rows": [[1.0], [10**400]]}, "is no table: OverflowError"),
-        ({"rows": [[1.0], [1.0, 2.0]]}, "not each row is as long"),
-        ({"rows": [[1.0]]}, "1 rows, visits of 2"),
-        ({"rows": [], "visits": []}, "0 rows"),
-        ({"rows": [[0.0] * NUMBERS_MAX] * 2}, f"numbers, more than {NUMBERS_MAX}"),
-        ({"rows": "all of them"}, "is no table: ValueError"),
-        ({"rows": None}, "is no table: TypeError"),
-        ({"visits": [1, -1]}, "counts -1 visits"),
-        ({"visits": [1, 10**12]}, "visits or episodes"),
-        ({"episodes": -3}, "counts -3"),
-        ({"learner": "x" * 1000}, "by 1000 letters"),
-    ],
-)
-def test_what_is_no_table_is_refused_and_why(change: dict[str, object], why: str) -> None:
-    sound = {"learner": "thesis", "episodes": 1, "visits": [1, 1], "rows": [[1.0], [2.0]]}
-    assert learned_of(sound)
-    with pytest.raises(ValueError, match=why):
-        learned_of({**sound, **change})
-    with pytest.raises(ValueError, match="is no table: KeyError"):
-        learned_of({})
 
 
 # -- the part of one robot -------------------------------------------------------------------------------------

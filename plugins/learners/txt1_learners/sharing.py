@@ -16,9 +16,9 @@ from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import Final, Protocol, runtime_checkable
 
+from txt1 import Robot
 from txt1.errors import ConfigError
-from txt1.learning.agent import Rows, Sharer
-from txt1.learning.shared_knowledge import Learned
+from txt1.learning.agent import Learned, Rows, Sharer
 from txt1.learning.trial import Episode, Trial
 
 LIARS: Final = 1
@@ -128,3 +128,10 @@ class Sharing:
             shape = f"{len(other.rows)} rows of {len(other.rows[0])}"
             self._tell(f"takes nothing from {name}, which learns as '{other.learner}', {shape}")
         return False
+
+
+def of_robot(robot: Robot, name: str, agent: object, every: int) -> Sharing:
+    """Return the part of a robot of a fleet, before every `every`-th episode of its learner of this name."""
+    # the options make sure that the robot is in a fleet
+    exchange = next(part for part in robot.runtime.parts if isinstance(part, Exchange))
+    return Sharing(sharer(name, agent), exchange, every, tell=robot.tell)

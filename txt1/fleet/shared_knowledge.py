@@ -5,8 +5,9 @@ The rows are a learner's table, or its other learned numbers. The other robots a
 
 from collections.abc import Mapping
 from math import isfinite
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
+from txt1.learning.agent import Learned
 from txt1.telemetry.topics import Rule, Topic, declare
 
 # in all rows together; with visits it makes a message of at most 20 kB
@@ -21,19 +22,6 @@ NAME_MAX: Final = 40
 TOLD: Final = 1.5
 # s without a message after which a robot is lost; rows are told once a second
 FORGET: Final = 5.0
-
-
-class Learned(NamedTuple):
-    """The rows that a learner has learned."""
-
-    # its name; rows of a learner with another name are not taken over
-    learner: str
-    # number of episodes in which it has learned
-    episodes: int
-    # for each row, how often it was updated; 0: unknown
-    visits: tuple[int, ...]
-    # of equal length
-    rows: tuple[tuple[float, ...], ...]
 
 
 LEARNED: Final = declare(
