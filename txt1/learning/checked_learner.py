@@ -6,7 +6,8 @@ becomes a single line that names the learner's package.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from operator import index
 from typing import Any, Final
 
@@ -36,6 +37,18 @@ MADE: Final[dict[str, Callable[[Any], Any]]] = {
 }
 
 
+@contextmanager
+def blaming(who: str, method: str) -> Iterator[None]:
+    """Turn an error of another package into one line with its name."""
+    try:
+        yield
+    except Txt1Error:
+        raise
+    except (Exception, SystemExit) as error:
+        told = " ".join(f"{type(error).__name__}: {error}".split())
+        raise Txt1Error(f"{who} failed in {method}: {told}") from error
+
+
 def checked(agent: Agent, who: str, actions: int) -> Agent:
     """Return the learner with its results checked and its errors named after `who`; Txt1Error: it is no Agent."""
     there = dir(agent)
@@ -54,15 +67,10 @@ class Checked:
 
     def ask(self, name: str, *given: Any) -> Any:
         """Return an attribute of the learner, or its method's result; Txt1Error: it failed, or the type is wrong."""
-        try:
+        with blaming(self._who, name):
             value = getattr(self._agent, name)
             value = value if name in PROPERTIES else value(*given)
             value = MADE[name](value) if name in MADE else value
-        except Txt1Error:
-            raise
-        except Exception as error:
-            told = " ".join(f"{type(error).__name__}: {error}".split())
-            raise Txt1Error(f"{self._who} failed in {name}: {told}") from error
         if name in KINDS and not isinstance(value, KINDS[name]):
             raise Txt1Error(f"{self._who}: {name} returned {value!r}; return a {KINDS[name].__name__}")
         if name == "act" and not 0 <= value < self._actions:

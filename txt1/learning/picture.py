@@ -61,14 +61,9 @@ def picture(scene: Overview) -> NDArray[np.uint8]:
             drawn[_pixel(px, py, middle, reach)] = colour
         box = Box(x + body.centre * cos(theta), y + body.centre * sin(theta), body.length, body.width, theta)
         _fill(drawn, east, north, outline(box), colour)
-        nose = [(x + 0.5 * body.length * cos(theta + a), y + 0.5 * body.length * sin(theta + a)) for a in (0.3, -0.3)]
-        _fill(drawn, east, north, (*nose, (x, y)) if _left(nose, (x, y)) else (*nose[::-1], (x, y)), FLOOR)
+        nose = [(x + 0.5 * body.length * cos(theta + a), y + 0.5 * body.length * sin(theta + a)) for a in (-0.3, 0.3)]
+        _fill(drawn, east, north, (*nose, (x, y)), FLOOR)
     return drawn
-
-
-def _left(edge: Sequence[Point], point: Point) -> bool:
-    (ax, ay), (bx, by) = edge
-    return (bx - ax) * (point[1] - ay) - (by - ay) * (point[0] - ax) > 0.0
 
 
 def _pixel(x: float, y: float, middle: Point, reach: float) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, Txt1Error
+from txt1.learning.checked_learner import blaming
 from txt1.learning.settings import LearningConfig
 from txt1.model.light_sensors import SENSORS, Readings
 from txt1.model.odometry import Odometry
@@ -107,7 +108,8 @@ def settled(config: Config) -> Config:
     if name is None:
         return config
     kind, place = WORLDS.find("learning.world", name)
-    values = _asked(f"the world '{name}' ({place})", "settings", kind.settings, config)  # type: ignore[attr-defined]
+    with blaming(f"the world '{name}' ({place})", "settings"):
+        values = kind.settings(config)  # type: ignore[attr-defined]
     return with_values(config, values) if values else config
 
 
@@ -138,17 +140,6 @@ def touches(config: Config) -> Callable[[Pose], bool] | None:
     return touched
 
 
-def _asked(who: str, name: str, method: Callable[..., Any], *given: Any) -> Any:
-    """Call a method of a world; Txt1Error: it raised an error."""
-    try:
-        return method(*given)
-    except Txt1Error:
-        raise
-    except (Exception, SystemExit) as error:
-        told = " ".join(f"{type(error).__name__}: {error}".split())
-        raise Txt1Error(f"{who} failed in {name}: {told}") from error
-
-
 class CheckedWorld:
     """A `LightWorld` whose errors name it, and whose answers are looked at: numbers where they belong."""
 
@@ -159,7 +150,8 @@ class CheckedWorld:
 
     def begin(self, episode: int) -> None:
         """As of a world."""
-        _asked(self.who, "begin", self.world.begin, episode)
+        with blaming(self.who, "begin"):
+            self.world.begin(episode)
 
     def see(self, now: float, pose: Pose) -> Readings:
         """As of a world; a sensor may read NaN."""
@@ -180,7 +172,8 @@ class CheckedWorld:
         return x, y
 
     def _numbers(self, name: str, count: int, finite: bool, *given: Any) -> list[float]:
-        told = _asked(self.who, name, getattr(self.world, name), *given)
+        with blaming(self.who, name):
+            told = getattr(self.world, name)(*given)
         try:
             numbers = [float(each) for each in told]
         except (TypeError, ValueError):
