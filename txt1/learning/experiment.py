@@ -1,10 +1,10 @@
 """The files of a learning experiment, its figures, and how it is carried on.
 
-        experiment.json      the experiment: agent, seed, episodes, settings
+    experiment.json      the experiment: agent, seed, episodes, settings
     trials/0001.json     each trial: its episodes, its table, the paths of some of them
     qtable.json          the table of the best trial: most successes, then least time over its last 10 episodes
     learning.csv         a line for each episode
-        metrics.json         the summary of all trials
+    metrics.json         the summary of all trials
     *.png                pictures, where matplotlib is installed
 
 How it goes: `prepare` writes or compares experiment.json and returns the finished trials. The command does the missing

@@ -1,4 +1,11 @@
-"""The thesis's learner, line for line: eight sectors, three actions, tabular Q-learning (thesis 5.2 to 5.5)."""
+"""The thesis's learner, line for line: eight sectors, three actions, tabular Q-learning (thesis 5.2 to 5.5).
+
+How it works. The filtered readings tell the light's direction, and that one of eight sectors: the state
+(`txt1.learning.light_direction`). Twice a second it draws an action by the table's row (`boltzmann`); the temperature
+falls from episode to episode, so it tries less and less. The reward tells whether the last action has turned the robot
+towards the light, and moves one number of the table (`txt1.learning.qtable.update`). An action takes effect late, so
+the number that moves is that of the action which the odometry shows (remedy 2), not of the one that was commanded.
+"""
 
 from __future__ import annotations
 
