@@ -90,6 +90,9 @@ MISTAKES = (
     Mistake("experiment FOLDER/typo.yaml", ("typo.yaml", "title")),
     Mistake("experiment compare FOLDER FOLDER", ("FOLDER/metrics.json", "an experiment's --out")),
     Mistake("fleet FOLDER/typo.yaml", ("typo.yaml", "robots")),
+    Mistake("learn --floor", ("--floor", "python -m txt1_learners.studies floor")),
+    Mistake("learn --compare FOLDER/none", ("--compare", "python -m txt1_learners.studies compare FILE")),
+    Mistake("learn --worlds FOLDER/none", ("--worlds", "python -m txt1_learners.studies worlds DIR")),
     # lines and ports
     Mistake(f"{RUN} --hal sim --port /dev/ttyUSB0", ("--port /dev/ttyUSB0", "serial")),
     Mistake("run --headless --duration 1 --hal serial --port FOLDER/ttyUSB9", ("ttyUSB9",), 1),

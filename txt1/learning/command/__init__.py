@@ -24,6 +24,15 @@ from txt1.trials.workers import OPTIONS, workers_of
 from txt1.unknown import missing
 
 
+def _moved(study: str) -> dict[str, Any]:
+    """Return argparse's settings for an option that is refused because a study has replaced it."""
+
+    def refuse(word: str) -> None:
+        raise argparse.ArgumentTypeError(f"is in the plug-in txt1-learners: python -m txt1_learners.studies {study}")
+
+    return takes("", argparse.SUPPRESS, refuse, nargs="?", const="")
+
+
 def _agents() -> str:
     """Return the help of `--agent`: the installed learners, and the command that installs the others."""
     absent = missing(LEARNERS.group, LEARNERS.names())
@@ -50,10 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             ),
             "--resume": flag("continue the results in DIR"),
             "--no-pictures": flag("draw no pictures; in a sweep of many trials they would take most of the time"),
+            "--worlds": _moved("worlds DIR"),
             "--world": takes(
                 "NAME",
                 "a world by its name (txt1 world list), or a .yaml; thesis learns in thesis-simulation by default",
             ),
+            "--compare": _moved("compare FILE"),
+            "--floor": _moved("floor"),
         }
         | OPTIONS
         | LOG
