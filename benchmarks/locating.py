@@ -177,8 +177,8 @@ class Timed(Locator):
 
     times: list[float] = []  # noqa: RUF012
 
-    def _likely(self, trail: Mapper) -> Generator[None, None, Likely | None]:
-        spent, work = 0.0, super()._likely(trail)
+    def _likely(self, trail: Mapper, pose: Array | None) -> Generator[None, None, Likely | None]:
+        spent, work = 0.0, super()._likely(trail, pose)
         while True:
             begin = process_time()
             try:

@@ -17,10 +17,15 @@ too many rays go through walls at the particles' mean, for a while, the filter i
 
 *Found again.* At the start, and from the first scan that does not fit, the scans make a small map of their own
 (`mapper`), because odometry alone distorts the last metres. Its points are matched with the walls of the whole map, in
-each tile and each sector of headings (`whole_map`). Places may look alike. So the rays of several of
-these scans are cast from each pose found, which also uses the free floor. Particles are placed at the likely poses. A
-search of a large map takes several scans, which are weighed meanwhile. If nothing fits for a while, the result is:
-lost.
+each tile and each sector of headings (`whole_map`). Places may look alike. So each place found gets particles of its
+own, which go through several of these scans (a filter in clusters: Milstein, Sanchez and Williamson, "Robust global
+localization using clustered particle filtering", AAAI 2002). Their rays also use the free floor. The likelihood of the
+scans weighs the places against each other. The particles go on from all likely places. A search of a large map takes
+several scans, which are weighed meanwhile. If nothing fits for a while, the result is: lost.
+
+*Alike.* When all particles have come together, the map is searched again, and their place is weighed against the
+places found. The filter is found if the odds for its place are high enough (a sequential probability ratio test: Wald
+1945). Otherwise the particles are placed anew at all likely places, and the next scans decide.
 
 *A wrong map.* On the map of a larger room all walls seen might be people before the map's walls: no ray goes through a
 wall, and the rays that are not too short fit. So the filter counts itself as found only if most rays of the small map
@@ -31,7 +36,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from functools import cache
-from math import hypot, radians, sqrt
+from math import hypot, radians
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -78,13 +83,14 @@ ENOUGH: Final = 0.4
 """Score of this match from which a pose is compared by rays."""
 COMPARED: Final = 6
 """Number of scans whose rays are cast from the poses found."""
-LIKELY: Final = 50
-"""Number of the best of these poses, round which particles are placed."""
-RIVAL: Final = 4.0
-"""For a single scan: largest difference of logarithms at which a place other than the best may still be the true place.
-
-For n scans it is this number times the root of n.
-"""
+AROUND: Final = np.array((0.07, 0.07, radians(1.5)))
+"""m and rad, standard deviations of the particles round a pose: the search is as coarse as cells and sectors."""
+BETWEEN: Final = np.array((0.02, 0.02, radians(0.5)))
+"""m and rad, standard deviations of the way between two of these scans on the small map."""
+EACH: Final = 50
+"""Number of particles round each of the best of these poses."""
+DOUBTED: Final = 0.01
+"""Probability of all other places above which the robot may be elsewhere."""
 ELSEWHERE: Final = 0.5
 """m, or rad; poses with a larger difference are different places."""
 BEHIND: Final = 0.4
@@ -99,9 +105,7 @@ class Likely(NamedTuple):
     poses: Array
     """Poses of the laser, a row each, at the last scan before the search."""
     logs: Array
-    """Sums of logarithms over the scans compared."""
-    scans: int
-    """Number of the scans compared."""
+    """Logarithms of their probabilities, but for a common term."""
 
 
 class PendingSearch:
@@ -148,10 +152,11 @@ def _compared(trail: Mapper) -> list[tuple[Array, Array]]:
 
 
 def _are_one(found: Likely, pose: Array) -> bool:
-    """Return whether all poses that are likely are the same place as `pose`."""
+    """Return whether it is improbable that the robot is elsewhere than at `pose`."""
     off = difference(pose, found.poses)
-    here = (np.hypot(off[:, 0], off[:, 1]) < ELSEWHERE) & (np.abs(off[:, 2]) < ELSEWHERE)
-    return bool(here[found.logs > found.logs.max() - RIVAL * sqrt(found.scans)].all())
+    there = (np.hypot(off[:, 0], off[:, 1]) > ELSEWHERE) | (np.abs(off[:, 2]) > ELSEWHERE)
+    weights = np.exp(found.logs - found.logs.max())
+    return float(weights[there].sum()) < DOUBTED * float(weights.sum())
 
 
 def _table() -> Array:
@@ -363,27 +368,36 @@ class Locator:
             if time < self._next or self._trail is None:
                 return False
             self._next = time + AGAIN
-            self._search = PendingSearch(self._likely(self._trail), None)
+            self._search = PendingSearch(self._likely(self._trail, None), None)
         ended, found, way = self._continued(self._search)
         if not ended or found is None:
             return False
-        self.particles, self._logs = found.poses, found.logs
         self._alike = not _are_one(found, found.poses[np.argmax(found.logs)])
+        self._placed(found, way)
+        return True
+
+    def _placed(self, found: Likely, way: Array) -> None:
+        """Place the particles at the poses found by a search, and move them by the way since its beginning."""
+        self.particles, self._logs = found.poses, found.logs
         if way.any():
             self._moved(way)
         self._resampled()
-        return True
 
     def _is_alone(self, pose: Array) -> bool | None:
         """Return whether no other place than a pose's is likely for the small map; None: it is not known yet."""
         if self._trail is None:
             return True
         if self._search is None or self._search.pose is None:
-            self._search = PendingSearch(self._likely(self._trail), pose)
+            self._search = PendingSearch(self._likely(self._trail, pose), pose)
         asked = self._search.pose
         assert asked is not None
-        ended, found, _ = self._continued(self._search)
-        return None if not ended else found is None or _are_one(found, asked)
+        ended, found, way = self._continued(self._search)
+        if not ended:
+            return None
+        if found is None or _are_one(found, asked):
+            return True
+        self._placed(found, way)
+        return False
 
     def _continued(self, search: PendingSearch) -> tuple[bool, Likely | None, Array]:
         """Do a portion of a search; return whether it has ended, its result, and the way driven meanwhile."""
@@ -394,9 +408,12 @@ class Locator:
             return True, ended.value, search.way
         return False, None, search.way
 
-    def _likely(self, trail: Mapper) -> Generator[None, None, Likely | None]:
-        """Return poses of the small map on the whole map, None if there are none; yields after each portion."""
-        keys = trail.keys[-TRAIL:]
+    def _likely(self, trail: Mapper, pose: Array | None) -> Generator[None, None, Likely | None]:
+        """Return poses of the small map on the whole map, None if there are none; yields after each portion.
+
+        A pose given is weighed, too.
+        """
+        keys, compared = trail.keys[-TRAIL:], _compared(trail)
         back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
         cloud = joined([key.cloud for key in keys], back)
         if len(cloud.points) < 50:
@@ -404,11 +421,28 @@ class Locator:
         places = yield from self._whole.places(sparse(cloud, 100), ENOUGH)
         if not len(places):
             return None
-        compared = _compared(trail)
-        best = np.argsort(-self._logs_of(places, compared), kind="stable")[:LIKELY]
-        # places are as coarse as cells and sectors, so poses near them are compared, too
-        poses = self._round(places[best[np.arange(self._count) % len(best)]], (0.07, radians(1.5)))
-        return Likely(poses, self._logs_of(poses, compared), len(compared))
+        # one place is the pose's
+        most = max(1, self._count // EACH - (pose is not None))
+        best = places[np.argsort(-self._logs_of(places, compared), kind="stable")[:most]]
+        return self._gone_through(best if pose is None else np.concatenate((best, [pose])), compared)
+
+    def _gone_through(self, places: Array, compared: list[tuple[Array, Array]]) -> Likely:
+        """Let the particles of each place go through the scans compared, and weigh the places by them."""
+        count, each = len(places), self._count // len(places)
+        poses, logs, before, deviation = np.repeat(places, each, axis=0), np.zeros((count, 1)), np.zeros(3), AROUND
+        for points, back in compared:
+            poses = composed(poses, difference(before, back)) + deviation * self._rng.standard_normal(poses.shape)
+            fits = TOGETHER * self.weights(poses, *_rays_of(points)).reshape(count, each)
+            highest = fits.max(axis=1, keepdims=True)
+            weights = np.exp(fits - highest)
+            logs += highest + np.log(weights.mean(axis=1, keepdims=True))
+            # drawn again within each place
+            shares = np.cumsum(weights, axis=1) / weights.sum(axis=1, keepdims=True)
+            asked = (self._rng.random((count, 1)) + np.arange(each)) / each
+            drawn = (shares[:, None, :] < asked[:, :, None]).sum(axis=2).clip(0, each - 1)
+            poses = np.take_along_axis(poses.reshape(count, each, 3), drawn[:, :, None], axis=1).reshape(-1, 3)
+            before, deviation = back, BETWEEN
+        return Likely(composed(poses, difference(before, np.zeros(3))), np.repeat(logs, each))
 
     def _logs_of(self, poses: Array, compared: list[tuple[Array, Array]]) -> Array:
         """Return sums of logarithms over scans, each given by its points and the pose at which it was seen,

@@ -5,7 +5,7 @@ from math import degrees, hypot
 import numpy as np
 import pytest
 
-from benchmarks.locating import believed, flat_of
+from benchmarks.locating import believed, flat_of, kidnapped
 from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import drive, room, scan
 from txt1.mapping import whole_map
@@ -130,6 +130,16 @@ def test_in_a_room_that_looks_the_same_from_two_places_it_does_not_say_that_it_k
         found = locator.update(0.1 * k, scan(hall, pose, rng), wheels)
         assert found.lost
     assert found.alike
+
+
+def test_places_alike_are_told_apart_by_driving_on():
+    cells = np.full((200, 320), OCCUPIED, np.int8)
+    # a corridor of 2 m round a block, with two alcoves
+    cells[2:-2, 2:-2] = FREE
+    cells[42:-42, 42:-42] = OCCUPIED
+    cells[42:60, 200:220] = cells[130:150, 260:278] = FREE
+    # it first takes one corner for another one
+    assert kidnapped(Grid(cells, 0.05), 3)
 
 
 def test_another_flat_in_which_all_that_fits_would_be_behind_people_is_not_believed():
