@@ -14,7 +14,8 @@ because the robot finds no way, is no contact, and is told.
 With `--maps` it drives on maps that come with txt1, among boxes that they do not have, and walkers: boxes of 30 cm that
 go to and fro at 0.4 m/s and never stop. A goal has 10 cm on all sides. A way is allowed if a plan on the true map, with
 the boxes and 10 cm of margin, leads from the robot's true pose to the goal. The hold of a robot at rest is a walker's
-fault, and is no contact.
+fault, and is no contact. A robot that is disarmed because a walker holds it is armed again before the next goal, as by
+somebody who waits until the walker has gone.
 """
 
 import argparse
@@ -55,6 +56,8 @@ SPARE: Final = 0.12
 """m round the body at a goal."""
 AT_REST: Final = 0.02
 """m/s."""
+WAITS: Final = 60.0
+"""s for which somebody waits until a walker lets the robot go."""
 ALLOWED: Final = 0.1
 """m of margin on the true map with which a way is allowed."""
 Pose = tuple[float, float, float]
@@ -216,6 +219,7 @@ async def visited(
             assert await robot.load_gains()
             await asyncio.sleep(1.0)
             for goal in drawn:
+                await armed_again(robot)
                 touched, begun = len(contacts.times), robot.now
                 allowed = floor is None or is_allowed(robot.pose, goal, floor, robot.config.geometry)
                 try:
@@ -243,6 +247,15 @@ async def visited(
                 results.append(result)
                 if given.each:
                     print(json.dumps(result), flush=True)
+
+
+async def armed_again(robot: Robot) -> None:
+    """Arm a robot that was disarmed, when what held it has gone."""
+    ends = robot.now + WAITS
+    while not robot.armed and robot.now < ends:
+        with suppress(CommandRefused):
+            robot.arm()
+        await asyncio.sleep(1.0)
 
 
 def is_allowed(start: Pose | None, goal: Pose, floor: Room, body: Geometry) -> bool:
