@@ -29,14 +29,16 @@ places found. The filter is found if the odds for its place are high enough (a s
 
 *A wrong map.* On the map of a larger room all walls seen might be people before the map's walls: no ray goes through a
 wall, and the rays that are not too short fit. So the filter counts itself as found only if most rays of the small map
-end at walls of the whole map.
+end at walls of the whole map. A wrong map may reach this share by chance. So the share must be larger at the same
+level of significance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from functools import cache
-from math import hypot, radians
+from math import hypot, radians, sqrt
+from statistics import NormalDist
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -68,8 +70,8 @@ LOSES: Final = 0.75
 FINDS: Final = 0.92
 """Share from which it is found after a while."""
 BELIEVED: Final = 0.75
-"""Share of all rays of the small map that must end at walls of the whole map when the filter is found: people stand
-before the others.
+"""Share of all rays of the small map of which more must end at walls of the whole map when the filter is found: people
+stand before the others.
 """
 LEAST: Final = 0.25
 """Smallest share of a scan's rays that are not too short; with fewer, the scan decides nothing."""
@@ -90,7 +92,9 @@ BETWEEN: Final = np.array((0.02, 0.02, radians(0.5)))
 EACH: Final = 50
 """Number of particles round each of the best of these poses."""
 DOUBTED: Final = 0.01
-"""Probability of all other places above which the robot may be elsewhere."""
+"""Probability of all other places above which the robot may be elsewhere; and the level at which a wrong map is
+refuted.
+"""
 ELSEWHERE: Final = 0.5
 """m, or rad; poses with a larger difference are different places."""
 BEHIND: Final = 0.4
@@ -336,16 +340,19 @@ class Locator:
             off, margin = ranges - expected, TELLS + 0.03 * ranges
         return int(np.count_nonzero(np.abs(off) <= margin)), int(np.count_nonzero(off > margin))
 
-    def _explained(self, pose: Array) -> float:
-        """Return the share of the small map's rays that end at walls of the map, if the laser is at a pose now."""
+    def _is_explained(self, pose: Array) -> bool:
+        """Return whether enough of the small map's rays end at walls of the map, if the laser is at a pose now: whether
+        a share of `BELIEVED` or less is refuted.
+        """
         if self._trail is None:
-            return 1.0
+            return True
         fits, total = 0, 0
         for points, back in _compared(self._trail):
             ranges, angles = _rays_of(points)
             fits += self._counted(composed(pose, back), ranges, angles)[0]
             total += len(ranges)
-        return fits / total if total else 0.0
+        by_chance = NormalDist().inv_cdf(1.0 - DOUBTED) * sqrt(total * BELIEVED * (1.0 - BELIEVED))
+        return fits > BELIEVED * total + by_chance
 
     def _told(self, time: float, fit: float) -> Located:
         mean, covariance = self._mean()
@@ -356,7 +363,7 @@ class Locator:
                 alone = self._is_alone(mean) if self._lost else True
                 if alone is not None:
                     self._alike = not alone
-                    self._foreign = self._lost and alone and self._explained(mean) < BELIEVED
+                    self._foreign = self._lost and alone and not self._is_explained(mean)
                     self._lost, self._changes = not self._lost or self._alike or self._foreign, time
         else:
             self._changes = time

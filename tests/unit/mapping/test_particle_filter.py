@@ -148,6 +148,12 @@ def test_another_flat_in_which_all_that_fits_would_be_behind_people_is_not_belie
     assert believed(flat_of(4), flat_of(4), 4) == (True, True)
 
 
+def test_another_flat_that_fits_by_chance_in_some_scans_is_not_believed():
+    # without the level of significance, three quarters of the rays of four scans were enough
+    assert believed(flat_of(60), flat_of(1060), 60) == (False, False)
+    assert believed(flat_of(60), flat_of(60), 60) == (True, True)
+
+
 @pytest.mark.long
 def test_in_a_wrong_map_it_stays_lost():
     cells = np.full((80, 90), OCCUPIED, np.int8)
