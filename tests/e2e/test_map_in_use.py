@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
-from math import hypot, inf, isnan, nan, pi
+from math import cos, hypot, inf, isnan, nan, pi, sin
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -213,6 +213,24 @@ async def test_the_robot_drives_round_what_the_laser_sees_in_the_way(flat: Robot
     arrival = await go_to(flat, (x + 2.6, y, theta), pose_source=map_pose(flat), room=room)
     assert arrival.arrived and nearest > 0.02
     assert any("stands in the way" in event.text for event in flat.runtime.state.events)
+
+
+async def test_where_somebody_walked_by_there_is_a_way_again(flat: Robot) -> None:
+    there = known(flat)
+    room = there.floor()
+    assert room is not None and flat.pose is not None
+    x, y, theta = flat.pose
+    goal = (x + 2.6, y, theta)
+    # round the robot's front, and out of sight; no ray clears the floor
+    way = [(x + 0.8 * cos(0.05 * k), y + 0.8 * sin(0.05 * k)) for k in range(-31, 32)]
+    there._sensor = Laser(flat, lambda: way if flat.now < begun + 0.5 else ())  # type: ignore[assignment] # noqa: SLF001
+    begun = flat.now
+    await asyncio.sleep(1.5)
+    floor = there.floor()
+    assert floor is not None
+    with pytest.raises(NoPath):
+        plan(flat.pose, goal, floor, flat.config.geometry)
+    assert (await go_to(flat, goal, pose_source=map_pose(flat), room=room)).arrived
 
 
 async def test_a_robot_that_finds_no_way_round_what_it_sees_says_so_and_stays(flat: Robot) -> None:

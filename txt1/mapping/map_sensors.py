@@ -324,10 +324,10 @@ class OnMap(MapInUse):
         self._seen.see(composed(news.origin, sweep.odometry), sweep.points)
         self._seen.stand(pose[:3], self._runtime.config.geometry)
 
-    def floor(self) -> Room | None:
+    def floor(self, remembered: bool = True) -> Room | None:
         """Return the map in which the robot drives, with the floor it has seen; None: unknown, or being made."""
         room, seen = self._walls(), self._seen
-        return room if room is None or seen is None else seen.floor(np.reshape(self.seen(), (-1, 2)))
+        return room if room is None or seen is None else seen.floor(np.reshape(self.seen(), (-1, 2)), remembered)
 
     def seen(self) -> Sequence[tuple[float, float]]:
         """Return places near the robot that the newest scan shows and the map does not, m on the map."""

@@ -8,6 +8,9 @@ passes free, and the cell in which it ends solid. A ray that passes a solid cell
 clear it, a single wrong ray does not. Cells under the robot are free. All other cells count as unseen, whatever the map
 says of them.
 
+Somebody who walked by stays as a wall where no ray clears the cells. So where no way is left, a plan may leave out
+what is not seen now.
+
 A plan uses floor made of both. Its walls are the map's walls and the boxes seen away from them (`Room.walls`). A place
 that the map does not know is floor if it was seen free. A robot that backs up sees nothing, so for driving backward all
 unseen floor is a wall, too (`Room.behind`). An obstacle that came there later stays unknown: the laser does not look
@@ -111,11 +114,13 @@ class SeenFloor:
         under = np.column_stack((np.tile(x, len(y)), np.repeat(y, len(x))))
         self.cells.ravel()[self._places(placed(pose, under))] = FREE
 
-    def floor(self, now: Array) -> Room:
+    def floor(self, now: Array, remembered: bool = True) -> Room:
         """Return the floor for planning; `now` are places (n, 2) in m of present obstacles, whatever was seen
-        before.
+        before. With `remembered` False, obstacles seen before may have gone: their places count as not seen.
         """
         seen = self.cells.copy()
+        if not remembered:
+            seen[seen >= OCCUPIED_FROM] = UNKNOWN
         seen.ravel()[self._places(now)] = OCCUPIED
         cells = np.where((self._grid.cells == UNKNOWN) & (seen == FREE), FREE, self._grid.cells)
         cells[(seen >= OCCUPIED_FROM) & self._off_walls] = OCCUPIED

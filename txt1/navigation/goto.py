@@ -235,8 +235,13 @@ async def _beside(
     """
 
     def search() -> T:
-        seen = None if there is None or room is None else there.floor()
-        return do(start, goal, with_walls_at(met, room if seen is None else seen), body, *keep)
+        if there is None or room is None or (seen := there.floor()) is None:
+            return do(start, goal, with_walls_at(met, room), body, *keep)
+        try:
+            return do(start, goal, with_walls_at(met, seen), body, *keep)
+        except NoPath:
+            # what is not seen now may have gone
+            return do(start, goal, with_walls_at(met, there.floor(remembered=False)), body, *keep)
 
     if room is None or room.walls is None or isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
         return search()

@@ -68,8 +68,11 @@ class MapInUse:
         """Return the robot's present pose; None while it is unknown."""
         raise NotImplementedError
 
-    def floor(self) -> Room | None:
-        """Return the walls and `seen` for the planner, in the frame of the pose; None while they are unknown."""
+    def floor(self, remembered: bool = True) -> Room | None:
+        """Return the walls and `seen` for the planner, in the frame of the pose; None while they are unknown.
+
+        With `remembered` False, obstacles that are not seen now are left out.
+        """
         raise NotImplementedError
 
     def seen(self) -> Sequence[tuple[float, float]]:

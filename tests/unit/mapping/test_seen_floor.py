@@ -57,6 +57,16 @@ def test_a_box_stays_when_it_is_behind_and_goes_when_it_is_seen_through(grid):
     assert walls is not None and walls.distance(1.21, 0.0) > 0.2
 
 
+def test_a_box_that_is_not_seen_now_may_have_gone(grid):
+    seen, box = SeenFloor(grid), np.array([(1.0, 0.02 * k - 0.2) for k in range(21)])
+    seen.see(LASER, fan(2.4))
+    seen.see(LASER, box)
+    room, now = seen.floor(NOTHING, remembered=False), seen.floor(box + LASER[:2], remembered=False)
+    assert room.walls is not None and room.walls.distance(1.21, 0.0) > 0.2
+    assert now.walls is not None and now.walls.distance(1.21, 0.0) < 0.03
+    assert room.behind is not None and room.behind.distance(1.21, 0.0) < 0.03, "nothing is known of its place"
+
+
 def test_the_walls_of_the_map_are_no_boxes(grid):
     seen = SeenFloor(grid)
     seen.see(np.array([1.5, 0.0, 0.0]), np.array([(1.32, 0.02 * k) for k in range(-20, 20)]))
