@@ -24,6 +24,9 @@ class OnABus(SensorConformance):
     """A driver with its virtual chip on a bus in memory. The driver reads it in a thread, so in real time."""
 
     speed = None
+    # on a busy computer, also if it holds up the thread of a virtual chip, which has Python's lock then
+    settle = 20.0
+    prompt = 0.2
 
     def chip(self) -> Any:
         raise NotImplementedError
@@ -136,7 +139,7 @@ class Blocking:
 
     def __init__(self, opened: Callable[[], SensorBus]) -> None:
         self.topic = topic("blocking")
-        self._degrees = lambda: degrees(opened, lambda seconds: None)
+        self._degrees: Callable[[], Iterator[float | None]] = lambda: degrees(opened, lambda seconds: None)
         self._last = -1.0
 
     async def open(self) -> None:
