@@ -30,7 +30,7 @@ from txt1.commands import say
 from txt1.config.schema import SensorConfig
 from txt1.errors import CommandRefused, ConfigError, HalError, MissingExtra
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.mapping.poses import composed, difference, placed
+from txt1.mapping.poses import Array, composed, difference, placed
 from txt1.mapping.scan_work import Mapping, ScanTask, Work, locating, map_of
 from txt1.mapping.seen_floor import OFF_WALLS, SeenFloor
 from txt1.mapping.settings import MappingConfig
@@ -331,15 +331,23 @@ class OnMap(MapInUse):
 
     def seen(self) -> Sequence[tuple[float, float]]:
         """Return places near the robot that the newest scan shows and the map does not, m on the map."""
-        news, room, sensor = self.news, self._walls(), self._sensor
-        sweep = None if sensor is None else sensor.newest
-        if news is None or news.lost or room is None or room.walls is None or sweep is None:
+        return self.off(self._walls())
+
+    def off(self, room: Room | None) -> Sequence[tuple[float, float]]:
+        """Return the places near the robot that the newest scan shows away from the walls of a room, m on the map."""
+        found = self.newest()
+        if found is None or room is None or room.walls is None:
             return ()
-        if self._runtime.now - sweep.time > FRESH:
-            return ()
+        laser, sweep = found
         points = sweep.points[np.hypot(*sweep.points.T) < NEAR]
-        on_map = placed(composed(news.origin, sweep.odometry), points).tolist()
-        return [(x, y) for x, y in on_map if room.walls.distance(x, y) > OFF_WALLS]
+        return [(x, y) for x, y in placed(laser, points).tolist() if room.walls.distance(x, y) > OFF_WALLS]
+
+    def newest(self) -> tuple[Array, Sweep] | None:
+        """Return the newest scan and the laser's pose on the map (x, y, theta; m, rad); None: lost, or too old."""
+        news, sweep = self.news, None if self._sensor is None else self._sensor.newest
+        if news is None or news.lost or sweep is None or self._runtime.now - sweep.time > FRESH:
+            return None
+        return composed(news.origin, sweep.odometry), sweep
 
     def _scan(self) -> tuple[tuple[float, float], ...]:
         """Return the ends of some rays of the newest scan, m on the map; empty while the robot is lost."""

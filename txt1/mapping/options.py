@@ -27,7 +27,8 @@ class SetWithMap(Action):
         namespace.set = [*namespace.set, f"mapping.{self.const}={values}"]
 
 
-def _name(text: str) -> str:
+def map_name(text: str) -> str:
+    """Return the name of a map; raises ArgumentTypeError."""
     if not text:
         raise ArgumentTypeError("'' is no name of a map; give one, such as room")
     return text
@@ -71,7 +72,7 @@ OPTIONS: Final = Options(
         "--map": {
             "metavar": "NAME",
             "help": "make the map NAME.yaml while driving, or extend it if it exists",
-            "type": _name,
+            "type": map_name,
             "action": SetWithMap,
             "const": "make",
             "default": None,
@@ -80,7 +81,7 @@ OPTIONS: Final = Options(
         "--in": {
             "metavar": "MAP",
             "help": "find the robot on a map of txt1 map or map_server (sensor map)",
-            "type": _name,
+            "type": map_name,
             "action": SetWithMap,
             "const": "room",
             "default": None,

@@ -44,7 +44,7 @@ OFF_WALLS: Final = 0.15
 """m from the walls of the map beyond which something is no part of the walls."""
 
 
-class _QuickGrid(Grid):
+class QuickGrid(Grid):
     """A grid whose walls change all the time: SciPy computes its distances a hundred times as fast."""
 
     @cached_property
@@ -66,15 +66,41 @@ def with_walls_at(points: Array, room: Room | None) -> Room | None:
     def marked(walls: Walls) -> Walls:
         grid = walls.grid
         cells = grid.cells.copy()
-        u, v = grid.to_cells(points[:, 0], points[:, 1])
-        # without the frame of solid cells, which `to_cells` counts
-        column, row = np.floor(u).astype(np.int64) - 1, np.floor(v).astype(np.int64) - 1
-        inside = (column >= 0) & (column < cells.shape[1]) & (row >= 0) & (row < cells.shape[0])
-        cells[row[inside], column[inside]] = OCCUPIED
+        cells.ravel()[places_on(grid, points)] = OCCUPIED
         return Walls(Map(walls.name, Path(), type(grid)(cells, grid.resolution, grid.origin), ""))
 
     behind = None if room.behind is None else marked(room.behind)
     return room._replace(walls=marked(room.walls), behind=behind)
+
+
+def below(pose: tuple[float, float, float], body: Geometry, resolution: float) -> Array:
+    """Return places (n, 2), m, on the floor below a body at a pose: at least one in each cell."""
+    # closer together than cells, so that no cell is left out
+    gap = 0.5 * resolution
+    x = np.linspace(-0.5, 0.5, ceil(body.length / gap) + 1) * body.length + body.centre
+    y = np.linspace(-0.5, 0.5, ceil(body.width / gap) + 1) * body.width
+    return placed(pose, np.column_stack((np.tile(x, len(y)), np.repeat(y, len(x)))))
+
+
+def before(points: Array, resolution: float) -> Array:
+    """Return places (n, 2) on the rays from the origin to points, a cell apart, up to half a cell before their ends."""
+    ranges = np.hypot(points[:, 0], points[:, 1])
+    steps = resolution * np.arange(ceil(FAR / resolution))
+    ray, step = np.nonzero(steps < (ranges - 0.5 * resolution)[:, None])
+    with np.errstate(invalid="ignore"):
+        along = points / ranges[:, None]
+    return np.asarray(along[ray] * steps[step, None])
+
+
+def places_on(grid: Grid, points: Array) -> NDArray[np.int64]:
+    """Return the indices in the flat cells of a grid of those points (n, 2), m, that are on it."""
+    rows, columns = grid.cells.shape
+    # the frame of solid cells, which `to_cells` counts
+    u, v = grid.to_cells(points[:, 0], points[:, 1])
+    column, row = np.floor(u).astype(np.int64) - 1, np.floor(v).astype(np.int64) - 1
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    places: NDArray[np.int64] = row[inside] * columns + column[inside]
+    return places
 
 
 class SeenFloor:
@@ -90,16 +116,10 @@ class SeenFloor:
     def see(self, laser: Array, points: Array) -> None:
         """Take a scan: the ends of its rays, m, in the frame of the laser's pose (x, y, theta) on the map."""
         points = points[::EVERY]
-        ranges = np.hypot(points[:, 0], points[:, 1])
-        size = self._grid.resolution
-        steps = size * np.arange(ceil(FAR / size))
-        ray, step = np.nonzero(steps < (ranges - 0.5 * size)[:, None])
-        with np.errstate(invalid="ignore"):
-            along = points / ranges[:, None]
-        passed = self._places(placed(laser, along[ray] * steps[step, None]))
+        passed = places_on(self._grid, placed(laser, before(points, self._grid.resolution)))
         cells = self.cells.ravel()
         cells[passed] = np.maximum(cells[passed] - CLEARS, FREE)
-        cells[self._places(placed(laser, points[ranges < FAR]))] = OCCUPIED
+        cells[places_on(self._grid, placed(laser, points[np.hypot(*points.T) < FAR]))] = OCCUPIED
 
     def stand(self, pose: tuple[float, float, float], body: Geometry) -> None:
         """Mark the floor below a body at a pose as free."""
@@ -107,12 +127,7 @@ class SeenFloor:
         if about == self._under:
             return
         self._under = about
-        # closer together than cells, so that no cell is left out
-        gap = 0.5 * self._grid.resolution
-        x = np.linspace(-0.5, 0.5, ceil(body.length / gap) + 1) * body.length + body.centre
-        y = np.linspace(-0.5, 0.5, ceil(body.width / gap) + 1) * body.width
-        under = np.column_stack((np.tile(x, len(y)), np.repeat(y, len(x))))
-        self.cells.ravel()[self._places(placed(pose, under))] = FREE
+        self.cells.ravel()[places_on(self._grid, below(pose, body, self._grid.resolution))] = FREE
 
     def floor(self, now: Array, remembered: bool = True) -> Room:
         """Return the floor for planning; `now` are places (n, 2) in m of present obstacles, whatever was seen
@@ -121,21 +136,11 @@ class SeenFloor:
         seen = self.cells.copy()
         if not remembered:
             seen[seen >= OCCUPIED_FROM] = UNKNOWN
-        seen.ravel()[self._places(now)] = OCCUPIED
+        seen.ravel()[places_on(self._grid, now)] = OCCUPIED
         cells = np.where((self._grid.cells == UNKNOWN) & (seen == FREE), FREE, self._grid.cells)
         cells[(seen >= OCCUPIED_FROM) & self._off_walls] = OCCUPIED
         backward = np.where(seen == UNKNOWN, UNKNOWN, cells).astype(np.int8)
         return Room(walls=self._walls(cells.astype(np.int8)), behind=self._walls(backward))
 
     def _walls(self, cells: NDArray[np.int8]) -> Walls:
-        return Walls(Map("map", Path(), _QuickGrid(cells, self._grid.resolution, self._grid.origin), ""))
-
-    def _places(self, points: Array) -> NDArray[np.int64]:
-        """Return the indices in flat `cells` of the points, m, that are on the map."""
-        rows, columns = self.cells.shape
-        # the frame of solid cells, which `to_cells` counts
-        u, v = self._grid.to_cells(points[:, 0], points[:, 1])
-        column, row = np.floor(u).astype(np.int64) - 1, np.floor(v).astype(np.int64) - 1
-        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        places: NDArray[np.int64] = row[inside] * columns + column[inside]
-        return places
+        return Walls(Map("map", Path(), QuickGrid(cells, self._grid.resolution, self._grid.origin), ""))

@@ -38,6 +38,8 @@ STRAIGHT: Final = 0.05
 """rad: a step that turns less shows the laser's direction."""
 LEAST_WAY: Final = 3.0
 """m of straight steps after which the laser's direction is estimated."""
+FREE_WITHIN: Final = 2.5
+"""m within which floor is free where a beam met nothing: farther away, an error of the heading matters."""
 AWRY: Final = 4.0
 """Degrees from which the laser's direction is reported as wrong."""
 
@@ -53,6 +55,8 @@ class Sweep(NamedTuple):
     """The laser's pose by odometry: x, y, theta (m, rad)."""
     predicted: Array
     """The laser's pose by wheels and gyro; without a gyro the same as `odometry`."""
+    free: Array = np.empty((0, 2))
+    """Places (n, 2) as `points`, at most `FREE_WITHIN` m away, to which beams met nothing."""
 
 
 class Gyro:
@@ -163,10 +167,11 @@ class Sweeper:
         middle = time + scan.time_step * len(beams) / 2.0
         predicted = laser(middle, 4)
         swept = difference(predicted, laser(time + scan.time_step * beams, 4))
-        points = points_of(
-            scan.ranges.astype(np.float64), scan.angle_min + scan.angle_step * beams, scan.range_max, swept
-        )
-        return Sweep(middle, points, laser(middle, 1), predicted)
+        angles, ranges = scan.angle_min + scan.angle_step * beams, scan.ranges.astype(np.float64)
+        points = points_of(ranges, angles, scan.range_max, swept)
+        nothing = np.where(np.isposinf(ranges), min(FREE_WITHIN, 0.99 * scan.range_max), np.nan)
+        free = points_of(nothing, angles, scan.range_max, swept)
+        return Sweep(middle, points, laser(middle, 1), predicted, free)
 
 
 def _end(time: float, scan: Scan) -> float:

@@ -161,7 +161,7 @@ async def go_to(
     poses = wheel_pose(robot) if pose_source is None else pose_source
     wheel = robot.program if source is None else source
     wheel.begin()
-    there = robot.runtime.part(MapInUse) if poses.sees else None
+    there = poses.sees
     guards = (robot.runtime.part(LaserGuard), robot.runtime.part(AreaGuard))
     keep, met = max((guard.margin for guard in guards if guard is not None), default=0.0), np.empty((0, 2))
     plans, detours, blocked, arrival = 0, 0, None, None
@@ -172,13 +172,13 @@ async def go_to(
         make = plan if plans == 1 or far else plan_with_run_up
         try:
             path = await _beside(make, start, pose, room, robot.config.geometry, there, met, keep)
-            await _drive(robot, wheel, poses, start, path, speed, there)
+            await _drive(robot, wheel, poses, start, path, speed)
         except Blocked as error:
             if detours == DETOURS:
                 raise type(error)(*error.place, f", and {DETOURS} more ways were blocked, too") from None
             detours, blocked, met = detours + 1, error, np.concatenate((met, error.met))
             robot.tell(f"{error}, and looks for another way")
-            await _rest(robot, wheel, poses)
+            await rest(robot, wheel, poses)
             wheel.release()
             continue
         except NoPath as error:
@@ -194,7 +194,7 @@ async def go_to(
             if arrival.distance > CORRECTION:
                 raise CommandRefused(f"after {plans} paths the robot is still {arrival.distance:.2f} m from the goal")
             return arrival
-        if poses.sees and arrival.arrived and plans - detours >= CONTENT:
+        if there is not None and arrival.arrived and plans - detours >= CONTENT:
             return arrival
 
 
@@ -211,10 +211,9 @@ async def go_to_places(
 
     Raises as `go_to`.
     """
-    there = robot.runtime.part(MapInUse) if pose_source.sees else None
     for place in places:
         heading = await _beside(
-            heading_at, pose_source.pose(), place, room, robot.config.geometry, there, np.empty((0, 2))
+            heading_at, pose_source.pose(), place, room, robot.config.geometry, pose_source.sees, np.empty((0, 2))
         )
         await go_to(robot, (*place, heading), pose_source=pose_source, room=room, speed=speed, source=source)
 
@@ -229,10 +228,7 @@ async def _beside(
     met: Array,
     *keep: float,
 ) -> T:
-    """Return the result of a search, in which the places `met` are walls.
-
-    On the real clock, a search on a map runs in a thread of its own.
-    """
+    """Return the result of a search, in which the places `met` are walls."""
 
     def search() -> T:
         if there is None or room is None or (seen := there.floor()) is None:
@@ -243,22 +239,25 @@ async def _beside(
             # what is not seen now may have gone
             return do(start, goal, with_walls_at(met, there.floor(remembered=False)), body, *keep)
 
-    if room is None or room.walls is None or isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+    return search() if room is None or room.walls is None else await in_thread(search)
+
+
+async def in_thread(search: Callable[[], T]) -> T:
+    """Return the result of a search that takes longer than a tick; on the real clock a thread of its own does it."""
+    if isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
         return search()
     return await asyncio.to_thread(search)
 
 
-async def _drive(
-    robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float, there: MapInUse | None
-) -> None:
+async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float) -> None:
     """Drive a path, gear by gear, to its end, or to a change of gear at which the robot is off the path, or has not
     seen the floor behind it.
     """
     try:
         for number, part in enumerate(stretches(path)):
             stretch = Stretch(start, part)
-            if number and stretch.gear < 0.0 and there is not None:
-                floor = there.floor()
+            if number and stretch.gear < 0.0 and poses.sees is not None:
+                floor = poses.sees.floor()
                 if floor is not None and not stays_inside(start, part, floor, robot.config.geometry):
                     return
             await _drive_stretch(robot, wheel, poses, stretch, speed)
@@ -272,7 +271,7 @@ async def _drive(
 
 async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, stretch: Stretch, speed: float) -> None:
     """Drive a stretch to its end and come to rest; raises Blocked if something is seen on the way."""
-    there, looked, doubt = robot.runtime.part(MapInUse) if poses.sees else None, 0.0, 0
+    there, looked, doubt = poses.sees, 0.0, 0
     geometry = robot.config.geometry
     schedule = robot.runtime.state.gains.angular
     sharpest = 1.0 / geometry.radius_min
@@ -303,10 +302,10 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
         curvature = clip(stretch.steer(pose, driven, preview), sharpest)
         wheel.insist(*encoders_view(stretch.gear * v, curvature, geometry))
         await asyncio.sleep(REFRESH)
-    await _rest(robot, wheel, poses)
+    await rest(robot, wheel, poses)
 
 
-async def _rest(robot: Robot, wheel: CommandSource, poses: PoseSource) -> None:
+async def rest(robot: Robot, wheel: CommandSource, poses: PoseSource) -> None:
     """Stop, and wait until the robot is at rest, at most `RESTS_WITHIN` s."""
     still, ends = 0.0, robot.now + RESTS_WITHIN
     while still < REST and robot.now < ends:

@@ -24,8 +24,8 @@ class PoseSource(NamedTuple):
     name: str
     # returns the present pose, m and rad; None while it is unknown
     read: Callable[[], Pose | None]
-    # whether its frame is that of `MapInUse.seen`
-    sees: bool = False
+    # the map in whose frame it is, for a way round what is seen
+    sees: MapInUse | None = None
 
     def pose(self) -> Pose:
         """Return the present pose, m and rad; raises CommandRefused while it is unknown."""
@@ -85,7 +85,7 @@ def map_pose(robot: Robot) -> PoseSource:
         found = there.pose()
         return None if found is None or found.lost else found[:3]
 
-    return PoseSource("pose on the map", read, sees=True)
+    return PoseSource("pose on the map", read, there)
 
 
 async def located(robot: Robot, source: PoseSource, speed: float = 0.4, patience: float = 60.0) -> None:

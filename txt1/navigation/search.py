@@ -15,9 +15,9 @@ The loops are in `txt1.navigation.ways`, compiled where numba is installed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from math import atan2, hypot, inf, pi
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,9 @@ from txt1.sim.walls import Walls
 PLACES_MAX: Final = 400_000
 # number of poses after which it gives up
 POSES_MAX: Final = 6000
+# the same of a search for all poses within reach, and of those between two looks at them
+REACHABLE_MAX: Final = 40_000
+BATCH: Final = 1000
 # number of failed tries after which the next one waits for more poses
 TRIES: Final = 10
 # m: a robot that stands as close to a wall, by a pose that errs, may drive away from it,
@@ -168,14 +171,81 @@ def round_walls(
     lattice = distances_to(goal[:2], room, body, start[:2], clear)
     if lattice.at(place_of(*start[:2])) == inf:
         return None
-    (x0, y0), (x1, y1) = _extent(room.walls, start[:2], goal[:2])
+    search = _begun(start, goal[:2], room, body, radius, clear, ends, lattice, narrow, POSES_MAX)
+    node, tries = -1, 0
+    while True:
+        node = loops().advance(*search.arguments, 1 + tries // TRIES, node, POSES_MAX)
+        if node < 0:
+            return None
+        x, y, theta = search.poses[node, :3].tolist()
+        end = last((x, y, theta))
+        if end is not None:
+            return (*_unrolled(node, search.steps, search.parents), *end)
+        tries += 1
+
+
+def reachable(
+    start: Pose, room: Room, body: Geometry, radius: float, keep: float, narrow: bool = False
+) -> Iterator[tuple[NDArray[np.float64], float]]:
+    """Yield the poses that a car can reach with arcs of radius `radius` m, keeping `keep` m from walls; the near first.
+
+    Each time some poses (n, 4): x, y (m), theta (rad), and the cost of the way in m; and the least cost of all poses
+    that are still to come. `narrow`: as `round_walls`.
+    """
+    assert room.walls is not None
+    corner = _extent(room.walls, start[:2])[0]
+    # a corner of the map is never reached, so the distances go everywhere
+    lattice = distances_to(start[:2], room, body, corner, keep)
+    # no direction is better than another
+    lattice = Lattice(np.where(lattice.left < inf, 0.0, inf), lattice.corner)
+    ends = ends_of(start, None, room, body, keep)
+    search = _begun(start, start[:2], room, body, radius, keep, ends, lattice, narrow, REACHABLE_MAX)
+    done = told = 0
+    node = loops().advance(*search.arguments, REACHABLE_MAX, -1, REACHABLE_MAX)
+    while search.counts[1] or node >= 0:
+        done += BATCH
+        node = loops().advance(*search.arguments, REACHABLE_MAX, node, min(done, REACHABLE_MAX))
+        until = int(search.counts[0])
+        yield search.poses[told:until], float(search.keys[0]) if search.counts[1] else inf
+        told = until
+        if done >= REACHABLE_MAX:
+            return
+
+
+class _Search(NamedTuple):
+    """A search that has begun; the arrays are those of `txt1.navigation.ways.advance`."""
+
+    arguments: tuple[Any, ...]
+    poses: NDArray[np.float64]
+    """(n, 4)."""
+    steps: NDArray[np.float64]
+    parents: NDArray[np.int64]
+    keys: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+
+def _begun(
+    start: Pose,
+    goal: tuple[float, float],
+    room: Room,
+    body: Geometry,
+    radius: float,
+    clear: float,
+    ends: Ends,
+    lattice: Lattice,
+    narrow: bool,
+    most: int,
+) -> _Search:
+    """Begin a search that looks at `most` poses at most."""
+    assert room.walls is not None
+    (x0, y0), (x1, y1) = _extent(room.walls, start[:2], goal)
     columns, rows = int((x1 - x0) / CELL) + 1, int((y1 - y0) / CELL) + 1
     squares = x0, y0, float(columns), float(rows), start[0] - NARROW - SMALL_CELL, start[1] - NARROW - SMALL_CELL
-    size = 6 * POSES_MAX + 1
-    poses, steps = np.zeros(4 * size), np.zeros(2 * size)
+    size = 6 * most + 1
+    poses, steps, keys = np.zeros((size, 4)), np.zeros(2 * size), np.zeros(size)
     parents, heap = np.full(size, -1, np.int64), np.zeros(size, np.int64)
     counts = np.array([1, 1, 0, 0], np.int64)
-    poses[:3] = start
+    poses[0, :3] = start
     cells = columns * rows * TURNS + SMALL_CELLS * SMALL_CELLS * SMALL_TURNS
     arguments = (
         grounds_of(room.walls, room.behind, (body.length, body.width, body.centre)),
@@ -188,17 +258,9 @@ def round_walls(
         lattice.left.shape[1],
         lattice.left.shape[0],
         squares,
-        *(flat(each) for each in (poses, steps, parents, np.zeros(size), heap, np.zeros(2 * cells, np.uint8), counts)),
+        *(flat(each) for each in (poses, steps, parents, keys, heap, np.zeros(2 * cells, np.uint8), counts)),
     )
-    node, tries = -1, 0
-    while True:
-        node = loops().advance(*arguments, 1 + tries // TRIES, node, POSES_MAX)
-        if node < 0:
-            return None
-        end = last((float(poses[4 * node]), float(poses[4 * node + 1]), float(poses[4 * node + 2])))
-        if end is not None:
-            return (*_unrolled(node, steps, parents), *end)
-        tries += 1
+    return _Search(arguments, poses, steps, parents, keys, counts)
 
 
 def _unrolled(node: int, steps: NDArray[np.float64], parents: NDArray[np.int64]) -> list[Segment]:
