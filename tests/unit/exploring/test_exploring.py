@@ -1,0 +1,142 @@
+"""`txt1 run --explore`: a room is mapped without hands, a hand takes over, and nothing that was seen is lost."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from math import hypot
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from txt1.cli import execute
+from txt1.exploring import explorer
+from txt1.kernel.loop import run
+from txt1.maps import files
+from txt1.maps.grid import FREE
+from txt1.model.reeds_shepp import Pose
+from txt1.navigation import NoPath
+from txt1.robot import Robot
+from txt1.sim.obstacles import distance
+from txt1.sim.parameters import Box
+
+ROOM = ("sim.room.length=3.4", "sim.room.width=2.6", "sim.battery.used_1=null")
+LASER = "sensors.laser.driver=sim_laser"
+BOX = Box(0.9, 0.95, 0.4, 0.3)
+OBSTACLE = f"sim.obstacles=[{{kind: box, x: {BOX.x}, y: {BOX.y}, length: {BOX.length}, width: {BOX.width}}}]"
+
+
+def arguments(*settings: str) -> list[str]:
+    given = [word for each in (*ROOM, *settings) for word in ("--set", each)]
+    return ["run", "--hal", "sim", "--headless", "--speed", "max", "--seed", "1", *given]
+
+
+def explored(name: Path, do: Callable[[Robot], Awaitable[None]]) -> None:
+    """Do something beside a robot that explores."""
+
+    async def main() -> None:
+        settings = (*ROOM, LASER, OBSTACLE, f"mapping.make={name}")
+        async with Robot.open("sim", seed=1, settings=settings, additions={"exploring": str(name)}) as robot:
+            assert await robot.load_gains()
+            await do(robot)
+
+    run(main(), speed="max")
+
+
+def test_a_room_with_a_box_is_mapped_and_the_robot_comes_back(tmp_path, capfd):
+    name = tmp_path / "room"
+    assert execute([*arguments(LASER, OBSTACLE), "--duration", "300", "--explore", "-o", str(name)]) == 0
+    out, told = capfd.readouterr()
+    assert "no frontiers left" in told and "m2 of floor in" in told
+    words = [line for line in out.splitlines() if " x=" in line][-1].split()
+    x, y = (float(words[words.index("map") + k]) for k in (1, 2))
+    assert hypot(x, y) < 0.1
+    grid = files.read(f"{name}.yaml").grid
+    xs, ys = (each.ravel() for each in np.meshgrid(np.arange(-1.6, 1.6, 0.05), np.arange(-1.2, 1.2, 0.05)))
+    away = np.array([distance(BOX, x, y) for x, y in zip(xs, ys, strict=True)])
+    assert grid.is_free(xs, ys)[away > 0.1].mean() > 0.97
+    assert not grid.is_free(xs, ys)[away < -0.05].any()
+
+
+def test_what_was_mapped_is_saved_when_the_run_is_interrupted(tmp_path):
+    name = tmp_path / "room"
+
+    async def interrupted(robot: Robot) -> None:
+        await asyncio.sleep(4.0)
+        assert robot.driver.name == explorer.SOURCE
+        raise asyncio.CancelledError
+
+    with pytest.raises(asyncio.CancelledError):
+        explored(name, interrupted)
+    assert (files.read(f"{name}.yaml").grid.cells == FREE).sum() * 0.05**2 > 4.0
+
+
+def test_a_run_that_ends_too_early_says_so(tmp_path, capsys):
+    name = tmp_path / "room"
+    assert execute([*arguments(LASER), "--duration", "3", "--explore", "-o", str(name)]) == 1
+    assert "ended before all was explored" in capsys.readouterr().err
+    assert name.with_suffix(".yaml").exists()
+
+
+def test_a_hand_and_a_stop_end_the_drive_until_the_robot_is_armed_anew(tmp_path):
+    async def driven(robot: Robot) -> None:
+        async def drives(name: str, seconds: float) -> bool:
+            ends = robot.now + seconds
+            while robot.now < ends and robot.driver.name != name:
+                await asyncio.sleep(0.05)
+            return robot.driver.name == name
+
+        assert await drives(explorer.SOURCE, 5.0)
+        keys = robot.source("keys")
+        assert keys.hold(0.0, 0.0) and robot.driver.name == "keys"
+        await asyncio.sleep(0.3)
+        keys.release()
+        assert not await drives(explorer.SOURCE, 3.0)
+        robot.disarm()
+        robot.arm()
+        assert await drives(explorer.SOURCE, 3.0)
+        robot.stop()
+        # its last command lapses
+        await asyncio.sleep(0.5)
+        assert not await drives(explorer.SOURCE, 3.0)
+        robot.arm()
+        assert await drives(explorer.SOURCE, 3.0)
+
+    explored(tmp_path / "room", driven)
+
+
+def test_a_frontier_to_which_no_way_leads_is_told_with_its_place(tmp_path, capsys, monkeypatch):
+    async def refused(robot: Robot, goal: Pose, **_: object) -> None:
+        raise NoPath(goal)
+
+    monkeypatch.setattr(explorer, "go_to", refused)
+    name = tmp_path / "room"
+    assert execute([*arguments(LASER), "--duration", "60", "--explore", "-o", str(name)]) == 1
+    told = capsys.readouterr().err
+    assert "a frontier is left at (" in told and "no path leads to" in told and "did not come back" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--explore", "--set", LASER], "name it with -o"),
+        (["-o", "room"], "add --explore"),
+        (["--explore", "-o", "there", "--set", LASER], "there.graph already"),
+        (["--explore", "-o", "room", "--map", "other", "--set", LASER], "mapping.make (--map) names other"),
+        (["--explore", "-o", "room", "--drive", "0.5,0", "--set", LASER], "leave --drive and --source out"),
+        (["--explore", "-o", "room"], "no laser is configured; give one"),
+    ],
+)
+def test_what_cannot_work_is_refused(tmp_path, monkeypatch, capsys, options, word):
+    monkeypatch.chdir(tmp_path)
+    Path("there.graph").touch()
+    assert execute([*arguments(), "--duration", "1", *options]) == 2
+    assert word in capsys.readouterr().err
+
+
+def test_without_numba_the_command_that_installs_it_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("txt1.commands.find_spec", lambda module: None)
+    assert execute([*arguments(LASER), "--duration", "1", "--explore", "-o", "room"]) == 2
+    assert "--explore needs the extra 'fast': " in capsys.readouterr().err

@@ -1,0 +1,90 @@
+"""Frontiers on grids: the borders of the unknown, and the poses from which a car looks at them."""
+
+from math import atan2, hypot
+from pathlib import Path
+
+import numpy as np
+
+from txt1.exploring.frontiers import best_view, frontiers
+from txt1.mapping.seen_floor import QuickGrid
+from txt1.maps.files import Map
+from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from txt1.model.kinematics import wrap_angle
+from txt1.model.vehicle import Geometry
+from txt1.sim.room import Room
+from txt1.sim.walls import Walls
+
+BODY = Geometry()
+KEEP = 0.08
+START = (1.0, 1.5, 0.0)
+
+
+def seen(door: float, aside: bool = False) -> Grid:
+    """Return a room of 4 m x 3 m with a door in the middle of its right wall, at x = 4 m; behind it is the unknown, or
+    `aside`, behind a wall at x = 5 m, floor that leads to the unknown round the corner.
+    """
+    cells = np.full((80, 140), UNKNOWN, np.int8)
+    cells[9:71, 9:91] = OCCUPIED
+    cells[10:70, 10:90] = FREE
+    half = round(10 * door)
+    cells[40 - half : 40 + half, 90] = FREE
+    if aside:
+        cells[2:78, 91:111] = FREE
+        cells[2:78, 111] = OCCUPIED
+    return QuickGrid(cells, 0.05, (-0.5, -0.5, 0.0))
+
+
+def room(grid: Grid) -> Room:
+    return Room(walls=Walls(Map("seen", Path(), grid, "")))
+
+
+def test_an_open_door_is_the_frontier_of_a_room_and_the_car_looks_at_it():
+    grid = seen(door=1.0)
+    (door,) = frontiers(grid)
+    assert hypot(door.middle[0] - 4.0, door.middle[1] - 1.5) < 0.15
+    # as much of the door as is away from its posts
+    assert 0.5 < door.length < 1.0
+    view = best_view([door], START, room(grid), BODY, KEEP)
+    assert view is not None and view.frontier is door
+    x, y, theta = view.pose
+    assert room(grid).walls.clearance(x, y, theta, BODY) >= KEEP  # type: ignore[union-attr]
+    assert abs(wrap_angle(atan2(door.middle[1] - y, door.middle[0] - x) - theta)) < 1.1
+
+
+def test_a_closed_room_has_no_frontier_though_its_walls_have_gaps():
+    grid = seen(door=1.0)
+    grid.cells[30:50, 90] = OCCUPIED
+    assert frontiers(grid) == []
+    # the laser's noise leaves gaps in a wall
+    grid.cells[12:68:3, 90] = FREE
+    assert frontiers(grid) == []
+
+
+def test_a_frontier_behind_a_gap_too_narrow_for_the_car_is_out_of_reach():
+    for door, reached in ((1.0, True), (0.4, False)):
+        grid = seen(door, aside=True)
+        there = [each for each in frontiers(grid) if each.middle[0] > 4.0]
+        assert len(there) == 2
+        assert (best_view(there, START, room(grid), BODY, KEEP) is not None) is reached
+
+
+def test_a_frontier_is_known_when_the_floor_behind_was_seen_and_gone_when_it_moved():
+    grid = seen(door=1.0)
+    (door,) = frontiers(grid)
+    assert not door.known(grid) and not door.gone(grid)
+    cells = grid.cells.copy()
+    cells[25:55, 91:95] = FREE
+    grid = QuickGrid(cells, grid.resolution, grid.origin)
+    assert door.known(grid) and not door.gone(grid)
+    cells[25:55, 91:110] = FREE
+    assert door.gone(QuickGrid(cells, grid.resolution, grid.origin))
+
+
+def test_of_two_frontiers_the_car_takes_the_one_ahead():
+    grid = seen(door=1.0)
+    grid.cells[30:50, 9] = FREE
+    both = frontiers(grid)
+    assert len(both) == 2
+    for start, x in (((2.0, 1.5, 0.0), 4.0), ((2.0, 1.5, 3.14), 0.0)):
+        view = best_view(both, start, room(grid), BODY, KEEP)
+        assert view is not None and abs(view.frontier.middle[0] - x) < 0.2

@@ -1,0 +1,1 @@
+"""Exploring: the robot maps a room by itself, by driving to the borders between free and unknown floor."""

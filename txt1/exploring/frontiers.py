@@ -1,0 +1,135 @@
+"""Frontiers of a map in the making: the borders between free and unknown floor, and the poses to look at them from.
+
+A frontier is a connected border, long enough to be worth a way (Yamauchi, "A frontier-based approach for autonomous
+exploration", CIRA 1997). Floor beside walls is no part of it: the edge of a wall on the map is uncertain. The poses
+that the car can reach are searched, the near ones first. Those from which it looks at a frontier, with nothing in
+between, are views.
+"""
+
+from __future__ import annotations
+
+from math import ceil, pi
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, label
+
+from txt1.mapping.poses import Array
+from txt1.mapping.seen_floor import OFF_WALLS, places_on
+from txt1.maps.grid import FREE, OCCUPIED_FROM, UNKNOWN, Grid
+from txt1.maps.rays import cast
+from txt1.model.reeds_shepp import Pose
+from txt1.model.vehicle import Geometry
+from txt1.navigation.plan import MARGINS
+from txt1.navigation.search import reachable
+from txt1.sim.room import Room
+
+LEAST: Final = 0.3
+"""m, length of the shortest frontier: shorter ones are gaps between rays."""
+SIGHT: Final = 2.0
+"""m from a frontier from which the robot looks at it at most: farther away, rays are far apart."""
+ASIDE: Final = pi / 3.0
+"""rad by which it may look past the frontier."""
+LARGE: Final = 0.3
+"""m of way that a metre of frontier is worth,"""
+LARGEST: Final = 3.0
+"""up to so many m of it."""
+CLOSE: Final = 1.2
+"""m of way that a metre closer to the frontier is worth: it is seldom driven to its end."""
+SQUARE: Final = np.ones((3, 3))
+SAME: Final = 0.5
+"""m within which two frontiers are the same."""
+KNOWN: Final = 0.3
+"""Share of its unknown cells below which the floor behind a frontier is known."""
+
+
+class Frontier(NamedTuple):
+    """A border between free and unknown floor."""
+
+    middle: tuple[float, float]
+    """Its cell nearest to the mean of its cells, m."""
+    length: float
+    """m."""
+    beyond: Array
+    """Places of the unknown cells beside it (n, 2), m."""
+
+    def known(self, grid: Grid) -> bool:
+        """Return whether most of the unknown cells are known now."""
+        return float(np.mean(grid.cells.ravel()[places_on(grid, self.beyond)] == UNKNOWN)) < KNOWN
+
+    def gone(self, grid: Grid) -> bool:
+        """Return whether no border is near its middle any more."""
+        x, y = _middles(grid, border(grid))
+        return not (np.hypot(x - self.middle[0], y - self.middle[1]) < SAME).any()
+
+
+class View(NamedTuple):
+    """A pose from which the robot looks at a frontier."""
+
+    pose: Pose
+    """m and rad."""
+    cost: float
+    """m of way to the frontier, less its worth."""
+    frontier: Frontier
+
+
+def border(grid: Grid) -> NDArray[np.bool_]:
+    """Return the free cells beside unknown ones, away from walls."""
+    walls = binary_dilation(grid.cells >= OCCUPIED_FROM, SQUARE, ceil(OFF_WALLS / grid.resolution))
+    return np.asarray((grid.cells >= FREE) & ~walls & binary_dilation(grid.cells == UNKNOWN))
+
+
+def _middles(grid: Grid, cells: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return x and y of the cells' middles, m."""
+    row, column = np.nonzero(cells)
+    # the frame of solid cells is a cell wide
+    return grid.to_room(column.astype(np.float64) + 1.5, row.astype(np.float64) + 1.5)
+
+
+def frontiers(grid: Grid) -> list[Frontier]:
+    """Return the frontiers of a grid."""
+    every, count = label(border(grid), SQUARE)
+    found = []
+    for number in range(1, count + 1):
+        x, y = _middles(grid, every == number)
+        length = len(x) * grid.resolution
+        if length < LEAST:
+            continue
+        nearest = int(np.argmin(np.hypot(x - x.mean(), y - y.mean())))
+        beyond = _middles(grid, (grid.cells == UNKNOWN) & binary_dilation(every == number))
+        found.append(Frontier((float(x[nearest]), float(y[nearest])), length, np.column_stack(beyond)))
+    return found
+
+
+def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, keep: float) -> View | None:
+    """Return the cheapest pose from which the robot looks at one of the frontiers; None: it can reach none.
+
+    The body keeps `keep` m from walls.
+    """
+    for narrow in (False, True):
+        best: View | None = None
+        for poses, least in reachable(pose, room, body, MARGINS[0] * body.radius_min, keep, narrow):
+            found = [view for each in every if (view := _cheapest(each, poses, room)) is not None]
+            best = min([*found, *([best] if best else [])], key=lambda view: view.cost, default=None)
+            if best is not None and best.cost < least - LARGE * LARGEST:
+                break
+        if best is not None:
+            return best
+    return None
+
+
+def _cheapest(frontier: Frontier, poses: Array, room: Room) -> View | None:
+    """Return the cheapest of the poses (n, 4) that look at a frontier; None: none does."""
+    assert room.walls is not None
+    dx, dy = frontier.middle[0] - poses[:, 0], frontier.middle[1] - poses[:, 1]
+    angles = np.arctan2(dy, dx)
+    aside = np.abs((angles - poses[:, 2] + pi) % (2.0 * pi) - pi)
+    grid, ranges = room.walls.grid, np.hypot(dx, dy)
+    looking = np.flatnonzero((ranges < SIGHT) & (aside < ASIDE))
+    costs = poses[:, 3] + CLOSE * ranges - LARGE * min(frontier.length, LARGEST)
+    for k in looking[np.argsort(costs[looking], kind="stable")].tolist():
+        x, y, theta, _ = poses[k].tolist()
+        if cast(grid, x, y, angles[k], SIGHT) > ranges[k] - 1.5 * grid.resolution:
+            return View((x, y, theta), float(costs[k]), frontier)
+    return None
