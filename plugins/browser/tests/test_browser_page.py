@@ -1,51 +1,36 @@
 """The page without a server, in chromium: it drives, records, replays, works offline, and drives a board by Web Serial.
 
-`navigator.serial` is a script that joins its port to `txt1 board` (fake_serial.js): a browser's own chooser cannot be
-operated by a program, and there is no hardware here.
+The board's port is not a browser's own (rigs/browser_robot.py).
 """
 
 from __future__ import annotations
 
-import asyncio
+import json
 import os
 import signal
-import socket
 import subprocess
 import sys
-import threading
-from collections.abc import Callable, Iterator
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Iterator
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
 import pytest
 
-from rigs.patience import LIMIT, TXT1, S
-from rigs.ports import free_port
+from rigs import browser_robot
+from rigs.browser_robot import ARMED, START, Relay, arm, board, hold, renderers, serving, signalled
+from rigs.patience import S
 from tests.browser.conftest import browser, fresh, waits  # noqa: F401
 from txt1.errors import ConfigError
-from txt1.protocol.decoder import Decoder
-from txt1.protocol.layout import Role
-from txt1.protocol.messages import Velocity
 from txt1_browser import site
 
 pytestmark = pytest.mark.browser
 
 # the very program: that of the other tests lives through longer stalls, and so would repeat another run
 DESK = (sys.executable, "-m", "txt1")
-HERE = Path(__file__).parent
-STATE = "document.getElementById('state').textContent"
-ARMED = f"{STATE} === 'armed'"
+STATE = browser_robot.STATE
 X = "parseFloat(document.getElementById('where').textContent.split('x ')[1])"
-START = 6 * LIMIT
-"""s until Python is loaded on a busy computer."""
-
-
-class _Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, *_: object) -> None:
-        pass
+NOTICE = "document.getElementById('browser-state').textContent"
 
 
 @pytest.fixture(scope="session")
@@ -62,11 +47,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def served(folder: Path) -> Iterator[str]:
     """The folder on a server of plain files; its address."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(folder)))
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}/"
-    server.shutdown()
-    server.server_close()
+    with serving(folder) as url:
+        yield url
 
 
 @pytest.fixture
@@ -109,6 +91,12 @@ def saved(page: Any, target: Path) -> Path:
 def test_a_key_drives_and_letting_go_stops(page: Any) -> None:
     drive(page)
     assert waits(page, "document.getElementById('v-now').textContent === '0 m/s'")
+
+
+def test_the_space_bar_stops_and_m_arms(page: Any) -> None:
+    page.keyboard.press(" ")
+    assert waits(page, f"{STATE} === 'stopped'")
+    arm(page)
 
 
 def test_a_drive_is_saved_and_verified_on_the_desk(page: Any, tmp_path: Path) -> None:
@@ -155,6 +143,13 @@ def test_it_opens_without_a_network_once_it_was_loaded(page: Any, served: str) -
     assert waits(page, ARMED, START)
 
 
+def test_the_script_for_use_without_a_network_changes_with_every_file(folder: Path) -> None:
+    """Browsers look for a new version of that script alone."""
+    listed = (folder / "files.json").read_text()
+    assert (folder / "offline.js").read_text().startswith(f"const site = {listed}\n")
+    assert "packages.zip" in json.loads(listed)["files"]
+
+
 def test_settings_in_the_address_are_those_of_the_desk(browser: Any, served: str) -> None:  # noqa: F811
     page = fresh(browser)
     page.goto(f"{served}?set=sim.start=[-1.5,0,0]&set=sim.room.length=8")
@@ -177,130 +172,106 @@ def test_without_serial_ports_the_board_button_says_what_to_take(page: Any) -> N
     assert "take Chrome or Edge" in notice(page)
 
 
+def perform(page: Any, code: str) -> None:
+    """Show the field of the program if it is not there yet, and run one."""
+    if not page.is_visible("#program"):
+        page.click("#perform")
+    page.fill("#program", code)
+    page.click("#perform")
+
+
+def test_a_program_drives_and_its_mistake_is_told_with_its_line(page: Any) -> None:
+    before = page.evaluate(X)
+    perform(page, "for each in range(2):\n    await robot.drive(v=0.5, omega=0.0, duration=1.0)")
+    assert waits(page, f"{NOTICE}.includes('the program has ended')", START), notice(page)
+    assert page.evaluate(X) > before + 0.3
+    perform(page, "v = 0.5\nawait robot.drive(v, w, 1.0)")
+    assert waits(page, f"{NOTICE}.includes(\"the program, line 2: name 'w' is not defined\")", START), notice(page)
+    perform(page, "while True")
+    assert waits(page, f"{NOTICE}.includes('the program, line 1: ')", START), notice(page)
+
+
+def test_an_endless_loop_is_ended_and_what_was_recorded_before_is_kept(page: Any, tmp_path: Path) -> None:
+    drive(page)
+    page.click("#restart")
+    assert waits(page, ARMED, START)
+    drive(page)
+    perform(page, "while True:\n    pass")
+    assert waits(page, f"{NOTICE}.includes('has hung for 10 s and was ended; the car stands')", START), notice(page)
+    page.click("#browser-state button")
+    assert waits(page, ARMED, START)
+    page.click("[data-tab=files]")
+    assert waits(page, "document.querySelectorAll('a[download]').length === 3"), "two, and the present one"
+    for number in (1, 2):
+        file = tmp_path / f"{number}.mcap"
+        with page.expect_download() as download:
+            page.locator("a[download]").nth(number).click()
+        download.value.save_as(file)
+        verified = subprocess.run([*DESK, "replay", "--verify", str(file)], capture_output=True, text=True, check=False)
+        assert verified.returncode == 0, verified.stdout + verified.stderr
+
+
+def test_a_recording_of_another_version_is_refused_in_one_line(page: Any, tmp_path: Path) -> None:
+    file = tmp_path / "other.mcap"
+    run = ["run", "--headless", "--speed", "max", "--duration", "2", "--log", str(file)]
+    subprocess.run([*DESK, *run], check=True, capture_output=True)
+    # the configuration in the head of the file
+    file.write_bytes(file.read_bytes().replace(b'"v_max"', b'"speed"', 1))
+    page.set_input_files("#pick", str(file))
+    page.click("#verify")
+    assert waits(page, f"{NOTICE}.includes('its configuration is not one of this version')", START), notice(page)
+    assert "\n" not in notice(page)
+
+
+@pytest.mark.parametrize(
+    ("lacking", "told"),
+    [
+        ("delete globalThis.WebAssembly", "this browser cannot run the robot: it has no WebAssembly"),
+        ("Object.defineProperty(globalThis, 'isSecureContext', { value: false })", "need https or localhost"),
+    ],
+)
+def test_what_a_browser_lacks_is_said_in_one_line(browser: Any, served: str, lacking: str, told: str) -> None:  # noqa: F811
+    page = fresh(browser, service_workers="block")
+    page.add_init_script(lacking)
+    page.goto(served)
+    assert waits(page, f"{NOTICE}.includes('{told}')", START), notice(page)
+    page.context.close()
+
+
+def test_a_page_from_disk_says_how_to_serve_it(browser: Any, folder: Path) -> None:  # noqa: F811
+    page = fresh(browser)
+    page.goto((folder / "index.html").as_uri())
+    assert waits(page, "document.getElementById('reason').textContent.includes('python -m http.server')")
+    page.context.close()
+
+
+def test_a_full_storage_is_said_and_the_robot_drives_on(browser: Any, served: str) -> None:  # noqa: F811
+    page = fresh(browser)
+    quota = {"origin": served.removesuffix("/"), "quotaSize": 1_000_000}
+    page.context.new_cdp_session(page).send("Storage.overrideQuotaForOrigin", quota)
+    page.goto(served)
+    assert waits(page, f"{NOTICE}.includes('it will not open without a network')", START), notice(page)
+    assert waits(page, ARMED)
+    drive(page)
+    page.context.close()
+
+
 # -- a board ------------------------------------------------------------------------------------------------------
 
 
-class Relay:
-    """A socket of a page, joined to the board's line; notes the velocities that go to the board, and when."""
-
-    def __init__(self, board: int) -> None:
-        self.told: list[tuple[float, Velocity]] = []
-        self.cut: Callable[[], object] = lambda: None
-        """Pulls the plug."""
-        self._board, self._decoder = board, Decoder(Role.BOARD)
-        self._loop = asyncio.new_event_loop()
-        self.port = free_port()
-        ready = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(ready,), daemon=True)
-        self._thread.start()
-        assert ready.wait(LIMIT)
-
-    def _run(self, ready: threading.Event) -> None:
-        from aiohttp import web
-
-        asyncio.set_event_loop(self._loop)
-        app = web.Application()
-        app.router.add_get("/", self._join)
-        runner = web.AppRunner(app)
-        self._loop.run_until_complete(runner.setup())
-        self._loop.run_until_complete(web.TCPSite(runner, "127.0.0.1", self.port).start())
-        ready.set()
-        self._loop.run_forever()
-        self._loop.run_until_complete(runner.cleanup())
-        self._loop.close()
-
-    def close(self) -> None:
-        self.cut()
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(LIMIT)
-
-    async def _join(self, request: Any) -> Any:
-        from aiohttp import WSMsgType, web
-
-        socket = web.WebSocketResponse()
-        await socket.prepare(request)
-        reader, writer = await asyncio.open_connection("127.0.0.1", self._board)
-        self.cut = lambda: self._loop.call_soon_threadsafe(lambda: self._loop.create_task(socket.close()))
-
-        async def from_board() -> None:
-            while data := await reader.read(4096):
-                await socket.send_bytes(data)
-
-        reading = asyncio.create_task(from_board())
-        try:
-            async for message in socket:
-                if message.type is not WSMsgType.BINARY:
-                    break
-                for event in self._decoder.feed(message.data):
-                    if isinstance(event, Velocity):
-                        self.told.append((monotonic(), event))
-                writer.write(message.data)
-        finally:
-            reading.cancel()
-            writer.close()
-        return socket
-
-    def moving(self) -> bool:
-        """Whether the last velocity moves the board."""
-        return bool(self.told) and self.told[-1][1].v != 0
-
-    def stops_after(self, since: float) -> float:
-        """Return after how many s the board was told zeros for good."""
-        ends = monotonic() + LIMIT
-        while monotonic() < ends:
-            sleep(0.3)
-            last = [time for time, told in self.told if told.v or told.omega]
-            zeros = [time for time, told in self.told if not (told.v or told.omega)]
-            if last and zeros and zeros[-1] > last[-1] and zeros[-1] > since:
-                return max(0.0, next(time for time in zeros if time > last[-1]) - since)
-        raise AssertionError("the board is never told to stop")
-
-
 @pytest.fixture
-def relay() -> Iterator[Relay]:
-    port = free_port()
-    board = subprocess.Popen(
-        [*TXT1, "board", "--tcp", str(port), "--set", "sim.room.length=80"], stdout=subprocess.DEVNULL
-    )
-    ends = monotonic() + LIMIT
-    while monotonic() < ends:
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        sleep(0.1)
-    made = Relay(port)
-    yield made
-    made.close()
-    board.send_signal(signal.SIGINT)
-    board.wait(LIMIT)
+def relay(request: pytest.FixtureRequest) -> Iterator[Relay]:
+    with board(getattr(request, "param", "ours")) as made:
+        yield made
 
 
 @pytest.fixture
 def driven(browser: Any, folder: Path, served: str, relay: Relay) -> Iterator[Any]:  # noqa: F811
-    """A page that drives a board: w is held."""
-    fake = (HERE / "fake_serial.js").read_text().replace("RELAY", f"ws://127.0.0.1:{relay.port}/")
-    page = fresh(browser, service_workers="block")
-    page.add_init_script(fake)
-    # a worker whose script playwright gives has no sockets
-    guard = (site.HERE / "static" / "guard.js").read_text()
-    (folder / "guard.js").write_text(f"{fake}\n{guard}")
-    page.goto(served)
-    assert waits(page, ARMED, START)
-    page.click("#board")
-    assert waits(page, f"{STATE} === 'disarmed' && document.getElementById('link').textContent.endsWith('ms')", START)
-    ends = monotonic() + START
-    while page.evaluate(STATE) != "armed" and monotonic() < ends:
-        page.keyboard.down("m")
-        sleep(1.0)
-        page.keyboard.up("m")
-    while not relay.moving() and monotonic() < ends:
-        page.keyboard.up("w")
-        page.keyboard.down("w")
-        sleep(0.5 * S)
-    assert relay.moving()
-    yield page
-    page.context.close()
-    (folder / "guard.js").write_text(guard)
+    # small, as drawing takes most of a busy computer's time
+    page = fresh(browser, service_workers="block", viewport={"width": 480, "height": 360})
+    with browser_robot.driven(page, folder, served, relay):
+        yield page
+        page.context.close()
 
 
 def test_a_board_is_driven_by_web_serial_and_no_faster_than_half_a_metre(driven: Any, relay: Relay) -> None:
@@ -310,10 +281,33 @@ def test_a_board_is_driven_by_web_serial_and_no_faster_than_half_a_metre(driven:
     assert max(told.v for _, told in relay.told) <= 0.501
 
 
-def test_the_guard_stops_a_board_whose_robot_was_ended(driven: Any, relay: Relay) -> None:
+def worker(page: Any, script: str) -> Any:
+    return next(each for each in page.workers if each.url.endswith(f"/{script}"))
+
+
+@pytest.mark.parametrize("fate", ["self.close()", "setTimeout(() => { for (;;) {} })"], ids=["ended", "hung"])
+def test_the_guard_stops_a_board_whose_robot_was_ended(driven: Any, relay: Relay, fate: str) -> None:
     since = monotonic()
-    next(each for each in driven.workers if each.url.endswith("worker.js")).evaluate("self.close()")
+    worker(driven, "worker.js").evaluate(fate)
     assert relay.stops_after(since) < 0.5 * S
+
+
+def test_a_stop_goes_before_what_a_stuck_port_does_not_take(driven: Any, relay: Relay) -> None:
+    worker(driven, "guard.js").evaluate("globalThis.portIsStuck = true")
+    sleep(0.5 * S)
+    since = monotonic()
+    driven.click("#stop")
+    assert relay.stops_after(since) < 0.5 * S
+    assert relay.told[-1][0] > since, "the zeros came through"
+
+
+def test_garbage_on_the_line_neither_ends_the_robot_nor_its_link(driven: Any, relay: Relay) -> None:
+    relay.babble(bytes(range(256)) * 20)
+    sleep(1.0 * S)
+    assert waits(driven, "document.getElementById('link').textContent.endsWith('ms')")
+    driven.keyboard.up("w")
+    relay.stops_after(monotonic())
+    hold(driven, relay)
 
 
 @pytest.mark.parametrize("event", ["visibilitychange", "pagehide", "freeze", "blur"])
@@ -333,3 +327,25 @@ def test_a_page_that_is_left_stops_its_board_within_half_a_second(driven: Any, r
 def test_an_unplugged_board_is_told_and_disarms(driven: Any, relay: Relay) -> None:
     relay.cut()
     assert waits(driven, f"{STATE} !== 'armed'")
+
+
+@pytest.mark.parametrize(("relay", "longest"), [("ours", 0.25), ("original", 1.9)], indirect=["relay"])
+def test_a_frozen_renderer_leaves_the_board_its_own_time_out(
+    browser: Any,  # noqa: F811
+    driven: Any,
+    relay: Relay,
+    longest: float,
+) -> None:
+    """The guard is frozen, too, so no zeros come: the board stops by itself, which an original does late."""
+    processes = renderers(browser)
+    hold(driven, relay)
+    try:
+        assert relay.frozen(lambda: signalled(processes, signal.SIGSTOP)) < longest + 0.5 * S
+    finally:
+        signalled(processes, signal.SIGCONT)
+
+
+def test_a_killed_renderer_leaves_the_board_its_own_time_out(browser: Any, driven: Any, relay: Relay) -> None:  # noqa: F811
+    processes = renderers(browser)
+    hold(driven, relay)
+    assert relay.frozen(lambda: signalled(processes, signal.SIGKILL)) < 0.25 + 0.5 * S

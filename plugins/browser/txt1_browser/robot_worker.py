@@ -8,16 +8,18 @@ only the process between is missing. `turn` runs the loop.
 
 from __future__ import annotations
 
+import ast
 import asyncio
 import json
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from math import inf
 from pathlib import Path
 from typing import Final
 
+import txt1
 from txt1 import Robot
 from txt1.bridges.registry import RobotEnd
 from txt1.bridges.services import services
@@ -37,11 +39,14 @@ from txt1_browser.event_loops import BrowserRealTimeLoop
 from txt1_browser.serial_line import CAREFUL, GuardedPort, Send, board
 
 FOLDER: Final = Path("/recordings")
-# s between two messages about a page's own state
+# s between two messages about a page's own state, and between two parts of the recording for it to keep
 STATUS: Final = 1.0
+PROGRAM: Final = "program"
 GAINS_UNCONFIRMED: Final = "the board has not acknowledged the gains yet; they are sent again and again"
 
 Post = Callable[[str], None]
+Keep = Callable[[str, int, bytes], None]
+"""Gives the page bytes of a recording, to keep when this worker is ended: the file's name, where they begin, they."""
 
 
 class _Line:
@@ -81,15 +86,18 @@ class _Socket:
 class RobotWorker:
     """A robot and its page. `post` sends a text to the page; `tell` says how the run goes: "ready" or why it ended."""
 
-    def __init__(self, post: Post, tell: Callable[[str, str], None]) -> None:
-        self._post, self._tell = post, tell
+    def __init__(self, post: Post, tell: Callable[[str, str], None], keep: Keep) -> None:
+        self._post, self._tell, self._keep = post, tell, keep
         self._loop = BrowserRealTimeLoop()
         self._pages: Pages | None = None
         self._page: Page | None = None
         self._sender: asyncio.Task[None] | None = None
         self._run: asyncio.Task[None] | None = None
-        # of the run's recording
-        self._file = ""
+        # the run's recording, and how much of it the page has
+        self._file, self._kept = "", 0
+        self._robot: Robot | None = None
+        # a program of the page
+        self._program: asyncio.Task[None] | None = None
         # of a board; None for a simulation
         self._port: GuardedPort | None = None
 
@@ -126,6 +134,10 @@ class RobotWorker:
         if self._port is not None:
             self._loop.call_soon(self._port.heard, what, text)
 
+    def perform(self, code: str) -> None:
+        """Run a program of the page, in place of the one before it; it has the names `robot`, `asyncio` and `txt1`."""
+        self._loop.call_soon(self._begin_program, code)
+
     def keep(self, name: str, data: bytes) -> str:
         """Keep a recording that was made elsewhere; return why not, "" if it is kept."""
         if not RECORDING_NAME.fullmatch(name):
@@ -156,6 +168,8 @@ class RobotWorker:
             try:
                 await self._drive(settings, port, learn)
             finally:
+                with suppress(OSError):
+                    self._pass_on()
                 self._file = ""
         except asyncio.CancelledError:
             self._tell("ended", "the run has ended")
@@ -175,7 +189,7 @@ class RobotWorker:
         agent = agent_of(config, learn, None)
         FOLDER.mkdir(exist_ok=True)
         file = dated(FOLDER, config.hal)
-        self._file = file.name
+        self._file, self._kept = file.name, 0
         async with (
             recording(file, config, None, {}, lambda text: self._tell("told", text)) as attach,
             Robot.open(layer, config=config, patience=0.0, attach=attach) as robot,
@@ -190,13 +204,15 @@ class RobotWorker:
                 pages = Pages(_Line(end), FOLDER, robot.config.safety.v_max, {}, [], invites=False)
                 pages.begin()
                 robot.add_task("page", TELEMETRY_PERIOD, self._serve, SERVE_PRIORITY)
-                self._pages = pages
+                self._pages, self._robot = pages, robot
                 self._tell("ready", "")
                 try:
                     await self._get_ready(robot)
                     await robot.runtime.scheduler.ended
                 finally:
-                    self._pages = None
+                    self._pages = self._robot = None
+                    if self._program is not None:
+                        self._program.cancel()
                     end.let_go()
                     end.leave()
 
@@ -209,6 +225,36 @@ class RobotWorker:
             robot.tell(GAINS_UNCONFIRMED)
         for begin in robot.on_ready:
             await begin()
+
+    def _begin_program(self, code: str) -> None:
+        if self._program is not None:
+            self._program.cancel()
+        if self._robot is not None:
+            self._program = self._loop.create_task(self._perform(code, self._robot))
+
+    async def _perform(self, code: str, robot: Robot) -> None:
+        why = "the program has ended"
+        try:
+            # the page's own user wrote it, and it can do no more than the page
+            compiled = compile(code, PROGRAM, "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
+            if (rest := eval(compiled, {"robot": robot, "asyncio": asyncio, "txt1": txt1})) is not None:  # noqa: S307
+                await rest
+        except Exception as error:
+            places = [each.lineno for each in traceback.extract_tb(error.__traceback__) if each.filename == PROGRAM]
+            line = error.lineno if isinstance(error, SyntaxError) else places[-1]
+            why = f"the program, line {line}: {error or type(error).__name__}"
+        finally:
+            robot.program.command(0.0, 0.0)
+        self._tell("told", why)
+
+    def _pass_on(self) -> None:
+        """Give the page what was recorded since the last time."""
+        with (FOLDER / self._file).open("rb") as file:
+            file.seek(self._kept)
+            new = file.read()
+        if new:
+            self._keep(self._file, self._kept, new)
+        self._kept += len(new)
 
     def _join(self) -> None:
         if self._pages is None:
@@ -234,8 +280,4 @@ class RobotWorker:
             if now() >= due:
                 due = now() + STATUS
                 self._pages.status_of_all()
-
-
-def start(post: Post, tell: Callable[[str, str], None]) -> RobotWorker:
-    """Return a worker for the functions of JavaScript."""
-    return RobotWorker(post, tell)
+                self._pass_on()

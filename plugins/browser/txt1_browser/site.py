@@ -13,7 +13,6 @@ import json
 import shutil
 import subprocess
 import sys
-import tarfile
 import zipfile
 from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, distribution
@@ -42,6 +41,13 @@ COMPILED: Final = "pydantic-core"
 # folders of the source tree that a wheel of txt1 has inside (setup.py)
 SHIPPED: Final = ("config/vehicles", "config/maps")
 HERE: Final = Path(__file__).parent
+# a browser loads no module from disk, so the page says it by itself
+FROM_DISK: Final = """<script>
+if (location.protocol === "file:") addEventListener("load", () => {
+  reason.hidden = false
+  reason.textContent = "a file on disk cannot run the robot: python -m http.server in this folder, then http://localhost:8000"
+})
+</script>"""
 SCRIPT: Final = '<script type="module" src="app.js"></script>'
 
 
@@ -76,23 +82,18 @@ def _pyodide(target: Path, given: Path | None, work: Path) -> None:
     """Put Pyodide's files into a folder; raises ConfigError."""
     if given is None:
         given = work / run(["npm", "pack", "--silent", f"pyodide@{PYODIDE}"], work, "npm").splitlines()[-1]
+    folder = given
+    if given.is_file():
+        folder = work / "package"
+        try:
+            shutil.unpack_archive(given, work, "gztar", filter="data")
+        except (OSError, shutil.ReadError) as error:
+            raise ConfigError(f"--pyodide {given}: no package 'pyodide' of npm: {error}") from None
     target.mkdir()
-    if given.is_dir():
-        for name in NEEDED:
-            if not (given / name).is_file():
-                raise ConfigError(
-                    f"--pyodide {given}: {name} is not in it; give the package 'pyodide' of npm, unpacked"
-                )
-            shutil.copyfile(given / name, target / name)
-        return
-    try:
-        with tarfile.open(given) as package:
-            for name in NEEDED:
-                content = package.extractfile(f"package/{name}")
-                assert content is not None
-                (target / name).write_bytes(content.read())
-    except (OSError, tarfile.TarError, KeyError) as error:
-        raise ConfigError(f"--pyodide {given}: no package 'pyodide' of npm: {error}") from None
+    for name in NEEDED:
+        if not (folder / name).is_file():
+            raise ConfigError(f"--pyodide {given}: {name} is not in it; give the package 'pyodide' of npm")
+        shutil.copyfile(folder / name, target / name)
 
 
 def _wheel(work: Path) -> Path:
@@ -156,16 +157,16 @@ def _own() -> Iterator[tuple[str, Path]]:
 def _index(page: Path) -> None:
     text = page.read_text()
     assert text.count(SCRIPT) == 1
-    page.write_text(text.replace(SCRIPT, '<script type="module" src="boot.js"></script>'))
+    page.write_text(text.replace(SCRIPT, f'<script type="module" src="boot.js"></script>\n{FROM_DISK}'))
 
 
 def _list(folder: Path) -> None:
-    """Write files.json: the names of all files, for use without a network, and a version that changes with them."""
+    """Write files.json, the names of all files, and a version that changes with them; offline.js has the same."""
     files = sorted(each.relative_to(folder).as_posix() for each in folder.rglob("*") if each.is_file())
     digest = hashlib.sha256()
     for each in files:
         digest.update(each.encode() + b"\0" + hashlib.sha256((folder / each).read_bytes()).digest())
-    packed = (folder / "packages.zip").stat().st_size
-    (folder / "files.json").write_text(
-        json.dumps({"version": digest.hexdigest()[:16], "files": files, "packages": packed})
-    )
+    listed = json.dumps({"version": digest.hexdigest()[:16], "files": files})
+    (folder / "files.json").write_text(listed)
+    offline = folder / "offline.js"
+    offline.write_text(f"const site = {listed}\n{offline.read_text()}")

@@ -34,6 +34,7 @@ const sockets = new Set()
 const waiting = new Map()  // what was asked of the worker, by number
 const HANGS = 10000  // ms without a word of the robot's worker after which it is ended
 let worker = null, guard = null, ready = false, asked = 0, lastHeard = 0
+const kept = new Map()  // the recordings so far, in parts, for when their worker is ended
 
 const query = new URLSearchParams(location.search)
 
@@ -55,31 +56,41 @@ function begin({ hal = "sim", learn = null } = {}) {
     worker.onmessage = ({ data }) => heard(data)
     worker.onerror = (event) => failed(`the robot's worker failed: ${event.message}`)
     show("loading Python")
+    for (const [name, parts] of kept) write(name, new Blob(parts))
   }
   worker.postMessage(message, transfer)
   lastHeard = performance.now()
 }
 
-// A worker that hangs or has failed is ended: what it has recorded is lost with it.
+// A worker that hangs or has failed is ended. The next one gets what it recorded.
 function failed(why) {
   worker?.terminate()
   worker = null
+  ready = false
   for (const each of [...sockets]) each.end()
-  show(why, true)
+  show(`${why}; ${guard ? "its board gets zeros" : "the car stands"}, and "start again" keeps what was recorded`, true)
 }
 
 function heard(message) {
   lastHeard = performance.now()
   if (message.text !== undefined) for (const each of sockets) each.onmessage?.({ data: message.text })
   else if (message.answer) waiting.get(message.answer)?.(message), waiting.delete(message.answer)
+  else if (message.kept) keep(message)
   else if (message.loading) show(message.loading)
   else if (message.state === "ready") {
     ready = true
-    show("")
+    show(isSecureContext ? "" : "a board, and use without a network, need https or localhost in the address")
     // only now: it loads all files once more
-    if ("serviceWorker" in navigator) navigator.serviceWorker.register("offline.js").catch(() => {})
+    navigator.serviceWorker?.register("offline.js").catch(() => {})
     for (const each of sockets) each.begin()
   } else if (message.state === "told" || message.state === "failed") show(message.why, true)
+}
+
+if (navigator.serviceWorker) navigator.serviceWorker.onmessage = ({ data }) => show(data, true)
+
+function keep({ kept: name, at, bytes }) {
+  if (!at) kept.set(name, [])
+  kept.get(name).push(bytes)
 }
 
 setInterval(() => {
@@ -135,9 +146,12 @@ const pick = make("input", { id: "pick", type: "file", accept: ".mcap", hidden: 
 $("hint").after(make("div", { id: "browser-tools", style: "display: flex; flex-wrap: wrap; gap: 8px" },
   make("button", { id: "board", textContent: "connect a board", onclick: board }),
   make("button", { id: "learn", textContent: "let it learn", title: "it learns to find the light", onclick: learn }),
+  make("button", { id: "perform", textContent: "run a program", onclick: program }),
   make("button", { id: "restart", textContent: "start again", onclick: () => begin() }),
   make("button", { id: "load", textContent: "open a file", onclick: () => pick.click() }),
-  make("button", { id: "verify", textContent: "verify the newest", onclick: verify })), pick)
+  make("button", { id: "verify", textContent: "verify the newest", onclick: verify })), pick,
+  make("textarea", { id: "program", hidden: true, rows: 8, spellcheck: false, ariaLabel: "program", style: "width: 100%", value:
+    "for each in range(4):\n    await robot.drive(v=0.5, omega=0.6, duration=2.0)\n    await asyncio.sleep(0.5)\n" }))
 
 // The thesis's learner drives, and its panel shows how.
 function learn() {
@@ -145,15 +159,24 @@ function learn() {
   document.querySelector("[data-tab=learner]").click()
 }
 
+// The first click shows the program, the next ones run it, within the robot's worker.
+function program() {
+  if (!$("program").hidden) worker.postMessage({ do: "program", code: $("program").value })
+  $("program").hidden = false
+}
+
 // -- files
 
 async function take() {
   const [file] = pick.files
-  if (!file) return
-  const bytes = await file.arrayBuffer()
-  const { why } = await ask({ do: "write", name: file.name, bytes }, [bytes])
+  if (file) await write(file.name, file)
   pick.value = ""
-  show(why || "", Boolean(why))
+}
+
+async function write(name, blob) {
+  const bytes = await blob.arrayBuffer()
+  const { why } = await ask({ do: "write", name, bytes }, [bytes])
+  show(why, Boolean(why))
 }
 
 // Run the newest recording's inputs again, and compare.

@@ -1,15 +1,18 @@
-// Keeps all files, so that the page opens without a network once it has been loaded.
+// Keeps all files, so that the page opens without a network once it has been loaded. txt1_browser/site.py writes `site`
+// at its head, so that a new version of any file is a new version of this one, which browsers look for.
 
-const list = async () => (await fetch("files.json", { cache: "no-store" })).json()
+async function keep() {
+  const kept = await caches.open(site.version)
+  await kept.addAll(["./", ...site.files])
+  for (const name of await caches.keys()) if (name !== site.version) await caches.delete(name)
+  await self.skipWaiting()
+}
 
-self.addEventListener("install", (event) => {
-  event.waitUntil(list().then(async ({ version, files }) => {
-    const kept = await caches.open(version)
-    await kept.addAll(["./", ...files])
-    for (const name of await caches.keys()) if (name !== version) await caches.delete(name)
-    await self.skipWaiting()
-  }))
-})
+self.addEventListener("install", (event) => event.waitUntil(keep().catch(async (error) => {
+  const why = `it will not open without a network, as the browser keeps no more files (${error.message}); make room there`
+  for (const each of await clients.matchAll({ includeUncontrolled: true })) each.postMessage(why)
+  throw error
+})))
 
 self.addEventListener("activate", (event) => event.waitUntil(self.clients.claim()))
 

@@ -18,8 +18,9 @@ async function load() {
 async function begin({ settings, line, learn }) {
   if (!robot) {
     await load()
-    const { start } = python.pyimport("txt1_browser.robot_worker")
-    robot = start((text) => postMessage({ text }), (state, why) => postMessage({ state, why }))
+    const { RobotWorker } = python.pyimport("txt1_browser.robot_worker")
+    const keep = (name, at, bytes) => postMessage({ kept: name, at, bytes: bytes.toJs() })
+    robot = RobotWorker((text) => postMessage({ text }), (state, why) => postMessage({ state, why }), keep)
   } else robot.end()
   const send = line && ((what, text) => line.postMessage({ do: what, text }))
   if (line) line.onmessage = ({ data }) => {
@@ -54,6 +55,7 @@ function turn() {
 const acts = {
   open: () => robot.open(),
   text: ({ data }) => robot.receive(data),
+  program: ({ code }) => robot.perform(code),
   read: ({ name, number }) => {
     try {
       postMessage({ answer: number, bytes: python.FS.readFile(`/recordings/${name}`) })

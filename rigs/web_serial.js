@@ -20,10 +20,23 @@ class FakePort {
         }
       },
     })
-    this.writable = new WritableStream({
-      write: (bytes) => {
+    this.taking = this.made()
+  }
+
+  // A stream that was aborted is followed by a new one, as the specification has it.
+  get writable() { return this.taking }
+
+  made() {
+    return new WritableStream({
+      write: (bytes, { signal }) => {
         if (!this.signals) throw new Error("a byte before DTR and RTS were set")
-        socket.send(bytes)
+        // a port that takes no more bytes, until the write is aborted
+        if (globalThis.portIsStuck) return new Promise((_, reject) => { signal.onabort = () => reject(signal.reason) })
+        this.socket.send(bytes)
+      },
+      abort: () => {
+        globalThis.portIsStuck = false
+        this.taking = this.made()
       },
     })
   }
