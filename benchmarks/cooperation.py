@@ -223,9 +223,13 @@ def _convoy(kept: Kept, count: int, folder: Path | None) -> None:
     )
     if folder is not None:
         figure, axes = _figure(2)
-        for spreads, _, _ in runs:
-            axes[0].plot(range(2, 11), [1e3 * each for each in spreads], color="0.7", linewidth=0.7)
-        axes[0].plot(range(2, 11), [1e3 * mean(s[at] for s, _, _ in runs) for at in range(9)], "o-", color=COLOURS[0])
+        places = range(2, 11)
+        for number, (spreads, _, _) in enumerate(runs):
+            label = "" if number else "each seed"
+            axes[0].plot(places, [1e3 * each for each in spreads], color="0.7", linewidth=0.7, label=label)
+        means = [1e3 * mean(spreads[at] for spreads, _, _ in runs) for at in range(9)]
+        axes[0].plot(places, means, "o-", color=COLOURS[0], label="mean")
+        axes[0].legend()
         axes[0].set(
             title=f"Spread of the spacing error, {seeds} seeds", xlabel="robot in the line", ylabel="spread, mm"
         )
