@@ -39,8 +39,9 @@ def test_a_locked_wheel_turns_again_without_the_motor_and_the_car_drives_on() ->
     assert after([1.0, 1.0, 0.0, 0.8, 1.0], 1.0) == ["seen", "seen", "doubted", "seen", "seen"]
 
 
-def test_a_reading_in_the_middle_of_which_the_encoders_died_hides_nothing() -> None:
-    assert after([1.0, 1.0, 0.3, 0.0, 0.0], 1.0)[2:] == ["seen", "doubted", "lost"]
+@pytest.mark.parametrize("v", [1.0, -1.0])
+def test_a_reading_in_the_middle_of_which_the_encoders_died_hides_nothing(v: float) -> None:
+    assert after([v, v, 0.3 * v, 0.0, 0.0], v)[2:] == ["seen", "doubted", "lost"]
 
 
 @given(v=st.floats(0.1, FALL), sign=st.sampled_from((-1.0, 1.0)))

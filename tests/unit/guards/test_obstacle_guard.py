@@ -13,6 +13,7 @@ import pytest
 from txt1.config import Config
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
+from txt1.errors import ConfigError
 from txt1.guards.obstacle_stop.free_distance import free_distance, stopping_speed
 from txt1.guards.obstacle_stop.guard import SLOW, LaserGuard, prepare
 from txt1.guards.obstacle_stop.settings import ObstacleStop
@@ -239,6 +240,44 @@ async def test_it_is_on_where_it_is_asked_for(enabled: str, sensors: dict[str, t
     )
     await prepare(runtime, ObstacleStop(enabled=enabled))  # type: ignore[arg-type]
     assert len(made) == guards
+
+
+def runtime_with(**sensors: Scan) -> SimpleNamespace:
+    """A robot's runtime with laser scanners that have seen something at 0 s."""
+    topic = SimpleNamespace(type=Scan)
+    there = {
+        name: SimpleNamespace(sensor=SimpleNamespace(topic=topic), last=Reading(0.0, seen))
+        for name, seen in sensors.items()
+    }
+    gate = Gate(Limits(), on_close=lambda reason: None)
+    return SimpleNamespace(sensors=there, state=State(), gate=gate, config=Config(), guard=lambda name, guard: None)
+
+
+async def test_it_looks_through_the_scanner_that_is_named_and_through_a_single_one_unnamed() -> None:
+    free, blocked = scan(), post(0.5)
+    for sensors, named, stops in (
+        ({"left": free, "right": blocked}, "left", False),
+        ({"left": free, "right": blocked}, "right", True),
+        ({"right": blocked}, "", True),
+        ({"left": free}, "", False),
+    ):
+        guard = await prepare(runtime_with(**sensors), ObstacleStop(sensor=named))  # type: ignore[arg-type]
+        assert guard is not None
+        assert (guard(1.0, 0.0, 0.1)[0] < 1.0) == stops
+
+
+@pytest.mark.parametrize(
+    ("sensors", "named", "there"),
+    [((), "laser", "none"), (("left", "right"), "laser", "left, right"), (("left", "right"), "", "left, right")],
+)
+async def test_a_scanner_that_is_not_there_or_not_named_is_a_mistake_that_names_those_there(
+    sensors: tuple[str, ...], named: str, there: str
+) -> None:
+    runtime = runtime_with(**{name: scan() for name in sensors})
+    given = ObstacleStop(sensor=named, enabled="always")
+    with pytest.raises(ConfigError) as error:
+        await prepare(runtime, given)  # type: ignore[arg-type]
+    assert str(error.value) == f"obstacle_stop.sensor: {named!r} is no laser scanner; name one of: {there}"
 
 
 # -- what it may have stopped for --------------------------------------------------------------------------------------
