@@ -270,7 +270,7 @@ async def test_it_looks_through_the_scanner_that_is_named_and_through_a_single_o
     ("sensors", "named", "there"),
     [((), "laser", "none"), (("left", "right"), "laser", "left, right"), (("left", "right"), "", "left, right")],
 )
-async def test_a_scanner_that_is_not_there_or_not_named_is_a_mistake_that_names_those_there(
+async def test_a_scanner_that_is_not_there_or_not_named_is_a_mistake(
     sensors: tuple[str, ...], named: str, there: str
 ) -> None:
     runtime = runtime_with(**{name: scan() for name in sensors})
