@@ -47,7 +47,8 @@ LINK: Final = (2e6, 0.05, 0.05)
 PRESSES: Final = 100
 # s between two presses
 PAUSES: Final = (0.2, 0.4)
-# of static/link.js: s after which a stop is sent again, and how often it is sent
+# of static/link.js: connections for stops alone, s after which a stop is sent again, and how often it is sent
+CHANNELS: Final = 2
 AGAIN: Final = 0.03
 COPIES: Final = 10
 KINDS: Final = ("nobody", "4 that answer", "4 that do not answer", "4 that do not read")
@@ -156,10 +157,10 @@ async def operator(port: int, camera: int, kind: str, presses: int) -> None:
             with suppress(aiohttp.ClientError, OSError):
                 await client.post(f"{url}/sign-in", data={"token": TOKEN})
                 page = await client.ws_connect(f"{url}/socket")
-                channel = await client.ws_connect(f"{url}/stop")
+                channels = [await client.ws_connect(f"{url}/stop") for _ in range(CHANNELS)]
                 break
         confirmed: dict[int, float] = {}
-        tasks = [asyncio.create_task(hear(each, confirmed)) for each in (page, channel)]
+        tasks = [asyncio.create_task(hear(each, confirmed)) for each in (page, *channels)]
         ages: list[float] = []
         idle: list[socket.socket] = []
         number = 0 if kind == KINDS[0] else VIEWERS
@@ -175,7 +176,7 @@ async def operator(port: int, camera: int, kind: str, presses: int) -> None:
         pressed, rng, began = [], Random(1), monotonic()
         for count in range(presses):
             pressed.append(monotonic())
-            tasks.append(asyncio.create_task(stop((page, channel), count, confirmed)))
+            tasks.append(asyncio.create_task(stop((page, *channels), count, confirmed)))
             await asyncio.sleep(rng.uniform(*PAUSES))
         lasted, seen = monotonic() - began, list(ages)
         await asyncio.sleep(3.0)
@@ -189,7 +190,7 @@ async def operator(port: int, camera: int, kind: str, presses: int) -> None:
 async def stop(
     connections: Sequence[aiohttp.ClientWebSocketResponse], number: int, confirmed: dict[int, float]
 ) -> None:
-    """Send a stop as static/link.js does: on both connections, and again until it is confirmed."""
+    """Send a stop as static/link.js does: on all connections, and again until it is confirmed."""
     for _ in range(COPIES):
         for each in connections:
             await each.send_str(json.dumps({"do": "stop", "stop": number}))

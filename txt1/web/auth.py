@@ -21,7 +21,7 @@ from txt1.errors import ConfigError
 from txt1.web.budgets import Budget
 
 Role = Literal["operator", "visitor", "stop channel"]
-"""Of a connection. A stop channel is a page's second connection, which may do nothing but stop."""
+"""Of a connection. A stop channel is a page's further connection, which may do nothing but stop."""
 
 # s for which a page stays signed in
 SESSION: Final = 12 * 3600

@@ -194,7 +194,7 @@ class Pages:
         return page
 
     def join_stop_channel(self, address: str, socket: PageSocket, account: Account) -> Page:
-        """Return the second connection of a page. It is shown nothing but the confirmation of its stops."""
+        """Return a page's connection for stops. It is shown nothing but the confirmation of its stops."""
         page = Page(NO_PAGE, "stop channel", address, socket, next(iter(self.cars.values())), account)
         self.stop_channels.add(page)
         return page

@@ -1,4 +1,4 @@
-"""The routes of the web page: its files, signing in and out, recordings, and two sockets for every page.
+"""The routes of the web page: its files, signing in and out, recordings, and the sockets of every page.
 
 `ROUTES` says who may ask for each; there are no routes but these.
 """
@@ -109,9 +109,9 @@ class Routes(Admission):
         )
 
     async def stop_channel(self, request: web.Request) -> web.StreamResponse:
-        """Connect a page's second connection, which may do nothing but stop, until it leaves.
+        """Open a page's connection for stops, which may do nothing else, until it leaves.
 
-        A packet that is lost holds up all that follows it on its connection. A page sends its stops on both.
+        A packet that is lost holds up all that follows it on its connection: a page sends its stops on all that it has.
         """
         role = self.role(request)
         assert role is not None

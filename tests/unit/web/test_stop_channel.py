@@ -1,4 +1,4 @@
-"""A page's second connection: it may stop the robot, and nothing else; a stop that comes on both is one."""
+"""A page's connections for stops: they may stop the robot, and nothing else; a stop that comes on all is one."""
 
 from __future__ import annotations
 
@@ -110,6 +110,7 @@ async def test_a_stop_channel_is_no_page_and_hears_nothing_but_confirmations(sit
     async with site.client.ws_connect("/stop", headers=site.headers("visitor")) as channel:
         await site.until(lambda: site.pages.stop_channels)
         assert not site.pages.connected
+        assert [each.address for each in site.pages.stop_channels] == ["127.0.0.1"]
         for do in sorted(set(REQUESTS) - {"stop"}):
             await channel.send_str(json.dumps({"do": do, "n": 1, "t": 0.0}))
             assert "for stops alone" in (await channel.receive_json())["told"]

@@ -2,12 +2,13 @@
 // only a stop that the server has not confirmed: a stop is as good later as it is now.
 
 //
-// A packet that is lost holds up all that follows it on its connection. So there is a second connection for stops alone,
-// the stop channel: a stop is sent on both, and again until it is confirmed, as repetitions show TCP a loss early.
-// Without the channel the socket does everything.
+// A packet that is lost holds up all that follows it on its connection. So there are connections for stops alone, the stop
+// channels: a stop is sent on all, and again until it is confirmed, as repetitions show TCP a loss early. Without the
+// channels the socket does everything.
 
 const PAUSES = [200, 500, 1000, 2000]  // ms before each new try; the last goes on
 const AGAIN = 30  // ms after which a stop is sent again
+const CHANNELS = 2
 const COPIES = 10  // of a stop on a connection; after that TCP's own repetitions have to do
 
 function serverSocket(name) {
@@ -17,7 +18,7 @@ function serverSocket(name) {
 
 export class Link {
   #socket = null
-  #channel = null  // for stops
+  #channels = new Set()  // for stops
   #copies = null  // timer of the next copy of a stop
   #number = 0
   #tries = 0
@@ -31,7 +32,6 @@ export class Link {
     this.message = message
     this.change = change
     this.#open()
-    if (!globalThis.robotSocket) this.#openChannel()  // a robot within the browser has no server
   }
 
   get open() { return this.#socket?.readyState === WebSocket.OPEN }
@@ -59,7 +59,7 @@ export class Link {
   #sendStop(copies) {
     clearTimeout(this.#copies)
     if (!this.#asked) return
-    for (const socket of [this.#channel, this.#socket])
+    for (const socket of [...this.#channels, this.#socket])
       if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ do: "stop", stop: this.#stop }))
     if (copies > 1) this.#copies = setTimeout(() => this.#sendStop(copies - 1), AGAIN)
   }
@@ -68,11 +68,23 @@ export class Link {
     if (stop === this.#stop) this.#asked = 0
   }
 
+  #openChannels() {
+    while (this.#channels.size < CHANNELS) this.#openChannel()
+  }
+
+  // One that is refused is tried again when the socket opens the next time, so that many pages do not ask all the time.
   #openChannel() {
-    const channel = this.#channel = serverSocket("stop")
-    channel.onopen = () => this.#sendStop(COPIES)
+    const channel = serverSocket("stop")
+    this.#channels.add(channel)
+    channel.onopen = () => {
+      channel.onclose = () => {
+        this.#channels.delete(channel)
+        setTimeout(() => this.#openChannels(), PAUSES.at(-1))
+      }
+      this.#sendStop(COPIES)
+    }
     channel.onmessage = ({ data }) => this.#confirmed(JSON.parse(data))
-    channel.onclose = () => setTimeout(() => this.#openChannel(), PAUSES.at(-1))
+    channel.onclose = () => this.#channels.delete(channel)
   }
 
   #open() {
@@ -80,6 +92,7 @@ export class Link {
     socket.onopen = () => {
       this.#tries = 0
       this.#sendStop(COPIES)
+      if (!globalThis.robotSocket) this.#openChannels()  // a robot within the browser has no server
       this.change(true)
     }
     socket.onmessage = (event) => {
