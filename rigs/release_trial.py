@@ -28,6 +28,8 @@ ROOT: Final = Path(__file__).parents[1]
 PATIENCE: Final = 1200.0  # s for a command
 RUN: Final = "txt1 run --headless --duration 1"
 DRIVE: Final = "txt1 run --headless --speed max --duration 5 --drive 0.5,0.3 --set sensors.laser.driver=sim_laser"
+ON_FLAT: Final = "txt1 run --headless --speed max --set sensors.laser.driver=sim_laser --set sim.room.map=flat"
+LESSON: Final = f"{ON_FLAT} --duration 30 --drive 0.3,0.6 --log drive.mcap"
 RECORDED: Final = f"{DRIVE} --set sim.room.map=flat --log drive.mcap"
 PROOFS: Final[dict[str, tuple[str, ...]]] = {
     "camera": (f"{DRIVE} --set sensors.camera.driver=sim_camera", "python -m txt1 sensor check sim_camera"),
@@ -43,11 +45,11 @@ PROOFS: Final[dict[str, tuple[str, ...]]] = {
     "web": (f"{RUN} --web 127.0.0.1:0",),
     "all": (
         f"{RUN} --web 127.0.0.1:0",
-        RECORDED,
+        LESSON,
         "txt1 report drive.mcap",
         "txt1 map drive.mcap -o flat",
-        "txt1 teach drive.mcap -o flat.onnx --see laser --epochs 1 --networks 2",
-        f"{DRIVE} --set sim.room.map=flat --source flat.onnx",
+        "txt1 teach drive.mcap -o flat.onnx --see laser --by script --epochs 1 --networks 2",
+        f"{ON_FLAT} --duration 5 --source flat.onnx",
     ),
 }
 """What each extra is for, as commands; they end with 0."""
