@@ -273,7 +273,8 @@ def main() -> int:
                 results.append(run(explored(seed, grid, start, Path(folder)), speed="max"))
             if given.each:
                 print(json.dumps(results[-1]), flush=True)
-    text = f"{table(results)}\n\n`python -m benchmarks.exploring --flats {len(results)}`"
+    seeds = ", ".join(str(each["seed"]) for each in results)
+    text = f"{table(results)}\n\nOf `python -m benchmarks.exploring --flats 100`, these: {seeds}."
     print(text)
     if given.page:
         write_part(PAGE, "exploring", text, "benchmarks.exploring")
