@@ -13,7 +13,7 @@ import socket
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -100,7 +100,9 @@ class Relay:
                 for event in self._reports.feed(data):
                     if isinstance(event, EncoderOdometry):
                         self.measured.append((monotonic(), event.v))
-                await socket.send_bytes(data)
+                if not socket.closed:
+                    with suppress(ConnectionError):
+                        await socket.send_bytes(data)
 
         reading = asyncio.create_task(from_board())
         try:
@@ -111,6 +113,8 @@ class Relay:
                     if isinstance(event, Velocity):
                         self.told.append((monotonic(), event))
                 writer.write(message.data)
+            # the cable of a killed browser stays in the board
+            await asyncio.sleep(5.0 * S)
         finally:
             reading.cancel()
             writer.close()
