@@ -275,8 +275,8 @@ async def test_simulated_readings_repeat_from_the_seed() -> None:
 
 
 async def test_two_light_sensors_have_topics_of_their_own() -> None:
-    async with Robot.open("sim", settings=[*LIT, "sensors.rear.driver=sim_light"]) as robot:
-        assert [polled.sensor.topic.name for polled in robot.sensors.values()] == ["/light", "/sensors/rear"]
+    async with Robot.open("sim", settings=[*LIT, "sensors.second.driver=sim_light"]) as robot:
+        assert [polled.sensor.topic.name for polled in robot.sensors.values()] == ["/light", "/sensors/second"]
 
 
 async def test_a_list_of_all_sensors_with_their_health_is_a_topic_of_its_own() -> None:

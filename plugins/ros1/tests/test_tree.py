@@ -33,19 +33,19 @@ def test_messages_of_fields_are_trees_already_and_bytes_are_text() -> None:
 
 
 def test_ros_is_told_where_each_laser_sits_and_again_when_one_is_moved() -> None:
-    settings = [*(f"sensors.{name}.driver=sim_laser" for name in ("laser", "rear")), "obstacle_stop.sensor=laser"]
+    settings = [*(f"sensors.{name}.driver=sim_laser" for name in ("laser", "behind")), "obstacle_stop.sensor=laser"]
 
     async def listen() -> None:
-        async with Robot.open("sim", seed=1, settings=[*settings, "sensors.rear.options.mount.x=-0.3"]) as robot:
+        async with Robot.open("sim", seed=1, settings=[*settings, "sensors.behind.options.mount.x=-0.3"]) as robot:
             feed = SensorFeed(robot.runtime)
             feed.begin()
             await asyncio.sleep(0.5)
             places = {each["child_frame_id"]: each["transform"]["translation"] for each in feed.places()}
-            assert places["base_laser_link"]["x"] == 0.1905 and places["base_rear_laser_link"]["x"] == -0.3
+            assert places["base_laser_link"]["x"] == 0.1905 and places["base_behind_laser_link"]["x"] == -0.3
             told = {name: made["header"]["frame_id"] for name, _, _, made in feed.take(0.0)}
-            assert told == {"scan": "base_laser_link", "rear/scan": "base_rear_laser_link"}
+            assert told == {"scan": "base_laser_link", "behind/scan": "base_behind_laser_link"}
             assert feed.places() == [], "once"
-            rear = robot.runtime.sensors["rear"].sensor.topic
+            rear = robot.runtime.sensors["behind"].sensor.topic
             scan = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0, mount=Mount(-0.2))
             robot.runtime.bus.publish(rear, scan, robot.now)
             assert feed.places()[-1]["transform"]["translation"]["x"] == -0.2

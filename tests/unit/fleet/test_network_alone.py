@@ -283,12 +283,13 @@ def test_a_console_does_not_obey_its_own_stop_and_without_an_answer_gives_none(j
 
 def test_with_a_share_of_messages_lost_the_others_come_both_ways(join: Join) -> None:
     robot = join(loss=0.3)
-    for _ in range(100):
+    for _ in range(400):
         robot.says("stop/console1", stop=ONE)
         robot.says("state/net07", **STATE)
         robot.says("ping/net01", sent=1)
-    assert all(60 <= len(each) <= 80 for each in (robot.stops, robot.states))
-    assert 40 <= len(robot.said("pong/net07")) <= 58, "they are lost on both ways"
+    # 280 and 196, and five standard deviations: what it tells by itself draws chances, too, whenever that is
+    assert all(234 <= len(each) <= 326 for each in (robot.stops, robot.states))
+    assert 146 <= len(robot.said("pong/net07")) <= 246, "they are lost on both ways"
 
 
 # -- commands and clocks

@@ -170,8 +170,8 @@ def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering:
 
 
 def test_a_laser_that_looks_back_is_described_so() -> None:
-    text = robot_description("", Geometry(), (("base_rear_laser_link", Mount(-0.3, 0.02, BASE, pi)),))
-    origin = URDF.from_xml_string(text.partition("\n")[2]).joint_map["base_rear_laser_link_joint"].origin
+    text = robot_description("", Geometry(), (("base_behind_laser_link", Mount(-0.3, 0.02, BASE, pi)),))
+    origin = URDF.from_xml_string(text.partition("\n")[2]).joint_map["base_behind_laser_link_joint"].origin
     assert (origin.xyz, origin.rpy) == ([-0.3, 0.02, 0.0], [0.0, 0.0, pytest.approx(pi, abs=1e-5)])
 
 
@@ -179,8 +179,8 @@ def test_ros_is_told_where_each_laser_sits_before_its_first_scan() -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     told: list[tuple[str, Any]] = []
     names: list[str] = []
-    kinds = {"tf_static": "tf2_msgs/msg/TFMessage", "scan": LASER, "rear/scan": LASER}
-    settings = [*(f"sensors.{name}.driver=sim_laser" for name in ("laser", "rear")), "obstacle_stop.sensor=laser"]
+    kinds = {"tf_static": "tf2_msgs/msg/TFMessage", "scan": LASER, "behind/scan": LASER}
+    settings = [*(f"sensors.{name}.driver=sim_laser" for name in ("laser", "behind")), "obstacle_stop.sensor=laser"]
 
     async def listen() -> None:
         async with Robot.open("sim", seed=1, settings=settings) as robot:
@@ -198,7 +198,7 @@ def test_ros_is_told_where_each_laser_sits_before_its_first_scan() -> None:
 
             await asyncio.sleep(0.5)
             hear()
-            rear = robot.runtime.sensors["rear"].sensor.topic
+            rear = robot.runtime.sensors["behind"].sensor.topic
             scan = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0, mount=Mount(-0.3, 0.0, BASE, pi))
             robot.runtime.bus.publish(rear, scan, robot.now)
             hear()
@@ -210,12 +210,12 @@ def test_ros_is_told_where_each_laser_sits_before_its_first_scan() -> None:
             known |= {each.child_frame_id for each in message.transforms}
         else:
             assert message.header.frame_id in known, "a scan without a frame is lost in RViz and slam_toolbox"
-    assert known == {"base_link", "base_laser_link", "base_rear_laser_link"}
+    assert known == {"base_link", "base_laser_link", "base_behind_laser_link"}
     assert names.count("tf_static") == names.count("robot_description") == 1, "one publisher each"
     last = [message for name, message in told if name == "tf_static"][-1].transforms
-    assert [each.child_frame_id for each in last] == ["base_link", "base_laser_link", "base_rear_laser_link"]
+    assert [each.child_frame_id for each in last] == ["base_link", "base_laser_link", "base_behind_laser_link"]
     assert last[-1].transform.translation.x == -0.3 and last[-1].transform.rotation.z == pytest.approx(1.0)
-    assert {message.header.frame_id for name, message in told if name == "rear/scan"} == {"base_rear_laser_link"}
+    assert {message.header.frame_id for name, message in told if name == "behind/scan"} == {"base_behind_laser_link"}
 
 
 def test_a_camera_s_optical_frame_has_z_ahead_and_x_to_the_right() -> None:

@@ -156,7 +156,7 @@ FRONT_CAMERA = "sensors.front.driver=sim_camera"
     ("settings", "told"),
     [
         ((), "sensors.tags.options.camera: '' is no camera; there are: none"),
-        ((FRONT_CAMERA, "sensors.rear.driver=sim_camera"), "there are: front, rear"),
+        ((FRONT_CAMERA, "sensors.tail.driver=sim_camera"), "there are: front, tail"),
         ((FRONT_CAMERA, "sensors.tags.options.camera=rear"), "'rear' is no camera; there are: front"),
         ((FRONT_CAMERA, "sensors.tags.delay=0.1"), "sensors.tags: give delay and drop_out to its camera"),
         ((FRONT_CAMERA, "sensors.tags.options.size=0"), "sensors.tags.options.size"),
