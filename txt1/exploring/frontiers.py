@@ -8,6 +8,7 @@ between, are views.
 
 from __future__ import annotations
 
+from itertools import product
 from math import ceil, pi
 from typing import Final, NamedTuple
 
@@ -29,8 +30,8 @@ LEAST: Final = 0.3
 """m, length of the shortest frontier: shorter ones are gaps between rays."""
 SIGHT: Final = 2.0
 """m from a frontier from which the robot looks at it at most: farther away, rays are far apart."""
-ASIDE: Final = pi / 3.0
-"""rad by which it may look past the frontier."""
+ASIDE: Final = (pi / 3.0, 2.0)
+"""rad by which it may look past a frontier's middle; past any part of it, where no pose looks at the middle."""
 LARGE: Final = 0.3
 """m of way that a metre of frontier is worth,"""
 LARGEST: Final = 3.0
@@ -49,6 +50,8 @@ class Frontier(NamedTuple):
 
     middle: tuple[float, float]
     """Its cell nearest to the mean of its cells, m."""
+    cells: Array
+    """Places of all its cells (n, 2), m."""
     length: float
     """m."""
     beyond: Array
@@ -98,7 +101,9 @@ def frontiers(grid: Grid) -> list[Frontier]:
             continue
         nearest = int(np.argmin(np.hypot(x - x.mean(), y - y.mean())))
         beyond = _middles(grid, (grid.cells == UNKNOWN) & binary_dilation(every == number))
-        found.append(Frontier((float(x[nearest]), float(y[nearest])), length, np.column_stack(beyond)))
+        found.append(
+            Frontier((float(x[nearest]), float(y[nearest])), np.column_stack((x, y)), length, np.column_stack(beyond))
+        )
     return found
 
 
@@ -107,10 +112,10 @@ def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, kee
 
     The body keeps `keep` m from walls.
     """
-    for narrow in (False, True):
+    for parts, narrow in product((False, True), (False, True)):
         best: View | None = None
         for poses, least in reachable(pose, room, body, MARGINS[0] * body.radius_min, keep, narrow):
-            found = [view for each in every if (view := _cheapest(each, poses, room)) is not None]
+            found = [view for each in every if (view := _cheapest(each, poses, room, parts)) is not None]
             best = min([*found, *([best] if best else [])], key=lambda view: view.cost, default=None)
             if best is not None and best.cost < least - LARGE * LARGEST:
                 break
@@ -119,14 +124,17 @@ def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, kee
     return None
 
 
-def _cheapest(frontier: Frontier, poses: Array, room: Room) -> View | None:
-    """Return the cheapest of the poses (n, 4) that look at a frontier; None: none does."""
+def _cheapest(frontier: Frontier, poses: Array, room: Room, parts: bool) -> View | None:
+    """Return the cheapest of the poses (n, 4) that look at its middle, or at any part of it; None: none does."""
     assert room.walls is not None
-    dx, dy = frontier.middle[0] - poses[:, 0], frontier.middle[1] - poses[:, 1]
+    ends = frontier.cells if parts else np.array([frontier.middle])
+    away = ends[None] - poses[:, None, :2]
+    nearest = np.argmin(np.hypot(away[..., 0], away[..., 1]), axis=1)
+    dx, dy = away[np.arange(len(poses)), nearest].T
     angles = np.arctan2(dy, dx)
-    aside = np.abs((angles - poses[:, 2] + pi) % (2.0 * pi) - pi)
+    past = np.abs((angles - poses[:, 2] + pi) % (2.0 * pi) - pi)
     grid, ranges = room.walls.grid, np.hypot(dx, dy)
-    looking = np.flatnonzero((ranges < SIGHT) & (aside < ASIDE))
+    looking = np.flatnonzero((ranges < SIGHT) & (past < ASIDE[parts]))
     costs = poses[:, 3] + CLOSE * ranges - LARGE * min(frontier.length, LARGEST)
     for k in looking[np.argsort(costs[looking], kind="stable")].tolist():
         x, y, theta, _ = poses[k].tolist()
