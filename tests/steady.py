@@ -3,7 +3,7 @@
 The whole suite runs once; this also compiles numba's loops on a new machine. Tests that wait in real time run 20
 times, the first five of these runs beside four busy loops, because these find most. Then the whole suite runs four
 more times. The page's tests in chromium run beside the busy runs and the whole suite. Last, the tests that wait and the
-conformance suites run beside 30 busy loops; `--short` has some of these alone, in ten minutes.
+conformance suites run beside 30 busy loops; `--short` has some of these alone, for half an hour.
 build/steady.json holds the finished runs and their failures; the output of a failed run is beside it. After a new
 commit or other changes it starts from the beginning.
 """
@@ -129,7 +129,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="tests.steady", description=__doc__)
     parser.add_argument("--anew", action="store_true", help="forget what ran before")
     parser.add_argument(
-        "--short", action="store_true", help="only a few tests at a load of 30; ten minutes, kept nowhere"
+        "--short", action="store_true", help="only a few tests at a load of 30; half an hour, kept nowhere"
     )
     given = parser.parse_args()
     KEPT.parent.mkdir(exist_ok=True)
