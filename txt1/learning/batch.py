@@ -128,7 +128,7 @@ def _look(robots: Array, noise: Array, light: PointLight) -> None:
             robots[FILTERED + k, i] = WEIGHT * past + (1.0 - WEIGHT) * reading if past else reading
 
 
-@partial(compiled, nogil=True)
+@partial(compiled, nogil=True, cache=True)
 def _run(
     robots: Array,
     commands: Array,

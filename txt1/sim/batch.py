@@ -32,12 +32,15 @@ slowly. tests/unit/sim/test_many_vehicles.py checks that the two forms agree to 
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
+from hashlib import sha256
 from importlib.util import find_spec
 from math import copysign, pi, sqrt
 from pathlib import Path
 from runpy import run_path
-from types import FunctionType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, Final, cast
 
 import numpy as np
@@ -69,7 +72,12 @@ _HALF_PI_REST: Final = 6.123233995736766e-17
 
 
 def compiled(
-    function: Callable[..., Any], *, reorder: bool = False, calls: Mapping[str, Any] | None = None, **options: Any
+    function: Callable[..., Any],
+    *,
+    reorder: bool = False,
+    calls: Mapping[str, Any] | None = None,
+    cache: bool = False,
+    **options: Any,
 ) -> Callable[..., Any]:
     """Return the function, compiled if numba is installed, and scipy, whose linear algebra numba calls.
 
@@ -78,6 +86,7 @@ def compiled(
         reorder: whether sums and products may be reordered, which vector instructions need; NaN and infinity keep their
             meaning.
         calls: compiled functions, by the names used in its code.
+        cache: whether the machine code is kept on the disk, where that is possible.
         options: options of numba.njit.
 
     """
@@ -92,10 +101,33 @@ def compiled(
     if not isinstance(function, FunctionType):
         source = Path(__file__).parents[2].joinpath(*function.__module__.split(".")).with_suffix(".py")
         function = run_path(str(source))[function.__name__]
-    if calls:
-        function = FunctionType(function.__code__, {**function.__globals__, **calls}, function.__name__)
+    if calls or cache:
+        function = FunctionType(function.__code__, {**function.__globals__, **(calls or {})}, function.__name__)
     liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
-    return cast("Callable[..., Any]", njit(function, error_model="numpy", fastmath=liberties, **options))
+    made = partial(njit, error_model="numpy", fastmath=liberties, **options)
+    if cache:
+        # numba looks for changes in the function's own file only
+        function.__qualname__ += f"-{_digest(function)}"
+        with suppress(OSError, RuntimeError):  # there is no folder for machine code
+            return cast("Callable[..., Any]", made(function, cache=True))
+    return cast("Callable[..., Any]", made(function))
+
+
+def _digest(function: Any) -> str:
+    """Return what tells a compiled function from others of its name: its code, the functions that it calls, and the
+    constants that it reads, in whatever file they are.
+    """
+    function = getattr(function, "py_func", function)
+    code, known = function.__code__, function.__globals__
+    parts = [code.co_code, *(repr(each).encode() for each in code.co_consts if not isinstance(each, CodeType))]
+    modules = [known[name] for name in code.co_names if isinstance(known.get(name), ModuleType)]
+    for name in code.co_names:
+        for read in (known.get(name), *(getattr(module, name, None) for module in modules)):
+            if hasattr(read, "py_func"):
+                parts.append(_digest(read).encode())
+            elif isinstance(read, int | float | str | tuple):
+                parts.append(repr(read).encode())
+    return sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
 def powered(vehicle: VehicleParameters, batteries: Batteries) -> VehicleParameters:
@@ -369,4 +401,4 @@ def _move(
         pass
 
 
-move = compiled(_move)
+move = compiled(_move, cache=True)

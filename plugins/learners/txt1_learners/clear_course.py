@@ -20,7 +20,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.sim.batch import compiled as compiled_anew
 from txt1_learners.planner import Array, Belief, compiled, onwards
 
 # cells of the grid on a side, and their size, m
@@ -221,7 +220,7 @@ class _Search(NamedTuple):
     """Decisions of the smallest circle, the most that a piece of a plan takes."""
 
 
-@compiled_anew
+@compiled
 def _begun(
     distance: float,
     curvature: float,
@@ -243,7 +242,7 @@ def _begun(
     return pose, sharpest, step
 
 
-@compiled_anew
+@compiled
 def _driven(
     pose: tuple[float, float, float, float, float], low: float, b: int, steps: int, search: _Search
 ) -> tuple[tuple[float, float, float, float, float], float]:
@@ -251,7 +250,7 @@ def _driven(
     return clear_along(pose, b, steps, search.k, search.c, search.scale, search.grid, search.body, low)  # type: ignore[no-any-return]
 
 
-@compiled_anew
+@compiled
 def _least(pose: tuple[float, float, float, float, float], low: float, done: int, search: _Search) -> float:
     """The least cost of a plan that is at a pose after `done` decisions, with the rest straight ahead at top speed."""
     away = hypot(search.light[0] - pose[0], search.light[1] - pose[1]) - search.goal
@@ -259,7 +258,7 @@ def _least(pose: tuple[float, float, float, float, float], low: float, done: int
     return cost
 
 
-@compiled_anew
+@compiled
 def _ended(
     pose: tuple[float, float, float, float, float], low: float, e: int, done: int, best: float, search: _Search
 ) -> tuple[float, float]:
@@ -278,7 +277,7 @@ def _ended(
     return done + last + fine(low), done + last
 
 
-@compiled_anew
+@compiled
 def _second_piece(
     pose: tuple[float, float, float, float, float], low: float, b: int, done: int, best: float, search: _Search
 ) -> tuple[float, float, int, int]:
@@ -301,7 +300,7 @@ def _second_piece(
     return best, time, piece, last
 
 
-@compiled_anew
+@compiled
 def quickest_clear(
     light: Belief,
     distance: float,

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.sim.batch import compiled as compiled_anew
+from txt1.sim import batch
 
 Array = NDArray[np.float64]
 Place = tuple[float, float]
@@ -20,8 +20,7 @@ Place = tuple[float, float]
 Belief = tuple[float, float, float, float, float]
 # decisions after which an action's distance and curvature have settled
 SETTLE: Final = 6
-# for functions that call no function of another file, as the cache would not notice its change
-compiled = partial(compiled_anew, cache=True)
+compiled = partial(batch.compiled, cache=True)
 
 
 @compiled

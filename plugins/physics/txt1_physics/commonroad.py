@@ -30,18 +30,14 @@ decides the step at low speed; steps of less than half are Euler's.
 
 from __future__ import annotations
 
-import os
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib.metadata import version
 from math import atan, cos, inf, isfinite, nan, sin, sqrt, tan, tanh
-from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-import numba
 import numpy as np
 from vehiclemodels import init_mb, init_std, vehicle_dynamics_mb, vehicle_dynamics_std
 from vehiclemodels.utils import acceleration_constraints, steering_constraints, tire_model, vehicle_dynamics_ks_cog
@@ -241,47 +237,29 @@ class Models:
 
     def __init__(self) -> None:
         def kept(function: Callable[..., Any], **calls: Any) -> Callable[..., Any]:
-            globals_of = {"__name__": function.__module__, **calls}
-            try:
-                return compiled(function, calls=globals_of, cache=True)
-            except (OSError, RuntimeError):
-                # there is no folder for the compiled code
-                return compiled(function, calls=globals_of)
+            return compiled(function, calls={"__name__": function.__module__, **calls}, cache=True)
 
-        options: Any = numba.config
-        usual, options.CACHE_DIR = options.CACHE_DIR, str(_kept_in())
-        try:
-            limits = {
-                "steering_constraints": kept(steering_constraints.steering_constraints),
-                "acceleration_constraints": kept(acceleration_constraints.acceleration_constraints),
-            }
-            tyres = ModuleType("tyres")
-            sign = kept(tire_model.sign)
-            for name in (
-                "formula_longitudinal",
-                "formula_lateral",
-                "formula_longitudinal_comb",
-                "formula_lateral_comb",
-            ):
-                setattr(tyres, name, kept(getattr(tire_model, name), sign=sign))
-            slow = kept(vehicle_dynamics_ks_cog.vehicle_dynamics_ks_cog, **limits)
-            whole = kept(
-                vehicle_dynamics_mb.vehicle_dynamics_mb, **limits, vehicle_dynamics_ks_cog=slow, tireModel=tyres
-            )
-            drift = kept(
-                vehicle_dynamics_std.vehicle_dynamics_std, **limits, vehicle_dynamics_ks_cog=slow, tire_model=tyres
-            )
-            self.multi_body = kept(move_multi_body, kinematics=slow, init=kept(init_mb.init_mb), multi_body_rates=whole)
-            self.drift = kept(move_drift, drift_rates=drift)
-        finally:
-            options.CACHE_DIR = usual
+        limits = {
+            "steering_constraints": kept(steering_constraints.steering_constraints),
+            "acceleration_constraints": kept(acceleration_constraints.acceleration_constraints),
+        }
+        tyres = ModuleType("tyres")
+        sign = kept(tire_model.sign)
+        for name in (
+            "formula_longitudinal",
+            "formula_lateral",
+            "formula_longitudinal_comb",
+            "formula_lateral_comb",
+        ):
+            setattr(tyres, name, kept(getattr(tire_model, name), sign=sign))
+        slow = kept(vehicle_dynamics_ks_cog.vehicle_dynamics_ks_cog, **limits)
+        whole = kept(vehicle_dynamics_mb.vehicle_dynamics_mb, **limits, vehicle_dynamics_ks_cog=slow, tireModel=tyres)
+        drift = kept(
+            vehicle_dynamics_std.vehicle_dynamics_std, **limits, vehicle_dynamics_ks_cog=slow, tire_model=tyres
+        )
+        self.multi_body = kept(move_multi_body, kinematics=slow, init=kept(init_mb.init_mb), multi_body_rates=whole)
+        self.drift = kept(move_drift, drift_rates=drift)
         self.begin_multi_body, self.begin_drift = init_mb.init_mb, init_std.init_std
-
-
-def _kept_in() -> Path:
-    """Return the folder for compiled code of this version of the package: numba checks each file only by itself."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base, "txt1", f"vehicle-models-{version('commonroad-vehicle-models')}")
 
 
 models: Final = cache(Models)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import tomllib
 from math import cos, exp, pi, sin
@@ -85,6 +87,34 @@ def test_nothing_is_compiled_without_scipy_whose_algebra_numba_calls(monkeypatch
     """numba ends the process when a compiled function solves a system of equations, and scipy is missing."""
     monkeypatch.setitem(sys.modules, "scipy", None)
     assert batch.compiled(cos) is cos
+
+
+def test_machine_code_is_kept_until_something_changes_that_it_was_made_from(tmp_path: Path) -> None:
+    """numba itself looks for changes in the caller's file only."""
+    program = """
+import os
+import subprocess
+import sys
+from txt1.sim.batch import compiled
+sys.path.insert(0, sys.argv[1])
+import called, caller
+caller.twice = compiled(called.twice)
+made = compiled(caller.run, cache=True)
+print(made(1.0), sum(made.stats.cache_hits.values()))
+"""
+    caller = "from called import FACTOR, twice\ndef run(x):\n    return FACTOR * twice(x)\n"
+    (tmp_path / "caller.py").write_text(caller)
+
+    def told(factor: float, text: str) -> list[str]:
+        (tmp_path / "called.py").write_text(f"FACTOR = {factor}\ndef twice(x):\n    return {text}\n")
+        words = [sys.executable, "-B", "-c", program, str(tmp_path)]
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+        return subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout.split()
+
+    assert told(1.0, "x + x") == ["2.0", "0"]
+    assert told(1.0, "x + x") == ["2.0", "1"], "made once"
+    assert told(1.0, "x + x + 1.0") == ["3.0", "0"], "a function that it calls"
+    assert told(3.0, "x + x + 1.0") == ["9.0", "0"], "a constant that it reads"
 
 
 def test_every_extra_that_brings_numba_for_learners_brings_scipy() -> None:

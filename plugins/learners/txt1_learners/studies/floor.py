@@ -43,7 +43,7 @@ Reaching = Callable[[int, tuple[float, float]], tuple[float, float]]
 Pieces = tuple[int, int, int, int, int]  # action a for m decisions, b for n, then c
 
 
-@partial(compiled, nogil=True)
+@partial(compiled, nogil=True, cache=True)
 def _drive(
     robots: Array,
     plans: NDArray[np.int64],

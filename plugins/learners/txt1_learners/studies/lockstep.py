@@ -99,7 +99,7 @@ class Samples(NamedTuple):
     poses: Array  # the true pose with each, written, shape (samples, n, 3)
 
 
-@partial(compiled, nogil=True)
+@partial(compiled, nogil=True, cache=True)
 def _advance(cars: Cars, commands: Array, first: int, drag: Array, samples: Samples, world: Fixed) -> int:
     """Move all by len(drag) ticks after tick `first`; the samples of the light are written, and counted.
 
