@@ -30,10 +30,19 @@ SUITE: Final = ("--numprocesses=6", "--dist=worksteal")
 WAITING: Final = (*SUITE, "-m", "waits and not long and not browser")
 CONFORMANCE: Final = ("-n", "0", "tests/conformance")
 BROWSER: Final = ("-m", "browser", "tests/browser")
+PROMPT: Final = "prompt or flood or busy"
+FOLDERS: Final = ("conformance", "e2e", "unit")
+# files with such a test: to collect all others takes minutes beside 30 busy loops
+WITH_PROMPT: Final = tuple(
+    str(each.relative_to(ROOT))
+    for folder in FOLDERS
+    for each in sorted((ROOT / "tests" / folder).rglob("test_*.py"))
+    if re.search(rf"def test_\w*({PROMPT.replace(' or ', '|')})", each.read_text("utf-8"))
+)
 # a newcomer's first minute, and what is prompt or holds out against a flood
 SHORT: Final = (
-    ("-n", "0", "tests/e2e/test_first_minute.py", "tests/e2e/test_paths.py"),
-    ("-n", "0", "tests/conformance", "tests/e2e", "tests/unit", "-k", "prompt or flood or busy"),
+    ("--numprocesses=4", "--dist=worksteal", "tests/e2e/test_first_minute.py", "tests/e2e/test_paths.py"),
+    ("-n", "0", *WITH_PROMPT, "-k", PROMPT),
 )
 HUNG: Final = 1800.0  # s that one pytest may take
 NOTHING: Final = 5  # pytest's exit code where all tests are skipped or none is chosen
