@@ -4,7 +4,7 @@ It is imported when a name is wrong.
 """
 
 import difflib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from typing import Final
 
@@ -62,13 +62,16 @@ def part(kind: str, group: str, key: str, name: str, installed: Collection[str])
     return ConfigError(f"{key}: there is no {kind} '{name}'; installed: {', '.join(installed) or 'none'}{hint}")
 
 
-def setting(key: str, depth: int, known: Collection[str], origin: str, group: str) -> ConfigError:
+def setting(path: Sequence[str], depth: int, known: Collection[str], origin: str, group: str) -> ConfigError:
     """Return the error for a key whose part at `depth` is not among the `known` keys there.
 
     Packages may bring more keys by the entry points of `group`; at depth 0 these are the additions' sections.
     """
-    parts = key.split(".")
-    name, above = parts[depth], "".join(f"{part}." for part in parts[:depth])
+    key, name, above = ".".join(path), path[depth], "".join(f"{part}." for part in path[:depth])
+    first, _, rest = name.partition(".")
+    if rest and first in known:
+        remedy = f"in a file one key is below the other: '{above}{first}', and in it '{rest}'"
+        return ConfigError(f"{key}: unknown key '{name}' (from {origin}); {remedy}")
     if (plugin := brought(group).get(name)) is not None:
         return MissingPlugin(f"{key} (from {origin}): the section '{above}{name}'", plugin)
     near = difflib.get_close_matches(name, known, n=1)

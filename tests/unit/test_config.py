@@ -206,6 +206,14 @@ def test_an_unknown_key_is_refused_with_the_nearest_one(write: Write, key: str, 
     assert refusal(file).startswith(f"{key}: unknown key (from {file}); {remedy}")
 
 
+def test_a_key_with_dots_in_a_file_is_told_how_to_write_it(write: Write) -> None:
+    file = write("safety.motor_max: 3000")
+    remedy = "in a file one key is below the other: 'safety', and in it 'motor_max'"
+    assert refusal(file) == f"safety.motor_max: unknown key 'safety.motor_max' (from {file}); {remedy}"
+    file = write("safety: {motor.max: 3000}")
+    assert refusal(file).endswith("did you mean 'safety.motor_max'?")
+
+
 def test_an_obstacle_without_a_kind_is_told_the_kinds() -> None:
     for obstacle, wrong in (
         ("{x: 1, y: 1}", "it has no kind"),

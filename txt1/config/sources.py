@@ -283,7 +283,7 @@ def _check(setting: Setting) -> None:
 
             brought = getattr(section, "brought", None)
             known = [*_keys(section), *(brought.names() if brought else ())]
-            raise unknown(key, depth, known, setting.origin, brought.group if brought else "")
+            raise unknown(setting.path, depth, known, setting.origin, brought.group if brought else "")
     # pydantic would take true and false for 1 and 0
     if setting.value is True or setting.value is False:
         kinds = {kind, *get_args(kind)}
