@@ -1,14 +1,15 @@
 """The browser's event loops, turned by hand as a browser's worker turns them."""
 
 import asyncio
+import concurrent.futures
 from math import inf
 
 import pytest
 
 from txt1 import Robot
 from txt1.kernel import loop as loops
-from txt1.kernel.loop import VirtualTimeLoop
-from txt1_browser.event_loops import BrowserLoop, BrowserRealTimeLoop, BrowserVirtualLoop
+from txt1_browser.event_loops import BrowserRealTimeLoop, BrowserVirtualLoop
+from txt1_browser.lacking import AtOnce
 
 
 async def _drives() -> list[object]:
@@ -20,22 +21,12 @@ async def _drives() -> list[object]:
         return [robot.now, robot.odometry, robot.faults]
 
 
-def turned(loop: BrowserLoop) -> list[object]:
-    task = loop.create_task(_drives())
-    while not task.done():
-        assert loop.turn() < inf or task.done()
-    loop.close()
-    return task.result()
-
-
-def test_in_virtual_time_a_robot_drives_to_the_last_bit_as_on_a_desk() -> None:
-    assert turned(BrowserVirtualLoop()) == loops.run(_drives(), speed="max")
-
-
-def test_a_loop_in_virtual_time_is_taken_for_one() -> None:
-    loop = BrowserVirtualLoop()
-    assert isinstance(loop, VirtualTimeLoop)
-    loop.close()
+def test_in_virtual_time_a_robot_drives_to_the_last_bit_as_on_a_desk(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loops, "ThreadPoolExecutor", AtOnce)
+    with asyncio.Runner(loop_factory=BrowserVirtualLoop) as runner:
+        driven = runner.run(_drives())
+    monkeypatch.undo()
+    assert driven == loops.run(_drives(), speed="max")
 
 
 def test_a_turn_in_real_time_returns_when_the_next_is_due_and_never_waits() -> None:
@@ -54,7 +45,8 @@ def test_without_timers_nothing_is_due() -> None:
     loop.close()
 
 
-def test_a_job_for_a_thread_is_done_at_once_and_its_error_is_passed_on() -> None:
+def test_a_job_for_a_thread_is_done_at_once_and_its_error_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(concurrent.futures, "ThreadPoolExecutor", AtOnce)
     loop = BrowserRealTimeLoop()
 
     async def jobs() -> int:
@@ -63,6 +55,6 @@ def test_a_job_for_a_thread_is_done_at_once_and_its_error_is_passed_on() -> None
         return await asyncio.to_thread(len, "four")
 
     task = loop.create_task(jobs())
-    loop.turn()
+    assert loop.turn() == inf
     assert task.result() == 4
     loop.close()

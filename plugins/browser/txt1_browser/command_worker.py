@@ -1,9 +1,9 @@
 """Performs a command of ``txt1`` in a worker of its own, in virtual time, such as ``replay --verify FILE``."""
 
-import asyncio
-import sys
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from io import TextIOBase
+from typing import TextIO, cast
 
 from txt1.cli import execute
 from txt1.kernel import loop
@@ -19,9 +19,8 @@ class _Lines(TextIOBase):
     def write(self, text: str) -> int:
         """Tell the lines that are complete."""
         *lines, self._begun = (self._begun + text).replace("\r", "\n").split("\n")
-        for each in lines:
-            if each.strip():
-                self._tell(each)
+        for each in filter(str.strip, lines):
+            self._tell(each)
         return len(text)
 
 
@@ -29,12 +28,6 @@ def perform(words: Sequence[str], tell: Callable[[str], None]) -> int:
     """Perform a command to its end, telling the lines that it prints; return its exit code."""
     # who makes a loop in virtual time gets one that opens no sockets
     loop.VirtualTimeLoop = BrowserVirtualLoop  # type: ignore[misc]
-    before = asyncio._get_running_loop()
-    asyncio._set_running_loop(None)
-    out, err = sys.stdout, sys.stderr
-    sys.stdout = sys.stderr = _Lines(tell)
-    try:
+    lines = cast("TextIO", _Lines(tell))
+    with redirect_stdout(lines), redirect_stderr(lines):
         return execute(list(words))
-    finally:
-        sys.stdout, sys.stderr = out, err
-        asyncio._set_running_loop(before)

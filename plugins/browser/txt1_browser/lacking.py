@@ -5,15 +5,17 @@ other modules that cannot be had there, only their names are there (`Absent`): t
 them gets an ImportError that names the module. So what computes with numpy says that it is not to be had.
 """
 
+import asyncio
 import concurrent.futures
 import importlib.metadata
-import importlib.util
 import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from functools import partial
+from importlib import import_module
 from importlib.machinery import ModuleSpec
 from io import BytesIO
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
@@ -43,7 +45,7 @@ class _Named(type):
     def __getattr__(cls, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        return _Named(f"{cls.__name__}.{name}", (), {})
+        return absent(f"{cls.__name__}.{name}")
 
     def __getitem__(cls, _: object) -> Any:
         return cls
@@ -57,66 +59,32 @@ class _Named(type):
         raise ImportError(f"{cls.__name__}: it is not to be had in a browser")
 
 
-class Absent(ModuleType):
-    """A module of which only the names are there."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return _Named(f"{self.__name__}.{name}", (), {})
+def absent(name: str) -> Any:
+    """Return a module, or what is in one, of which only the names are there."""
+    return _Named(name, (), {"__path__": [], "__spec__": ModuleSpec(name, None)})
 
 
-class ZstdCompressor:
-    """zstandard's, by Python's own module."""
-
-    def __init__(self, level: int = 3) -> None:
-        self._level = level
-
-    def compress(self, data: bytes) -> bytes:
-        """Return data as one frame."""
-        from compression import zstd  # type: ignore[import-not-found,unused-ignore]
-
-        return bytes(zstd.compress(data, self._level))
-
-
-class ZstdDecompressor:
-    """zstandard's, by Python's own module."""
-
-    def stream_reader(self, data: bytes) -> Any:
-        """Return a file of what is in the frames."""
-        from compression import zstd
-
-        return zstd.open(BytesIO(data))
+def _zstandard() -> Any:
+    """Return what recordings take of zstandard, by Python's own module."""
+    zstd = import_module("compression.zstd")
+    return SimpleNamespace(
+        ZstdCompressor=lambda level: SimpleNamespace(compress=partial(zstd.compress, level=level)),
+        ZstdDecompressor=lambda: SimpleNamespace(stream_reader=lambda data: zstd.open(BytesIO(data))),
+        __spec__=ModuleSpec("zstandard", None),
+    )
 
 
 def stand_in() -> None:
     """Put the modules and executors in place."""
     for name in MODULES:
-        if name in sys.modules or _is_there(name):
-            continue
-        sys.modules[name] = module = Absent(name)
-        module.__path__, module.__spec__ = [], ModuleSpec(name, None)
-        parent, _, last = name.rpartition(".")
-        if parent:
-            setattr(sys.modules[parent], last, module)
-    if not _is_there("zstandard"):
-        packed = sys.modules["zstandard"] = ModuleType("zstandard")
-        packed.__spec__ = ModuleSpec("zstandard", None)
-        packed.ZstdCompressor, packed.ZstdDecompressor = ZstdCompressor, ZstdDecompressor  # type: ignore[attr-defined]
+        sys.modules[name] = absent(name)
+    sys.modules["zstandard"] = _zstandard()
     concurrent.futures.ThreadPoolExecutor = AtOnce  # type: ignore[misc,assignment]
     versions = importlib.metadata.version
 
     def version(distribution_name: str) -> str:
-        try:
-            return versions(distribution_name)
-        except importlib.metadata.PackageNotFoundError:
-            return "none"
+        return "none" if distribution_name in MODULES else versions(distribution_name)
 
     importlib.metadata.version = version
-
-
-def _is_there(name: str) -> bool:
-    try:
-        return importlib.util.find_spec(name) is not None
-    except ModuleNotFoundError:
-        return False
+    # the browser's own loop, in which Python's others could not run
+    asyncio._set_running_loop(None)
