@@ -41,16 +41,16 @@ DRIVES: Final = (10.0, 110.0)
 """s of two drives whose inputs are run again as fast as it goes; the difference is without loading."""
 # in a worker of its own, as the page does it
 VERIFY: Final = """async (name) => {
-  const bytes = new Uint8Array(await (await fetch(name)).arrayBuffer())
+  const file = await (await fetch(name)).blob()
   const worker = new Worker("worker.js", { type: "module" })
   let began = 0
   return new Promise((resolve, reject) => {
     worker.onmessage = ({ data }) => {
       if (data.loading) began = performance.now()
-      if (data.state || data.code) reject(new Error(data.why ?? `exit code ${data.code}`))
+      if (data.why || data.code) reject(new Error(data.why ?? `exit code ${data.code}`))
       if (data.code === 0) worker.terminate(), resolve((performance.now() - began) / 1000)
     }
-    worker.postMessage({ do: "perform", words: ["replay", "--verify", name], files: [{ name, bytes }] })
+    worker.postMessage({ do: "perform", words: ["replay", "--verify", name], name, file })
   })
 }"""
 

@@ -61,7 +61,7 @@ def page(browser: Any, served: str) -> Iterator[Any]:  # noqa: F811
 
 
 def notice(page: Any) -> str:
-    return str(page.evaluate("document.getElementById('browser-state').firstElementChild.textContent"))
+    return str(page.evaluate(NOTICE))
 
 
 def drive(page: Any, s: float = 2.0) -> None:
@@ -97,6 +97,14 @@ def test_the_space_bar_stops_and_m_arms(page: Any) -> None:
     page.keyboard.press(" ")
     assert waits(page, f"{STATE} === 'stopped'")
     arm(page)
+
+
+def test_a_second_start_before_the_first_run_has_ended_drives_one_robot(page: Any) -> None:
+    page.dblclick("#restart")
+    assert waits(page, ARMED, START)
+    drive(page)
+    page.click("[data-tab=files]")
+    assert waits(page, "document.querySelectorAll('a[download]').length === 2"), "the first, and the present one"
 
 
 def test_a_drive_is_saved_and_verified_on_the_desk(page: Any, tmp_path: Path) -> None:
@@ -198,7 +206,7 @@ def test_an_endless_loop_is_ended_and_what_was_recorded_before_is_kept(page: Any
     drive(page)
     perform(page, "while True:\n    pass")
     assert waits(page, f"{NOTICE}.includes('has hung for 10 s and was ended; the car stands')", START), notice(page)
-    page.click("#browser-state button")
+    page.click("#restart")
     assert waits(page, ARMED, START)
     page.click("[data-tab=files]")
     assert waits(page, "document.querySelectorAll('a[download]').length === 3"), "two, and the present one"
@@ -293,10 +301,12 @@ def test_the_guard_stops_a_board_whose_robot_was_ended(driven: Any, relay: Relay
 
 
 def test_a_stop_goes_before_what_a_stuck_port_does_not_take(driven: Any, relay: Relay) -> None:
+    driven.hover("#stop")
     worker(driven, "guard.js").evaluate("globalThis.portIsStuck = true")
     sleep(0.5 * S)
     since = monotonic()
-    driven.click("#stop")
+    # a click would first wait for the page's next picture
+    driven.mouse.down()
     assert relay.stops_after(since) < 0.5 * S
     assert relay.told[-1][0] > since, "the zeros came through"
 

@@ -21,6 +21,13 @@ async def _drives() -> list[object]:
         return [robot.now, robot.odometry, robot.faults]
 
 
+def idle(loop: BrowserRealTimeLoop) -> float:
+    """Turn until nothing is due, which a busy computer needs several turns for; return the s until there is."""
+    while (pause := loop.turn()) == 0.0:
+        pass
+    return pause
+
+
 def test_in_virtual_time_a_robot_drives_to_the_last_bit_as_on_a_desk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loops, "ThreadPoolExecutor", AtOnce)
     with asyncio.Runner(loop_factory=BrowserVirtualLoop) as runner:
@@ -34,14 +41,14 @@ def test_a_turn_in_real_time_returns_when_the_next_is_due_and_never_waits() -> N
     called: list[str] = []
     loop.call_later(3600.0, called.append, "later")
     loop.call_soon(called.append, "now")
-    assert 3500.0 < loop.turn() <= 3600.0
+    assert 3500.0 < idle(loop) <= 3600.0
     assert called == ["now"]
     loop.close()
 
 
 def test_without_timers_nothing_is_due() -> None:
     loop = BrowserRealTimeLoop()
-    assert loop.turn() == inf
+    assert idle(loop) == inf
     loop.close()
 
 
@@ -55,6 +62,6 @@ def test_a_job_for_a_thread_is_done_at_once_and_its_error_is_passed_on(monkeypat
         return await asyncio.to_thread(len, "four")
 
     task = loop.create_task(jobs())
-    assert loop.turn() == inf
+    assert idle(loop) == inf
     assert task.result() == 4
     loop.close()

@@ -11,10 +11,9 @@ from __future__ import annotations
 import ast
 import asyncio
 import json
-import sys
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from math import inf
 from pathlib import Path
 from typing import Final
@@ -33,7 +32,7 @@ from txt1.record.session import dated, recording
 from txt1.sidecar import SERVE_PRIORITY, TELEMETRY_PERIOD, Request
 from txt1.web.budgets import Budgets
 from txt1.web.pages import Page, Pages, now
-from txt1.web.player import RECORDING_NAME, recordings
+from txt1.web.player import RECORDING_NAME
 from txt1.web.requests import take
 from txt1_browser.event_loops import BrowserRealTimeLoop
 from txt1_browser.serial_line import CAREFUL, GuardedPort, Send, board
@@ -45,8 +44,8 @@ PROGRAM: Final = "program"
 GAINS_UNCONFIRMED: Final = "the board has not acknowledged the gains yet; they are sent again and again"
 
 Post = Callable[[str], None]
-Keep = Callable[[str, int, bytes], None]
-"""Gives the page bytes of a recording, to keep when this worker is ended: the file's name, where they begin, they."""
+Keep = Callable[[str, int, bytes, bool], None]
+"""Gives the page bytes of a recording: the file's name, where they begin, they, and whether more will come."""
 
 
 class _Line:
@@ -84,37 +83,36 @@ class _Socket:
 
 
 class RobotWorker:
-    """A robot and its page. `post` sends a text to the page; `tell` says how the run goes: "ready" or why it ended."""
+    """A robot and its page. `post` sends a text to the page; `tell` says what went wrong, and nothing: it is ready."""
 
-    def __init__(self, post: Post, tell: Callable[[str, str], None], keep: Keep) -> None:
+    def __init__(self, post: Post, tell: Callable[[str], None], keep: Keep) -> None:
         self._post, self._tell, self._keep = post, tell, keep
         self._loop = BrowserRealTimeLoop()
         self._pages: Pages | None = None
         self._page: Page | None = None
-        self._sender: asyncio.Task[None] | None = None
         self._run: asyncio.Task[None] | None = None
-        # the run's recording, and how much of it the page has
-        self._file, self._kept = "", 0
+        # held by a run to its very end, for which the next one waits
+        self._alone = asyncio.Lock()
+        # the run's recording, and how many bytes of each the page has
+        self._file, self._kept = "", dict[str, int]()
         self._robot: Robot | None = None
         # a program of the page
         self._program: asyncio.Task[None] | None = None
         # of a board; None for a simulation
         self._port: GuardedPort | None = None
+        FOLDER.mkdir()
 
     # -- called by the worker ----------------------------------------------------------------------------------
 
-    def begin(self, settings: Sequence[str], send: Send | None, learn: str | None = None) -> None:
+    def begin(self, settings: Sequence[str], send: Send | None, learn: str | None) -> None:
         """Start a robot, after the end of the one before it; settings are ``a.b=c`` each.
 
         `send` is the way to the guard of a board; None: simulated. `learn` is the name of a learner that drives.
         """
-        port = None if send is None else GuardedPort(send)
-        self._run = self._loop.create_task(self._guarded(self._run, list(settings), port, learn))
-
-    def end(self) -> None:
-        """Stop the robot; its recording is complete when "ended" is told."""
         if self._run is not None:
-            self._loop.call_soon(self._run.cancel)
+            self._run.cancel()
+        port = None if send is None else GuardedPort(send)
+        self._run = self._loop.create_task(self._guarded(list(settings), port, learn))
 
     def turn(self) -> float:
         """Run what is due; return after how many ms to call again; -1: when something has come."""
@@ -136,50 +134,38 @@ class RobotWorker:
 
     def perform(self, code: str) -> None:
         """Run a program of the page, in place of the one before it; it has the names `robot`, `asyncio` and `txt1`."""
-        self._loop.call_soon(self._begin_program, code)
+        if self._program is not None:
+            self._program.cancel()
+        if self._robot is None:
+            self._tell("there is no robot yet: run the program again when it is there")
+        else:
+            self._program = self._loop.create_task(self._perform(code, self._robot))
 
-    def keep(self, name: str, data: bytes) -> str:
-        """Keep a recording that was made elsewhere; return why not, "" if it is kept."""
+    def keep(self, name: str, data: bytes) -> None:
+        """Keep a recording that was made elsewhere."""
         if not RECORDING_NAME.fullmatch(name):
-            return f"{name}: no name of a recording; it ends with .mcap"
-        FOLDER.mkdir(exist_ok=True)
-        if (FOLDER / name).exists():
-            return f"{name}: there is such a recording already; give the file another name"
-        (FOLDER / name).write_bytes(data)
-        return ""
-
-    def recordings(self) -> list[dict[str, object]]:
-        """Return the name of each recording, the newest first, and whether it is still being written."""
-        return [{"name": each["name"], "open": each["name"] == self._file} for each in recordings(FOLDER)]
+            self._tell(f"{name}: no name of a recording; it ends with .mcap")
+        elif (FOLDER / name).exists():
+            self._tell(f"{name}: there is such a recording already; give the file another name")
+        else:
+            (FOLDER / name).write_bytes(data)
+            self._pass_on()
 
     # -- inside ------------------------------------------------------------------------------------------------
 
-    async def _guarded(
-        self,
-        before: asyncio.Task[None] | None,
-        settings: Sequence[str],
-        port: GuardedPort | None,
-        learn: str | None,
-    ) -> None:
-        if before is not None:
-            await asyncio.wait([before])
-        self._port = port
-        try:
+    async def _guarded(self, settings: Sequence[str], port: GuardedPort | None, learn: str | None) -> None:
+        async with self._alone:
+            self._port = port
             try:
                 await self._drive(settings, port, learn)
+            except (Txt1Error, ImportError) as error:
+                self._tell(str(error))
+            except Exception as error:
+                traceback.print_exc()
+                self._tell(f"a mistake in the program: {type(error).__name__}: {error}")
             finally:
-                with suppress(OSError):
-                    self._pass_on()
                 self._file = ""
-        except asyncio.CancelledError:
-            self._tell("ended", "the run has ended")
-        except (Txt1Error, ImportError) as error:
-            self._tell("failed", str(error))
-        except Exception as error:
-            traceback.print_exc(file=sys.stderr)
-            self._tell("failed", f"a mistake in the program: {type(error).__name__}: {error}")
-        else:
-            self._tell("ended", "the run has ended")
+                self._pass_on()
 
     async def _drive(self, settings: Sequence[str], port: GuardedPort | None, learn: str | None) -> None:
         if port is not None:
@@ -187,11 +173,10 @@ class RobotWorker:
         config = load(None, settings, {}, {}).config
         layer = None if port is None else board(config, port)
         agent = agent_of(config, learn, None)
-        FOLDER.mkdir(exist_ok=True)
         file = dated(FOLDER, config.hal)
-        self._file, self._kept = file.name, 0
+        self._file = file.name
         async with (
-            recording(file, config, None, {}, lambda text: self._tell("told", text)) as attach,
+            recording(file, config, None, {}, self._tell) as attach,
             Robot.open(layer, config=config, patience=0.0, attach=attach) as robot,
         ):
             if port is not None:
@@ -205,7 +190,7 @@ class RobotWorker:
                 pages.begin()
                 robot.add_task("page", TELEMETRY_PERIOD, self._serve, SERVE_PRIORITY)
                 self._pages, self._robot = pages, robot
-                self._tell("ready", "")
+                self._tell("")
                 try:
                     await self._get_ready(robot)
                     await robot.runtime.scheduler.ended
@@ -226,12 +211,6 @@ class RobotWorker:
         for begin in robot.on_ready:
             await begin()
 
-    def _begin_program(self, code: str) -> None:
-        if self._program is not None:
-            self._program.cancel()
-        if self._robot is not None:
-            self._program = self._loop.create_task(self._perform(code, self._robot))
-
     async def _perform(self, code: str, robot: Robot) -> None:
         why = "the program has ended"
         try:
@@ -245,16 +224,17 @@ class RobotWorker:
             why = f"the program, line {line}: {error or type(error).__name__}"
         finally:
             robot.program.command(0.0, 0.0)
-        self._tell("told", why)
+        self._tell(why)
 
     def _pass_on(self) -> None:
-        """Give the page what was recorded since the last time."""
-        with (FOLDER / self._file).open("rb") as file:
-            file.seek(self._kept)
-            new = file.read()
-        if new:
-            self._keep(self._file, self._kept, new)
-        self._kept += len(new)
+        """Give the page what was recorded since the last time, to keep when this worker is ended."""
+        for path in FOLDER.iterdir():
+            with path.open("rb") as file:
+                file.seek(at := self._kept.get(path.name, 0))
+                new = file.read()
+            if new:
+                self._keep(path.name, at, new, path.name == self._file)
+            self._kept[path.name] = at + len(new)
 
     def _join(self) -> None:
         if self._pages is None:
@@ -262,7 +242,7 @@ class RobotWorker:
         account = Budgets().account("page")
         account.operator = True
         self._page = self._pages.join("operator", "page", _Socket(self._post), account)
-        self._sender = self._loop.create_task(self._pages.send(self._page))
+        self._pages.later(self._pages.send(self._page))
 
     def _receive(self, text: str) -> None:
         if self._pages is not None and self._page is not None:

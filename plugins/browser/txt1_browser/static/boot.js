@@ -1,128 +1,99 @@
 // The page without a server: it starts the robot's worker, gives the page its line to it, and shows what only a browser
-// needs: how far loading is, learning, a board at a serial port, files.
+// needs: how far loading is, learning, a board at a serial port, a program, files.
+
+import { element } from "./panels.js"
+
+const HANGS = 10000  // ms without a word of the robot's worker after which it is ended
 
 const $ = (id) => document.getElementById(id)
+const query = new URLSearchParams(location.search)
+const kept = new Map()  // by name the recordings, in parts, and whether they are still written
+let worker = null, guard = null, ready = false, lastHeard = 0
 
 // What the page's link takes for a socket.
 class WorkerSocket {
-  constructor() {
-    this.readyState = 0
-    sockets.add(this)
-    // not before whoever makes it has set its functions
-    if (ready) queueMicrotask(() => this.begin())
-  }
+  readyState = WebSocket.CONNECTING
 
   begin() {
-    if (this.readyState) return
-    this.readyState = 1
+    this.readyState = WebSocket.OPEN
     worker.postMessage({ do: "open" })
-    this.onopen?.()
+    this.onopen()
   }
 
   send(data) { worker.postMessage({ do: "text", data }) }
 
   end() {
-    if (this.readyState === 3) return
-    this.readyState = 3
-    sockets.delete(this)
-    this.onclose?.()
+    this.readyState = WebSocket.CLOSED
+    this.onclose()
   }
 }
-globalThis.robotSocket = () => new WorkerSocket()
 
-const sockets = new Set()
-const waiting = new Map()  // what was asked of the worker, by number
-const HANGS = 10000  // ms without a word of the robot's worker after which it is ended
-let worker = null, guard = null, ready = false, asked = 0, lastHeard = 0
-const kept = new Map()  // the recordings so far, in parts, for when their worker is ended
-
-const query = new URLSearchParams(location.search)
+let socket = null
+globalThis.robotSocket = () => {
+  socket = new WorkerSocket()
+  // not before whoever makes it has set its functions
+  if (ready) queueMicrotask(() => socket.begin())
+  return socket
+}
 
 // -- the worker
 
 // Start a robot; the one before it stops first, and its recording is complete then.
-function begin({ hal = "sim", learn = null } = {}) {
-  for (const each of [...sockets]) each.end()
-  ready = false
-  const transfer = [], message = { do: "begin", settings: query.getAll("set"), learn }
-  if (hal === "serial") {
-    const line = new MessageChannel()
-    guard.postMessage({ do: "line", line: line.port1 }, [line.port1])
-    message.line = line.port2
-    transfer.push(line.port2)
-  }
+function begin({ serial = false, learn } = {}) {
+  hangUp()
+  const line = serial ? new MessageChannel() : null
+  if (serial) guard.postMessage({ do: "line", line: line.port1 }, [line.port1])
   if (!worker) {
     worker = new Worker("worker.js", { type: "module" })
     worker.onmessage = ({ data }) => heard(data)
     worker.onerror = (event) => failed(`the robot's worker failed: ${event.message}`)
-    show("loading Python")
-    for (const [name, parts] of kept) write(name, new Blob(parts))
+    for (const [name, { parts }] of kept) worker.postMessage({ do: "write", name, file: new Blob(parts) })
   }
-  worker.postMessage(message, transfer)
-  lastHeard = performance.now()
+  const message = { do: "begin", settings: query.getAll("set"), learn, line: line?.port2 }
+  worker.postMessage(message, line ? [line.port2] : [])
+}
+
+function hangUp() {
+  ready = false
+  const ended = socket
+  socket = null
+  ended?.end()
 }
 
 // A worker that hangs or has failed is ended. The next one gets what it recorded.
 function failed(why) {
   worker?.terminate()
   worker = null
-  ready = false
-  for (const each of [...sockets]) each.end()
+  hangUp()
+  for (const each of kept.values()) each.open = false
   show(`${why}; ${guard ? "its board gets zeros" : "the car stands"}, and "start again" keeps what was recorded`, true)
+}
+
+// Ask the robot's worker for something; a new one if there is none.
+function ask(message) {
+  if (!worker) begin()
+  worker.postMessage(message)
 }
 
 function heard(message) {
   lastHeard = performance.now()
-  if (message.text !== undefined) for (const each of sockets) each.onmessage?.({ data: message.text })
-  else if (message.answer) waiting.get(message.answer)?.(message), waiting.delete(message.answer)
+  if (message.text) socket?.onmessage({ data: message.text })
   else if (message.kept) keep(message)
-  else if (message.loading) show(message.loading)
-  else if (message.state === "ready") {
+  else if (message.ready) {
     ready = true
     show(isSecureContext ? "" : "a board, and use without a network, need https or localhost in the address")
     // only now: it loads all files once more
     navigator.serviceWorker?.register("offline.js").catch(() => {})
-    for (const each of sockets) each.begin()
-  } else if (message.state === "told" || message.state === "failed") show(message.why, true)
+    socket?.begin()
+  } else show(message.loading ?? message.why, !message.loading)
 }
 
 if (navigator.serviceWorker) navigator.serviceWorker.onmessage = ({ data }) => show(data, true)
 
-function keep({ kept: name, at, bytes }) {
-  if (!at) kept.set(name, [])
-  kept.get(name).push(bytes)
-}
-
 setInterval(() => {
   const silent = performance.now() - lastHeard
-  if (worker && ready && !document.hidden && silent > HANGS) failed(`the robot's worker has hung for ${HANGS / 1000} s and was ended`)
+  if (ready && !document.hidden && silent > HANGS) failed(`the robot's worker has hung for ${HANGS / 1000} s and was ended`)
 }, 1000)
-
-// Perform a command of txt1 in a worker of its own, with recordings of the robot's worker; returns the lines it prints.
-async function perform(words, names, each) {
-  const files = []
-  for (const name of names) files.push({ name, bytes: (await ask({ do: "read", name })).bytes })
-  const other = new Worker("worker.js", { type: "module" })
-  return new Promise((resolve) => {
-    other.onmessage = ({ data }) => {
-      if (data.line) each(data.line)
-      if (data.loading) each(data.loading)
-      if (data.state) each(data.why)
-      if (data.code === undefined && !data.state) return
-      other.terminate()
-      resolve(data.code ?? 1)
-    }
-    other.postMessage({ do: "perform", words, files })
-  })
-}
-
-// Ask the worker for something that it answers once.
-function ask(request, transfer = []) {
-  return new Promise((resolve) => {
-    waiting.set(++asked, resolve)
-    worker.postMessage({ ...request, number: asked }, transfer)
-  })
-}
 
 // -- what is shown
 
@@ -130,28 +101,22 @@ function show(text, bad = false) {
   const bar = $("browser-state")
   bar.hidden = !text
   bar.classList.toggle("bad", bad)
-  bar.firstElementChild.textContent = text
-  bar.lastElementChild.hidden = !bad
+  bar.textContent = text
 }
 
-function make(tag, attributes, ...children) {
-  const made = Object.assign(document.createElement(tag), attributes)
-  made.append(...children)
-  return made
-}
-
-const again = make("button", { className: "plain", textContent: "start again", onclick: () => begin() })
-$("reason").before(make("p", { id: "browser-state", role: "status", hidden: true }, make("span", {}), again))
-const pick = make("input", { id: "pick", type: "file", accept: ".mcap", hidden: true, onchange: take })
-$("hint").after(make("div", { id: "browser-tools", style: "display: flex; flex-wrap: wrap; gap: 8px" },
-  make("button", { id: "board", textContent: "connect a board", onclick: board }),
-  make("button", { id: "learn", textContent: "let it learn", title: "it learns to find the light", onclick: learn }),
-  make("button", { id: "perform", textContent: "run a program", onclick: program }),
-  make("button", { id: "restart", textContent: "start again", onclick: () => begin() }),
-  make("button", { id: "load", textContent: "open a file", onclick: () => pick.click() }),
-  make("button", { id: "verify", textContent: "verify the newest", onclick: verify })), pick,
-  make("textarea", { id: "program", hidden: true, rows: 8, spellcheck: false, ariaLabel: "program", style: "width: 100%", value:
-    "for each in range(4):\n    await robot.drive(v=0.5, omega=0.6, duration=2.0)\n    await asyncio.sleep(0.5)\n" }))
+const tool = (id, text, onclick) => element("button", { id, onclick }, text)
+$("reason").before(element("p", { id: "browser-state", role: "status", hidden: true }))
+$("hint").after(
+  element("div", { id: "browser-tools", style: "display: flex; flex-wrap: wrap; gap: 8px" },
+    tool("board", "connect a board", board),
+    tool("learn", "let it learn", learn),
+    tool("perform", "run a program", program),
+    tool("restart", "start again", () => begin()),
+    tool("load", "open a file", () => $("pick").click()),
+    tool("verify", "verify the newest", verify)),
+  element("input", { id: "pick", type: "file", accept: ".mcap", hidden: true, onchange: take }),
+  element("textarea", { id: "program", hidden: true, rows: 8, spellcheck: false, ariaLabel: "program", style: "width: 100%" },
+    "for each in range(4):\n    await robot.drive(v=0.5, omega=0.6, duration=2.0)\n    await asyncio.sleep(0.5)\n"))
 
 // The thesis's learner drives, and its panel shows how.
 function learn() {
@@ -161,48 +126,47 @@ function learn() {
 
 // The first click shows the program, the next ones run it, within the robot's worker.
 function program() {
-  if (!$("program").hidden) worker.postMessage({ do: "program", code: $("program").value })
+  if (!$("program").hidden) ask({ do: "program", code: $("program").value })
   $("program").hidden = false
 }
 
 // -- files
 
-async function take() {
-  const [file] = pick.files
-  if (file) await write(file.name, file)
-  pick.value = ""
+function keep({ kept: name, at, bytes, open }) {
+  if (!at) kept.set(name, { parts: [] })
+  const file = kept.get(name)
+  file.parts.push(bytes)
+  file.open = open
 }
 
-async function write(name, blob) {
-  const bytes = await blob.arrayBuffer()
-  const { why } = await ask({ do: "write", name, bytes }, [bytes])
-  show(why, Boolean(why))
+function take({ target }) {
+  const [file] = target.files
+  if (file) ask({ do: "write", name: file.name, file })
+  target.value = ""
 }
 
-// Run the newest recording's inputs again, and compare.
-async function verify() {
-  const { names } = await ask({ do: "list" })
-  const whole = names.filter(({ open }) => !open)
-  if (!whole.length) return show("no recording is complete yet: start again completes the present one", true)
-  const lines = []
-  const code = await perform(["replay", "--verify", whole[0].name], [whole[0].name], (line) => {
-    lines.push(line)
-    show(line)
-  })
-  show(lines.find((line) => line.includes("difference")) ?? lines.at(-1), true)
-  $("browser-state").dataset.code = code
-}
-
-addEventListener("click", async (event) => {
-  const link = event.target.closest?.("a[download]")
-  if (!link || link.href.startsWith("blob:")) return
-  event.preventDefault()
-  const { bytes, why } = await ask({ do: "read", name: link.download })
-  if (why) return show(why, true)
-  const url = URL.createObjectURL(new Blob([bytes], { type: "application/octet-stream" }))
-  make("a", { href: url, download: link.download }).click()
+// A link to a recording leads to what was kept of it.
+addEventListener("click", ({ target }) => {
+  const link = target.closest?.("a[download]"), file = kept.get(link?.download)
+  if (!file) return
+  const url = link.href = URL.createObjectURL(new Blob(file.parts))
   setTimeout(() => URL.revokeObjectURL(url), 10000)
 }, true)
+
+// Run the newest recording's inputs again in a worker of its own, and compare.
+async function verify() {
+  const name = [...kept.keys()].findLast((each) => !kept.get(each).open)
+  if (!name) return show("no recording is complete yet: start again completes the present one", true)
+  const other = new Worker("worker.js", { type: "module" }), lines = []
+  other.onmessage = ({ data: { loading, line, why, code } }) => {
+    if (line) lines.push(line)
+    if (why === undefined && code === undefined) return show(line ?? loading)
+    other.terminate()
+    show(why ?? lines.find((each) => each.includes("difference")) ?? lines.at(-1), true)
+    $("browser-state").dataset.code = code
+  }
+  other.postMessage({ do: "perform", words: ["replay", "--verify", name], name, file: new Blob(kept.get(name).parts) })
+}
 
 // -- a board at a serial port
 
@@ -216,9 +180,8 @@ async function board() {
   }
   const { usbVendorId = null, usbProductId = null } = port.getInfo()
   guard ??= new Worker("guard.js", { type: "module" })
-  guard.onmessage = ({ data }) => data.why && show(data.why, true)
   guard.postMessage({ do: "port", usbVendorId, usbProductId, baud: Number(query.get("baud") ?? 57600) })
-  begin({ hal: "serial" })
+  begin({ serial: true })
 }
 
 // A hidden, frozen or left page holds nothing: the board gets its stop from the guard, whatever the robot's worker does.
@@ -232,5 +195,5 @@ $("stop").addEventListener("pointerdown", stopBoard)
 // -- begin
 
 if (typeof WebAssembly === "undefined") show("this browser cannot run the robot: it has no WebAssembly", true)
-else begin({ learn: query.get("learn") })
+else begin({ learn: query.get("learn") ?? undefined })
 await import("./app.js")
