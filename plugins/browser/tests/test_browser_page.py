@@ -30,6 +30,7 @@ pytestmark = pytest.mark.browser
 DESK = (sys.executable, "-m", "txt1")
 STATE = browser_robot.STATE
 X = "parseFloat(document.getElementById('where').textContent.split('x ')[1])"
+BAD = "document.getElementById('browser-state').classList.contains('bad')"
 NOTICE = "document.getElementById('browser-state').textContent"
 
 
@@ -119,10 +120,12 @@ def test_a_drive_of_the_desk_is_verified_in_the_browser(page: Any, tmp_path: Pat
     run = ["run", "--headless", "--speed", "max", "--duration", "4", "--drive", "0.5,0.3", "--log", str(file)]
     subprocess.run([*DESK, *run], check=True, capture_output=True)
     page.set_input_files("#pick", str(file))
+    assert waits(page, "[...document.querySelectorAll('a[download]')].some((each) => each.download === 'desk.mcap')")
     page.click("#verify")
     assert waits(page, "document.getElementById('browser-state').dataset.code !== undefined", START)
     assert page.evaluate("document.getElementById('browser-state').dataset.code") == "0", notice(page)
     assert "no difference" in notice(page)
+    assert not page.evaluate(BAD)
 
 
 def test_it_learns_with_its_table_and_curve_and_the_desk_verifies_what_was_recorded(page: Any, tmp_path: Path) -> None:
@@ -174,6 +177,17 @@ def test_a_file_that_is_no_recording_is_refused_in_words(page: Any, tmp_path: Pa
     assert waits(page, "document.getElementById('browser-state').textContent.includes('it ends with .mcap')")
 
 
+def test_on_a_phone_what_is_said_is_in_sight_where_its_button_is(page: Any) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.click("#verify")
+    assert waits(page, f"{NOTICE}.includes('no recording is complete yet')")
+    top, bottom = page.evaluate(
+        "(({ top, bottom }) => [top, bottom])(document.getElementById('browser-state').getBoundingClientRect())"
+    )
+    assert 0 < top < bottom < 844
+    assert page.evaluate(BAD)
+
+
 def test_without_serial_ports_the_board_button_says_what_to_take(page: Any) -> None:
     page.evaluate("Object.defineProperty(navigator, 'serial', { value: undefined, configurable: true })")
     page.click("#board")
@@ -192,6 +206,7 @@ def test_a_program_drives_and_its_mistake_is_told_with_its_line(page: Any) -> No
     before = page.evaluate(X)
     perform(page, "for each in range(2):\n    await robot.drive(v=0.5, omega=0.0, duration=1.0)")
     assert waits(page, f"{NOTICE}.includes('the program has ended')", START), notice(page)
+    assert not page.evaluate(BAD)
     assert page.evaluate(X) > before + 0.3
     perform(page, "v = 0.5\nawait robot.drive(v, w, 1.0)")
     assert waits(page, f"{NOTICE}.includes(\"the program, line 2: name 'w' is not defined\")", START), notice(page)

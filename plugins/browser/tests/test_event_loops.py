@@ -52,7 +52,9 @@ def test_without_timers_nothing_is_due() -> None:
     loop.close()
 
 
-def test_a_job_for_a_thread_is_done_at_once_and_its_error_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_job_for_a_thread_is_done_at_once_and_its_error_is_passed_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setattr(concurrent.futures, "ThreadPoolExecutor", AtOnce)
     loop = BrowserRealTimeLoop()
 
@@ -64,4 +66,5 @@ def test_a_job_for_a_thread_is_done_at_once_and_its_error_is_passed_on(monkeypat
     task = loop.create_task(jobs())
     assert idle(loop) == inf
     assert task.result() == 4
+    assert not caplog.text, "nothing goes wrong in passing it on"
     loop.close()

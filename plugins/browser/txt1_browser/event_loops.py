@@ -27,6 +27,9 @@ class _Alone(asyncio.SelectorEventLoop):
     def _make_self_pipe(self) -> None:
         pass
 
+    def _write_to_self(self) -> None:
+        pass
+
     def _close_self_pipe(self) -> None:
         pass
 

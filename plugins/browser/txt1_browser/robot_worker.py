@@ -83,13 +83,14 @@ class _Socket:
 
 
 class RobotWorker:
-    """A robot and its page. `post` sends a text to the page; `tell` says what went wrong, and nothing: it is ready."""
+    """A robot and its page. `post` sends a text to the page; `tell` says something, and if it is bad; "": ready."""
 
-    def __init__(self, post: Post, tell: Callable[[str], None], keep: Keep) -> None:
+    def __init__(self, post: Post, tell: Callable[[str, bool], None], keep: Keep) -> None:
         self._post, self._tell, self._keep = post, tell, keep
         self._loop = BrowserRealTimeLoop()
         self._pages: Pages | None = None
         self._page: Page | None = None
+        self._sender: asyncio.Task[None] | None = None
         self._run: asyncio.Task[None] | None = None
         # held by a run to its very end, for which the next one waits
         self._alone = asyncio.Lock()
@@ -137,19 +138,21 @@ class RobotWorker:
         if self._program is not None:
             self._program.cancel()
         if self._robot is None:
-            self._tell("there is no robot yet: run the program again when it is there")
+            self._tell("there is no robot yet: run the program again when it is there", True)
         else:
             self._program = self._loop.create_task(self._perform(code, self._robot))
 
     def keep(self, name: str, data: bytes) -> None:
         """Keep a recording that was made elsewhere."""
         if not RECORDING_NAME.fullmatch(name):
-            self._tell(f"{name}: no name of a recording; it ends with .mcap")
+            self._tell(f"{name}: no name of a recording; it ends with .mcap", True)
         elif (FOLDER / name).exists():
-            self._tell(f"{name}: there is such a recording already; give the file another name")
+            self._tell(f"{name}: there is such a recording already; give the file another name", True)
         else:
             (FOLDER / name).write_bytes(data)
             self._pass_on()
+            # the page's list shows it
+            self.receive('{"do": "files"}')
 
     # -- inside ------------------------------------------------------------------------------------------------
 
@@ -159,10 +162,10 @@ class RobotWorker:
             try:
                 await self._drive(settings, port, learn)
             except (Txt1Error, ImportError) as error:
-                self._tell(str(error))
+                self._tell(str(error), True)
             except Exception as error:
                 traceback.print_exc()
-                self._tell(f"a mistake in the program: {type(error).__name__}: {error}")
+                self._tell(f"a mistake in the program: {type(error).__name__}: {error}", True)
             finally:
                 self._file = ""
                 self._pass_on()
@@ -176,7 +179,7 @@ class RobotWorker:
         file = dated(FOLDER, config.hal)
         self._file = file.name
         async with (
-            recording(file, config, None, {}, self._tell) as attach,
+            recording(file, config, None, {}, lambda text: self._tell(text, True)) as attach,
             Robot.open(layer, config=config, patience=0.0, attach=attach) as robot,
         ):
             if port is not None:
@@ -190,14 +193,14 @@ class RobotWorker:
                 pages.begin()
                 robot.add_task("page", TELEMETRY_PERIOD, self._serve, SERVE_PRIORITY)
                 self._pages, self._robot = pages, robot
-                self._tell("")
+                self._tell("", False)
                 try:
                     await self._get_ready(robot)
                     await robot.runtime.scheduler.ended
                 finally:
                     self._pages = self._robot = None
-                    if self._program is not None:
-                        self._program.cancel()
+                    for each in filter(None, (self._program, self._sender)):
+                        each.cancel()
                     end.let_go()
                     end.leave()
 
@@ -212,7 +215,7 @@ class RobotWorker:
             await begin()
 
     async def _perform(self, code: str, robot: Robot) -> None:
-        why = "the program has ended"
+        why, bad = "the program has ended", False
         try:
             # the page's own user wrote it, and it can do no more than the page
             compiled = compile(code, PROGRAM, "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
@@ -221,10 +224,10 @@ class RobotWorker:
         except Exception as error:
             places = [each.lineno for each in traceback.extract_tb(error.__traceback__) if each.filename == PROGRAM]
             line = error.lineno if isinstance(error, SyntaxError) else places[-1]
-            why = f"the program, line {line}: {error or type(error).__name__}"
+            why, bad = f"the program, line {line}: {error or type(error).__name__}", True
         finally:
             robot.program.command(0.0, 0.0)
-        self._tell(why)
+        self._tell(why, bad)
 
     def _pass_on(self) -> None:
         """Give the page what was recorded since the last time, to keep when this worker is ended."""
@@ -242,7 +245,7 @@ class RobotWorker:
         account = Budgets().account("page")
         account.operator = True
         self._page = self._pages.join("operator", "page", _Socket(self._post), account)
-        self._pages.later(self._pages.send(self._page))
+        self._sender = self._loop.create_task(self._pages.send(self._page))
 
     def _receive(self, text: str) -> None:
         if self._pages is not None and self._page is not None:

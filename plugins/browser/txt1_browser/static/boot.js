@@ -81,11 +81,12 @@ function heard(message) {
   else if (message.kept) keep(message)
   else if (message.ready) {
     ready = true
+    $("lost").style.visibility = ""
     show(isSecureContext ? "" : "a board, and use without a network, need https or localhost in the address")
     // only now: it loads all files once more
     navigator.serviceWorker?.register("offline.js").catch(() => {})
     socket?.begin()
-  } else show(message.loading ?? message.why, !message.loading)
+  } else show(message.loading ?? message.why, message.bad)
 }
 
 if (navigator.serviceWorker) navigator.serviceWorker.onmessage = ({ data }) => show(data, true)
@@ -104,8 +105,13 @@ function show(text, bad = false) {
   bar.textContent = text
 }
 
-const tool = (id, text, onclick) => element("button", { id, onclick }, text)
-$("reason").before(element("p", { id: "browser-state", role: "status", hidden: true }))
+const tool = (id, text, onclick) =>
+  element("button", { id, onclick, style: "min-height: 32px; padding: 2px 9px; font-size: 13px" }, text)
+// in the head, as a phone's page scrolls below it
+$("stop").after(element("p", { id: "browser-state", role: "status", hidden: true, style: "flex: 1 1 100%; order: 9; margin: 0" }))
+$("stop").parentElement.style.flexWrap = "wrap"
+// that there is no news of a robot which has never been there alarms nobody
+$("lost").style.visibility = "hidden"
 $("hint").after(
   element("div", { id: "browser-tools", style: "display: flex; flex-wrap: wrap; gap: 8px" },
     tool("board", "connect a board", board),
@@ -115,12 +121,13 @@ $("hint").after(
     tool("load", "open a file", () => $("pick").click()),
     tool("verify", "verify the newest", verify)),
   element("input", { id: "pick", type: "file", accept: ".mcap", hidden: true, onchange: take }),
-  element("textarea", { id: "program", hidden: true, rows: 8, spellcheck: false, ariaLabel: "program", style: "width: 100%" },
+  element("textarea", { id: "program", hidden: true, rows: 4, spellcheck: false, ariaLabel: "program", style: "width: 100%" },
     "for each in range(4):\n    await robot.drive(v=0.5, omega=0.6, duration=2.0)\n    await asyncio.sleep(0.5)\n"))
 
 // The thesis's learner drives, and its panel shows how.
 function learn() {
   begin({ learn: "thesis" })
+  $("program").hidden = true
   document.querySelector("[data-tab=learner]").click()
 }
 
@@ -143,6 +150,7 @@ function take({ target }) {
   const [file] = target.files
   if (file) ask({ do: "write", name: file.name, file })
   target.value = ""
+  document.querySelector("[data-tab=files]").click()
 }
 
 // A link to a recording leads to what was kept of it.
@@ -162,7 +170,7 @@ async function verify() {
     if (line) lines.push(line)
     if (why === undefined && code === undefined) return show(line ?? loading)
     other.terminate()
-    show(why ?? lines.find((each) => each.includes("difference")) ?? lines.at(-1), true)
+    show(why ?? lines.find((each) => each.includes("difference")) ?? lines.at(-1), code !== 0)
     $("browser-state").dataset.code = code
   }
   other.postMessage({ do: "perform", words: ["replay", "--verify", name], name, file: new Blob(kept.get(name).parts) })

@@ -52,7 +52,7 @@ function act(message) {
   if (message.do === "perform") return perform(message)
   robot ??= python.pyimport("txt1_browser.robot_worker").RobotWorker(
     (text) => postMessage({ text }),
-    (why) => postMessage(why ? { why } : { ready: true }),
+    (why, bad) => postMessage(why ? { why, bad } : { ready: true }),
     (kept, at, bytes, open) => postMessage({ kept, at, bytes: bytes.toJs(), open }),
   )
   acts[message.do](message)
@@ -61,5 +61,5 @@ function act(message) {
 
 const loaded = load()
 onmessage = ({ data }) => {
-  loaded.then(() => act(data)).catch((error) => postMessage({ why: `Python failed: ${error.message}` }))
+  loaded.then(() => act(data)).catch((error) => postMessage({ why: `Python failed: ${error.message}`, bad: true }))
 }
