@@ -674,6 +674,8 @@ class Walk:
         self._least: State = x, y, theta, rolled, omega, bias, slip, 0.0 if exact else width
         # much, until turns tell otherwise
         self._slips = slip_sigma**2
+        # of the track width nothing, until turns tell
+        self._widths = 0.0
         self.told = self._with(self._slips)
         """The variances that a second adds, with slip as turns have told of it."""
         self.blind = self._with(SLID**2)
@@ -684,13 +686,7 @@ class Walk:
 
     def _with(self, slips: float) -> State:
         x, y, theta, rolled, omega, bias, usual, width = self._least
-        # slip in curves looks like a wider track
-        return x, y, theta, rolled, omega, bias, max(usual, slips), 0.0 if self._exact else max(width, self._slips)
-
-    def unturned(self, density: State) -> State:
-        """These densities when no gyro tells how the track width changes."""
-        x, y, theta, rolled, omega, bias, slip, _ = density
-        return x, y, theta, rolled, omega, bias, slip, self._least[WIDTH]
+        return x, y, theta, rolled, omega, bias, max(usual, slips), max(width, self._widths)
 
     def placed(self, time: float, before: float | None) -> None:
         """Note that a sensor has told the place at a time, s of the run, and before."""
@@ -719,6 +715,8 @@ class Walk:
         expectation is added to the expectation.
         """
         self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
+        # slip in curves looks like a wider track
+        self._widths = 0.0 if self._exact else self._slips
         self.told = self._with(self._slips)
 
 

@@ -475,7 +475,7 @@ class Fusion:
         # of a car that stands, slip does not change
         blind = moves and begin > walk.blind_from
         if not self._turning:
-            density = walk.unturned(walk.settled(belief.triangle[SS]) if self._rolling else walk.untold(density))
+            density = walk.settled(belief.triangle[SS]) if self._rolling else walk.untold(density)
             if self._rolling and not self._placed:
                 belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
         elif not self._rolling:
