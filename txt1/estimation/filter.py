@@ -16,20 +16,10 @@ sigma, sigma^2 = S,
 The misses are independent and of variance 1. P is kept as its upper triangle, so it is symmetric whatever is rounded.
 The products are written out, as an array costs more than the numbers in it: a step takes two thirds of numpy's time.
 
-Below are beliefs that know less than before, `Walk`, which has how the state changes by itself, and `ahead`, the way
-from where all sensors have been heard to now.
-
-A sensor that is late tells nothing of the last moments, so the filter runs behind, where each reading has come when its
-turn does. From there an output predictor goes on by the rates that wheels and gyro have told since (A. Khosravian,
-J. Trumpf, R. Mahony, T. Hamel, *Recursive attitude estimation in the presence of multi-rate and multi-delay vector
-measurements*, ACC 2015; the "fusion time horizon" of PX4's filter). So a late reading has nothing computed again.
-
-The rates are followed one by one, each by the gain of a scalar Kalman filter. A rate that has changed by d from one
-reading to the next, in dt seconds, has moved the pose by d dt / 2 more, as of a random walk. The pose and the
-covariance go on in one piece.
+Below are beliefs that know less than before, and `Walk`, which has how the state changes by itself.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from math import asin, cos, exp, hypot, inf, isfinite, sin, sqrt
@@ -39,8 +29,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.estimation.judging import HOLDS
-from txt1.estimation.sensors import KIND_ENCODERS, KIND_GYRO, SLOT, Measurement
+from txt1.estimation.sensors import SLOT
 from txt1.units import new
 
 Array = NDArray[np.float64]
@@ -63,9 +52,7 @@ Where the track width is known well, it is 0, and wheels that turn otherwise tha
 SIZE: Final = 8
 # places of variances in a covariance's triangle
 XX, XY, XU, YY, YU, TT, TO, UU, OO, SS = 0, 1, 3, 8, 10, 15, 17, 21, 26, 33
-# of all that these have a part in
-OF_ROLLED: Final = (3, 10, 16, 21, 22, 23, 24, 25)
-OF_OMEGA: Final = (4, 11, 17, 22, 26, 27, 28, 29)
+# of all that slip has a part in
 OF_SLIP: Final = (6, 13, 19, 24, 28, 31, 33, 34)
 # standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
 STEERING: Final = 0.5
@@ -645,6 +632,10 @@ def grown(rows: Sequence[int], residual: Sequence[float], slid: float) -> Array:
     return spread
 
 
+# s, the longest prediction in one piece
+STEP_MAX: Final = 0.1
+# standard deviations of a rate's miss beyond which it is the motion that has changed
+TRACKS: Final = 2.0
 # turns over which the walk of the slip is averaged
 MEMORY: Final = 5
 # standard deviation of a slip that has changed
@@ -718,105 +709,3 @@ class Walk:
         # slip in curves looks like a wider track
         self._widths = 0.0 if self._exact else self._slips
         self.told = self._with(self._slips)
-
-
-# s, the longest prediction in one piece
-STEP_MAX: Final = 0.1
-# standard deviations of a rate's miss beyond which it is the motion that has changed
-TRACKS: Final = 2.0
-# s from one reading of the wheels to the next
-CYCLE: Final = 0.02
-
-
-def ahead(
-    belief: Belief,
-    begin: float,
-    now: float,
-    readings: Iterable[Measurement],
-    density: State,
-    sideways: tuple[float, float],
-    *,
-    turning: bool,
-    exact: bool = True,
-) -> Belief:
-    """The belief at `now`, s of the run, of one at `begin` and of the readings since, of believed sensors, in order.
-
-    `density` and `sideways` are those of `filter.predict`; `turning`: the yaw rate is a gyro's, else the wheels';
-    `exact`: their track width is known.
-    """
-    _, _, _, rolled, omega, bias, slip, width = belief.mean
-    _, _, _, qu, qo, _, _, _ = density
-    uu, oo = belief.triangle[UU], belief.triangle[OO]
-    # of the piece so far, of the wheels, m and rad
-    way = turned = 0.0
-    time = rolled_at = omega_at = begin
-    for at, _, kind, rows, values, sigmas, _ in readings:
-        if at - begin > STEP_MAX and time > begin:
-            belief = _gone(belief, time - begin, way, turned, (uu, oo), density, sideways)
-            begin, way, turned = time, 0.0, 0.0
-        since, time = at - time, at
-        way, turned = way + rolled * since, turned + omega * since
-        if kind is KIND_GYRO:
-            dt = at - omega_at
-            change, oo = _followed(values[0] - bias - omega, oo + qo * dt, sigmas[0])
-            omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
-        elif kind is KIND_ENCODERS:
-            if rows[0] == 0:
-                dt = at - rolled_at
-                change, uu = _followed(values[0] - rolled, uu + qu * dt, sigmas[0], HOLDS * CYCLE)
-                rolled, way, rolled_at = rolled + change, way + 0.5 * change * dt, at
-            if rows[-1] == 1 and not turning:
-                dt, grip = at - omega_at, 1.0 / turn_share(belief.mean, exact=exact)
-                change, oo = _followed(values[-1] * grip - omega, oo + qo * dt, sigmas[-1] * grip)
-                omega, turned, omega_at = omega + change, turned + 0.5 * change * dt, at
-    way, turned = way + rolled * (now - time), turned + omega * (now - time)
-    belief = _gone(belief, now - begin, way, turned, (uu, oo), density, sideways)
-    x, y, theta = belief.mean[:3]
-    spread = list(belief.triangle)
-    spread[UU] += qu * (now - rolled_at)
-    spread[OO] += qo * (now - omega_at)
-    return Belief((x, y, theta, rolled, omega, bias, slip, width), tuple(spread), belief.lean)
-
-
-def _followed(left: float, variance: float, sigma: float, most: float = inf) -> tuple[float, float]:
-    """The change of a rate that misses its reading by `left`, and its variance then.
-
-    A reading that misses by more than `most` is of wheels that lock or spin: the car's speed is anywhere between its
-    last one and theirs.
-    """
-    noise, square = sigma * sigma, left * left
-    if square > TRACKS * TRACKS * (variance + noise):
-        # strong tracking, as in the filter
-        variance += square
-        if square > most * most:
-            noise = square
-    gain = variance / (variance + noise)
-    return gain * left, variance * (1.0 - gain)
-
-
-def _gone(
-    belief: Belief,
-    dt: float,
-    way: float,
-    turned: float,
-    rates: tuple[float, float],
-    density: State,
-    sideways: tuple[float, float],
-) -> Belief:
-    """The belief dt seconds later, after so long a way (m) and turn (rad).
-
-    The rates have been as uncertain as they are after their readings, of variances `rates`.
-    """
-    if dt <= 0.0:
-        return belief
-    x, y, theta, _, _, bias, slip, width = belief.mean
-    spread = list(belief.triangle)
-    # what they tell of the rest stays in proportion
-    for place, variance, row in ((UU, rates[0], OF_ROLLED), (OO, rates[1], OF_OMEGA)):
-        share = sqrt(variance / spread[place]) if spread[place] > 0.0 < variance else 1.0
-        for each in row:
-            spread[each] *= share
-        spread[place] = variance
-    likely = Belief((x, y, theta, way / dt, turned / dt, bias, slip, width), tuple(spread), belief.lean)
-    qx, qy, qt, _, _, qb, qs, qw = density
-    return predict(likely, dt, (qx, qy, qt, 0.0, 0.0, qb, qs, qw), sideways)

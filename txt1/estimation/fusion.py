@@ -1,9 +1,7 @@
 """Fuses the readings of all sensors, each at its own time, and judges the sensors meanwhile.
 
 A reading may be up to `HORIZON` late. It is inserted at its time, and all later steps are computed again. So the order
-in which readings arrive makes no difference. Where the most precise sensor of the place is always late, the filter runs
-behind by as much, and `txt1.estimation.filter` goes on from there. Each belief is one of `filter`, or of `filter` where
-less is known than before.
+in which readings arrive makes no difference. Each belief is one of `filter`.
 
 The rules by which a reading is taken in are in `txt1.estimation.judging` and `hypotheses`; what else may be true is in
 `hypotheses`, and counts in the covariance that is told. Errors of the car's model count as process noise that adapts to
@@ -46,7 +44,6 @@ from txt1.estimation.filter import (
     Row,
     State,
     Walk,
-    ahead,
     antenna,
     belief_of,
     considered,
@@ -212,7 +209,7 @@ class Fusion:
         # with its time
         self._base = belief_of((*pose, 0.0, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean), -1.0
         self._entries: list[_Entry] = []
-        # of them, those that are taken in; the rest lie beyond what is heard of the place
+        # of them, those that are taken in
         self._settled = 0
         self._arrived: list[Measurement] = []
         self._located = start is not None or not any(settings.tells_pose for settings in sensors.values())
@@ -316,7 +313,7 @@ class Fusion:
         self._arrived.clear()
         if self._changed:
             self._note_believed()
-        self._apply(self._heard())
+        self._apply()
         self._forget(now - HORIZON)
         for judge in self._judges.values():
             if now - judge.since > judge.settings.timeout:
@@ -376,7 +373,7 @@ class Fusion:
                     self._tell(judge.doubt(reason))
                     self._take_out(name, self.vote.apart if name in self._gyros else 0.0)
                     self._note_believed()
-                    self._apply(self._heard())
+                    self._apply()
                 elif judge.believed or judge.reason != reason:
                     continue
                 elif off or not close:
@@ -490,23 +487,9 @@ class Fusion:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
         return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bend * end - moment)
 
-    def _heard(self) -> float:
-        """The time until which readings are taken in: where the most precise sensor of the place has been heard."""
-        now, best = self._now, None
-        if self._located:
-            for name in self._frames:
-                judge = self._judges[name]
-                if judge.placed_at is None or now - judge.placed_at >= RECENT or not judge.believed:
-                    continue
-                if best is None or judge.placed_sigma < best.placed_sigma:
-                    best = judge
-        if best is None or best.time is None or best.lag <= SLOT:
-            return now
-        return max(best.time, now - min(best.lag, HORIZON))
-
-    def _apply(self, until: float) -> None:
-        """Take in the entries that are not yet, as far as their time is not beyond `until`."""
-        entries, until = self._entries, until + SAME_INSTANT
+    def _apply(self) -> None:
+        """Take in the entries that are not yet."""
+        entries = self._entries
         belief, time = self._newest()
         place = self._settled
         while place and entries[place - 1].waits:
@@ -516,9 +499,6 @@ class Fusion:
         for entry in entries[place:]:
             measurement = entry.measurement
             at = measurement[0]
-            if at > until:
-                break
-            place += 1
             if measurement[2] is KIND_STEERING:
                 # with the next reading, as a prediction of its own takes as long as that one's
                 bend, moment = bend + measurement[4][0], moment + measurement[4][0] * at
@@ -537,21 +517,15 @@ class Fusion:
             entry.belief = belief = self._measure(belief, entry)
         if bend:
             # no reading has come after it
-            last = entries[place - 1]
+            last = entries[-1]
             at = last.measurement.time
             last.waits, last.belief, last.time = False, self._predicted(belief, time, at, bend, moment), at
-        self._settled = place
+        self._settled = len(entries)
 
     def _told(self) -> Belief:
         """The belief now."""
         belief, time = self._newest()
-        now, entries = self._now, self._entries
-        if self._settled < len(entries):
-            believed = self._names
-            later = [each.measurement for each in entries[self._settled :] if each.key[1] in believed]
-            density, sideways = self._walk.told, self.sideways
-            return ahead(belief, time, now, later, density, sideways, turning=self._turning, exact=self._exact)
-        return self._predicted(belief, time, now) if now - time >= SAME_INSTANT else belief
+        return self._predicted(belief, time, self._now) if self._now - time >= SAME_INSTANT else belief
 
     def _take_out(self, sensor: str, turned: float) -> None:
         """Leave a sensor's readings out that were taken in; before them it may have turned the pose by so much, rad."""
