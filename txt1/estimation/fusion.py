@@ -128,8 +128,6 @@ WHEELS: Final = "the car moves otherwise than its wheels tell"
 JUMPED: Final = "has jumped"
 MOVES: Final = "tells a way that no car goes: its frame moves"
 FRAMES: Final = "measures positions in another frame than"
-# m/s by which dead reckoning may be off: slip, skids, a push
-MISSES: Final = 0.5
 # s in which another sensor has told the place
 RECENT: Final = 1.0
 
@@ -669,7 +667,6 @@ class Fusion:
             self._tell(judge.restore())
         if fits:
             judge.missed = ()
-            judge.fitted_at = judge.grown_at = measurement.time
         elif judge.misses_again(measurement, residual):
             other = self._placed_by_another(judge, measurement)
             if other:
@@ -678,14 +675,7 @@ class Fusion:
                 self._tell(judge.doubt(f"{FRAMES} '{other}'"))
                 return belief
             # strong tracking: dead reckoning is off by what is missed, and so may the slip be
-            span = measurement.time - (judge.fitted_at if judge.fitted_at is not None else -KEEPS)
-            judge.fitted_at = max(judge.fitted_at or 0.0, measurement.time - KEEPS)
-            share = 1.0
-            if span < KEEPS:
-                share = min(1.0, MISSES * max(measurement.time - judge.grown_at, 0.0) / max(hypot(*residual[:2]), 1e-9))
-            judge.grown_at = measurement.time
-            missed = [share * residual[0], share * residual[1], *residual[2:]]
-            entry.wider = grown(measurement.rows, missed, SLID if self._rolling else 0.0)
+            entry.wider = grown(measurement.rows, residual, SLID if self._rolling else 0.0)
             before, belief = belief, widened(belief, entry.wider)
             residual, h = self._expect(belief.mean, measurement)
             after, nis, _ = update(belief, residual, h, sigmas)

@@ -130,10 +130,6 @@ class Judge:
     # the residual of a reading beyond the gate, m, m, rad
     missed: tuple[float, ...] = ()
     missed_at: float = 0.0  # s of the run
-    # when a reading of the pose was within 99 %, s of the run
-    fitted_at: float | None = None
-    # ... or the covariance grew for it
-    grown_at: float = 0.0
     # when its readings leapt away from the pose, s of the run
     jumped_at: float | None = None
     # readings since then
