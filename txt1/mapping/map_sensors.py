@@ -229,7 +229,8 @@ class MapSensor:
             return None
         news = self._news.popleft()
         x, y, theta = news.pose
-        sigma_x, sigma_y, sigma_theta = (sqrt(news.covariance[k]) for k in (0, 4, 8))
+        # what the map is wrong by does not change from scan to scan: no filter can average it away
+        sigma_x, sigma_y, sigma_theta = (sqrt((news.local or news.covariance)[k]) for k in (0, 4, 8))
         turn = (0.0, 0.0, sin(0.5 * theta), cos(0.5 * theta))
         reading = TrackerReading(
             x, y, 0.0, turn, subject=POSE, sigma_x=sigma_x, sigma_y=sigma_y, sigma_theta=min(sigma_theta, pi)

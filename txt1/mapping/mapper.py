@@ -8,9 +8,13 @@ last keyframes (`matcher`), in a window as large as odometry's possible error. I
 the scan becomes a keyframe: a node of the graph, with an edge from the keyframe before.
 
 *Loops.* The older keyframes are joined in chunks. Whenever there are some new keyframes, they are joined and matched
-with the nearest chunks, in a window that grows with the distance through the graph. A cloud of several scans is far
-harder to mistake than a single scan. A good match becomes an edge that closes a loop. If the edge contradicts the
-graph, the graph is optimised (`graph`).
+with the nearest chunks, in a window of three standard deviations of the way through the graph between them. A cloud of
+several scans is far harder to mistake than a single scan. A good match becomes an edge that closes a loop. If the edge
+contradicts the graph, the graph is optimised (`graph`).
+
+*Certainty.* An edge's covariance is what odometry may have erred by since the keyframe before, less what the scans
+matched since then say about each direction. A scan that fits nowhere says nothing, so the covariance grows at once. The
+one told of a pose is that along the shortest way through the graph from the map's first pose, so a loop lessens it.
 
 *Poses.* Every other scan keeps its pose relative to its keyframe, so all poses follow the graph.
 """
@@ -89,12 +93,10 @@ class Matching:
     """Smallest number of keyframes in a loop."""
     range: float = 3.0
     """m from a chunk within which a loop is searched for, in addition to the graph's possible error."""
-    share: float = 0.025
-    """Possible error of positions in the graph, m per metre of distance through it."""
+    furthest: float = 6.0
+    """m, bound of the graph's possible error: a wider search takes too long."""
     anywhere: float = 4.0
     """m from a chunk within which a drive searches for its place on the map of earlier drives."""
-    bend: float = radians(0.4)
-    """Possible error of angles in the graph, rad per metre of distance through it."""
     close: float = 0.25
     """Score from which a chunk may close a loop, for a window without width."""
     wide: float = 0.04
@@ -117,6 +119,8 @@ class Matching:
 
 CONTRADICTS: Final = 7.8
 """Chi-square of an edge's three numbers from which the graph is optimised at once; the 95 % quantile."""
+SETTLED: Final = 0.4, radians(4.6)
+"""m and rad to each side where places passed twice are matched again in the end."""
 NOTHING: Final = 1e-6 * np.eye(3)
 """Information of an edge without a measurement."""
 
@@ -165,8 +169,10 @@ class Mapper:
         self._unsettled = 0
         self._old, self._found = 0, False
         self._seen: Array | None = None
-        self.covariance = FLOOR.copy()
+        self.local_covariance = FLOOR.copy()
         """Covariance of the newest pose on the map round it, (3, 3), m^2 and rad^2: along a corridor it grows."""
+        # of the newest pose as seen from the last keyframe, and of that as seen from the first
+        self._since, self._behind = np.zeros((3, 3)), np.zeros((3, 3))
 
     def resume(self, keys: list[KeyScan], poses: Array, edges: Iterable[Any]) -> None:
         """Continue with the keyframes of earlier drives; the start of the next drive is found when it fits
@@ -185,6 +191,16 @@ class Mapper:
         return self._old == 0 or self._found
 
     @property
+    def covariance(self) -> Array:
+        """Covariance of the newest pose on the whole map, as seen from its first, (3, 3), m^2 and rad^2.
+
+        It grows with the way, and shrinks where a loop is closed.
+        """
+        far = self._pose - self.graph.poses[-1]
+        moves = np.array([[1.0, 0.0, -far[1]], [0.0, 1.0, far[0]], [0.0, 0.0, 1.0]])
+        return np.asarray(moves @ self._behind @ moves.T + _turned(self._since, self._origin[2]) + FLOOR)
+
+    @property
     def poses(self) -> Array:
         """Poses of all scans so far, a row each (m, rad)."""
         return composed(self.graph.poses[np.array(self._owners)], np.array(self._steps).reshape(-1, 3))
@@ -200,21 +216,21 @@ class Mapper:
             return self._begin(time, cloud, odometry)
         step = difference(self._before, odometry)
         self._before = odometry
-        score, information = 0.0, None
+        score = 0.0
         self._seen = None
         predicted = composed(self._pose, step)
         deviation = self._odometry.deviation(step)
         if self._local is None or len(cloud.points) < 10:
             self._pose = predicted
         else:
-            score, self._pose, information = self._matched(cloud, predicted, deviation)
+            score, self._pose = self._matched(cloud, predicted, deviation)
         self._spread(deviation)
         since = difference(self.graph.poses[-1], self._pose)
         if hypot(since[0], since[1]) < self._matching.key_way and abs(since[2]) < self._matching.key_turn:
             self._owners.append(len(self.keys) - 1)
             self._steps.extend(since)
             return Match(self._pose, score, False, 0)
-        return self._keyed(time, cloud, since, score, information)
+        return self._keyed(time, cloud, since, score)
 
     def finish(self) -> None:
         """Search for loops, optimise, and match once more the places that were passed twice."""
@@ -223,13 +239,14 @@ class Mapper:
         if self.placed:
             self._settle()
         self._pose = composed(self.graph.poses[self._owners[-1]], self._steps[-3:])
+        self._behind = self._ways([0])[1][0]
         self._rebuild()
 
     def try_loop(self) -> None:
         """Compare the newest keyframes with the oldest without linking them, so that all loops are compiled."""
         new = len(self.keys) - 1
         query = sparse(self._cloud(range(max(0, new - self._matching.query + 1), new + 1), self.graph.poses[new]), 200)
-        self._closed(0, query, 9.0)
+        self._closed(0, query, SETTLED)
 
     def _begin(self, time: float, cloud: Cloud, odometry: Array) -> Match:
         self._pose = odometry
@@ -248,10 +265,8 @@ class Mapper:
         self._owners.append(len(self.keys) - 1)
         self._steps.extend((0.0, 0.0, 0.0))
 
-    def _matched(
-        self, cloud: Cloud, predicted: Array, deviation: tuple[float, float]
-    ) -> tuple[float, Array, Array | None]:
-        """Return score, pose and information of a scan on the local map; no information without a match."""
+    def _matched(self, cloud: Cloud, predicted: Array, deviation: tuple[float, float]) -> tuple[float, Array]:
+        """Return score and pose of a scan on the local map, and note the information; 0 and none without a match."""
         assert self._local is not None
         matching = self._matching
         centre = difference(self._origin, predicted)
@@ -265,33 +280,33 @@ class Mapper:
             matching.lose,
         )
         if score <= matching.lose:
-            return 0.0, predicted, None
+            return 0.0, predicted
         prior = matching.noise**2 * np.diag([position**-2.0, position**-2.0, angle**-2.0])
         pose, information, _, _ = self._local.align(cloud, found, centre, prior)
         moved_by = difference(found, pose)
         if hypot(moved_by[0], moved_by[1]) > 0.5 or abs(moved_by[2]) > radians(10.0):
-            pose = found
+            # the lines lead elsewhere, so they say nothing about this place
+            return score, composed(self._origin, found)
         self._seen = information / matching.noise**2
-        return score, composed(self._origin, pose), (information + prior) / matching.noise**2
+        return score, composed(self._origin, pose)
 
     def _spread(self, deviation: tuple[float, float]) -> None:
         """Let the covariance grow by a step, and shrink by the scan's information on each direction."""
         position, angle = deviation
-        self.covariance = self.covariance + np.diag([position, position, angle]) ** 2
+        step = np.diag([position, position, angle]) ** 2
+        self.local_covariance, self._since = self.local_covariance + step, self._since + step
         if self._seen is not None:
-            cosine, sine = np.cos(self._origin[2]), np.sin(self._origin[2])
-            turned = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-            seen = np.linalg.inv(self.covariance) + turned @ self._seen @ turned.T
-            self.covariance = np.asarray(np.linalg.inv(seen) + FLOOR)
+            seen = np.linalg.inv(self.local_covariance) + _turned(self._seen, self._origin[2])
+            self.local_covariance = np.asarray(np.linalg.inv(seen) + FLOOR)
+            self._since = np.asarray(np.linalg.inv(np.linalg.inv(self._since) + self._seen))
 
-    def _keyed(self, time: float, cloud: Cloud, since: Array, score: float, information: Array | None) -> Match:
+    def _keyed(self, time: float, cloud: Cloud, since: Array, score: float) -> Match:
         """Make the scan a keyframe, and search for loops."""
-        if information is None:
-            position, angle = self._odometry.deviation(since)
-            information = np.diag([position**-2.0, position**-2.0, angle**-2.0])
         last = len(self.keys) - 1
+        self._behind = self.covariance
         new = self.graph.add(self._pose)
-        self.graph.link(last, new, since, _floored(information), False)
+        self.graph.link(last, new, since, np.linalg.inv(self._since + FLOOR), False)
+        self._since = np.zeros((3, 3))
         self._own(time, cloud)
         closed = 0
         if new - self._looked >= self._matching.every:
@@ -326,9 +341,12 @@ class Mapper:
         if count < 1:
             return 0
         middles = size * np.arange(count) + size // 2
-        ways = self.graph.ways(new, self._old if self._found else 0)[middles]
+        ways, covariances = self._ways([0, *middles])
+        self._behind, ways, covariances = covariances[0], ways[middles], covariances[1:]
         away = np.hypot(*(self.graph.poses[middles, :2] - self.graph.poses[new, :2]).T)
-        wrong = np.minimum(matching.share * ways, 6.0)
+        # three standard deviations of place and heading along the way through the graph
+        wrong = np.minimum(3.0 * np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]), matching.furthest)
+        turned = np.minimum(3.0 * np.sqrt(covariances[:, 2, 2]), radians(30.0))
         near = np.flatnonzero((away < matching.range + wrong) & (ways > 6.0))
         near = near[np.argsort(away[near] - wrong[near], kind="stable")][:2]
         if not len(near):
@@ -338,7 +356,7 @@ class Mapper:
             return 0
         contradicted, closed = 0.0, 0
         for chunk in near:
-            found = self._closed(int(chunk), query, float(ways[chunk]))
+            found = self._closed(int(chunk), query, (0.3 + wrong[chunk], radians(3.0) + turned[chunk]))
             if found is not None:
                 contradicted = max(contradicted, self.graph.link(int(middles[chunk]), new, *found[:2], True))
                 closed += 1
@@ -347,6 +365,8 @@ class Mapper:
             self.graph.optimise()
             self._unsettled = 0
             self._pose = self.graph.poses[new].copy()
+        if closed:
+            self._behind = self._ways([0])[1][0]
         return closed
 
     def _settle(self) -> None:
@@ -369,8 +389,7 @@ class Mapper:
                     continue
                 chunk = int(away.argmin()) // matching.chunk
                 query = sparse(self._cloud(range(new - matching.pair + 1, new + 1), poses[new]), 200)
-                # as after 4 m of driving: the window is 0.4 m and 4.6 degrees to each side
-                edge = self._closed(chunk, query, 4.0, new) if len(query.points) >= 30 else None
+                edge = self._closed(chunk, query, SETTLED, new) if len(query.points) >= 30 else None
                 if edge is not None:
                     found.append((matching.chunk * chunk + matching.chunk // 2, new, *edge[:2], True))
             if not found:
@@ -401,9 +420,15 @@ class Mapper:
         poses = self.graph.poses
         poses[self._old :] = composed(there, difference(poses[new].copy(), poses[self._old :]))
         self.graph.edges["step"][self._seam()] = difference(poses[self._old - 1], poses[self._old])
+        self.graph.refresh()
         self.graph.link(middle, new, *best[2], True)
         self._found, self._pose = True, poses[new].copy()
+        self._behind = self._ways([0])[1][0]
         return 1
+
+    def _ways(self, wanted: Any) -> tuple[Array, Array]:
+        """Return the ways from the last keyframe to all, m, and its covariance along those to the keyframes wanted."""
+        return self.graph.ways(len(self.keys) - 1, wanted, self._old if self._found else 0)
 
     def _seam(self) -> int:
         """Return the number of the edge between the earlier drives and this drive."""
@@ -411,24 +436,24 @@ class Mapper:
         return int(np.flatnonzero((edges["first"] == self._old - 1) & (edges["second"] == self._old))[0])
 
     def _closed(
-        self, chunk: int, query: Cloud, way: float | None, new: int | None = None
+        self, chunk: int, query: Cloud, window: tuple[float, float] | None, new: int | None = None
     ) -> tuple[Array, Array, float] | None:
         """Return step, information and score with which the query closes a loop with a chunk, None if it does not fit.
 
         Args:
             chunk: its number.
             query: the cloud of the last keyframes, in the frame of the last.
-            way: m through the graph between the two; None: the query may be anywhere.
+            window: m and rad to each side of the place that the graph tells; None: the query may be anywhere.
             new: the keyframe whose frame the query is in; None: the last.
 
         """
         matching = self._matching
         size = matching.chunk
         middle, new = size * chunk + size // 2, len(self.keys) - 1 if new is None else new
-        if way is None:
+        if window is None:
             middle = min(middle, self._old - 1)
         if chunk not in self._chunks:
-            last = self._old if way is None else new - matching.apart // 2
+            last = self._old if window is None else new - matching.apart // 2
             around = range(max(0, middle - size), min(middle + size + 1, last))
             poses = difference(self.graph.poses[middle], self.graph.poses[list(around)])
             made = self._map(around, self.graph.poses[middle])
@@ -438,12 +463,10 @@ class Mapper:
         there, seen = self._chunks[chunk] = self._chunks.pop(chunk)
         if self.placed and len(self._chunks) > matching.kept:
             del self._chunks[next(iter(self._chunks))]
-        if way is None:
-            predicted, reach, turn = np.zeros(3), matching.anywhere, radians(180.0)
+        if window is None:
+            predicted, (reach, turn) = np.zeros(3), (matching.anywhere, radians(180.0))
         else:
-            predicted = difference(self.graph.poses[middle], self.graph.poses[new])
-            reach = 0.3 + min(matching.share * way, 6.0)
-            turn = radians(3.0) + min(matching.bend * way, radians(30.0))
+            predicted, (reach, turn) = difference(self.graph.poses[middle], self.graph.poses[new]), window
         least = matching.close + matching.wide * reach
         score, found = there.search(query, predicted, reach, turn, (2.0 * reach, 2.0 * turn), least)
         if score <= least:
@@ -465,3 +488,10 @@ class Mapper:
 def _floored(information: Array) -> Array:
     """Return an information matrix whose covariance is larger by `FLOOR`."""
     return np.asarray(np.linalg.inv(np.linalg.inv(information) + FLOOR))
+
+
+def _turned(matrix: Array, angle: float) -> Array:
+    """Return a covariance or information of x, y and theta in a frame that is turned back by an angle, rad."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(turn @ matrix @ turn.T)

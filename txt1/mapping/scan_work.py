@@ -123,14 +123,16 @@ class Mapping:
         self._scans += 1
         match = mapper.add(sweep.time, sweep.points, sweep.predicted)
         self._closed += match.closed
-        unsure = float(np.sqrt(mapper.covariance[0, 0] + mapper.covariance[1, 1])) > UNSURE
+        local = mapper.local_covariance
+        unsure = float(np.sqrt(local[0, 0] + local[1, 1])) > UNSURE
         sheet = self._sheet(sweep.time)
         if self._saves and sweep.time - self._saved > SAVED_EVERY and len(mapper.keys) > self._saved_keys:
             if self._saved > 0.0:
                 self._save()
             self._saved, self._saved_keys = sweep.time, len(mapper.keys)
         lost = unsure or not mapper.placed
-        return _news(task, match.pose, mapper.covariance, match.score, lost, self._closed, sheet, (), self._trouble)
+        news = _news(task, match.pose, mapper.covariance, match.score, lost, self._closed, sheet, (), self._trouble)
+        return news._replace(local=_flat(local))
 
     def _sheet(self, time: float) -> MapSheet | None:
         """Return the map when it is due, and has changed."""
@@ -197,11 +199,10 @@ def _news(
     """Return the result of a scan, from the laser's pose on the map."""
     back = difference(task.mount, (0.0, 0.0, 0.0))
     robot, wheels = composed(pose, back), composed(task.sweep.odometry, back)
-    a, b, c, d, e, f, g, h, i = (float(each) for each in np.asarray(covariance).ravel())
     return MapNews(
         float(task.sweep.time),
         _pose(robot),
-        (a, b, c, d, e, f, g, h, i),
+        _flat(covariance),
         _pose(composed(robot, difference(wheels, (0.0, 0.0, 0.0)))),
         float(fit),
         bool(lost),
@@ -210,6 +211,11 @@ def _news(
         particles,
         trouble,
     )
+
+
+def _flat(covariance: Array) -> tuple[float, float, float, float, float, float, float, float, float]:
+    a, b, c, d, e, f, g, h, i = map(float, np.asarray(covariance).ravel())
+    return a, b, c, d, e, f, g, h, i
 
 
 def locating(room: str, seed: int) -> Locating:

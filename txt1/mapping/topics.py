@@ -77,7 +77,7 @@ class MapNews(NamedTuple):
     pose: Pose
     """The robot's pose on the map, m and rad."""
     covariance: tuple[float, float, float, float, float, float, float, float, float]
-    """Covariance of the pose, row by row, m^2 and rad^2."""
+    """Covariance of the pose on the whole map, row by row, m^2 and rad^2."""
     origin: Pose
     """Pose of the odometry's origin on the map: map -> odom."""
     fit: float
@@ -92,6 +92,11 @@ class MapNews(NamedTuple):
     """Some of the filter's particles, as poses of the laser."""
     trouble: str = ""
     """A problem; empty for none."""
+    local: tuple[float, float, float, float, float, float, float, float, float] | None = None
+    """Covariance of the pose on the map round it, row by row, m^2 and rad^2; None: that on the whole map.
+
+    On a map in the making the parts that were driven long ago may lie wrong by far more.
+    """
 
 
 def in_the_plane(pose: Pose) -> tuple[float, float, float, float]:

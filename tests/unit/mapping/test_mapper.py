@@ -77,8 +77,24 @@ def test_scans_that_see_nothing_leave_the_pose_to_odometry(points):
     for k in range(5):
         match = mapper.add(0.1 * k, points, (0.4 * k, 0.0, 0.0))
         assert match.score == 0.0
+    # what odometry may err by grows with each of the four steps
+    assert mapper.covariance[0, 0] > 4 * 0.06**2 and mapper.covariance[1, 1] > mapper.covariance[0, 0]
     mapper.finish()
     assert np.allclose(mapper.poses[:, 0], 0.4 * np.arange(5))
+
+
+def test_the_covariance_told_grows_with_the_way_and_a_loop_lessens_it():
+    poses, rng, there, mapper = drive(1.3), np.random.default_rng(1), room(), Mapper()
+    sigmas, errors, loops = [], [], []
+    for k, (pose, told) in enumerate(zip(poses, drifted(poses, 3), strict=True)):
+        match = mapper.add(0.1 * k, scan(there, pose, rng), told)
+        sigmas.append(np.sqrt(np.trace(mapper.covariance[:2, :2])))
+        errors.append(np.hypot(*(difference(mapper.poses[0], match.pose) - difference(poses[0], pose))[:2]))
+        loops.append(match.closed)
+    first = int(np.flatnonzero(loops)[0])
+    assert np.all(np.array(errors) < 3.0 * np.array(sigmas))
+    assert max(sigmas[:first]) > 3.0 * sigmas[10] and sigmas[first] < 0.5 * max(sigmas[:first])
+    assert np.sqrt(np.trace(mapper.local_covariance[:2, :2])) < 0.03
 
 
 def test_glass_costs_a_third_of_the_beams_and_no_map():
