@@ -12,7 +12,7 @@ robot is armed anew. The pose is the mapper's.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from importlib import import_module
 from math import degrees, hypot
@@ -32,6 +32,8 @@ from txt1.navigation import NoPath, PoseSource, go_to, ways
 from txt1.navigation.goto import in_thread, rest
 from txt1.robot import Robot
 from txt1.runtime import Runtime
+from txt1.tasks.on_map import Line
+from txt1.telemetry.topics import Rule, Topic, declare
 
 SOURCE: Final = "explore"
 """The name of the source of commands."""
@@ -54,6 +56,20 @@ BACK: Final = (0.0, 0.1, 0.2, 0.3, 0.5)
 
 
 LOST: Final = "the robot does not know where it is on its map"
+
+
+class Frontiers(NamedTuple):
+    """The frontiers, for screens; empty when none is looked for any more."""
+
+    cells: Line = ()
+    """Places of all their cells on the map, m."""
+    goal: tuple[float, float] | None = None
+    """The one to which the robot drives, m."""
+
+
+FRONTIERS: Final = declare(
+    Topic("/frontiers", Frontiers, "m", "std_msgs/String", Rule.SNAPSHOT, "the frontiers on the map, while it explores")
+)
 
 
 class GivesUp(Txt1Error):
@@ -82,6 +98,8 @@ class Explorer:
         self._pose = PoseSource("pose on the growing map", self._read, self._floor)
         self._tries: list[Try] = []
         self._again = False
+        self._shown = Frontiers()
+        robot.runtime.bus.offer(FRONTIERS, lambda: self._shown)
         self.unfinished = "it was ended before all was explored"
         """Why the room is not explored; empty if it is."""
 
@@ -98,12 +116,11 @@ class Explorer:
                 raise GivesUp(f"no way leads from its place to the frontier at {_at(beyond[0])}: give it more room")
             home = await self._home(start)
             self.unfinished = "; ".join([*left, *([home] if home else [])])
-            count = f"{len(left) or 'no'} frontier{'' if len(left) == 1 else 's'} left"
-            if beyond:
-                count += f", {len(beyond)} out of the car's reach, the first at {_at(beyond[0])}"
+            rest_of_it = remaining(len(left), [each.middle for each in beyond])
         except GivesUp as error:
-            self.unfinished = count = str(error)
-        told = f"explored {self._area()} in {robot.now - began:.0f} s, {count}"
+            self.unfinished = rest_of_it = str(error)
+        self._shown = Frontiers()
+        told = f"explored {self._area()} in {robot.now - began:.0f} s: {rest_of_it}"
         robot.tell(told)
         say(told)
 
@@ -122,8 +139,12 @@ class Explorer:
 
         def search() -> View | None:
             assert room.walls is not None
-            there = [each for each in frontiers(room.walls.grid) if wanted(each)]
-            return best_view(there, pose, room, body, self._keep) if there else None
+            every = frontiers(room.walls.grid)
+            there = [each for each in every if wanted(each)]
+            view = best_view(there, pose, room, body, self._keep) if there else None
+            cells = tuple((x, y) for each in every for x, y in each.cells.round(2).tolist())
+            self._shown = Frontiers(cells, view and view.frontier.middle)
+            return view
 
         return await in_thread(search)
 
@@ -250,6 +271,18 @@ class Explorer:
         return (
             "nothing" if sheet is None else f"{(sheet.grid.cells == FREE).sum() * sheet.resolution**2:.1f} m2 of floor"
         )
+
+
+def remaining(left: int, beyond: Sequence[tuple[float, float]]) -> str:
+    """Return in words how many frontiers are left, and how many the car cannot look at, by their places, m."""
+    if not left and not beyond:
+        return "no frontiers left"
+    told = [f"{left} frontier{'s' * (left > 1)} left"] if left else []
+    if beyond:
+        x, y = beyond[0]
+        kind = f"frontier{'s' * (len(beyond) > 1)} that the car cannot come near, "
+        told.append(f"{len(beyond)} {kind}{'the first ' * (len(beyond) > 1)}at ({x:.2f} m, {y:.2f} m)")
+    return " and ".join(told)
 
 
 def _at(frontier: Frontier) -> str:

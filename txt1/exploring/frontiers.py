@@ -30,8 +30,10 @@ LEAST: Final = 0.3
 """m, length of the shortest frontier: shorter ones are gaps between rays."""
 SIGHT: Final = 2.0
 """m from a frontier from which the robot looks at it at most: farther away, rays are far apart."""
-ASIDE: Final = (pi / 3.0, 2.0)
-"""rad by which it may look past a frontier's middle; past any part of it, where no pose looks at the middle."""
+PAST_MIDDLE: Final = pi / 3.0
+"""rad by which it may look past a frontier's middle,"""
+PAST_PART: Final = 2.0
+"""and past any part of it, where no pose looks at the middle."""
 LARGE: Final = 0.3
 """m of way that a metre of frontier is worth,"""
 LARGEST: Final = 3.0
@@ -134,7 +136,7 @@ def _cheapest(frontier: Frontier, poses: Array, room: Room, parts: bool) -> View
     angles = np.arctan2(dy, dx)
     past = np.abs((angles - poses[:, 2] + pi) % (2.0 * pi) - pi)
     grid, ranges = room.walls.grid, np.hypot(dx, dy)
-    looking = np.flatnonzero((ranges < SIGHT) & (past < ASIDE[parts]))
+    looking = np.flatnonzero((ranges < SIGHT) & (past < (PAST_PART if parts else PAST_MIDDLE)))
     costs = poses[:, 3] + CLOSE * ranges - LARGE * min(frontier.length, LARGEST)
     for k in looking[np.argsort(costs[looking], kind="stable")].tolist():
         x, y, theta, _ = poses[k].tolist()

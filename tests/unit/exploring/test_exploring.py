@@ -106,6 +106,34 @@ def test_a_hand_and_a_stop_end_the_drive_until_the_robot_is_armed_anew(tmp_path)
     explored(tmp_path / "room", driven)
 
 
+def test_screens_see_the_frontiers_and_the_one_to_which_it_drives(tmp_path):
+    async def driven(robot: Robot) -> None:
+        bus, seen = robot.runtime.bus, []
+        while not robot.alongside[-1].done() and robot.now < 300.0:
+            seen.append((robot.driver.name, bus.read(explorer.FRONTIERS)))
+            await asyncio.sleep(0.2)
+        ways = [shown for driver, shown in seen if driver == explorer.SOURCE and shown.goal]
+        assert ways and all(np.hypot(*(np.array(shown.cells) - shown.goal).T).min() < 0.01 for shown in ways)
+        assert len({shown.goal for shown in ways}) > 1
+        assert bus.read(explorer.FRONTIERS) == ((), None)
+
+    explored(tmp_path / "room", driven)
+
+
+@pytest.mark.parametrize(
+    ("left", "beyond", "words"),
+    [
+        (0, [], "no frontiers left"),
+        (0, [(1.0, 2.0)], "1 frontier that the car cannot come near, at (1.00 m, 2.00 m)"),
+        (0, [(1.0, 2.0)] * 2, "2 frontiers that the car cannot come near, the first at (1.00 m, 2.00 m)"),
+        (1, [], "1 frontier left"),
+        (2, [(1.0, 2.0)], "2 frontiers left and 1 frontier that the car cannot come near, at (1.00 m, 2.00 m)"),
+    ],
+)
+def test_what_remains_is_told_in_one_sentence(left, beyond, words):
+    assert explorer.remaining(left, beyond) == words
+
+
 def test_a_frontier_to_which_no_way_leads_is_told_with_its_place(tmp_path, capsys, monkeypatch):
     async def refused(robot: Robot, goal: Pose, **_: object) -> None:
         raise NoPath(goal)

@@ -64,6 +64,7 @@ export class Map2d {
     this.particles = there ? topics["/particles"] ?? [] : []
     this.sigma = there?.sigma
     this.lost = Boolean(there?.lost)
+    this.frontiers = there ? about["/frontiers"] ?? {} : {}
     this.route = about["/route"] ?? []
     const odometry = topics["/odom"], estimate = topics["/odometry/filtered"], best = there ?? estimate ?? odometry
     const pose = (!there && topics["/pose"]) || (best && [best.x, best.y, best.theta])
@@ -244,9 +245,12 @@ export class Map2d {
   }
 
   #points(c, colour, pixel) {
-    const points = this.waypoints.length ? this.waypoints : this.route ?? []
-    if (!points.length) return
+    const { cells = [], goal } = this.frontiers ?? {}, dot = 3 * pixel
     c.strokeStyle = c.fillStyle = colour.goal
+    for (const [x, y] of cells) c.fillRect(x - dot / 2, y - dot / 2, dot, dot)
+    const going = this.route?.length ? this.route : goal ? [goal] : []
+    const points = this.waypoints.length ? this.waypoints : going
+    if (!points.length) return
     c.lineWidth = 2 * pixel
     c.setLineDash([8 * pixel, 6 * pixel])
     trace(c, this.pose ? [this.pose, ...points] : points)
