@@ -21,7 +21,7 @@ from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.files import read
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation import follow, go_to, map_pose, plan, ways
-from txt1.navigation.goto import Blocked, Halted
+from txt1.navigation.goto import WARNS, Blocked, Halted
 from txt1.navigation.plan import NoPath, stretches
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
@@ -268,6 +268,31 @@ async def test_a_robot_backs_up_only_where_the_laser_has_seen_free_floor(flat: R
     floor = there.floor()
     assert floor is not None
     assert all(segment.distance < 0.0 for segment in plan(robot_at(flat), (x + 0.1, y, theta), floor, body))
+
+
+@pytest.mark.parametrize(("stands", "says"), [(1.0, False), (15.0, True)])
+async def test_before_it_backs_up_where_nothing_was_seen_lately_it_waits(
+    flat: Robot, stands: float, says: bool
+) -> None:
+    there = known(flat)
+    room = there.floor()
+    assert room is not None and flat.pose is not None
+    x, y, theta = flat.pose
+    there._sensor = Laser(flat, tuple)  # type: ignore[assignment] # noqa: SLF001
+    await go_to(flat, (x + 1.0, y, theta), pose_source=map_pose(flat), room=room)
+    # the wall ahead leaves it no other way
+    there._sensor = Laser(flat, lambda: [(x + 1.75, y + 0.05 * k) for k in range(-25, 26)])  # type: ignore[assignment] # noqa: SLF001
+    await asyncio.sleep(stands)
+    begun, first = flat.now, robot_at(flat)[0]
+    driving = asyncio.ensure_future(go_to(flat, (x + 0.5, y, theta), pose_source=map_pose(flat), room=room))
+    while robot_at(flat)[0] > first - 0.05:
+        await asyncio.sleep(0.05)
+    assert (flat.now - begun > WARNS) is says
+    assert (await driving).arrived
+    told = [
+        event.text for event in flat.runtime.state.events if "backs up where nothing was seen for 10 s" in event.text
+    ]
+    assert bool(told) is says
 
 
 def robot_at(robot: Robot) -> Pose:

@@ -76,7 +76,7 @@ class GrowingFloor(MapInUse):
             self._room = sheet, free, Room(walls=Walls(Map("map", Path(), grid, "")))
         return self._room[2]
 
-    def floor(self, remembered: bool = True) -> Room | None:
+    def floor(self, remembered: bool = True, lately: bool = False) -> Room | None:
         """Return this floor with what the newest scan shows on it, and nothing of earlier scans; None before the first
         map.
         """

@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from importlib import import_module
-from math import cos, nan, pi, sin, sqrt
+from math import cos, inf, nan, pi, sin, sqrt
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,7 +32,7 @@ from txt1.errors import CommandRefused, ConfigError, HalError, MissingExtra
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.mapping.poses import Array, composed, difference, placed
 from txt1.mapping.scan_work import Mapping, ScanTask, Work, locating, map_of
-from txt1.mapping.seen_floor import OFF_WALLS, SeenFloor
+from txt1.mapping.seen_floor import LATELY, OFF_WALLS, SeenFloor
 from txt1.mapping.settings import MappingConfig
 from txt1.mapping.sweeps import Sweep, Sweeper
 from txt1.mapping.topics import (
@@ -322,13 +322,16 @@ class OnMap(MapInUse):
         self._newest = sweep
         if self._seen is None:
             self._seen = SeenFloor(self.sheet.floor)
-        self._seen.see(composed(news.origin, sweep.odometry), sweep.points)
-        self._seen.stand(pose[:3], self._runtime.config.geometry)
+        self._seen.see(composed(news.origin, sweep.odometry), sweep.points, sweep.time)
+        self._seen.stand(pose[:3], self._runtime.config.geometry, sweep.time)
 
-    def floor(self, remembered: bool = True) -> Room | None:
+    def floor(self, remembered: bool = True, lately: bool = False) -> Room | None:
         """Return the map in which the robot drives, with the floor it has seen; None: unknown, or being made."""
         room, seen = self._walls(), self._seen
-        return room if room is None or seen is None else seen.floor(np.reshape(self.seen(), (-1, 2)), remembered)
+        if room is None or seen is None:
+            return room
+        since = self._runtime.now - LATELY if lately else -inf
+        return seen.floor(np.reshape(self.seen(), (-1, 2)), remembered, since)
 
     def seen(self) -> Sequence[tuple[float, float]]:
         """Return places near the robot that the newest scan shows and the map does not, m on the map."""

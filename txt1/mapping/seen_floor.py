@@ -14,7 +14,7 @@ what is not seen now.
 A plan uses floor made of both. Its walls are the map's walls and the boxes seen away from them (`Room.walls`). A place
 that the map does not know is floor if it was seen free. A robot that backs up sees nothing, so for driving backward all
 unseen floor is a wall, too (`Room.behind`). An obstacle that came there later stays unknown: the laser does not look
-there.
+there. So plans first try to back up only over floor that was seen lately.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ EVERY: Final = 2
 """One of this number of rays is used: at FAR, the rays of a usual laser are closer together than cells."""
 CLEARS: Final = 20
 """Per cent of being solid that a ray removes from a cell that it passes."""
+LATELY: Final = 10.0
+"""s for which nobody is expected to come to floor that was seen free."""
 OFF_WALLS: Final = 0.15
 """m from the walls of the map beyond which something is no part of the walls."""
 
@@ -110,28 +112,35 @@ class SeenFloor:
         self._grid = grid
         self.cells: NDArray[np.int8] = np.full(grid.cells.shape, UNKNOWN, np.int8)
         """As `Grid.cells`; -1 is floor not seen."""
+        # s, when each cell was seen last
+        self._times = np.full(grid.cells.size, -np.inf)
         self._off_walls = grid.depth[1:-1, 1:-1] > OFF_WALLS
         self._under: tuple[float, ...] = ()
+        self._below: NDArray[np.int64] = np.empty(0, np.int64)
 
-    def see(self, laser: Array, points: Array) -> None:
-        """Take a scan: the ends of its rays, m, in the frame of the laser's pose (x, y, theta) on the map."""
+    def see(self, laser: Array, points: Array, time: float) -> None:
+        """Take a scan of a time, s: the ends of its rays, m, in the frame of the laser's pose (x, y, theta) on the
+        map.
+        """
         points = points[::EVERY]
         passed = places_on(self._grid, placed(laser, before(points, self._grid.resolution)))
         cells = self.cells.ravel()
         cells[passed] = np.maximum(cells[passed] - CLEARS, FREE)
+        self._times[passed] = time
         cells[places_on(self._grid, placed(laser, points[np.hypot(*points.T) < FAR]))] = OCCUPIED
 
-    def stand(self, pose: tuple[float, float, float], body: Geometry) -> None:
-        """Mark the floor below a body at a pose as free."""
+    def stand(self, pose: tuple[float, float, float], body: Geometry, time: float) -> None:
+        """Mark the floor below a body at a pose as free at a time, s."""
         about = tuple(round(each, 2) for each in pose)
-        if about == self._under:
-            return
-        self._under = about
-        self.cells.ravel()[places_on(self._grid, below(pose, body, self._grid.resolution))] = FREE
+        if about != self._under:
+            self._under, self._below = about, places_on(self._grid, below(pose, body, self._grid.resolution))
+            self.cells.ravel()[self._below] = FREE
+        self._times[self._below] = time
 
-    def floor(self, now: Array, remembered: bool = True) -> Room:
+    def floor(self, now: Array, remembered: bool = True, since: float = -np.inf) -> Room:
         """Return the floor for planning; `now` are places (n, 2) in m of present obstacles, whatever was seen
-        before. With `remembered` False, obstacles seen before may have gone: their places count as not seen.
+        before. With `remembered` False, obstacles seen before may have gone: their places count as not seen. For
+        driving backward, floor seen before `since` s does not count as seen.
         """
         seen = self.cells.copy()
         if not remembered:
@@ -139,7 +148,8 @@ class SeenFloor:
         seen.ravel()[places_on(self._grid, now)] = OCCUPIED
         cells = np.where((self._grid.cells == UNKNOWN) & (seen == FREE), FREE, self._grid.cells)
         cells[(seen >= OCCUPIED_FROM) & self._off_walls] = OCCUPIED
-        backward = np.where(seen == UNKNOWN, UNKNOWN, cells).astype(np.int8)
+        old = self._times.reshape(seen.shape) < since
+        backward = np.where((seen == UNKNOWN) | old & (seen < OCCUPIED_FROM), UNKNOWN, cells).astype(np.int8)
         return Room(walls=self._walls(cells.astype(np.int8)), behind=self._walls(backward))
 
     def _walls(self, cells: NDArray[np.int8]) -> Walls:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import cos, degrees, hypot, inf, radians, sin, sqrt
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -17,7 +18,7 @@ from txt1.guards.keep_out.guard import AreaGuard
 from txt1.guards.obstacle_stop.guard import LaserGuard
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.mapping.poses import Array, placed
-from txt1.mapping.seen_floor import with_walls_at
+from txt1.mapping.seen_floor import LATELY, with_walls_at
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
@@ -65,6 +66,8 @@ CLEARANCE: Final = 0.03
 REST: Final = 0.25
 # s that it has for that: a vehicle that is pushed, or rolls on, goes on from where it is
 RESTS_WITHIN: Final = 5.0
+# s that it stands before it backs up over floor that it has not seen lately: who stands there may step aside
+WARNS: Final = 3.0
 # s in which the vehicle has to get on by HARDLY m, else something stops it; some ESCs wait 2.5 s before reverse
 STANDS: Final = 4.0
 # m
@@ -231,13 +234,15 @@ async def _beside(
     """Return the result of a search, in which the places `met` are walls."""
 
     def search() -> T:
-        if there is None or room is None or (seen := there.floor()) is None:
+        if there is None or room is None or (seen := there.floor(lately=True)) is None:
             return do(start, goal, with_walls_at(met, room), body, *keep)
-        try:
+        with suppress(NoPath):
             return do(start, goal, with_walls_at(met, seen), body, *keep)
-        except NoPath:
-            # what is not seen now may have gone
-            return do(start, goal, with_walls_at(met, there.floor(remembered=False)), body, *keep)
+        if seen.behind is not None:
+            with suppress(NoPath):
+                return do(start, goal, with_walls_at(met, there.floor()), body, *keep)
+        # what is not seen now may have gone
+        return do(start, goal, with_walls_at(met, there.floor(remembered=False)), body, *keep)
 
     return search() if room is None or room.walls is None else await in_thread(search)
 
@@ -256,10 +261,15 @@ async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: P
     try:
         for number, part in enumerate(stretches(path)):
             stretch = Stretch(start, part)
-            if number and stretch.gear < 0.0 and poses.sees is not None:
-                floor = poses.sees.floor()
-                if floor is not None and not stays_inside(start, part, floor, robot.config.geometry):
+            if stretch.gear < 0.0 and poses.sees is not None:
+                seen, lately = (poses.sees.floor(lately=each) for each in (False, True))
+                if number and not stays_inside(start, part, seen, robot.config.geometry):
                     return
+                if not stays_inside(start, part, lately, robot.config.geometry):
+                    robot.tell(
+                        f"backs up where nothing was seen for {LATELY:.0f} s: waits {WARNS:.0f} s before it does"
+                    )
+                    await rest(robot, wheel, poses, WARNS)
             await _drive_stretch(robot, wheel, poses, stretch, speed)
             start = stretch.end
             distance, turn = _miss(poses.pose(), start)
@@ -305,10 +315,10 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
     await rest(robot, wheel, poses)
 
 
-async def rest(robot: Robot, wheel: CommandSource, poses: PoseSource) -> None:
-    """Stop, and wait until the robot is at rest, at most `RESTS_WITHIN` s."""
+async def rest(robot: Robot, wheel: CommandSource, poses: PoseSource, seconds: float = REST) -> None:
+    """Stop, and wait until the robot has been at rest for so long, at most `RESTS_WITHIN` s."""
     still, ends = 0.0, robot.now + RESTS_WITHIN
-    while still < REST and robot.now < ends:
+    while still < seconds and robot.now < ends:
         wheel.insist(0.0, 0.0)
         await asyncio.sleep(REFRESH)
         # the encoders' pose has to be read all the time

@@ -68,10 +68,11 @@ class MapInUse:
         """Return the robot's present pose; None while it is unknown."""
         raise NotImplementedError
 
-    def floor(self, remembered: bool = True) -> Room | None:
+    def floor(self, remembered: bool = True, lately: bool = False) -> Room | None:
         """Return the walls and `seen` for the planner, in the frame of the pose; None while they are unknown.
 
-        With `remembered` False, obstacles that are not seen now are left out.
+        With `remembered` False, obstacles that are not seen now are left out. With `lately`, floor that was not seen
+        free lately is none for driving backward.
         """
         raise NotImplementedError
 

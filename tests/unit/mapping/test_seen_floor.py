@@ -30,8 +30,8 @@ def fan(far: float) -> np.ndarray:
 
 def test_floor_under_the_robot_and_before_it_is_free_and_behind_it_is_not(grid):
     seen = SeenFloor(grid)
-    seen.stand(POSE, Geometry())
-    seen.see(LASER, fan(2.4))
+    seen.stand(POSE, Geometry(), 1.0)
+    seen.see(LASER, fan(2.4), 1.0)
     room = seen.floor(NOTHING)
     assert room.walls is not None and room.behind is not None
     assert room.walls.distance(0.0, 0.0) > 0.05, "the map knows nothing there, the robot stands there"
@@ -39,28 +39,42 @@ def test_floor_under_the_robot_and_before_it_is_free_and_behind_it_is_not(grid):
     assert room.walls.distance(-1.0, 0.0) > 0.2 and room.behind.distance(-1.0, 0.0) < 0.0
 
 
+def test_floor_seen_long_ago_is_none_for_backing_up_and_what_stood_there_stays(grid):
+    seen, box = SeenFloor(grid), np.array([(1.0, 0.02 * k - 0.2) for k in range(21)])
+    seen.stand(POSE, Geometry(), 1.0)
+    seen.see(LASER, fan(2.4), 1.0)
+    seen.see(LASER, box, 1.0)
+    seen.stand(POSE, Geometry(), 9.0)
+    lately, ever = seen.floor(NOTHING, since=5.0), seen.floor(NOTHING)
+    assert ever.behind is not None and lately.behind is not None and lately.walls is not None
+    assert ever.behind.distance(0.7, 0.6) > 0.2 and lately.behind.distance(0.7, 0.6) < 0.0
+    assert lately.behind.distance(0.0, 0.0) > 0.1, "the robot stands there"
+    assert lately.walls.distance(0.7, 0.6) > 0.2, "driving ahead it would see"
+    assert lately.walls.distance(1.21, 0.0) < 0.03
+
+
 def test_a_box_stays_when_it_is_behind_and_goes_when_it_is_seen_through(grid):
     seen, box = SeenFloor(grid), np.array([(1.0, 0.02 * k - 0.2) for k in range(21)])
-    seen.see(LASER, box)
+    seen.see(LASER, box, 1.0)
     walls = seen.floor(NOTHING).walls
     assert walls is not None and walls.distance(1.21, 0.0) < 0.03
     # the laser looks away
-    seen.see(np.array([0.2, 0.0, np.pi]), fan(2.4))
+    seen.see(np.array([0.2, 0.0, np.pi]), fan(2.4), 1.0)
     walls = seen.floor(NOTHING).walls
     assert walls is not None and walls.distance(1.21, 0.0) < 0.03
-    seen.see(LASER, fan(2.4))
+    seen.see(LASER, fan(2.4), 1.0)
     walls = seen.floor(NOTHING).walls
     assert walls is not None and walls.distance(1.21, 0.0) < 0.03, "one scan may err"
     for _ in range(3):
-        seen.see(LASER, fan(2.4))
+        seen.see(LASER, fan(2.4), 1.0)
     walls = seen.floor(NOTHING).walls
     assert walls is not None and walls.distance(1.21, 0.0) > 0.2
 
 
 def test_a_box_that_is_not_seen_now_may_have_gone(grid):
     seen, box = SeenFloor(grid), np.array([(1.0, 0.02 * k - 0.2) for k in range(21)])
-    seen.see(LASER, fan(2.4))
-    seen.see(LASER, box)
+    seen.see(LASER, fan(2.4), 1.0)
+    seen.see(LASER, box, 1.0)
     room, now = seen.floor(NOTHING, remembered=False), seen.floor(box + LASER[:2], remembered=False)
     assert room.walls is not None and room.walls.distance(1.21, 0.0) > 0.2
     assert now.walls is not None and now.walls.distance(1.21, 0.0) < 0.03
@@ -69,7 +83,7 @@ def test_a_box_that_is_not_seen_now_may_have_gone(grid):
 
 def test_the_walls_of_the_map_are_no_boxes(grid):
     seen = SeenFloor(grid)
-    seen.see(np.array([1.5, 0.0, 0.0]), np.array([(1.32, 0.02 * k) for k in range(-20, 20)]))
+    seen.see(np.array([1.5, 0.0, 0.0]), np.array([(1.32, 0.02 * k) for k in range(-20, 20)]), 1.0)
     walls = seen.floor(NOTHING).walls
     assert walls is not None and walls.distance(2.8, 0.0) == pytest.approx(0.1, abs=0.03)
 
