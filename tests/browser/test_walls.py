@@ -11,6 +11,7 @@ import pytest
 from rigs.live_browser import Live, live
 from tests.browser.conftest import fresh, opened, waits
 from tests.patience import LIMIT, S, wait_until
+from txt1.exploring.explorer import FRONTIERS, Frontiers
 from txt1.maps.files import read
 from txt1.maps.outlines import outlines
 
@@ -31,6 +32,8 @@ EXTENT = """() => {
     const span = (values) => most(values) + most(values.map((v) => -v))
     return xs.length > 500 ? [span(xs), span(ys)] : [0, 1]
 }"""
+# the same for what is drawn in the colour of goals, of which there is less
+GOALS = EXTENT.replace("--wall", "--goal").replace("500", "20")
 
 # a robot that is told a wrong place is drawn there, or lost
 ELSEWHERE = "() => !/^map  x -?0.[01]/.test(document.getElementById('where').textContent)"
@@ -60,6 +63,20 @@ def test_the_map_in_the_making_is_drawn_with_the_robot_on_it(browser: Any, mappe
     page.goto(mapper.url)
     page.wait_for_function("() => /^map  x/.test(document.getElementById('where').textContent)")
     page.wait_for_function(f"() => {{ const [x, y] = ({EXTENT})(); return x > 100 && y > 100 }}")
+    page.context.close()
+
+
+def test_the_frontiers_of_a_robot_that_explores_are_drawn(browser: Any, mapper: Live) -> None:
+    page = fresh(browser)
+    page.goto(mapper.url)
+    page.wait_for_function("() => /^map  x/.test(document.getElementById('where').textContent)")
+    assert page.evaluate(f"({GOALS})()") == [0, 1]
+    # a door, and the robot drives to its middle
+    shown = Frontiers(tuple((1.0, 0.05 * k) for k in range(-10, 11)), (1.0, 0.0))
+    mapper.call(lambda robot: robot.runtime.bus.offer(FRONTIERS, lambda: shown))
+    page.wait_for_function(f"() => {{ const [x, y] = ({GOALS})(); return x > 5 && y > 20 }}")
+    mapper.call(lambda robot: robot.runtime.bus.offer(FRONTIERS, Frontiers))
+    page.wait_for_function(f"() => ({GOALS})()[0] === 0")
     page.context.close()
 
 
