@@ -19,8 +19,8 @@ from txt1.mapping.poses import composed, difference, placed
 from txt1.mapping.sweeps import Sweep
 from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.files import read
-from txt1.model.reeds_shepp import Pose
-from txt1.navigation import follow, go_to, map_pose, plan, ways
+from txt1.model.reeds_shepp import Pose, Segment
+from txt1.navigation import follow, go_to, goto, map_pose, plan, ways
 from txt1.navigation.goto import WARNS, Blocked, Halted
 from txt1.navigation.plan import NoPath, stretches
 from txt1.robot import Robot
@@ -293,6 +293,28 @@ async def test_before_it_backs_up_where_nothing_was_seen_lately_it_waits(
         event.text for event in flat.runtime.state.events if "backs up where nothing was seen for 10 s" in event.text
     ]
     assert bool(told) is says
+
+
+async def test_a_way_that_begins_backward_is_driven_as_far_as_its_floor_was_seen(
+    flat: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = known(flat)
+    room = there.floor()
+    assert room is not None and flat.pose is not None
+    x, y, theta = flat.pose
+    there._sensor = Laser(flat, tuple)  # type: ignore[assignment] # noqa: SLF001
+    await go_to(flat, (x + 1.7, y, theta), pose_source=map_pose(flat), room=room)
+    goal, ways = (x - 1.0, y, theta), [(Segment(0.0, -2.7),)]
+
+    def way(*_: object) -> tuple[Segment, ...]:
+        if ways:
+            return ways.pop()
+        raise NoPath(goal)
+
+    monkeypatch.setattr(goto, "plan", way)
+    with pytest.raises(NoPath):
+        await go_to(flat, goal, pose_source=map_pose(flat), room=room)
+    assert robot_at(flat)[0] == pytest.approx(x, abs=0.15)
 
 
 def robot_at(robot: Robot) -> Pose:

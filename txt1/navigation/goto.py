@@ -20,10 +20,10 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.mapping.poses import Array, placed
 from txt1.mapping.seen_floor import LATELY, with_walls_at
 from txt1.model.kinematics import move_along_arc, wrap_angle
-from txt1.model.reeds_shepp import Path, Pose
+from txt1.model.reeds_shepp import Path, Pose, length
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.navigation.pace import pace
-from txt1.navigation.plan import NoPath, plan, plan_with_run_up, stays_inside, stretches
+from txt1.navigation.plan import SHORT, NoPath, plan, plan_with_run_up, seen_part, stays_inside, stretches
 from txt1.navigation.pose_source import PoseSource, encoders_view, wheel_pose
 from txt1.navigation.search import heading_at
 from txt1.robot import Robot
@@ -256,16 +256,20 @@ async def in_thread(search: Callable[[], T]) -> T:
 
 async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float) -> None:
     """Drive a path, gear by gear, to its end, or to a change of gear at which the robot is off the path, or has not
-    seen the floor behind it.
+    seen the floor behind it; where the path begins backward, as far as that was seen.
     """
     try:
         for number, part in enumerate(stretches(path)):
             stretch = Stretch(start, part)
+            cut = False
             if stretch.gear < 0.0 and poses.sees is not None:
-                seen, lately = (poses.sees.floor(lately=each) for each in (False, True))
-                if number and not stays_inside(start, part, seen, robot.config.geometry):
+                body, seen = robot.config.geometry, poses.sees.floor()
+                backing = seen_part(start, part, seen, body)
+                cut = backing != part
+                if cut and (number or length(backing) < SHORT):
                     return
-                if not stays_inside(start, part, lately, robot.config.geometry):
+                part, stretch = backing, Stretch(start, backing)
+                if not stays_inside(start, part, poses.sees.floor(lately=True), body):
                     robot.tell(
                         f"backs up where nothing was seen for {LATELY:.0f} s: waits {WARNS:.0f} s before it does"
                     )
@@ -273,7 +277,7 @@ async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: P
             await _drive_stretch(robot, wheel, poses, stretch, speed)
             start = stretch.end
             distance, turn = _miss(poses.pose(), start)
-            if distance > OFF_POSITION or turn > OFF_HEADING:
+            if cut or distance > OFF_POSITION or turn > OFF_HEADING:
                 return
     finally:
         wheel.release()

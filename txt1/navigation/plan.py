@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import groupby, product
-from math import ceil, inf, isfinite, pi
+from math import ceil, copysign, inf, isfinite, pi
 from typing import Final
 
 from txt1.errors import Txt1Error
@@ -122,6 +122,27 @@ def stays_inside(
     if room.walls is None:
         return all(clearance(*pose, room, body) >= keep_clear for pose in along(start, path, LOOK_EVERY))
     return stays_clear(start, path, room, body, keep_clear, _ends(start, goal, room, body, keep_clear, keep, seen))
+
+
+def seen_part(start: Pose, path: Path, room: Room | None, body: Geometry) -> Path:
+    """Return the beginning of a path as far as it stays inside the room, to `LOOK_EVERY` m; the path if all does."""
+    if stays_inside(start, path, room, body):
+        return path
+    inside: Path = ()
+    while inside != path and stays_inside(start, longer := _first(path, length(inside) + LOOK_EVERY), room, body):
+        inside = longer
+    return inside
+
+
+def _first(path: Path, metres: float) -> Path:
+    """Return the beginning of a path, of so many metres; the path if it is no longer."""
+    found: list[Segment] = []
+    for curvature, distance in path:
+        if metres <= abs(distance):
+            return (*found, Segment(curvature, copysign(metres, distance))) if metres > 1e-9 else tuple(found)
+        found.append(Segment(curvature, distance))
+        metres -= abs(distance)
+    return path
 
 
 def _ends(start: Pose, goal: Pose | None, room: Room, body: Geometry, clear: float, keep: float, seen: float) -> Ends:
