@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from txt1.commands import need
 from txt1.config import Config, completed
@@ -260,20 +259,14 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
 
 
 def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> dict[str, Any]:
-    """Return times in s, success as shares, ratios to the optimum and the floor; JSON values. Trials may differ in
-    length.
+    """Return times in s, success as shares, ratios to optimum and floor; JSON values. Trials may differ in length.
 
     Failures are counted separately. Times and ratios are of successes, and None if there are none. Only
-    `mean_time_of_all_s` and the robot seconds include the time of failures, because the robot drove it.
+    `mean_time_of_all_s` includes the time of failures.
     """
     every = [one for trial in trials for one in trial]
-    if not every:
-        return {"trials": len(trials), "episodes": 0}
-    length = max(len(trial) for trial in trials)
     # an episode, over all trials that reached it
-    curve = [[trial[k] for trial in trials if len(trial) > k] for k in range(length)]
-    means = [np.mean([one.time for one in row]) for row in curve]
-    milestones = [k for k in MILESTONES if k <= length]
+    curve = {k: some for k in MILESTONES if (some := [trial[k - 1] for trial in trials if len(trial) >= k])}
     return {
         "trials": len(trials),
         "episodes": len(every),
@@ -281,13 +274,9 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
         "contacts": sum(one.touched for one in every),
         "model_does_not_fit": _unfit(every),
         "thesis_mean_time_s": THESIS_MEAN,
-        "after_episode_7": _figures([trial[LEARNED:] for trial in trials], floor),
-        "last_10": _figures([trial[-LAST:] for trial in trials], floor),
-        "ratio_at_episode": {str(k): _ratio(curve[k - 1]) for k in milestones},
-        "robot_seconds_until_episode": {str(k): _round(sum(means[:k])) for k in milestones},
-        "success_at_episode": [_round(np.mean([one.success for one in row])) for row in curve],
-        "mean_time_at_episode_s": [_round(_times(row).mean()) if len(_times(row)) else None for row in curve],
-        "robot_seconds_in_all": _round(sum(one.time for one in every)),
+        "after_episode_7": _figures([one for trial in trials for one in trial[LEARNED:]], floor),
+        "last_10": _figures([one for trial in trials for one in trial[-LAST:]], floor),
+        "ratio_at_episode": {str(k): _ratio(some) for k, some in curve.items()},
     }
 
 
@@ -297,9 +286,8 @@ def _unfit(every: Sequence[Episode]) -> dict[str, Any]:
     return {"episodes": len(said), "median_s": _round(np.median(said)) if said else None}
 
 
-def _figures(by_trial: Sequence[Sequence[Episode]], floor: Floor | None) -> dict[str, Any]:
-    """Return the success, and the times and regret of the successes, over some episodes of each trial."""
-    some = [one for trial in by_trial for one in trial]
+def _figures(some: Sequence[Episode], floor: Floor | None) -> dict[str, Any]:
+    """Return the success, and the times and regret of the successes."""
     if not some:
         return {"episodes": 0}
     won = [one for one in some if one.success]
@@ -312,18 +300,12 @@ def _figures(by_trial: Sequence[Sequence[Episode]], floor: Floor | None) -> dict
     }
     if not won:
         return counts
-    time, best = _times(won), np.array([one.optimal_time for one in won])
-    means = np.array([_times(trial).mean() for trial in by_trial if any(one.success for one in trial)])
+    time, best = np.array([(one.time, one.optimal_time) for one in won]).T
     least = None if floor is None else sum(floor.time(one.start) for one in won)
     return {
         **counts,
         "mean_time_s": _round(time.mean()),
         "median_time_s": _round(np.median(time)),
-        "percentile_5_time_s": _round(np.percentile(time, 5)),
-        "percentile_95_time_s": _round(np.percentile(time, 95)),
-        "sd_of_trial_means_s": _round(means.std(ddof=1)) if len(means) > 1 else None,
-        "median_of_trial_means_s": _round(np.median(means)),
-        "slowest_30_percent_take": _round(np.sort(time)[::-1][: max(1, round(0.3 * len(time)))].sum() / time.sum()),
         "optimal_mean_time_s": _round(best.mean()),
         "mean_regret_s": _round((time - best).mean()),
         "ratio_to_optimum": _round(time.sum() / best.sum()),
@@ -331,15 +313,10 @@ def _figures(by_trial: Sequence[Sequence[Episode]], floor: Floor | None) -> dict
     }
 
 
-def _times(some: Sequence[Episode]) -> NDArray[np.float64]:
-    """The times of the successes, s."""
-    return np.array([one.time for one in some if one.success])
-
-
 def _ratio(some: Sequence[Episode]) -> float | None:
     """Mean ratio of the successes to the optimum; None if there are none."""
     won = [one for one in some if one.success]
-    return _round(_times(won).sum() / sum(one.optimal_time for one in won)) if won else None
+    return _round(sum(one.time for one in won) / sum(one.optimal_time for one in won)) if won else None
 
 
 def _round(value: Any) -> float:
