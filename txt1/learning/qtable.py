@@ -74,15 +74,6 @@ class StoredTable:
                 raise ValueError(f"has {has} {what} where {needed} are needed")
         return self.values
 
-    def kept(self, name: str, shape: tuple[int, ...]) -> Any:
-        """Return an array of numpy that the agent keeps with the table; ValueError: it has another shape."""
-        import numpy as np
-
-        array = np.array(self.about[name], float)
-        if array.shape != shape:
-            raise ValueError(f"keeps '{name}' of the shape {array.shape} where {shape} is needed")
-        return array
-
 
 def table_of(rows: Any) -> Table:
     """Return rows of numbers as lists; ValueError, TypeError: they are no table of finite numbers."""

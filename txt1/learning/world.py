@@ -14,7 +14,7 @@ Whatever it raises becomes one line with its name.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import cos, isfinite, sin
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Final
 
 from txt1.config.sources import with_values
@@ -25,9 +25,7 @@ from txt1.model.light_sensors import SENSORS, Readings
 from txt1.model.odometry import Odometry
 from txt1.plugins import Registry
 from txt1.sensors.light import eyes
-from txt1.sim.obstacles import gap
 from txt1.sim.parameters import Box
-from txt1.sim.room import clearance
 
 if TYPE_CHECKING:
     import numpy as np
@@ -122,22 +120,6 @@ def world_of(
         return None
     made = WORLDS.make("learning.world", name, config, rng, *(() if movers is tuple else (movers,)))
     return CheckedWorld(made, f"the world '{name}' ({WORLDS.place('learning.world', name)})")
-
-
-def touches(config: Config) -> Callable[[Pose], bool] | None:
-    """Whether a robot at a pose touches a wall of the map, a post or a box that stands; None: nothing is there."""
-    room, obstacles, body = config.sim.room.built(), config.sim.obstacles, config.geometry
-    if room.walls is None and not obstacles:
-        return None
-
-    def touched(pose: Pose) -> bool:
-        x, y, theta = pose
-        if room.walls is not None and clearance(x, y, theta, room, body) < TOUCH:
-            return True
-        at = Box(x + body.centre * cos(theta), y + body.centre * sin(theta), body.length, body.width, theta)
-        return any(gap(at, each) < TOUCH for each in obstacles)
-
-    return touched
 
 
 class CheckedWorld:

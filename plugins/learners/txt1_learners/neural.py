@@ -33,6 +33,7 @@ from txt1.learning.settings import LearningConfig
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SENSORS
 from txt1.units import Positive, PositiveInt, Share
+from txt1_learners.stored_arrays import kept
 
 Array = NDArray[np.float64]
 # each with the networks along its first axis
@@ -279,8 +280,8 @@ class NeuralAgent(PeriodicAgent):
             size = w[0].size
             self.weights[name] = values[:, at : at + size].reshape(w.shape).copy()
             at += size
-        self.scale = table.kept("scale", self.scale.shape)
-        self.level = None if table.about["level"] is None else table.kept("level", (len(SENSORS),))
+        self.scale = kept(table, "scale", self.scale.shape)
+        self.level = None if table.about["level"] is None else kept(table, "level", (len(SENSORS),))
         self.training = False
 
     def memory(self) -> dict[str, Any]:

@@ -34,6 +34,7 @@ from txt1.learning.agent import Decision, PeriodicAgent, StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.units import NotNegative, Positive, Share
+from txt1_learners.stored_arrays import kept
 
 Array = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     agent = TaxisAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
         agent.synapses = np.array(table.shaped(*agent.synapses.shape))
-        agent.used, agent.varies = table.kept("used", agent.used.shape), table.kept("varies", agent.varies.shape)
+        agent.used, agent.varies = kept(table, "used", agent.used.shape), kept(table, "varies", agent.varies.shape)
         agent.learns = False
     return agent
 

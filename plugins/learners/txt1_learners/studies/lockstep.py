@@ -31,14 +31,17 @@ from txt1.learning.best_time import DECISION_MS
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import AGENT, SENSORS, Phase, Trial, starts, stream, task_of
-from txt1.learning.world import CheckedWorld, LightWorld, settled, touches, world_of
+from txt1.learning.world import TOUCH, CheckedWorld, LightWorld, Pose, settled, world_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
 from txt1.sensors.sim_vicon import TrackerErrors
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
+from txt1.sim.obstacles import gap
+from txt1.sim.parameters import Box
 from txt1.sim.rays import shapes_of, walls_of
+from txt1.sim.room import clearance
 from txt1_learners.settings import Changes, Drift
 from txt1_learners.studies.modelled_settings import LOCKSTEP, lasers, refuse_others
 
@@ -264,6 +267,22 @@ def asked_alike(config: Config) -> Config:
     if config.section(LearningConfig).goal_period is not None:
         return config
     return with_values(config, {"learning.goal_period": DECISION_MS / 1000.0})
+
+
+def touches(config: Config) -> Callable[[Pose], bool] | None:
+    """Whether a robot at a pose touches a wall of the map, a post or a box that stands; None: nothing is there."""
+    room, obstacles, body = config.sim.room.built(), config.sim.obstacles, config.geometry
+    if room.walls is None and not obstacles:
+        return None
+
+    def touched(pose: Pose) -> bool:
+        x, y, theta = pose
+        if room.walls is not None and clearance(x, y, theta, room, body) < TOUCH:
+            return True
+        at = Box(x + body.centre * cos(theta), y + body.centre * sin(theta), body.length, body.width, theta)
+        return any(gap(at, each) < TOUCH for each in obstacles)
+
+    return touched
 
 
 def shown(config: Config, rng: np.random.Generator) -> Shown:
