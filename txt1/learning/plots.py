@@ -17,9 +17,8 @@ from txt1.model.light_sensors import MOUNT, SENSORS
 DPI: Final = 120
 # a table with more numbers is drawn without them, by colours only
 LEGIBLE: Final = 200
-# in, one path and one part of a table across: of all beside one another, shown 600 pixels wide,
+# in, one path and one part of a table across: letters can be read where all are shown 600 pixels wide
 PATH, PART = 3.2, 4.8
-# letters can be read
 # of the trials, for an interval
 RESAMPLES: Final = 500
 # the colour-blind, too, tell them apart (Okabe, Ito)
@@ -28,45 +27,41 @@ BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"
 
 def draw(
     out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task, floor: Floor | None = None
-) -> list[Path]:
-    """The pictures that were written: times.png, learning_curve.png, paths.png, qtable.png; raises MissingExtra.
+) -> None:
+    """Write times.png, learning_curve.png and paths.png, and qtable.png where a learner has something to show in it.
 
     With a floor (`txt1.learning.best_time`) the curve has the ratio to it, too.
     """
-    try:
-        from matplotlib import colormaps, ticker
-        from matplotlib.collections import LineCollection
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtra("drawing pictures", "plots") from None
+    _picture(out / "times.png", 8.0, 4.0, lambda figure: _seconds(figure, outcomes))
+    _picture(out / "learning_curve.png", 8.0, 4.7, lambda figure: _curve(figure, outcomes, floor))
+    _picture(out / "paths.png", PATH * max(1, len(chosen.paths)), 3.6, lambda figure: _paths(figure, chosen, task))
     table = chosen.table
     parts: list[Callable[[Any, float], None]] = []
     learner = str(table.about.get("agent"))
     if of_module(learner, "TABLE_IS_DRAWN", True):
-        parts.append(lambda figure, left: _table(figure, left, table, colormaps))
+        parts.append(lambda figure, left: _table(figure, left, table))
     title, reported = of_module(learner, "REPORTED", ("", ()))
     if np.shape(reported) == table.shape:
         beside = StoredTable(np.array(reported), {**table.about, "title": title})
-        parts.append(lambda figure, left: _table(figure, left, beside, colormaps))
+        parts.append(lambda figure, left: _table(figure, left, beside))
     courses = of_module(learner, "courses", None)
     if courses is not None:
         parts.append(lambda figure, left: _floor(figure, left, table, task, courses))
-    paintings: tuple[tuple[str, tuple[float, float], Callable[[Any], None]], ...] = (
-        ("times.png", (8.0, 4.0), lambda figure: _seconds(figure, outcomes, ticker)),
-        ("learning_curve.png", (8.0, 4.7), lambda figure: _curve(figure, outcomes, floor, ticker, LineCollection)),
-        ("paths.png", (PATH * max(1, len(chosen.paths)), 3.6), lambda figure: _paths(figure, chosen, task)),
-        ("qtable.png", (PART * len(parts), 4.5), lambda figure: _learned(figure, parts)),
-    )
-    pictures = []
-    for name, size, paint in paintings:
-        # no pyplot: no window, no state
-        figure = Figure(figsize=size, dpi=DPI)
-        paint(figure)
-        path = out / name
-        # half the time, 6 % more bytes
-        figure.savefig(path, pil_kwargs={"compress_level": 1})
-        pictures.append(path)
-    return pictures
+    if parts:
+        _picture(out / "qtable.png", PART * len(parts), 4.5, lambda figure: _learned(figure, parts))
+
+
+def _picture(file: Path, width: float, height: float, paint: Callable[[Any], object]) -> None:
+    """Write a picture of this size, in; raises MissingExtra."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtra("drawing pictures", "plots") from None
+    # no pyplot: no window, no state
+    figure = Figure(figsize=(width, height), dpi=DPI)
+    paint(figure)
+    # half the time, 6 % more bytes
+    figure.savefig(file, pil_kwargs={"compress_level": 1})
 
 
 def _panel(figure: Any, left: float, bottom: float, width: float, height: float) -> Any:
@@ -79,8 +74,10 @@ def _panel(figure: Any, left: float, bottom: float, width: float, height: float)
     return axes
 
 
-def _seconds(figure: Any, outcomes: Sequence[TrialResult], ticker: Any) -> None:
+def _seconds(figure: Any, outcomes: Sequence[TrialResult]) -> None:
     """Draw the seconds of each episode, as figure 5.10 has them: blue the trials, bold red their mean, failures too."""
+    from matplotlib.ticker import MaxNLocator
+
     axes = _panel(figure, 0.65, 0.475, 7.2, 3.1)
     length = max((len(one.episodes) for one in outcomes), default=0)
     for trial in outcomes:
@@ -89,26 +86,27 @@ def _seconds(figure: Any, outcomes: Sequence[TrialResult], ticker: Any) -> None:
     axes.plot(range(1, length + 1), means, color=RED, lw=3.0)
     axes.set(xlabel="episode", ylabel="time, s", xlim=(0.5, length + 0.5))
     axes.set_ylim(bottom=0.0)
-    axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(alpha=0.3)
     count = f"{len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}"
     figure.suptitle(f"{count} (blue) and their mean (red), as figure 5.10", y=0.985, fontsize=10)
 
 
-def _curve(
-    figure: Any, outcomes: Sequence[TrialResult], floor: Floor | None, ticker: Any, line_collection: Any
-) -> None:
+def _curve(figure: Any, outcomes: Sequence[TrialResult], floor: Floor | None) -> None:
     """Draw the ratio of each episode's time to its optimum, which removes the luck of the starts (cf. figure 5.10).
 
     It shows every trial, the mean of the successes with an interval of 95 % over trials, the mean ratio to the floor,
     and the number of failures.
     """
+    from matplotlib import ticker
+    from matplotlib.collections import LineCollection
+
     axes = _panel(figure, 0.65, 0.475, 7.2, 3.5)
     length = max((len(one.episodes) for one in outcomes), default=0)
     lines = [[(one.number, one.time / one.optimal_time) for one in trial.episodes if one.success] for trial in outcomes]
     alpha = max(0.05, min(0.6, 4.0 / len(outcomes)))
     shown = [line for line in lines if line]
-    axes.add_collection(line_collection(shown, colors=BLUE, alpha=alpha, linewidths=0.8, label="each trial"))
+    axes.add_collection(LineCollection(shown, colors=BLUE, alpha=alpha, linewidths=0.8, label="each trial"))
     numbers, means, to_floor, low, high, failed = [], [], [], [], [], []
     rng = np.random.default_rng(0)
     for k in range(length):
@@ -213,19 +211,8 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Ca
     )  # fmt: skip
 
 
-def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None:
-    """Draw the Q-table as a heat map, or the best actions if the table has `axes` (label, cells, from, to)."""
-    if "axes" in table.about:
-        (across, columns, *x), (up, rows, *y) = table.about["axes"]
-        best = np.asarray(table.values).reshape(columns, rows, -1).argmax(axis=2).T
-        axes, scale = _panel(figure, edge + 0.7, 0.475, 3.1, 3.7), _panel(figure, edge + 3.95, 0.475, 0.15, 3.7)
-        colours = colormaps["viridis"].resampled(len(ACTIONS))
-        image = axes.imshow(
-            best, aspect="auto", origin="lower", extent=(*x, *y), cmap=colours, vmin=-0.5, vmax=len(ACTIONS) - 0.5
-        )
-        axes.set(xlabel=across, ylabel=up, title="best action")
-        figure.colorbar(image, scale, ticks=range(len(ACTIONS))).set_ticklabels(ACTIONS)
-        return
+def _table(figure: Any, edge: float, table: StoredTable) -> None:
+    """Draw the Q-table as a heat map."""
     axes, scale = _panel(figure, edge + 1.0, 0.28, 3.0, 3.9), _panel(figure, edge + 4.12, 0.28, 0.15, 3.9)
     values = np.asarray(table.values)
     most = float(np.abs(values).max())

@@ -70,10 +70,7 @@ def test_it_drives_by_what_it_learned(tmp_path: Path) -> None:
 def test_a_learners_module_says_which_way_it_drives_and_whether_its_table_is_shown() -> None:
     assert of_module("sweeps", "courses", None) is sweeps.courses
     assert of_module("pilot", "courses", None) is pilot.courses
-    assert {name: of_module(name, "TABLE_IS_DRAWN", True) for name in ("sweeps", "pilot")} == {
-        "sweeps": True,
-        "pilot": False,
-    }
+    assert not any(of_module(name, "TABLE_IS_DRAWN", True) for name in ("sweeps", "pilot"))
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,8 @@ class SweepsSettings:
 
 
 SETTINGS: Final = SweepsSettings()
+# it has thousands of numbers, and its courses show what they come to
+TABLE_IS_DRAWN: Final = False
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
@@ -259,10 +261,6 @@ class SweepsAgent:
             "agent": self.name,
             "episodes": self.episode,
             "actions": names,
-            "axes": [
-                ["bearing of the light, degrees", BEARINGS, -180.0, 180.0],
-                ["yaw rate, rad/s", YAW_RATES, -YAW_MAX, YAW_MAX],
-            ],
             "turning": [[float(x) for x in each] for each in self.model.coefficients()],
         }
         return StoredTable(self.q.reshape(-1, self.q.shape[2]).copy(), about)

@@ -47,3 +47,10 @@ def test_no_text_of_the_pictures_is_cut_or_stands_over_another(tmp_path: Path, m
     assert not any(found.values()), found
     assert legends["qtable.png"] == ["left", "straight", "right", "sensors", "goal"]
     assert {"each trial", "mean of successes", "optimum"} <= set(legends["learning_curve.png"])
+
+
+def test_a_learner_that_shows_no_table_has_the_other_pictures(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    words = ["learn", "--agent", "locator", "--trials", "1", "--episodes", "1", "--seed", "1", "--out", str(tmp_path)]
+    assert execute(words) == 0
+    assert {path.name for path in tmp_path.glob("*.png")} == {"times.png", "learning_curve.png", "paths.png"}
