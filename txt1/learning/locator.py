@@ -23,8 +23,7 @@ place tells how likely that is.
 
 **The doubt** is a test. The logarithm of time / first plan is taken as normal over fine episodes, with the mean and
 deviation of the last twenty and a usual one as prior. Once an episode lasts longer than a fine one does with the
-probability `alarm`, it says that its model does not fit. After such an episode, or a failed one, it says so at the
-start of the next.
+probability `alarm`, it says that its model does not fit.
 """
 
 from math import cos, hypot, inf, log, pi, sin, sqrt
@@ -119,7 +118,7 @@ class LocatorAgent(PeriodicAgent):
         # distances at which episodes ended, and log(time / plan) of fine ones
         self._ends: list[float] = []
         self._late: list[float] = []
-        self._episode, self._warned = 0, False
+        self._episode = 0
         self.begin()
 
     def begin(self) -> None:
@@ -130,7 +129,7 @@ class LocatorAgent(PeriodicAgent):
         self._history: list[int] = []
         self._value = np.zeros(self._actions)
         self._began = self._planned = inf
-        self.unfit = LATE if self._warned else ""
+        self.unfit = ""
 
     def act(self, now: float, odometry: Odometry) -> int:
         """Learn from the readings since the last decision, and return the next action."""
@@ -158,10 +157,10 @@ class LocatorAgent(PeriodicAgent):
         late = log(max(self._due - self._began, PERIOD) / self._planned) if self._planned < inf else inf
         if self._samples:
             self._look(odometry)
-        self._warned = not success or improbable(late, self._late, self._alarm)
         if success and self._fitted is not None:
             self._ends = [*self._ends, hypot(*self._light(self._fitted))][-20:]
-            self._late = self._late if self._warned else [*self._late, late][-20:]
+            if not improbable(late, self._late, self._alarm):
+                self._late = [*self._late, late][-20:]
         self._episode += 1
 
     def void(self) -> None:
@@ -370,7 +369,7 @@ class LocatorAgent(PeriodicAgent):
         """All that it needs to carry on later."""
         fit = None if self._fitted is None else [np.asarray(each).tolist() for each in self._fitted]
         told = {"fit": fit, "rows": self._rows.tolist(), "effects": self._effects.tolist(), "delay": self._delay}
-        return told | {"ends": self._ends, "late": self._late, "episode": self._episode, "warned": self._warned}
+        return told | {"ends": self._ends, "late": self._late, "episode": self._episode}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from the result of `memory`; ValueError: it knows another number of actions."""
@@ -382,7 +381,7 @@ class LocatorAgent(PeriodicAgent):
             fit = Fit(np.array(fit[0]), np.array(fit[1]), float(fit[2]), np.array(fit[3]), float(fit[4]), float(fit[5]))
         self._fitted, self._delay = fit, int(memory["delay"])
         self._ends, self._late = list(map(float, memory["ends"])), list(map(float, memory["late"]))
-        self._episode, self._warned = int(memory["episode"]), bool(memory["warned"])
+        self._episode = int(memory["episode"])
 
 
 def improbable(late: float, known: list[float], alarm: float) -> bool:

@@ -85,7 +85,7 @@ def test_it_lives_with_a_sensor_that_tells_nothing(bad: str) -> None:
     assert ratio(done[2:]) < 1.6
 
 
-def test_it_says_in_the_episode_that_it_is_late_and_at_the_start_of_the_next() -> None:
+def test_it_says_in_the_episode_that_it_is_late_and_begins_the_next_without_doubt() -> None:
     one = agent()
     episodes(one, 3)
     one.begin()
@@ -97,7 +97,7 @@ def test_it_says_in_the_episode_that_it_is_late_and_at_the_start_of_the_next() -
     assert one.unfit == LATE, "it has not moved for 15 s"
     one.end(False, odometry)
     one.begin()
-    assert one.unfit == LATE
+    assert not one.unfit
 
 
 def test_its_doubt_is_a_test_with_the_stated_rate() -> None:
