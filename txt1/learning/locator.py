@@ -74,24 +74,14 @@ class Fit(NamedTuple):
     """What the readings tell."""
 
     law: Array
-    # place of the light in the odometry of each episode, m; its deviation in the last
+    # place of the light in the odometry of each episode, m
     lights: Array
-    deviation: float
-    # of each sensor's samples
+    # deviation of each sensor's samples, and of the light's place in the last episode, m
     noise: Array
+    deviation: float = 0.0
     # mean square of the last episode's misfits in their deviations, and the sum of all with the prior
-    misfit: float
-    cost: float
-
-
-class Motion(NamedTuple):
-    """The effects of some actions: d' = k d + c, (h/d)' = keeps h/d + e; turns are `scale` times odometry's."""
-
-    k: float
-    c: Array
-    keeps: float
-    e: Array
-    scale: float
+    misfit: float = 0.0
+    cost: float = inf
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "LocatorAgent":
@@ -154,11 +144,11 @@ class LocatorAgent(PeriodicAgent):
 
     def end(self, success: bool, odometry: Odometry) -> None:
         """The episode is over: learn how far the goal was, and how late it was."""
-        late = log(max(self._due - self._began, PERIOD) / self._planned) if self._planned < inf else inf
         if self._samples:
             self._look(odometry)
         if success and self._fitted is not None:
             self._ends = [*self._ends, hypot(*self._light(self._fitted))][-20:]
+            late = log(max(self._due - self._began, PERIOD) / self._planned) if self._planned < inf else inf
             if not improbable(late, self._late, self._alarm):
                 self._late = [*self._late, late][-20:]
         self._episode += 1
@@ -166,8 +156,6 @@ class LocatorAgent(PeriodicAgent):
     def void(self) -> None:
         """The episode does not count."""
         self.recall(self._before)
-
-    # -- what it sees ------------------------------------------------------------------------------------------------
 
     def _look(self, odometry: Odometry) -> None:
         """Add a row: the readings since the last decision, and the way that odometry tells."""
@@ -202,8 +190,6 @@ class LocatorAgent(PeriodicAgent):
         """Return the light's place in the robot's frame now, m."""
         ahead, left = _seen_from(self._paths(float(fit.law[SCALE]))[1][-1:], fit.lights[-1:])
         return float(ahead[0]), float(left[0])
-
-    # -- the fit -----------------------------------------------------------------------------------------------------
 
     def _refit(self, done: int) -> Fit | None:
         """Return the fit with the newest row; None: there is too little yet."""
@@ -284,7 +270,7 @@ class LocatorAgent(PeriodicAgent):
         last = self._rows[:, EPISODE] == self._episode
         fits = float((sound * misfit**2 / variance)[last].sum() / max(sound[last].sum(), 1.0))
         deviation = sqrt(max(float(np.trace(np.linalg.inv(normal)[-2:, -2:])) / 2.0, 0.0))
-        return Fit(at[:LAW], at[LAW:].reshape(-1, 2), deviation, noise, fits, least)
+        return Fit(at[:LAW], at[LAW:].reshape(-1, 2), noise, deviation, fits, least)
 
     def _slopes(self, x: Array) -> tuple[Array, Array]:
         """Return the misfits, (rows, 4), and the derivatives of the law by all unknowns, (rows, 4, unknowns)."""
@@ -304,25 +290,21 @@ class LocatorAgent(PeriodicAgent):
         slope[rows, :, LAW + 2 * number + 1] = -s_ * toward[..., 0] - c * toward[..., 1]
         return self._rows[:, LOGS] - law[GAINS] + 0.5 * n * np.log(square), slope
 
-    # -- what the actions do, and the plan ---------------------------------------------------------------------------
-
     def _learn_effects(self) -> None:
         """Learn the effects of the actions and their delay by least squares over the rows."""
         rows, least, effects = self._rows, inf, self._effects
         if len(rows) < 2 * TRIES:
             return
-        first = np.searchsorted(rows[:, EPISODE], rows[:, EPISODE])[1:]
-        within = rows[1:, EPISODE] == rows[:-1, EPISODE]
-        way, before = rows[1:, WAY], rows[:-1, WAY]
-        bend = np.where(np.abs(before) > 1e-3, rows[:-1, TURN] / np.where(before, before, 1.0), 0.0)
+        now = np.flatnonzero(rows[1:, EPISODE] == rows[:-1, EPISODE]) + 1
+        first = np.searchsorted(rows[:, EPISODE], rows[now, EPISODE])
+        way, before, turn = rows[now, WAY], rows[now - 1, WAY], rows[now, TURN]
+        bend = np.where(np.abs(before) > 1e-3, rows[now - 1, TURN] / np.where(before, before, 1.0), 0.0)
         for delay in range(DELAYS):
-            at = np.arange(1, len(rows)) - delay
-            action = np.where(at > first, rows[np.maximum(at, 0), ACTION], self._actions)
+            action = np.where(now - delay > first, rows[now - delay, ACTION], self._actions)
             taken = action[:, None] == np.arange(self._actions + 1)
             found, cost = [], 0.0
             designs = np.column_stack([before, taken]), way[:, None] * np.column_stack([bend, taken])
-            for design, seen, known, weight in zip(designs, (way, rows[1:, TURN]), self._effects, KNOWN, strict=True):
-                design, seen = design[within], seen[within]
+            for design, seen, known, weight in zip(designs, (way, turn), self._effects, KNOWN, strict=True):
                 # what an action did before counts as one decision, or it would be forgotten with its rows
                 normal = design.T @ design + weight * np.eye(len(known))
                 found.append(np.linalg.solve(normal, design.T @ seen + weight * known))
@@ -334,25 +316,22 @@ class LocatorAgent(PeriodicAgent):
 
     def _plan(self, fit: Fit) -> Array:
         """Return the number of decisions to the goal by the quickest course that begins with each action."""
-        (k, *c), (keeps, *e) = self._effects.tolist()
         way, turn, scale = self._rows[-1, WAY], self._rows[-1, TURN], float(fit.law[SCALE])
         state = np.array([*self._light(fit), way, turn / way if abs(way) > 1e-3 else 0.0])
         under_way = [self._actions] * self._delay + self._history
         for a in under_way[len(under_way) - self._delay :]:
-            state = _course(state, Motion(k, np.array(c[a]), keeps, np.array(e[a]), scale), 1)[:, 0]
-        motion = Motion(k, np.array(c[:-1]), keeps, np.array(e[:-1]), scale)
+            state = _course(state[:, None], self._effects[:, [0, 1 + a]], scale, 1)[:, 0, 0]
+        effects = self._effects[:, :-1]
         goal = (1.0 - GRAZE) * (sum(self._ends) + 3.0 * self._goal) / (len(self._ends) + 3.0)
         # where the episode goes on although it should be there, the goal is nearer
         goal = min(goal, 0.9 * hypot(state[0], state[1]))
         doubt, here = hypot(fit.deviation, GRAZE * goal), np.repeat(state[:, None], self._actions, axis=1)
         switches = np.array([m for m in range(1, 120) if m < 9 or m % 3 == 0])
         # a for m decisions, then b: shape (actions a, decisions m, actions b)
-        after = _course(here, motion, int(switches[-1]))[..., switches - 1]
-        times = switches[:, None] + _onward(after, motion, goal, doubt)
-        best: Array = np.minimum(times.min(axis=(1, 2)), np.diagonal(_onward(here, motion, goal, doubt)))
+        after = _course(here, effects, scale, int(switches[-1]))[..., switches - 1]
+        times = switches[:, None] + _onward(after, effects, scale, goal, doubt)
+        best: Array = np.minimum(times.min(axis=(1, 2)), np.diagonal(_onward(here, effects, scale, goal, doubt)))
         return best
-
-    # -- what it keeps -----------------------------------------------------------------------------------------------
 
     def decision(self, odometry: Odometry) -> Decision:
         """Return the decisions to the goal by each action, as costs."""
@@ -367,7 +346,7 @@ class LocatorAgent(PeriodicAgent):
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
-        fit = None if self._fitted is None else [np.asarray(each).tolist() for each in self._fitted]
+        fit = None if self._fitted is None else [each.tolist() for each in self._fitted[:3]]
         told = {"fit": fit, "rows": self._rows.tolist(), "effects": self._effects.tolist(), "delay": self._delay}
         return told | {"ends": self._ends, "late": self._late, "episode": self._episode}
 
@@ -377,18 +356,14 @@ class LocatorAgent(PeriodicAgent):
         if effects.shape != (2, self._actions + 2):
             raise ValueError(f"knows {effects.shape[-1] - 2} actions where {self._actions} are needed")
         self._rows, self._effects = np.array(memory["rows"], float).reshape(-1, COLUMNS), effects
-        if fit is not None:
-            fit = Fit(np.array(fit[0]), np.array(fit[1]), float(fit[2]), np.array(fit[3]), float(fit[4]), float(fit[5]))
-        self._fitted, self._delay = fit, int(memory["delay"])
+        self._fitted = None if fit is None else Fit(np.array(fit[0]), np.array(fit[1]), np.array(fit[2]))
+        self._delay = int(memory["delay"])
         self._ends, self._late = list(map(float, memory["ends"])), list(map(float, memory["late"]))
         self._episode = int(memory["episode"])
 
 
 def improbable(late: float, known: list[float], alarm: float) -> bool:
-    """Return whether a fine episode has such a log(time / plan) with less than the probability `alarm`.
-
-    `known` are those of fine episodes.
-    """
+    """Return whether log(time / plan) is so late with less than the probability `alarm`; `known`: of fine episodes."""
     count = len(known) + WEIGHT
     mean = sum(known) / count
     square = (WEIGHT * USUAL**2 + sum((each - mean) ** 2 for each in known)) / count
@@ -408,12 +383,16 @@ def _squares(ahead: Array, left: Array, law: Array) -> tuple[Array, Array]:
     return np.maximum((away**2).sum(axis=-1) + law[HEIGHT], 1e-3), away
 
 
-def _course(state: Array, motion: Motion, decisions: int) -> Array:
-    """Return the light ahead and left, way and curvature after each decision, shape (4, ..., decisions)."""
+def _course(state: Array, effects: Array, scale: float, decisions: int) -> Array:
+    """Return the light ahead and left, way and curvature after each decision, shape (4, ..., actions, decisions).
+
+    `effects` has the rows (k, c of each action) and (l, e of each action). Turns are `scale` times odometry's.
+    """
     (ahead, left, way, bend), j = state[..., None], np.arange(1, decisions + 1)
-    k, c, keeps, e, scale = motion
-    ways = (c / (1.0 - k))[..., None] + (way - (c / (1.0 - k))[..., None]) * k**j
-    bends = (e / (1.0 - keeps))[..., None] + (bend - (e / (1.0 - keeps))[..., None]) * keeps**j
+    k, keeps = effects[:, 0]
+    last_way, last_bend = effects[0, 1:, None] / (1.0 - k), effects[1, 1:, None] / (1.0 - keeps)
+    ways = last_way + (way - last_way) * k**j
+    bends = last_bend + (bend - last_bend) * keeps**j
     turns = scale * bends * ways
     heading = np.cumsum(turns, axis=-1)
     dx = ahead - np.cumsum(ways * np.cos(heading - 0.5 * turns), axis=-1)
@@ -422,17 +401,17 @@ def _course(state: Array, motion: Motion, decisions: int) -> Array:
     return np.stack([c * dx + s * dy, c * dy - s * dx, ways, bends])
 
 
-def _onward(state: Array, motion: Motion, goal: float, doubt: float) -> Array:
+def _onward(state: Array, effects: Array, scale: float, goal: float, doubt: float) -> Array:
     """Return the mean number of decisions to the goal by each action from states (4, ...); shape (..., actions)."""
-    start = np.repeat(state[..., None], len(motion.c), axis=-1)
-    course = _course(start, motion, SETTLE)
+    start = np.repeat(state[..., None], effects.shape[1] - 1, axis=-1)
+    course = _course(start, effects, scale, SETTLE)
     near = np.hypot(course[0], course[1])
     before = np.concatenate([np.hypot(start[0], start[1])[..., None], near[..., :-1]], axis=-1)
     # the decision that enters the goal counts in part
     first = (near <= goal).argmax(axis=-1)[..., None]
     part = np.clip((before - goal) / np.maximum(before - near, 1e-9), 0.0, 1.0)
     entered = (first + np.take_along_axis(part, first, axis=-1))[..., 0]
-    step, curve = motion.c / (1.0 - motion.k), motion.scale * motion.e / (1.0 - motion.keeps)
+    step, curve = effects[:, 1:] / (1.0 - effects[:, :1]) * [[1.0], [scale]]
     step, curve = np.where(np.abs(step) < 1e-4, 1e-4, step), np.where(np.abs(curve) < 1e-3, 1e-3, curve)
     radius, circle = 1.0 / np.abs(curve), 2.0 * pi / max(float(np.abs(curve).max()), 0.1)
     ahead = np.where(step > 0.0, course[0, ..., -1], -course[0, ..., -1])
