@@ -1,5 +1,7 @@
 """`python -m docs.worlds`: the pilot's tables in docs/results/learning.md; it learns in all worlds, half an hour.
 
+`--agent locator` makes the locator's table, in the worlds of `PLAIN`; ten minutes.
+
 Ended and begun again, it goes on: raw results are kept in out/pilot-worlds and, of many trials in the thesis's world,
 in out/pilot-thesis. `--report` does no more than write the page from them, and out/pilot-worlds/worlds.md.
 """
@@ -12,6 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from rigs import page_parts
 from txt1.learning.experiment import LEARNED
 from txt1_learners.studies import suite
@@ -19,16 +23,25 @@ from txt1_learners.studies.__main__ import main as study
 from txt1_learners.worlds import groups
 
 HERE: Final = Path(__file__).parent
+LOCATOR: Final = HERE.parent / "out" / "locator-worlds"
 EVERY, THESIS = HERE.parent / "out" / "pilot-worlds", HERE.parent / "out" / "pilot-thesis"
 PAGE: Final = HERE / "results" / "learning.md"
 SEED: Final = "1213282368"  # drawn after the pilot was finished
 NEAR: Final = 1.05  # times its floor, within which it is to be
+FAR: Final = 1.3  # times its floor, beyond which the locator is slow in a world
 SHOWN: Final = 4  # worlds that are named as the farthest from their floors
+# plain worlds: the robot's own, and one thing that differs from it in each
+PLAIN: Final = (
+    *("thesis", "sensor-dead", "sensors-two-dead", "sensor-frozen", "sensors-swapped", "sensors-turned"),
+    *("sensors-quarter", "sensors-mixed", "sensors-close", "sensors-uneven", "noise-none", "noise-double"),
+    *("delay-0.2", "delay-0.4", "floor-slippery", "floor-rough", "light-dim", "servo-slow", "speed-half"),
+    "steering-reversed",
+)
 
 
 def read(out: Path) -> list[dict[str, Any]]:
-    """The raw results of the pilot in a directory, by the names of their worlds."""
-    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted((out / "pilot").glob("*.json"))]
+    """The raw results of a learner in a directory, by the names of their worlds."""
+    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(out.glob("*/*.json"))]
 
 
 def source(results: Sequence[dict[str, Any]]) -> str:
@@ -110,13 +123,48 @@ def changes(results: Sequence[dict[str, Any]]) -> str:
     return "\n".join([*lines, ""])
 
 
+def plain(results: Sequence[dict[str, Any]]) -> str:
+    """The locator in plain worlds, the worst first, and how often its doubt was right."""
+    every = sorted(((suite.figures(one), one) for one in results), key=lambda pair: -float(pair[0]["to_floor"]))
+    ratios = [float(found["to_floor"]) for found, _ in every]
+    late = np.concatenate([np.array(one["results"], float)[:, LEARNED:].reshape(-1, 8) for one in results])
+    said = np.isfinite(late[:, suite.UNFIT])
+    slow = (late[:, 3] == 0.0) | (late[:, 2] > suite.SLOW * late[:, 5])
+    lines = [
+        f"Times the floor after the {LEARNED}th episode: {np.mean(ratios):.3f} in the mean over {len(every)} worlds, "
+        f"{ratios[0]:.3f} at worst, above {FAR} in {sum(each > FAR for each in ratios)}. Of {len(late)} episodes "
+        f"{int((late[:, 3] == 0.0).sum())} failed. It doubted {int((said & ~slow).sum())} of {int((~slow).sum())} fine "
+        f"episodes, and {int((said & slow).sum())} of {int(slow.sum())} that failed or took {suite.SLOW} times the "
+        "floor.",
+        "",
+        "| world | times the floor (95 %) | episode 2 | failed |",
+        "|---|---|---|---|",
+    ]
+    for found, one in every:
+        low, high = found["to_floor_95"] or (float("nan"),) * 2
+        lines.append(
+            f"| `{one['world']}`: {about(one)} | {found['to_floor']:.3f} ({low:.3f} to {high:.3f}) "
+            f"| {found['to_floor_at_episode'][1]:.2f} | {found['failures']} |"
+        )
+    return "\n".join([*lines, "", f"{source(results)}.", ""])
+
+
 def main() -> None:
-    """Have the pilot learn, and write the page."""
+    """Have the learner learn, and write the page."""
     parser = argparse.ArgumentParser(prog="docs.worlds", description=__doc__)
+    parser.add_argument("--agent", default="pilot", choices=("pilot", "locator"), help="the learner; pilot")
     parser.add_argument("--trials", default="4", metavar="N", help="in each world; 4")
+    parser.add_argument("--episodes", default="31", metavar="N", help="of the locator, in each trial; 31")
     parser.add_argument("--thesis", default="1000", metavar="N", help="in the thesis's world; 1000")
     parser.add_argument("--report", action="store_true", help="only write the page, from the results that are there")
     given = parser.parse_args()
+    if given.agent == "locator":
+        if not given.report:
+            common = ["worlds", "usual", "--agent", "locator", "--seed", SEED, "--resume", "--jobs", "1"]
+            chosen = ["--world", ",".join(PLAIN), "--trials", given.trials, "--episodes", given.episodes]
+            study([*common, *chosen, "--out", str(LOCATOR)])
+        page_parts.write(PAGE, "locator-plain", plain(read(LOCATOR)), "docs.worlds")
+        return
     if not given.report:
         common = ["worlds", "usual", "--agent", "pilot", "--seed", SEED, "--resume"]
         study([*common, "--trials", given.trials, "--out", str(EVERY)])
