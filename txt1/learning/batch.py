@@ -24,7 +24,7 @@ from txt1.learning.light_direction import FILTER_WEIGHT
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
-from txt1.sim.dynamics import Dynamics, dynamics
+from txt1.sim.dynamics import dynamics
 from txt1.sim.lamp import PointLight, lux_at
 from txt1.sim.parameters import VehicleParameters
 
@@ -41,9 +41,6 @@ ROWS: Final = 27
 SHARE_MIN: Final = 200
 # robots that are moved together: their state stays in the processor's nearest cache
 BLOCK: Final = 128
-
-# numbers of a robot that differs from the others: those of its vehicle (`Dynamics`), then its light (`PointLight`)
-OWN: Final = 28
 
 # for loops without knowledge of the car
 UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or CarParameters(*[1.0] * 9)
@@ -135,33 +132,22 @@ def _run(
     first: int,
     drag: Array,
     noise: Array,
-    parameters: Dynamics,
-    light: PointLight,
-    motor_max: float,
-    count_length: float,
-    track_width: float,
-    gains: Array,
-    linear: Gains,
-    car: CarParameters,
-    known: bool,
     own: Array,
     begin: int,
     end: int,
 ) -> None:
-    """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`.
-
-    `own` has a row of OWN numbers for each robot where robots differ, else none.
-    """
-    size = 1 if own.shape[0] else BLOCK
+    """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.own`."""
+    alike = own.shape[0] == 1
+    size = BLOCK if alike else 1
     for at in range(begin, end, size):
         until = min(at + size, end)
-        if own.shape[0]:
-            o = own[at]
-            parameters = (
-                o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9], o[10], o[11], o[12], o[13], o[14], o[15],
-                o[16], o[17], o[18], o[19], o[20], o[21], o[22],
-            )  # fmt: skip
-            light = PointLight(o[23], o[24], o[25], o[26], o[27])
+        o = own[0 if alike else at]
+        parameters = (
+            o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9], o[10], o[11], o[12], o[13], o[14], o[15],
+            o[16], o[17], o[18], o[19], o[20], o[21], o[22],
+        )  # fmt: skip
+        light, motor_max = PointLight(o[23], o[24], o[25], o[26], o[27]), o[28]
+        count_length, track_width = o[29], o[30]
         # a copy, so that its rows lie together
         block = robots[:, at:until].copy()
         rolled, target, remaining = block[:2].copy(), block[0].copy(), block[0].copy()
@@ -172,7 +158,7 @@ def _run(
             rolled[0], rolled[1] = block[RIGHT], block[LEFT]
             if tick > 0:
                 move(block, block[OUTPUT], block[OUTPUT + 1], drag[k][at:until], dt, parameters, target, remaining)
-            control(block, commands[at:until], motor_max, gains, linear, car, known)
+            control(block, commands[at:until], motor_max, _GAINS, LINEAR_GAINS, UNKNOWN, False)
             encode(block, rolled, dt, count_length, track_width)
             if noise.shape[0]:
                 _look(block, noise[k][at:until], light)
@@ -183,8 +169,7 @@ class Batch:
     """Simulated robots side by side, each with its velocity loops and its light sensors.
 
     `noise` and `drag` are standard deviations: `noise` of a reading, as its share; `drag` of the floor's drag, as a
-    share of the speed. Robots differ where `own` has a row of OWN numbers for each, and `noise` and `drag` are arrays
-    then, of shape (count, 1) and (count,).
+    share of the speed. Robots that `differ` have a row each of `own`, `noise` and `drag`; the others share the first.
     """
 
     def __init__(
@@ -196,17 +181,17 @@ class Batch:
         parameters: VehicleParameters,
         body: Geometry,
         safety: Safety,
+        differ: bool = False,
     ) -> None:
         self.robots: Array = np.zeros((ROWS, count))
         self.commands: Array = np.zeros((count, 2))
-        self.light = light
-        self.noise: float | Array = noise
-        self.drag: float | Array = drag
-        self.own: Array = np.empty((0, OWN))
+        rows = count if differ else 1
+        # of the vehicle, of the light (`PointLight`), and of loops and encoders
+        last = float(safety.motor_max), body.count_length, body.track_width
+        self.own: Array = np.array([[*dynamics(parameters, body), *light, *last]] * rows)
+        self.noise: Array = np.full((rows, 1), noise)
+        self.drag: Array = np.full(rows, drag)
         self.tick = 0
-        self._parameters = dynamics(parameters, body)
-        self._body = body
-        self._safety = safety
         shares = min(processors(), 1 + count // SHARE_MIN)
         self._shares = [(count * k // shares, count * (k + 1) // shares) for k in range(shares)]
         self._threads = ThreadPoolExecutor(shares, "txt1-batch") if shares > 1 else None
@@ -242,27 +227,10 @@ class Batch:
 
     def run_with(self, drag: Array, noise: Array) -> None:
         """As `run`, with given random values: shares of the speed (ticks, count) and of a reading (ticks, count, 4)."""
-        run = partial(
-            _run,
-            self.robots,
-            self.commands,
-            self.tick,
-            drag,
-            noise,
-            self._parameters,
-            self.light,
-            float(self._safety.motor_max),
-            self._body.count_length,
-            self._body.track_width,
-            _GAINS,
-            LINEAR_GAINS,
-            UNKNOWN,
-            False,
-            self.own,
-        )
+        given = self.robots, self.commands, self.tick, drag, noise, self.own
         if self._threads is None:
-            run(*self._shares[0])
+            _run(*given, *self._shares[0])
         else:
             # the compiled loop releases the interpreter's lock
-            list(self._threads.map(lambda share: run(*share), self._shares))
+            list(self._threads.map(lambda share: _run(*given, *share), self._shares))
         self.tick += len(drag)

@@ -108,15 +108,8 @@ class ManyBodies:
         self._source = PointLight(*place, light.intensity, exponent, light.height)
         self._vehicle = powered(config.sim.vehicle, config.sim.battery)
         geometry = config.geometry
-        self.batch = Batch(
-            task.count, self._source, noise, config.sim.noise.drag, self._vehicle, geometry, config.safety
-        )
-        if self._ranges:
-            self.batch.own = np.tile([*dynamics(self._vehicle, geometry), *self._source], (task.count, 1))
-            self.batch.noise, self.batch.drag = (
-                np.full((task.count, 1), noise),
-                np.full(task.count, config.sim.noise.drag),
-            )
+        drag, differ = config.sim.noise.drag, bool(self._ranges)
+        self.batch = Batch(task.count, self._source, noise, drag, self._vehicle, geometry, config.safety, differ)
         self._shapes, self._room = standing(config), config.sim.room.built()
 
     def place(self, which: Bools, poses: Array, rng: Generator) -> Bools:
@@ -151,9 +144,10 @@ class ManyBodies:
         source = self._source
         for name in ("intensity", "height"):
             source = source._replace(**{name: drawn.get(f"sim.light.{name}", getattr(source, name))})
-        self.batch.own[k] = *dynamics(replace(self._vehicle, **own), self.config.geometry), *source
-        self.batch.noise[k] = drawn.get("sim.light.noise", self.batch.noise[k, 0])  # type: ignore[index]
-        self.batch.drag[k] = drawn.get("sim.noise.drag", self.batch.drag[k])  # type: ignore[index]
+        vehicle = dynamics(replace(self._vehicle, **own), self.config.geometry)
+        self.batch.own[k, : len(vehicle) + len(source)] = *vehicle, *source
+        self.batch.noise[k] = drawn.get("sim.light.noise", self.batch.noise[k, 0])
+        self.batch.drag[k] = drawn.get("sim.noise.drag", self.batch.drag[k])
 
 
 class EpisodeCar:
