@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Agent", "Decision", "Doubter", "Learned", "Looker", "PeriodicAgent", "Readings", "Rows", "Sharer"]
-__all__ += ["StoredTable"]
+__all__ = ["Agent", "Decision", "Doubter", "Learned", "Looker", "PeriodicAgent", "Readings", "Rows", "StoredTable"]
 
 # learned numbers; all rows have one length
 Rows = Sequence[Sequence[float]]
@@ -90,20 +89,6 @@ class Agent(Protocol):
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from the result of `memory`."""
-
-
-@runtime_checkable
-class Sharer(Protocol):
-    """A learner that can learn together with others (the plug-in txt1-learners), between two episodes."""
-
-    def shared(self) -> Learned:
-        """Return its rows, and how well each is known."""
-
-    def take(self, rows: Rows, taken: Sequence[bool], episodes: int) -> int:
-        """Take over the rows marked in `taken`, in which others have a part; return how many were taken over.
-
-        `episodes` is the number of episodes that the others have learned in since the last call.
-        """
 
 
 @runtime_checkable

@@ -12,7 +12,7 @@ from operator import index
 from typing import Any, Final
 
 from txt1.errors import Txt1Error
-from txt1.learning.agent import Agent, Decision, Learned, Sharer
+from txt1.learning.agent import Agent, Decision, Learned
 from txt1.learning.qtable import StoredTable
 
 PROPERTIES: Final = ("name", "ready")
@@ -54,7 +54,7 @@ def checked(agent: Agent, who: str, actions: int) -> Agent:
     there = dir(agent)
     if missing := [name for name in METHODS if name not in there]:
         raise Txt1Error(f"{who} is no txt1.learning.agent.Agent: {type(agent).__name__} has no {', '.join(missing)}")
-    made: Any = (CheckedSharer if isinstance(agent, Sharer) else Checked)(agent, who, actions)
+    made: Any = (CheckedSharer if {*SHARES} <= {*there} else Checked)(agent, who, actions)
     own: Agent = made
     return own
 
@@ -79,7 +79,7 @@ class Checked:
 
 
 class CheckedSharer(Checked):
-    """A checked learner that can learn together with others."""
+    """A checked learner that can learn together with others (`txt1_learners.sharing.Sharer`)."""
 
 
 def _asks(name: str) -> Any:

@@ -94,15 +94,18 @@ class DriveTask:
         self._far = np.zeros(count)
 
     def driven(self, actions: NDArray[Any]) -> Array:
-        """Return v and omega of actions, m/s and rad/s, shape (n, 2); ValueError: an action is none of the task's."""
+        """Return v and omega of n actions, m/s and rad/s, shape (n, 2); ValueError: an action is none of the task's."""
         given = np.asarray(actions)
         if self.commands is not None:
-            if given.dtype.kind not in "iu" or ((given < 0) | (given >= len(self.commands))).any():
-                raise ValueError(f"actions {given!r}: give whole numbers from 0 to {len(self.commands) - 1}")
+            whole = given.dtype.kind in "iu" and given.shape == (self.count,)
+            if not whole or given.min() < 0 or given.max() >= len(self.commands):
+                raise ValueError(f"actions {given!r}: give {self.count} numbers from 0 to {len(self.commands) - 1}")
             chosen: Array = self.commands[given]
             return chosen
-        if given.shape[-1:] != (2,) or not np.isfinite(given).all():
-            raise ValueError(f"actions {given!r}: give two finite numbers, speed (0 to 1) and steering (-1 to 1)")
+        if given.shape != (self.count, 2) or not np.isfinite(given).all():
+            raise ValueError(
+                f"actions {given!r}: give {self.count} finite pairs, speed (0 to 1) and steering (-1 to 1)"
+            )
         v = self.speed * np.clip(given[..., 0], 0.0, 1.0)
         return np.stack([v, np.clip(given[..., 1], -1.0, 1.0) * v / self.radius], axis=-1)
 
@@ -112,7 +115,7 @@ class DriveTask:
 
     def observed(self, seen: TaskView) -> NDArray[np.float32]:
         """Return the observations, shape (n, numbers)."""
-        return np.clip(self._sees(seen), self.low, self.high).astype(np.float32)
+        return np.minimum(np.maximum(self._sees(seen), self.low), self.high).astype(np.float32)
 
     def judged(self, seen: TaskView) -> TaskOutcome:
         """Return what came of the last decision."""
@@ -165,7 +168,8 @@ class ToLight(DriveTask):
         return away - self.goal
 
     def _sees(self, seen: TaskView) -> Array:
-        return np.concatenate([np.log(np.clip(seen.lux, 1.0, LUX_MAX)) / log(LUX_MAX), seen.velocities], axis=1)
+        # the bounds of an observation are those of the readings' logarithms, too
+        return np.concatenate([np.log(np.maximum(seen.lux, 1.0)) / log(LUX_MAX), seen.velocities], axis=1)
 
     def _bounds(self) -> tuple[Array, Array]:
         return _with_velocities([0.0] * 4, [1.0] * 4)

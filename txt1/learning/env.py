@@ -19,7 +19,6 @@ after the task's time limit. ``render_mode="rgb_array"`` gives a picture from ab
 several robots in one room, `txt1.learning.robot_env` the same tasks on the running robot.
 """
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from math import inf
@@ -288,16 +287,12 @@ class Drives:
         self.steps = np.zeros(task.count, int)
         self.touched = np.zeros(task.count, bool)
 
-    def place(self, which: Bools, rng: Generator, own: Mapping[int, Generator] = {}) -> None:
-        """Put robots on starts with room; `own` are random values of single robots. ConfigError: there is no room."""
+    def place(self, which: Bools, rng: Generator) -> None:
+        """Put robots on starts with room; ConfigError: there is none."""
         left = which.copy()
         for _ in range(STARTS):
             places = np.flatnonzero(left)
-            if own:
-                poses = np.concatenate([self.task.begin(1, own[int(k)]) for k in places])
-            else:
-                poses = self.task.begin(len(places), rng)
-            left[places] = self.bodies.place(left, poses, rng)
+            left[places] = self.bodies.place(left, self.task.begin(len(places), rng), rng)
             if not left.any():
                 break
         else:
@@ -373,12 +368,7 @@ class DriveEnv(gymnasium.Env[Observation, Any]):
         return first, {"optimal_time": start_of(pose, self._config).optimal_time(task_of(self._config))}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Carry out a decision; return observation, reward, terminated, truncated and `info`.
-
-        Raises ValueError: the action is not in the space.
-        """
-        if not self.action_space.contains(action):
-            raise ValueError(f"action {action!r} is none of {self.action_space}")
+        """Carry out a decision; return observation, reward, terminated, truncated and `info`; raises ValueError."""
         drives = self.drives
         commands = drives.task.driven(np.asarray(action)[None])
         seen, (rewards, success, lost), late = drives.decide(commands, self.np_random, np.zeros(1, bool))
@@ -410,34 +400,21 @@ class DriveVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._over = np.ones(num_envs, bool)
-        # random starts of each robot, if each was given a seed
-        self._own: dict[int, Generator] = {}
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Return the first observations, at rest on random starts.
 
-        A list of seeds gives each robot its own random starts (None: a random seed), and all seeds together decide the
-        noise. The option `reset_mask`, shape (num_envs,), restarts only the robots marked in it; the others go on.
+        The option `reset_mask`, shape (num_envs,), restarts only the robots marked in it; the others go on.
         """
-        if isinstance(seed, list):
-            if len(seed) != self.num_envs:
-                raise ValueError(f"{len(seed)} seeds for {self.num_envs} robots; give one for each")
-            drawn = [np.random.SeedSequence(each) for each in seed]
-            self._own = {k: np.random.default_rng(each) for k, each in enumerate(drawn)}
-            together = np.random.SeedSequence([int(each.generate_state(1)[0]) for each in drawn])
-            self.np_random = np.random.default_rng(together)
-        else:
-            super().reset(seed=seed, options=options)
-            if seed is not None:
-                self._own = {}
+        super().reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
         which = np.ones(self.num_envs, bool) if mask is None else np.asarray(mask)
         if which.shape != (self.num_envs,) or which.dtype != bool or not which.any():
             raise ValueError(f"reset_mask: give {self.num_envs} of true and false, at least one of them true")
         robots = self.bodies.batch.robots
-        self.drives.place(which, self.np_random, self._own)
+        self.drives.place(which, self.np_random)
         # the others keep their state while the restarted robots rest
         others = robots[:, ~which].copy()
         self.bodies.drive(np.zeros((self.num_envs, 2)), REST_MS, self.np_random)
@@ -448,16 +425,11 @@ class DriveVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
     def step(
         self, actions: NDArray[Any]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Return observations, rewards, terminated, truncated and `success` of each robot after a decision.
-
-        Raises ValueError: actions outside the space.
-        """
-        if not self.action_space.contains(np.asarray(actions)):
-            raise ValueError(f"actions {actions!r} are not in {self.action_space}")
+        """Return observations, rewards, terminated, truncated and `success` after a decision; raises ValueError."""
+        commands = self.drives.task.driven(actions)
         resting = self._over
         if resting.any():
-            self.drives.place(resting, self.np_random, self._own)
-        commands = self.drives.task.driven(actions)
+            self.drives.place(resting, self.np_random)
         seen, (rewards, success, lost), late = self.drives.decide(commands, self.np_random, resting)
         terminated = success | lost
         self._over = terminated | late

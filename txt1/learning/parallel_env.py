@@ -84,15 +84,12 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
     def step(self, actions: dict[str, Any]) -> tuple[Told, Told, Told, Told, Told]:
         """Return, for each robot under way, observation, reward, terminated, truncated and `info`.
 
-        Raises ValueError: an action is none of the space, or of a robot that is not under way.
+        Raises ValueError: an action is none of the task's, or of a robot that is not under way.
         """
-        for name, action in actions.items():
-            if name not in self.agents:
-                raise ValueError(f"{name} is not under way; there are {', '.join(self.agents) or 'none'}")
-            if not self.action_spaces[name].contains(action):
-                raise ValueError(f"action {action!r} of {name} is none of {self.action_spaces[name]}")
-        for name, action in actions.items():
-            v, omega = self.task.driven(np.asarray(action)[None])[0].tolist()
+        if strange := actions.keys() - {*self.agents}:
+            raise ValueError(f"{', '.join(strange)} is not under way; there are {', '.join(self.agents) or 'none'}")
+        commands = {name: self.task.driven(np.asarray(action)[None])[0].tolist() for name, action in actions.items()}
+        for name, (v, omega) in commands.items():
             body_of(self.robots[name]).act(v, omega)
         self._run(round(1000.0 * self.task.period))
         seen, earned, over, late, told = Told(), Told(), Told(), Told(), Told()

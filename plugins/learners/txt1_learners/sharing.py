@@ -18,10 +18,24 @@ from typing import Final, Protocol, runtime_checkable
 
 from txt1 import Robot
 from txt1.errors import ConfigError
-from txt1.learning.agent import Learned, Rows, Sharer
+from txt1.learning.agent import Learned, Rows
 from txt1.learning.trial import Episode, Trial
 
 LIARS: Final = 1
+
+
+@runtime_checkable
+class Sharer(Protocol):
+    """A learner that can learn together with others, between two episodes."""
+
+    def shared(self) -> Learned:
+        """Return its rows, and how well each is known."""
+
+    def take(self, rows: Rows, taken: Sequence[bool], episodes: int) -> int:
+        """Take over the rows marked in `taken`, in which others have a part; return how many were taken over.
+
+        `episodes` is the number of episodes that the others have learned in since the last call.
+        """
 
 
 @runtime_checkable

@@ -100,10 +100,10 @@ def test_observations_and_starts_of_many_robots_are_within_bounds(name: str) -> 
 
 def test_actions_that_are_none_are_refused() -> None:
     light, pose = task_named("light", CONFIG), task_named("pose", CONFIG)
-    for wrong in (np.array([3]), np.array([-1]), np.array([0.5])):
-        with pytest.raises(ValueError, match="whole numbers from 0 to 2"):
+    for wrong in (np.array([3]), np.array([-1]), np.array([0.5]), np.array(1), np.array([1, 1])):
+        with pytest.raises(ValueError, match="1 numbers from 0 to 2"):
             light.driven(wrong)
-    with pytest.raises(ValueError, match="two finite numbers"):
+    with pytest.raises(ValueError, match="1 finite pairs"):
         pose.driven(np.array([[np.nan, 0.0]]))
     v, omega = pose.driven(np.array([[1.0, -1.0]]))[0]
     assert omega == pytest.approx(-v / CONFIG.geometry.radius_min)

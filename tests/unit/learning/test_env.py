@@ -218,7 +218,7 @@ def test_actions_outside_the_space_are_refused() -> None:
     one = whole()
     one.reset(seed=1)
     for wrong in (-1, 3, 1.7):
-        with pytest.raises(ValueError, match="none of"):
+        with pytest.raises(ValueError, match="from 0 to 2"):
             one.step(wrong)  # type: ignore[arg-type]
 
 
@@ -227,7 +227,7 @@ def test_actions_outside_the_space_are_refused_for_each_of_many_robots() -> None
     many = env.DriveVectorEnv(2)
     many.reset(seed=1)
     for wrong in (-1, 3, 1.7):
-        with pytest.raises(ValueError, match="not in"):
+        with pytest.raises(ValueError, match="from 0 to 2"):
             many.step(np.array([wrong, 0]))
 
 
@@ -258,19 +258,6 @@ def test_a_mask_begins_some_robots_anew_and_leaves_the_others_as_they_are() -> N
     assert (many.bodies.batch.poses[1] != before[:3, 1]).any() and list(many.drives.steps) == [1, 0, 1]
     with pytest.raises(ValueError, match="reset_mask"):
         many.reset(options={"reset_mask": [1, 2]})
-
-
-@pytest.mark.long  # it is compiled
-def test_a_list_of_seeds_gives_each_robot_a_start_of_its_own() -> None:
-    many = env.DriveVectorEnv(2)
-    starts = []
-    for seeds in ([1, 2], [1, 3], [2, 2]):
-        many.reset(seed=list(seeds))
-        starts.append(many.bodies.batch.poses.copy())
-    assert (starts[0][0] == starts[1][0]).all() and (starts[0][1] != starts[1][1]).any()
-    assert starts[2][0] == pytest.approx(starts[2][1])
-    with pytest.raises(ValueError, match="3 seeds for 2 robots"):
-        many.reset(seed=[1, 2, 3])
 
 
 def test_stable_baselines3s_own_check_passes() -> None:

@@ -41,7 +41,7 @@ def test_robots_share_the_room_and_an_episode_of_one_ends_alone() -> None:
 def test_what_is_no_action_is_refused() -> None:
     env = LightSeekingParallelEnv(robots=1)
     env.reset(seed=1)
-    with pytest.raises(ValueError, match="is none of"):
+    with pytest.raises(ValueError, match="from 0 to 2"):
         env.step({"robot_0": 3})
     with pytest.raises(ValueError, match="robot_9 is not under way"):
         env.step({"robot_9": 0})

@@ -6,12 +6,11 @@ from contextlib import AsyncExitStack
 
 from txt1 import Robot
 from txt1.config import Config
-from txt1.learning.agent import Sharer
 from txt1.learning.registry import make
 from txt1.learning.settings import LearningConfig
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import AGENT, SENSORS, Episode, Trial, robot_config, starts, stream, task_of
-from txt1_learners.sharing import Sharing, sharer
+from txt1_learners.sharing import Sharer, Sharing, sharer
 
 Join = Callable[[str, Sharer], Sharing]  # the part of the robot of a name in learning together
 
