@@ -14,8 +14,6 @@ circle costs its seconds and gains nothing, and to be lost is worse than to be l
 
 *Actions.* The light has the numbers of `learning.actions`. The other tasks have two numbers: the speed, 0 to 1 of
 `safety.v_max`, and the steering, -1 (right) to 1 of full lock.
-
-*Starts.* `begin` draws the poses at which episodes begin. Every number of a task comes from the configuration.
 """
 
 from collections.abc import Mapping
@@ -207,13 +205,25 @@ class ToPose(DriveTask):
         return _with_velocities([-reach, -reach, -1.0, -1.0], [reach, reach, 1.0, 1.0])
 
 
-class AlongTrack(DriveTask):
-    """Drive a lap of the track `sim.room.map` by laser: ranges over REACH, v, omega.
+class LaserTask(DriveTask):
+    """The base of a task by laser: ranges over REACH, v, omega."""
+
+    laser = True
+
+    def _sees(self, seen: TaskView) -> Array:
+        return np.concatenate([np.minimum(seen.ranges, REACH) / REACH, seen.velocities], axis=1)
+
+    def _bounds(self) -> tuple[Array, Array]:
+        return _with_velocities([0.0] * len(RAYS), [1.0] * len(RAYS))
+
+
+class AlongTrack(LaserTask):
+    """Drive a lap of the track `sim.room.map` by laser.
 
     The map's centre line lies beside it as NAME_centerline.csv (x, y in m), which only rewards and ends use.
     """
 
-    name, laser = "track", True
+    name = "track"
 
     def __init__(self, config: Config, count: int = 1) -> None:
         super().__init__(config, count)
@@ -240,17 +250,11 @@ class AlongTrack(DriveTask):
         self._at = at
         return self._left.copy()
 
-    def _sees(self, seen: TaskView) -> Array:
-        return _laser(seen)
 
-    def _bounds(self) -> tuple[Array, Array]:
-        return _with_velocities([0.0] * len(RAYS), [1.0] * len(RAYS))
+class KeepClear(LaserTask):
+    """See `cells` squares of floor of half a metre without touching anything, by laser."""
 
-
-class KeepClear(DriveTask):
-    """See `cells` squares of floor of half a metre without touching anything, by laser: ranges over REACH, v, omega."""
-
-    name, laser = "clear", True
+    name = "clear"
     cells, side = 40, 0.5
 
     def __init__(self, config: Config, count: int = 1) -> None:
@@ -274,12 +278,6 @@ class KeepClear(DriveTask):
             self._been[k].add((i, j))
         return self.side * np.array([float(self.cells - len(each)) for each in self._been])
 
-    def _sees(self, seen: TaskView) -> Array:
-        return _laser(seen)
-
-    def _bounds(self) -> tuple[Array, Array]:
-        return _with_velocities([0.0] * len(RAYS), [1.0] * len(RAYS))
-
 
 TASKS: Final[Mapping[str, type[DriveTask]]] = {each.name: each for each in (ToLight, ToPose, AlongTrack, KeepClear)}
 
@@ -295,10 +293,6 @@ def _around(place: tuple[float, float], distance: Array, rng: Generator) -> Arra
     bearing, heading = rng.uniform(-pi, pi, (2, len(distance)))
     x, y = place[0] + distance * np.cos(bearing), place[1] + distance * np.sin(bearing)
     return np.column_stack([x, y, heading])
-
-
-def _laser(seen: TaskView) -> Array:
-    return np.concatenate([np.minimum(seen.ranges, REACH) / REACH, seen.velocities], axis=1)
 
 
 def _with_velocities(low: list[float], high: list[float]) -> tuple[Array, Array]:

@@ -1,12 +1,8 @@
 """The tasks of `txt1.learning.drive_tasks` as Gymnasium environments (extra `gym`), of one robot and of many.
 
-    gymnasium.make("txt1.learning.env:txt1/LightSeeking-v0")      # Gymnasium imports the module before the colon
-    gymnasium.make("txt1.learning.env:txt1/Drive-v0", task="track", config=load(overrides=["sim.room.map=oval"]).config)
-    gymnasium.make_vec("txt1/LightSeeking-v0", num_envs=4000, vectorization_mode="vector_entry_point")
-
-How it works. `Bodies` are n simulated robots that can be placed, drive on for a decision, and are seen. `Drives` lets
-them do episodes of a task: starts, observations, rewards and ends, as arrays. Both environments are a thin form of it,
-so one robot and thousands have the same numbers.
+docs/environments.md shows how they are made. How they work: `Bodies` are n simulated robots that can be placed, drive
+on for a decision, and are seen. `Drives` lets them do episodes of a task: starts, observations, rewards and ends, as
+arrays. Both environments are a thin form of it, so one robot and thousands have the same numbers.
 
 - `ManyBodies` is quick (`txt1.learning.batch`, with the extra `fast`). It takes one robot, too.
 - `OneBody` models more: a delay, worlds, dead sensors, obstacles that move. It is used where the configuration asks for
@@ -15,8 +11,7 @@ so one robot and thousands have the same numbers.
 `learning.randomised` changes the world from robot to robot: each number named there is drawn anew for each episode.
 
 An episode ends at the goal, or where the robot is lost (`info["touched"]` if it touched something); it is truncated
-after the task's time limit. ``render_mode="rgb_array"`` gives a picture from above. `txt1.learning.parallel_env` has
-several robots in one room, `txt1.learning.robot_env` the same tasks on the running robot.
+after the task's time limit. ``render_mode="rgb_array"`` gives a picture from above.
 """
 
 from contextlib import suppress

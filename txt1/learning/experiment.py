@@ -7,9 +7,8 @@
     metrics.json         the summary of all trials
     *.png                pictures, where matplotlib is installed
 
-How it goes: `prepare` writes or compares experiment.json and returns the finished trials. The command does the missing
-trials and saves each as it ends (`save_result`). `write` then makes the other files from all trials, each time anew.
-Only experiment.json and trials/ are ever read back.
+`prepare` writes or compares experiment.json and returns the finished trials. The command does the missing trials and
+saves each as it ends (`save_result`). `write` makes the other files from all trials, each time anew.
 
 A trial in simulation repeats bit for bit from its seed, so an interrupted trial is done again from its start. A real
 robot does not repeat: there the agent carries on from its memory.
@@ -17,14 +16,14 @@ robot does not repeat: there the agent carries on from its memory.
 
 import itertools
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from txt1.commands import need
-from txt1.config import Config, completed
+from txt1.config import Config, completed, flatten
 from txt1.errors import ConfigError, QTableError
 from txt1.kernel.loop import Speed
 from txt1.learning import qtable
@@ -63,13 +62,11 @@ class Plan(NamedTuple):
 
     # name of the learner
     agent: str
-    # number of trials, each from scratch
+    # each from scratch
     trials: int
-    # episodes of each trial
+    # of each trial
     episodes: int
-    # repeats every random value
     seed: int
-    # of everything else
     config: Config
     # of the robot's time
     speed: Speed = "max"
@@ -90,7 +87,7 @@ class Plan(NamedTuple):
 
     def identity(self) -> dict[str, Any]:
         """Return all that must be equal when a run carries on another; only the number of trials may grow."""
-        config = completed(self.config).model_dump(mode="json", exclude={"seed"})
+        config = {key: value for key, value in flatten(completed(self.config)) if key != "seed"}
         return {"agent": self.agent, "episodes": self.episodes, "seed": self.seed, "config": config}
 
 
@@ -158,12 +155,12 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
             f"--resume: {out} was begun by other code ({begun or 'not told'}, this is {code_hash()}); go on with the "
             "version that began it, or give another directory"
         )
-    was, now = (dict(_flat({key: tree.get(key) for key in identity})) for tree in (before, identity))
-    for key in now | was:
-        if was.get(key) != now.get(key):
+    was, now = (each | each.get("config", {}) for each in (before, identity))
+    for key in identity.keys() | identity["config"].keys() | before.get("config", {}).keys():
+        if key != "config" and was.get(key) != now.get(key):
             raise ConfigError(
-                f"--resume: {out} was begun with {key.removeprefix('config.')}={was.get(key)}, not {now.get(key)}; "
-                "repeat that, or give another directory"
+                f"--resume: {out} was begun with {key}={was.get(key)}, not {now.get(key)}; repeat that, or give "
+                "another directory"
             )
     return load_results(out)
 
@@ -171,15 +168,6 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
 def load_results(out: Path) -> list[TrialResult]:
     """Return the trials in a directory, in order; raises QTableError: one of them is damaged."""
     return [load_result(path) for path in sorted((out / "trials").glob("*.json"))]
-
-
-def _flat(tree: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Every value of nested dictionaries, with the keys that lead to it."""
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{above}{key}.")
-        else:
-            yield above + key, value
 
 
 def result_file(out: Path, number: int) -> Path:

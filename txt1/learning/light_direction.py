@@ -42,14 +42,8 @@ def direction(readings: Readings) -> float:
     """Direction of the light as the thesis computes it (5.3), rad in (-pi, pi].
 
     Each reading is a vector from the robot's centre out through its sensor; the direction is that of the vectors' sum.
-
-    The sum compresses the bearing. Let the light be at the distance D in the direction u. A sensor at p, with |p| much
-    smaller than D, reads I = |D u - p|^-n. To first order that is D^-n (1 + n p.u / D). So with the offsets a and b
-
-        sum of p I  =  n D^-(n+1)  sum of p (p.u)  =  n D^-(n+1)  (4 a^2 u_x, 4 b^2 u_y)
-
-    Hence tan(direction) = (b / a)^2 tan(bearing) = 0.31 tan(bearing), whatever the exponent n: a light at 53 degrees
-    reads 23. `corrected_direction` undoes it.
+    With sensors at (+-a, +-b) it compresses the bearing: to first order tan(direction) = (b / a)^2 tan(bearing) = 0.31
+    tan(bearing), whatever the light's power of distance.
 
     Raises LightFault: a reading is not a positive, finite number; NoDirection: the readings are all alike.
     """
@@ -60,18 +54,14 @@ def direction(readings: Readings) -> float:
 def corrected_direction(readings: Readings) -> float:
     """Direction of the light without the compression of `direction`, rad in (-pi, pi]; raises as `direction` does.
 
-    The differences front - rear and left - right are 4 n D^-(n+1) (a u_x, b u_y). It is exact for a light far away; the
-    error is at most 1.1 degrees at 2.5 m, 4.4 at 1.25 m and 23 at 0.5 m.
+    It is exact for a light far away; the error is at most 1.1 degrees at 2.5 m, 4.4 at 1.25 m and 23 at 0.5 m.
     """
     front, left = _differences(readings)
     return atan2(left / SENSOR_Y, front / SENSOR_X)
 
 
 def diagonal_direction(readings: Readings) -> float:
-    """Direction of the light as if each sensor sat at 45 degrees, rad in (-pi, pi]; raises as `direction` does.
-
-    tan(direction) = (b / a) tan(bearing) = 0.56 tan(bearing): compressed less than `direction`.
-    """
+    """Direction of the light as if each sensor sat at 45 degrees, rad in (-pi, pi]; raises as `direction` does."""
     front, left = _differences(readings)
     return atan2(left, front)
 
@@ -112,9 +102,8 @@ def _odd_one_out(readings: Readings) -> LightFault:
 def spread_limit(exponent: float = 2.0, noise: float = 0.3) -> float:
     """Largest ratio of the brightest filtered reading to the dimmest, for a light at least 0.5 m away.
 
-    The sensors are r = 0.26 m from the centre, so the ratio is at most ((D + r) / (D - r))^n at a distance D: 10.2 at
-    the goal circle for the exponent n = 2. `noise` is the standard deviation of a sample, as a share of it. The filter
-    leaves sqrt((1 - w) / (1 + w)) of the noise. Four standard deviations of the ratio's logarithm are added for it.
+    At a distance D of sensors r from the centre it is ((D + r) / (D - r))^n. Of the `noise`, a share of a sample, the
+    filter leaves sqrt((1 - w) / (1 + w)); four standard deviations of the ratio's logarithm are added for it.
     """
     nearest, r = 0.5, hypot(SENSOR_X, SENSOR_Y)
     filtered = noise * sqrt((1.0 - FILTER_WEIGHT) / (1.0 + FILTER_WEIGHT))

@@ -1,6 +1,6 @@
 """A learner that fits the place of the light and its sensors' law to its last readings, and plans a short way.
 
-It is told the distance at which the goal begins, and has odometry. It assumes a point light whose brightness falls with
+It has odometry, and is told the distance at which the goal begins. It assumes a point light whose brightness falls with
 a power of the distance. Where its sensors sit and what its actions do, it learns. In each decision, 0.1 s:
 
     z        <- logarithm of each sensor's mean reading since the last decision
@@ -12,18 +12,17 @@ a power of the distance. Where its sensors sit and what its actions do, it learn
                 a: the action of L decisions before; the delay L with the least misfit counts
     plan        the first action of the quickest course "a for m decisions, then b" to the goal (`_plan`)
 
-**The fit** is least squares by Levenberg and Marquardt. A misfit counts the less, the larger it is (Cauchy), and each
-sensor by its own noise, the median of its misfits; so a sensor that lies has little weight. Readings that stay the same
-while others change have none: the sensor is dead, frozen or dazzled. At first, and where the misfit stays large, it
-begins from a grid of places of the light: for each, the law's first order is linear in all else (`_anew`).
+The fit is least squares by Levenberg and Marquardt. A misfit counts the less, the larger it is (Cauchy), and each
+sensor by its own noise, the median of its misfits. Readings that stay the same while others change do not count: the
+sensor is dead, frozen or dazzled. At first, and where the misfit stays large, the fit begins from a grid of places of
+the light: for each, the law's first order is linear in all else (`_anew`).
 
-**The plan** moves the light in the robot's frame through the actions under way. Action b then goes on along its arc to
-the goal circle. An arc that grazes the circle may miss it and go round once more; the standard deviation of the light's
-place tells how likely that is.
+The plan moves the light in the robot's frame through the actions under way. Action b then goes on along its arc to the
+goal circle. An arc that grazes the circle may miss it and go round once more.
 
-**The doubt** is a test. The logarithm of time / first plan is taken as normal over fine episodes, with the mean and
-deviation of the last twenty and a usual one as prior. Once an episode lasts longer than a fine one does with the
-probability `alarm`, it says that its model does not fit.
+The doubt is a test. log(time / first plan) is taken as normal over fine episodes, with the mean and deviation of the
+last twenty and a usual one as prior. Once an episode lasts longer than a fine one does with the probability `alarm`,
+the learner says that its model does not fit.
 """
 
 from math import cos, hypot, inf, log, pi, sin, sqrt
@@ -64,7 +63,7 @@ LARGE: Final = 2.5
 # weight of the effects known before in the next: about a decision's, for ways and for turns
 KNOWN: Final = (1.0, 1e-3)
 LATE: Final = "how long the way takes"
-# places in a grid around the start, m, shape (places, 2)
+# around the start, m, shape (places, 2)
 PLACES: Final = np.array(
     [(r * cos(k * pi / 12.0), r * sin(k * pi / 12.0)) for r in (0.5, 0.8, 1.2, 1.8, 2.7) for k in range(24)]
 )

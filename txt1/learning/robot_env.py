@@ -16,7 +16,7 @@ the action that `step` was given.
   disarm it, carry it, arm it again, and the episode begins where it stands.
 - *Stops.* A stop, a disarm, or a person at the wheel voids the episode: `step` returns truncated with the reward 0 and
   `info["void"]`. Nothing of it is to be learned. `reset` waits until the robot is armed again.
-- *Recording.* With `log` the drive is recorded; the topic /learning/step has reward and observation of each decision.
+- *Recording.* /learning/step has reward and observation of each decision.
 """
 
 import asyncio

@@ -43,7 +43,7 @@ FROM_WALL: Final = 0.5
 class LearningStep(NamedTuple):
     """A decision of the learner, or the end of an episode."""
 
-    # its number, from 1
+    # from 1
     episode: int
     # row of the learner's table; -1: none
     state: int
@@ -74,7 +74,7 @@ STEP: Final = declare(
 class ModelDoubt(NamedTuple):
     """The learner says that its model does not fit what it sees."""
 
-    # its number, from 1
+    # from 1
     episode: int
     # the part that the model does not fit
     what: str

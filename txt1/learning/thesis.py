@@ -61,11 +61,8 @@ REPORTED: Final = ("table 5.3 of the thesis", TABLE_5_3)
 
 
 def boltzmann(q: Sequence[float], temperature: float) -> list[float]:
-    """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2).
-
-    The largest Q is subtracted first. That does not change the quotient, and it prevents an overflow. Towards T = 0 the
-    result is the greedy policy (5.4), towards infinity a uniform policy (5.3).
-    """
+    """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2)."""
+    # subtracted first, which changes nothing but an overflow
     largest = max(q)
     weights = [exp((value - largest) / temperature) for value in q]
     total = 0.0
@@ -95,20 +92,12 @@ def greedy_action(q: Sequence[float], rng: Draws) -> int:
 
 
 def fading(episode: int, start: float, decay: float, floor: float = 0.0) -> float:
-    """Return start decay^k for episode k, from 0, but at least the floor: a temperature or a learning rate (5.4).
-
-    The thesis's temperature is 5 x 0.65^k, at least 0.05, which k = 11 reaches. Its learning rate does not decay; a
-    rate that begins at 1 and decays is part of its outlook (5.2.1).
-    """
+    """Return start decay^k for episode k, from 0, but at least the floor: a temperature or a learning rate (5.4)."""
     return max(floor, start * decay**episode)
 
 
 def state_learning_rate(visits: int) -> float:
-    """Return the learning rate alpha of a state after `visits` updates: 1 / (1 + visits / 10).
-
-    The sum of all rates grows without bound, and the sum of their squares does not. The convergence of Q-learning needs
-    both (5.2.1).
-    """
+    """Return the learning rate of a state after `visits` updates; with it Q-learning converges (5.2.1)."""
     return 1.0 / (1.0 + visits / 10.0)
 
 

@@ -51,13 +51,11 @@ MARGIN: Final = 1.0
 class Task(NamedTuple):
     """The task to be learned."""
 
-    # place of the light in the room, x and y in m
+    # in the room, m
     light: tuple[float, float] = (0.0, 0.0)
-    # distance from the light at which an episode begins, m (5.4)
+    # from the light, m, and half the side of the square around the room's centre (5.4)
     start_radius: float = 1.25
-    # distance at which an episode has succeeded, m (5.4)
     goal_radius: float = GOAL_RADIUS
-    # an episode has failed outside the square of +-this around the room's centre, m
     boundary: float = 8.0
     # an episode has failed after this time, s; not in the thesis
     time_limit: float = 300.0
@@ -126,13 +124,11 @@ class TrialResult:
 
     # its number, from 1
     trial: int
-    # the completed episodes
+    # those that are over, and whether all are
     episodes: list[Episode]
-    # whether all episodes are completed
     complete: bool
-    # the learned table
     table: StoredTable
-    # memory with which the agent can carry on
+    # with which the agent can carry on
     memory: dict[str, Any]
     # by the episode's number, (x, y) in m 20 times a second
     paths: dict[int, list[tuple[float, float]]]

@@ -133,13 +133,11 @@ def _world(arguments: argparse.Namespace, learner: str) -> str | None:
 
 def _tell(metrics: dict[str, Any], *, beside_thesis: bool) -> None:
     """Print the figures in a few lines; the thesis has a figure for its simulation alone."""
-    for key, what in (("after_episode_7", "after episode 7"), ("last_10", "last 10 episodes")):
-        one = metrics.get(key, {})
-        if not one.get("episodes"):
+    last = metrics["last_10"]["episodes"] // metrics["trials"]
+    names = "after episode 7", f"last {last} episodes" if last > 1 else "the one episode"
+    for what, one in zip(names, (metrics["after_episode_7"], metrics["last_10"]), strict=True):
+        if not one["episodes"]:
             continue
-        if key == "last_10" and one["episodes"] < 10 * metrics.get("trials", 1):
-            last = one["episodes"] // max(1, metrics.get("trials", 1))
-            what = f"last {last} episodes" if last > 1 else "the one episode"
         print(f"{what:<20} success {one['success']:.2%}, {one['failures']} of {one['episodes']} failed", end="")
         if "mean_time_s" not in one:
             print()
@@ -150,13 +148,12 @@ def _tell(metrics: dict[str, Any], *, beside_thesis: bool) -> None:
             f"{one['optimal_mean_time_s']:.2f} s, ratio {one['ratio_to_optimum']:.3f}, to the floor "
             f"{'not known (python -m txt1_learners.studies floor)' if least is None else f'{least:.3f}'}"
         )
-    of_all = metrics.get("after_episode_7", {}).get("mean_time_of_all_s")
     if beside_thesis:
-        if of_all is not None:
+        if (of_all := metrics["after_episode_7"].get("mean_time_of_all_s")) is not None:
             print(f"{'all after episode 7':<20} mean {of_all:.2f} s, failures with their time")
         print(
             f"{'the thesis reports':<20} mean {THESIS_MEAN} s, of all after episode 7, in this simulation (fig. 5.10)"
         )
-    known = {episode: ratio for episode, ratio in metrics.get("ratio_at_episode", {}).items() if ratio is not None}
+    known = [f"{episode}: {ratio:.3f}" for episode, ratio in metrics["ratio_at_episode"].items() if ratio is not None]
     if known:
-        print(f"{'ratio at episode':<20} {', '.join(f'{episode}: {ratio:.3f}' for episode, ratio in known.items())}")
+        print(f"{'ratio at episode':<20} {', '.join(known)}")
