@@ -156,8 +156,8 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
             "version that began it, or give another directory"
         )
     was, now = (each | each.get("config", {}) for each in (before, identity))
-    for key in identity.keys() | identity["config"].keys() | before.get("config", {}).keys():
-        if key != "config" and was.get(key) != now.get(key):
+    for key in sorted((now.keys() | was.keys()) - {"config", "format", "version", "provenance"}):
+        if was.get(key) != now.get(key):
             raise ConfigError(
                 f"--resume: {out} was begun with {key}={was.get(key)}, not {now.get(key)}; repeat that, or give "
                 "another directory"
