@@ -11,6 +11,8 @@ import pytest
 from tests.e2e.conftest import ENDLESS
 from tests.e2e.test_learning_on_hardware import vehicle_of
 from txt1.config import load
+from txt1.errors import Txt1Error
+from txt1.kernel.ticks import Ticks
 from txt1.learning.drive_tasks import task_named
 from txt1.learning.robot_env import EnvStep, RobotEnv, StepTrial
 from txt1.learning.task import LearningTask
@@ -125,3 +127,19 @@ def test_the_environment_runs_the_robot_in_a_thread_and_stops_it() -> None:
             assert set(told) == {"success", "touched", "late_s", "void"}
         with pytest.raises(ValueError, match="1 finite pairs"):
             env.step(np.array([np.nan, 0.0], np.float32))
+
+
+def test_a_robot_that_has_failed_is_told_when_its_environment_is_closed() -> None:
+    async def prepare(robot: Robot) -> None:
+        async def broken(ticks: Ticks) -> None:
+            async for _ in ticks:
+                raise ValueError("it is broken")
+
+        robot.add_task("broken", 0.5, broken)
+
+    env = RobotEnv("pose", settings=[*ENDLESS, "seed=2"], hal="sim", prepare=prepare)
+    with pytest.raises(Txt1Error, match="broken"):
+        while True:
+            env.reset()
+    with pytest.raises(Txt1Error, match="broken"):
+        env.close()

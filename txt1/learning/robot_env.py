@@ -22,6 +22,7 @@ the action that `step` was given.
 import asyncio
 import threading
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -265,7 +266,9 @@ class RobotEnv(gymnasium.Env[Observation, Any]):
 
     def close(self) -> None:
         """Stop the robot; raises Txt1Error: it failed, or was not seen to stand."""
-        self._loop.call_soon_threadsafe(self._over.set)
+        with suppress(RuntimeError):
+            # the loop is closed where the robot has ended by itself
+            self._loop.call_soon_threadsafe(self._over.set)
         self._thread.join()
         if self._failed is not None:
             raise self._failed
