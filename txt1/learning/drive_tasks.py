@@ -233,6 +233,8 @@ class AlongTrack(LaserTask):
         self._along = np.concatenate([[0.0], np.cumsum(np.hypot(*edges.T))])
         self.length = float(self._along[-1])
         self.boundary = inf
+        # a lap at half the speed
+        self.time_limit = min(2.0 * self.length / self.speed, config.section(LearningConfig).time_limit)
         self._at, self._left = np.zeros(count), np.zeros(count)
 
     def begin(self, count: int, rng: Generator) -> Array:

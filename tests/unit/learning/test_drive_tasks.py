@@ -9,7 +9,7 @@ import pytest
 
 from txt1.config import load
 from txt1.errors import ConfigError
-from txt1.learning.drive_tasks import COSTS, PAYS, RAYS, TASKS, DriveTask, TaskView, task_named
+from txt1.learning.drive_tasks import COSTS, PAYS, RAYS, TASKS, AlongTrack, DriveTask, TaskView, task_named
 from txt1.model.kinematics import move_along_arc
 
 CONFIG = load(None, ()).config
@@ -107,6 +107,13 @@ def test_actions_that_are_none_are_refused() -> None:
         pose.driven(np.array([[np.nan, 0.0]]))
     v, omega = pose.driven(np.array([[1.0, -1.0]]))[0]
     assert omega == pytest.approx(-v / CONFIG.geometry.radius_min)
+
+
+@pytest.mark.parametrize("track", ["oval", "kidney", "grand-prix"])
+def test_there_is_time_for_a_lap_on_a_long_track_too(track: str) -> None:
+    task = task_named("track", load(None, [f"sim.room.map={track}"]).config)
+    assert isinstance(task, AlongTrack)
+    assert task.time_limit > 1.5 * task.length / task.speed
 
 
 def test_a_task_that_is_none_and_a_track_without_a_line_are_refused() -> None:
