@@ -1,15 +1,18 @@
-"""Stable-Baselines3's PPO learns a task, and its network drives the robot as a policy from elsewhere.
+"""Stable-Baselines3's PPO learns a task and prints how it drives; its network drives the robot to the light, too.
 
     python -m pip install '.[gym,fast,teach]' stable-baselines3 onnx
-    PYTHONPATH=. python examples/ppo_drives.py light 1000000          # writes ppo.onnx and ppo.yaml
+    PYTHONPATH=. python examples/ppo_drives.py light 30       # minutes of processor; writes ppo.onnx and ppo.yaml
+    PYTHONPATH=. python examples/ppo_drives.py track 30       # laps on two tracks that it has not seen
     txt1 run --set sensors.light.driver=sim_light --source ppo.onnx --card ppo.yaml
 
 On the robot it sees single samples of the light, in training filtered ones: set sim.light.noise for that.
 
-Not part of the tests, and not run where this was written: it needs PyTorch.
+Not part of the tests: it needs PyTorch.
 """
 
+import itertools
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +21,12 @@ import yaml
 from stable_baselines3 import PPO
 
 from txt1.config import load
-from txt1.learning.env import DriveVectorEnv
+from txt1.learning.best_time import known_floor
+from txt1.learning.env import DriveVectorEnv, start_of
 from txt1.learning.stable_baselines import vec_env
 
-ROBOTS, EPISODES = 64, 200
+ROBOTS, CHUNK = 64, 200_000
+SEEN, UNSEEN = ("oval", "clover", "kart"), ("kidney", "chicane")
 
 
 class Actions(torch.nn.Module):  # type: ignore[misc]  # without PyTorch its types are not known
@@ -36,27 +41,62 @@ class Actions(torch.nn.Module):  # type: ignore[misc]  # without PyTorch its typ
         return self.policy.get_distribution(seen).distribution.logits
 
 
-def main(task: str, steps: int) -> None:
-    """Learn, drive some episodes, and write the network with its card."""
-    robots = DriveVectorEnv(ROBOTS, task, load().config)
-    model = PPO("MlpPolicy", vec_env(robots), n_steps=128, batch_size=1024, gamma=0.98, seed=1, device="cpu", verbose=1)
-    model.learn(steps)
-    seen, _ = robots.reset(seed=2)
-    won = ended = 0
-    while ended < EPISODES:
-        seen, _, terminated, truncated, told = robots.step(model.predict(seen, deterministic=True)[0])
-        ended += int((terminated | truncated).sum())
-        won += int((told["success"] & terminated).sum())
-    print(f"after {steps} decisions it reached the goal in {won} of {ended} episodes")
+def robots(task: str, count: int, track: str | None = None) -> DriveVectorEnv:
+    """Return robots for a task, on a track."""
+    return DriveVectorEnv(count, task, load(None, [] if track is None else [f"sim.room.map={track}"]).config)
+
+
+def driven(model: PPO, many: DriveVectorEnv) -> str:
+    """Let each robot drive an episode by the best actions; return what came of it."""
+    seen, _ = many.reset(seed=2)
+    config, poses = many.bodies.config, many.bodies.seen().poses
+    times, won = np.zeros(many.num_envs), np.zeros(many.num_envs, bool)
+    while not times.all():
+        seen, _, terminated, truncated, told = many.step(model.predict(seen, deterministic=True)[0])
+        over = (terminated | truncated) & (times == 0.0)
+        times[over] = many.drives.steps[over] * many.drives.task.period
+        won[over] = told["success"][over]
+    text = f"{won.sum()} of {len(won)} reached the goal, in {times[won].mean():.2f} s"
+    if many.drives.task.light and (floor := known_floor(config)) is not None:
+        text += (
+            f", {times[won].sum() / sum(floor.time(start_of(each, config)) for each in poses[won]):.3f} of the floor"
+        )
+    return text
+
+
+def main(task: str, minutes: float) -> None:
+    """Learn, let it drive, and write the network of the light with its card."""
+    torch.set_num_threads(1)
+    begun = time.process_time()
+    learned = itertools.cycle([vec_env(robots(task, ROBOTS, each)) for each in ((None,) if task == "light" else SEEN)])
+
+    def left(_: float) -> float:
+        return 1e-3 * max(0.02, 1.0 - (time.process_time() - begun) / (60.0 * minutes))
+
+    model = PPO(
+        "MlpPolicy", next(learned), n_steps=128, batch_size=1024, gamma=0.98, learning_rate=left, seed=1, device="cpu"
+    )
+
+    def goes_on(*_: object) -> bool:
+        return time.process_time() - begun < 60.0 * minutes
+
+    while goes_on():
+        model.set_env(next(learned))
+        model.learn(CHUNK, callback=goes_on, reset_num_timesteps=False)
+    print(f"{model.num_timesteps} decisions, {(time.process_time() - begun) / 60.0:.1f} min of processor")
     if task != "light":
+        for track in UNSEEN:
+            print(f"{track}: {driven(model, robots(task, 10, track))}")
         return
+    many = robots(task, 1000)
+    print(driven(model, many))
     network = Actions(model).eval()
-    torch.onnx.export(network, torch.zeros(1, len(robots.drives.task.low)), "ppo.onnx", dynamo=False)
-    commands = np.asarray(robots.drives.task.commands).tolist()
+    torch.onnx.export(network, torch.zeros(1, len(many.drives.task.low)), "ppo.onnx", dynamo=False)
     sees = [{"kind": "light", "sensor": "light"}, {"kind": "odometry"}]
-    card = {"sees": sees, "says": {"commands": commands}, "rate": 1.0 / robots.drives.task.period}
+    says = {"commands": np.asarray(many.drives.task.commands).tolist()}
+    card = {"sees": sees, "says": says, "rate": 1.0 / many.drives.task.period}
     Path("ppo.yaml").write_text(yaml.safe_dump(card), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "light", int(sys.argv[2]) if len(sys.argv) > 2 else 1_000_000)
+    main(sys.argv[1] if len(sys.argv) > 1 else "light", float(sys.argv[2]) if len(sys.argv) > 2 else 30.0)
