@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from statistics import median
 from time import monotonic, sleep
 from typing import Any, Final
 
@@ -136,14 +137,17 @@ class Relay:
         raise AssertionError("the board is never told to stop")
 
     def frozen(self, stop: Callable[[], None]) -> float:
-        """Stop the browser; return after how many s the board, which is told nothing more, is slower than it was."""
+        """Stop the browser; return for how many s the board, which is told nothing more, keeps its speed."""
+        # it has its full speed by then
+        sleep(1.0 * S)
         stop()
         sleep(4.0 * S)
         since, last = self.told[-1]
         assert last.v > 0.3, "zeros came, so the browser was not stopped"
-        fast = max(v for time, v in self.measured if time < since)
+        # measured speeds scatter: one that is low does not say that it slows down
+        speed = median([v for time, v in self.measured if time < since][-10:])
         assert abs(self.measured[-1][1]) < 0.05, "it does not stand"
-        return next(time - since for time, v in self.measured if time > since and v < 0.9 * fast)
+        return max(time for time, v in self.measured if v > 0.9 * speed) - since
 
 
 @contextmanager
