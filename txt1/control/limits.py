@@ -22,7 +22,6 @@ from typing import Final, NamedTuple
 
 from txt1.control.parameters import Limits
 from txt1.control.sight import WheelSight
-from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.units import new
 
@@ -114,15 +113,15 @@ class SetpointBounds:
 
     def nearest(self, v: float, omega: float) -> tuple[float, float]:
         """Return the nearest allowed set-point (v, omega): speed first, then yaw rate by (2.16)."""
-        if not abs(v) <= self.v_max:
-            v = clip(v, self.v_max)
         speed = abs(v)
+        if not speed <= self.v_max:
+            v, speed = clip(v, self.v_max), self.v_max
         if speed < self.dead_band:
             v = speed = 0.0
         omega_max, radius_min = self.omega_max, self.radius_min
         # never true for a vehicle that turns in place
         if speed < omega_max * radius_min:
-            omega_max = yaw_rate_max(v, radius_min)
+            omega_max = speed / radius_min
         if not abs(omega) <= omega_max:
             omega = clip(omega, omega_max)
         return v, omega
@@ -344,14 +343,13 @@ class Gate:
     def neutral(self, servos: tuple[int, int]) -> Outputs:
         """Motor off, steering straight, set-point 0; the free servos follow while armed, else stay where they are."""
         self._motor = 0
-        if self.armed:
+        if self.armed and servos != self._servos:
             self._hold(servos)
         return self._neutral
 
     def _hold(self, servos: tuple[int, int]) -> None:
-        if servos != self._servos:
-            self._servos = int(clip(servos[0], PWM_MAX)), int(clip(servos[1], PWM_MAX))
-            self._neutral = Outputs(0, 0, 0, *self._servos)
+        self._servos = int(clip(servos[0], PWM_MAX)), int(clip(servos[1], PWM_MAX))
+        self._neutral = Outputs(0, 0, 0, *self._servos)
 
     def outputs(
         self, motor: float, front: float, rear: float, servos: tuple[int, int], v: float, omega: float
@@ -375,7 +373,8 @@ class Gate:
             front, rear = clip(front, STEERING_MAX), clip(rear, STEERING_MAX)
         v, omega = self._bounds.nearest(v, omega)
         self._motor = int(motor)
-        self._hold(servos)
+        if servos != self._servos:
+            self._hold(servos)
         pwm4, pwm5 = self._servos
         return new(Outputs, (self._motor, int(front), int(rear), pwm4, pwm5, v, omega))
 
