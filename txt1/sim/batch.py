@@ -326,8 +326,7 @@ _EQUATIONS: Final = (
     *("servo_angle", "steer", "direction", "asks", "drive", "coast"),
     *("sideslip", "encoder_wheels", "along_arc"),
 )
-_turn_servos = {"turn_servos": compiled(dynamics.turn_servos)}
-_calls = {name: compiled(getattr(dynamics, name), calls=_turn_servos) for name in _EQUATIONS}
+_calls = {name: compiled(getattr(dynamics, name)) for name in _EQUATIONS}
 _move_one = compiled(dynamics.move, calls={**_calls, "slide": compiled(sliding.slide)})
 
 

@@ -218,34 +218,11 @@ def steer(
     rate: float,
 ) -> tuple[float, float, float, float, float]:
     """Return the length of the next piece, s, its mean steering angles, and those at its end, front and rear, rad."""
-    if phi_front == target_front and phi_rear == target_rear:
-        h = remaining if calm or remaining < ramp_step else ramp_step
-        return h, phi_front, phi_rear, phi_front, phi_rear
-    h, end_front, end_rear = turn_servos(phi_front, phi_rear, target_front, target_rear, remaining, ramp_step, rate)
-    mean_front, mean_rear = 0.5 * (phi_front + end_front), 0.5 * (phi_rear + end_rear)
-    if calm and h < SHORT_RAMP * ramp_step and end_front == target_front and end_rear == target_rear:
-        # The end of a turn, too short for a piece of its own: one arc for it and the rest, at the mean angle
-        share = h / remaining
-        mean_front = end_front + share * (mean_front - end_front)
-        mean_rear = end_rear + share * (mean_rear - end_rear)
-        h = remaining
-    return h, mean_front, mean_rear, end_front, end_rear
-
-
-def turn_servos(
-    phi_front: float,
-    phi_rear: float,
-    target_front: float,
-    target_rear: float,
-    remaining: float,
-    ramp_step: float,
-    rate: float,
-) -> tuple[float, float, float]:
-    """Return the time until the ramp step ends or a servo arrives, s, and the steering angles then, front and
-    rear, rad.
-    """
-    gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
     h = remaining if remaining < ramp_step else ramp_step
+    if phi_front == target_front and phi_rear == target_rear:
+        return remaining if calm else h, phi_front, phi_rear, phi_front, phi_rear
+    gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
+    # a servo that arrives within the ramp step ends the piece
     if 0.0 < abs(gap_front) < h * rate:
         h = abs(gap_front) / rate
     if 0.0 < abs(gap_rear) < h * rate:
@@ -257,7 +234,14 @@ def turn_servos(
         end_front = phi_front + (travel if gap_front > 0.0 else -travel)
     if abs(gap_rear) > travel:
         end_rear = phi_rear + (travel if gap_rear > 0.0 else -travel)
-    return h, end_front, end_rear
+    mean_front, mean_rear = 0.5 * (phi_front + end_front), 0.5 * (phi_rear + end_rear)
+    if calm and h < SHORT_RAMP * ramp_step and end_front == target_front and end_rear == target_rear:
+        # The end of a turn, too short for a piece of its own: one arc for it and the rest, at the mean angle
+        share = h / remaining
+        mean_front = end_front + share * (mean_front - end_front)
+        mean_rear = end_rear + share * (mean_rear - end_rear)
+        h = remaining
+    return h, mean_front, mean_rear, end_front, end_rear
 
 
 def direction(front: float, rear: float) -> tuple[float, float, float, float, float]:
