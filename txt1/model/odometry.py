@@ -61,15 +61,16 @@ def wheel_ticks(v: float, omega: float, dt: float, geometry: Geometry) -> tuple[
 
 def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
     """Return the odometry after moving for dt seconds at constant (v, omega)."""
+    x, y, theta, _, _ = odometry
     if v == 0.0 and omega == 0.0:
-        return Odometry(odometry.x, odometry.y, odometry.theta, 0.0, 0.0)
+        return Odometry(x, y, theta, 0.0, 0.0)
     distance = v * dt
     # m; the curvature of a shorter arc could overflow
     if abs(distance) > 1e-15:
-        x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)
+        x, y, theta = move_along_arc(x, y, theta, distance, omega / v, 0.0)
     else:
         # the wheels turn against each other, which only slip can cause
-        x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta + omega * dt, 0.0, 0.0, 0.0)
+        x, y, theta = move_along_arc(x, y, theta + omega * dt, 0.0, 0.0, 0.0)
     return new(Odometry, (x, y, theta, v, omega))
 
 

@@ -148,13 +148,17 @@ class Cycle:
             self._gate.disarm(self.board.reason, Fault.LINK)
 
     def measure(self, now: float) -> None:
-        """Take the velocities that the loops and the rules go by."""
-        self.source, self.v_now, self.omega_now = measured(self._state, now)
+        """Take the velocities that the loops and the rules go by: combined odometry while it is selected and fresh."""
+        state = self._state
+        combined, odometry = state.combined, state.odometry
+        if combined is not None and state.link.combined and now - combined.time <= COMBINED_TIMEOUT + 1e-9:
+            self.source, self.v_now, self.omega_now = COMBINED, combined.v, combined.omega
+        else:
+            self.source, self.v_now, self.omega_now = ENCODER, odometry.v, odometry.omega
         if self._blind:
             self.source = RECKONED
         elif not self._has_ticks:
-            odometry_time = self._state.odometry_time
-            self.dt, self._read_at = min(odometry_time - self._read_at, STEP_MAX), odometry_time
+            self.dt, self._read_at = min(state.odometry_time - self._read_at, STEP_MAX), state.odometry_time
 
     def watch_wheels(self, now: float) -> None:
         """Disarm on a runaway, and when the odometry is lost."""
@@ -197,15 +201,17 @@ class Cycle:
     def _close_loops(self, given: Command, now: float) -> Outputs:
         """Return the outputs by both loops for the set-point that the guards allow."""
         state, gate = self._state, self._gate
-        v, omega = self.v, self.omega = (
-            gate.guarded(given.v, given.omega, now) if gate.guards else (given.v, given.omega)
-        )
+        v, omega, _, _ = given
+        if gate.guards:
+            v, omega = gate.guarded(v, omega, now)
+        self.v, self.omega = v, omega
         motor = steering = 0.0
         if state.held:
             self._loops.clear()
         if self._closes_loops:
-            gains = self.gains = state.gains.angular.at(self.v_now)
-            motor, steering = self._loops.step(v, omega, self.v_now, self.omega_now, state.gains.linear, gains, self.dt)
+            linear, schedule, _ = state.gains
+            angular = self.gains = schedule.at(self.v_now)
+            motor, steering = self._loops.step(v, omega, self.v_now, self.omega_now, linear, angular, self.dt)
         return gate.outputs(motor, -steering, steering, state.servos, v, omega)
 
     def explain(self, now: float) -> None:
@@ -233,15 +239,3 @@ class Cycle:
             or self.omega != control.omega
         ):
             state.control = new(Control, (outputs, self.v, self.omega, self.source, self.gains))
-
-
-def measured(state: State, now: float) -> tuple[Source, float, float]:
-    """Return the source of the measured velocities, the speed (m/s) and the yaw rate (rad/s).
-
-    The source is combined odometry while it is selected and fresh.
-    """
-    combined = state.combined
-    if combined is not None and state.link.combined and now - combined.time <= COMBINED_TIMEOUT + 1e-9:
-        return COMBINED, combined.v, combined.omega
-    odometry = state.odometry
-    return ENCODER, odometry.v, odometry.omega

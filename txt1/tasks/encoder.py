@@ -144,8 +144,8 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
     A car that is commanded to drive and not seen any more gets neutral outputs at once, past loops that do not see it.
     """
     turning = 0.5 * geometry.track_width
-    # the time of the last reading, s of the run, and the motor's output then
-    looked, pushed = 0.0, 0
+    # the time of the last reading, s of the run, and the controller's decision at that time
+    looked, before = 0.0, state.control
     wheels = WheelOdometry(geometry)
     if hal.capabilities.blind:
         state.tell(0.0, "no encoders: odometry is dead reckoning, and the rules on runaways are off")
@@ -155,7 +155,8 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
         state.held = inputs.held
         if inputs.link is not state.board:
             _note(state, inputs.link, now)
-        if inputs.ticks is None:
+        counted = inputs.ticks
+        if counted is None:
             if hal.capabilities.ticks:
                 raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")
             if hal.capabilities.blind:
@@ -165,26 +166,28 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
                 continue
             take_odometry(state, inputs, now)
         else:
-            counts = wheels.step(inputs.ticks, now)
+            counts = wheels.step(counted, now)
             if counts is not None:
                 still = counts == (0, 0)
                 state.encoders = STILL if still else new(Encoders, counts)
                 _put(state, wheels.odometry, now, still)
         time = state.odometry_time
         if gate.armed and time > looked:
-            seen, given = state.odometry, state.control
-            if seen.v or seen.omega:
-                gate.sight.turns(outer_wheel(seen.v, turning * seen.omega), time - looked)
+            _, _, _, v, omega = state.odometry
+            given = state.control
+            if v or omega:
+                gate.sight.turns(outer_wheel(v, turning * omega), time - looked)
             elif given.v or given.omega or gate.sight.doubted:
                 wanted = outer_wheel(given.v, turning * given.omega)
-                if gate.unseen(wanted, time - looked, given.outputs.motor * wanted < 0.0 or pushed * wanted < 0.0):
+                brakes = given.outputs.motor * wanted < 0.0 or before.outputs.motor * wanted < 0.0
+                if gate.unseen(wanted, time - looked, brakes):
                     neutral = gate.neutral(state.servos)
                     if hal.capabilities.halt:
                         hal.halt(neutral, now)
                     hal.write(neutral, now)
             else:
                 gate.sight.clear()
-        looked, pushed = time, state.control.outputs.motor
+        looked, before = time, state.control
 
 
 def _put(state: State, odometry: Odometry, time: float, still: bool) -> None:
