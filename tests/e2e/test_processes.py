@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import select
 import signal
+import sys
 import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
@@ -30,6 +32,7 @@ from txt1.protocol.layout import encode
 from txt1.protocol.messages import Velocity
 from txt1.robot import Robot
 
+ROOT = Path(__file__).parents[2]
 TICK = 0.02
 LATE = 0.05
 """s from an event to the look that notices it."""
@@ -248,3 +251,20 @@ def test_a_board_whose_serial_device_is_unplugged_serves_it_again_when_it_is_bac
             place.close()
 
     run(body())
+
+
+@pytest.mark.long
+def test_an_agent_goes_on_learning_on_a_board_while_its_gate_is_shut(tmp_path: Path) -> None:
+    path, example = tmp_path / "board", ROOT / "examples" / "learn_on_the_robot.py"
+
+    async def body() -> str:
+        async with process("board", "--pty", str(path), "--set", "sim.room.length=40", "--set", "sim.room.width=40"):
+            await until(path.exists, LIMIT)
+            words = (sys.executable, str(example), str(path), "0.5")
+            learns = await asyncio.create_subprocess_exec(*words, cwd=ROOT, stdout=asyncio.subprocess.PIPE)
+            told, _ = await asyncio.wait_for(learns.communicate(), 4.0 * LIMIT)
+            assert learns.returncode == 0
+            return told.decode().splitlines()[-1]
+
+    counted, _, shut = map(int, re.findall(r"\d+", asyncio.run(body()))[:3])
+    assert counted > 0 and shut == 1

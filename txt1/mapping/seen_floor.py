@@ -20,7 +20,7 @@ there. So plans first try to back up only over floor that was seen lately.
 from __future__ import annotations
 
 from functools import cached_property
-from math import ceil
+from math import ceil, inf
 from pathlib import Path
 from typing import Final
 
@@ -137,7 +137,7 @@ class SeenFloor:
             self.cells.ravel()[self._below] = FREE
         self._times[self._below] = time
 
-    def floor(self, now: Array, remembered: bool = True, since: float = -np.inf) -> Room:
+    def floor(self, now: Array, remembered: bool = True, since: float = -inf) -> Room:
         """Return the floor for planning; `now` are places (n, 2) in m of present obstacles, whatever was seen
         before. With `remembered` False, obstacles seen before may have gone: their places count as not seen. For
         driving backward, floor seen before `since` s does not count as seen.
