@@ -147,7 +147,8 @@ def stopped(browser: Any, folder: Path, url: str, habits: str, what: signal.Sign
 
 def lines_of_code() -> int:
     """Statements of Python, and lines of JavaScript without blanks and comments, of the plug-in."""
-    scripts = (line.strip() for file in PLUGIN.rglob("static/*.js") for line in file.read_text().splitlines())
+    files = [*PLUGIN.glob("txt1_browser/static/*.js"), *PLUGIN.glob("txt1_browser/*.mjs")]
+    scripts = (line.strip() for file in files for line in file.read_text().splitlines())
     of_python = sum(statements(file) for file in (PLUGIN / "txt1_browser").glob("*.py"))
     return of_python + sum(bool(line) and not line.startswith("//") for line in scripts)
 

@@ -37,6 +37,29 @@ def test_a_program_that_is_not_there_or_fails_is_named(tmp_path: Path) -> None:
         site.run([sys.executable, "-c", "import sys; sys.exit('broken')"], tmp_path, "python")
 
 
+@pytest.mark.parametrize("node", ["/usr/bin/node", None])
+def test_modules_are_compiled_where_there_is_node(
+    node: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, ran, told = tmp_path / "given", list[str](), list[str]()
+    given.mkdir()
+    for name in site.NEEDED:
+        (given / name).touch()
+
+    def run(command: list[str], work: Path, program: str) -> str:
+        ran.append(program)
+        if program == "pip":
+            with zipfile.ZipFile(work / "pydantic_core-1-cp314.whl", "w") as made:
+                made.writestr("pydantic_core/__init__.py", "")
+        return ""
+
+    monkeypatch.setattr(site, "run", run)
+    monkeypatch.setattr("shutil.which", lambda name: node)
+    site.build(tmp_path / "site", given, told.append)
+    assert ran == (["pip", "node"] if node else ["pip"])
+    assert any("compiles them at each start" in each for each in told) == (node is None)
+
+
 def test_the_archive_has_what_a_robot_needs_and_nothing_compiled(tmp_path: Path) -> None:
     wheel = tmp_path / "pydantic_core.whl"
     with zipfile.ZipFile(wheel, "w") as made:

@@ -2,8 +2,9 @@
 
 How it works. Pyodide comes from npm; of its files five are needed. pydantic's compiled half has a wheel for browsers at
 the index of Python's packages. All other packages are plain Python, and are taken from this computer's environment, so
-the browser runs what was tested here. They become one archive. The page's files are those of txt1/web/static;
-index.html has another script, which makes the page's line to the robot's worker in place of a socket.
+the browser runs what was tested here. They become one archive, with their bytecode by Pyodide's own Python where there
+is node. The page's files are those of txt1/web/static; index.html has another script, which makes the page's line to
+the robot's worker in place of a socket.
 """
 
 from __future__ import annotations
@@ -67,6 +68,11 @@ def build(folder: Path, pyodide: Path | None, tell: Callable[[str], None]) -> in
         wheel = _wheel(Path(temporary))
         tell("packing Python's packages and txt1")
         archive(work / "packages.zip", wheel)
+        if shutil.which("node"):
+            tell("compiling them by Pyodide's Python")
+            run(["node", str(HERE / "compile.mjs"), str(work / "pyodide"), str(work / "packages.zip")], work, "node")
+        else:
+            tell("node is not installed here, so the browser compiles them at each start, which takes some seconds")
         for each in (*(PACKAGE / "web" / "static").iterdir(), *(HERE / "static").iterdir()):
             if each.is_file() and not each.name.startswith("sign-in"):
                 shutil.copyfile(each, work / each.name)
