@@ -26,7 +26,7 @@ from txt1.navigation.plan import NoPath, stretches
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sensors.base import Reading
-from txt1.sim.room import clearance
+from txt1.sim.room import Room, clearance
 
 ENDLESS = ("sim.battery.used_1=null",)
 SURE = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4)
@@ -270,15 +270,22 @@ async def test_a_robot_backs_up_only_where_the_laser_has_seen_free_floor(flat: R
     assert all(segment.distance < 0.0 for segment in plan(robot_at(flat), (x + 0.1, y, theta), floor, body))
 
 
+def with_nobody_there(flat: Robot) -> tuple[OnMap, Room]:
+    """The map in use with a laser that sees the walls alone, and its floor before that."""
+    there = known(flat)
+    room = there.floor()
+    assert room is not None
+    there._sensor = Laser(flat, tuple)  # type: ignore[assignment] # noqa: SLF001
+    return there, room
+
+
 @pytest.mark.parametrize(("stands", "says"), [(1.0, False), (15.0, True)])
 async def test_before_it_backs_up_where_nothing_was_seen_lately_it_waits(
     flat: Robot, stands: float, says: bool
 ) -> None:
-    there = known(flat)
-    room = there.floor()
-    assert room is not None and flat.pose is not None
+    there, room = with_nobody_there(flat)
+    assert flat.pose is not None
     x, y, theta = flat.pose
-    there._sensor = Laser(flat, tuple)  # type: ignore[assignment] # noqa: SLF001
     await go_to(flat, (x + 1.0, y, theta), pose_source=map_pose(flat), room=room)
     # the wall ahead leaves it no other way
     there._sensor = Laser(flat, lambda: [(x + 1.75, y + 0.05 * k) for k in range(-25, 26)])  # type: ignore[assignment] # noqa: SLF001
@@ -298,11 +305,9 @@ async def test_before_it_backs_up_where_nothing_was_seen_lately_it_waits(
 async def test_a_way_that_begins_backward_is_driven_as_far_as_its_floor_was_seen(
     flat: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    there = known(flat)
-    room = there.floor()
-    assert room is not None and flat.pose is not None
+    _, room = with_nobody_there(flat)
+    assert flat.pose is not None
     x, y, theta = flat.pose
-    there._sensor = Laser(flat, tuple)  # type: ignore[assignment] # noqa: SLF001
     await go_to(flat, (x + 1.7, y, theta), pose_source=map_pose(flat), room=room)
     goal, ways = (x - 1.0, y, theta), [(Segment(0.0, -2.7),)]
 
