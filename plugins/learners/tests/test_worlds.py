@@ -174,6 +174,14 @@ def test_a_floor_knows_what_becomes_of_commands_on_their_way() -> None:
 
 
 @pytest.mark.long
+def test_a_world_whose_floor_no_file_knows_has_it_searched_for() -> None:
+    (usual,), (slow,) = (
+        suite.floors(suite.worlds("usual", [], [name])[0].config, 1) for name in ("thesis", "servo-slow")
+    )
+    assert usual.time(Start(0.0, 2.0)) < slow.time(Start(0.0, 2.0)) < 1.1 * usual.time(Start(0.0, 2.0))
+
+
+@pytest.mark.long
 def test_from_a_light_that_flees_faster_than_the_robot_no_floor_is_made_up() -> None:
     flees = MovingFloor(Config(), lambda since: (-since, 0.0))
     assert flees.time(Start(0.0, pi)) == np.inf and not flees.exists

@@ -168,9 +168,8 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
         length = -(-episodes // STAGES)
         episode = min(episodes, (episode - 1) // length * length + (length + 1) // 2)
     plain = world_at(config, episode, episodes)
-    own = plain.section(LearningConfig).model_copy(
-        update={"drift": {}, "changes": (), "world": None, "world_options": {}}
-    )
+    known = plain.section(LearningConfig).model_dump(exclude={"drift", "changes", "world", "world_options"})
+    own = LearningConfig.model_validate(known)
     room = plain.sim.room.model_copy(update={"map": None})
     sim = plain.sim.model_copy(update={"obstacles": (), "room": room})
     sensors = {name: one for name, one in plain.sensors.items() if name not in lasers(plain)}
