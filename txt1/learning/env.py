@@ -33,7 +33,7 @@ from txt1.hal.base import Hal, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
-from txt1.learning.batch import TICK_MS, Batch, only_ours
+from txt1.learning.batch import DRAG, NOISE, TICK_MS, Batch, only_ours
 from txt1.learning.drive_tasks import RAYS, Array, Bools, DriveTask, Generator, TaskOutcome, TaskView, task_named
 from txt1.learning.finite_readings import FiniteReadings
 from txt1.learning.light_direction import LightFilter
@@ -78,6 +78,9 @@ class Bodies(Protocol):
     def place(self, which: Bools, poses: Array, rng: Generator) -> Bools:
         """Put the robots in `which` at rest at poses, shape (which.sum(), 3); return which of these have no room."""
 
+    def rest(self, which: Bools, rng: Generator) -> None:
+        """Let the robots in `which` stand on their starts for a while; the others do not move on."""
+
     def drive(self, commands: Array, duration: int, rng: Generator) -> None:
         """Drive on for `duration` ms by v and omega, m/s and rad/s, shape (n, 2)."""
 
@@ -113,6 +116,10 @@ class ManyBodies:
         self.batch.place(which, poses, rng)
         return self._touches()[which]
 
+    def rest(self, which: Bools, rng: Generator) -> None:
+        """As `Bodies`."""
+        self.batch.run(REST_MS // TICK_MS, rng, sense=self._task.light, which=which)
+
     def drive(self, commands: Array, duration: int, rng: Generator) -> None:
         """As `Bodies`."""
         self.batch.commands[:] = commands
@@ -140,8 +147,8 @@ class ManyBodies:
             source = source._replace(**{name: drawn.get(f"sim.light.{name}", getattr(source, name))})
         vehicle = dynamics(replace(self._vehicle, **own), self.config.geometry)
         self.batch.own[k, : len(vehicle) + len(source)] = *vehicle, *source
-        self.batch.noise[k] = drawn.get("sim.light.noise", self.batch.noise[k, 0])
-        self.batch.drag[k] = drawn.get("sim.noise.drag", self.batch.drag[k])
+        for name, column in (("sim.light.noise", NOISE), ("sim.noise.drag", DRAG)):
+            self.batch.own[k, column] = drawn.get(name, self.batch.own[k, column])
 
 
 class EpisodeCar:
@@ -225,6 +232,11 @@ class OneBody:
     def stand(self) -> None:
         """Stand still from now on."""
         self._under_way, self._in_force = [], (0.0, 0.0)
+
+    def rest(self, which: Bools, rng: Generator) -> None:
+        """As `Bodies`."""
+        del which
+        self.drive(np.zeros((1, 2)), REST_MS, rng)
 
     def drive(self, commands: Array, duration: int, rng: Generator) -> None:
         """As `Bodies`."""
@@ -355,7 +367,7 @@ class DriveEnv(gymnasium.Env[Observation, Any]):
         super().reset(seed=seed, options=options)
         drives, one = self.drives, np.ones(1, bool)
         drives.place(one, self.np_random)
-        drives.bodies.drive(np.zeros((1, 2)), REST_MS, self.np_random)
+        drives.bodies.rest(one, self.np_random)
         first = drives.begin(one)[0]
         if not isinstance(drives.task.commands, np.ndarray):
             return first, {}
@@ -408,12 +420,8 @@ class DriveVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         which = np.ones(self.num_envs, bool) if mask is None else np.asarray(mask)
         if which.shape != (self.num_envs,) or which.dtype != bool or not which.any():
             raise ValueError(f"reset_mask: give {self.num_envs} of true and false, at least one of them true")
-        robots = self.bodies.batch.robots
         self.drives.place(which, self.np_random)
-        # the others keep their state while the restarted robots rest
-        others = robots[:, ~which].copy()
-        self.bodies.drive(np.zeros((self.num_envs, 2)), REST_MS, self.np_random)
-        robots[:, ~which] = others
+        self.bodies.rest(which, self.np_random)
         self._over = self._over & ~which
         return self.drives.begin(which), {}
 

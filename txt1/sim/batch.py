@@ -127,6 +127,8 @@ def _digest(function: Any) -> str:
                 parts.append(_digest(read).encode())
             elif isinstance(read, int | float | str | tuple):
                 parts.append(repr(read).encode())
+            elif isinstance(read, np.ndarray):
+                parts.append(read.tobytes())
     return sha256(b"\0".join(parts)).hexdigest()[:16]
 
 

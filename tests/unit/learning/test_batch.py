@@ -25,7 +25,7 @@ COUNT = 5
 
 
 def robots(count: int) -> Batch:
-    return Batch(count, PointLight(), 0.0, 0.03, VehicleParameters(), Geometry(), Safety())
+    return Batch(count, PointLight(), 0.0, 0.0, VehicleParameters(), Geometry(), Safety())
 
 
 def held_against_the_runtime(ticks: int = 400) -> float:
@@ -46,17 +46,17 @@ def held_against_the_runtime(ticks: int = 400) -> float:
     # where the wheels stood
     phases = [random_stream(seed, "encoder phases") for seed in range(COUNT)]
     many.robots[batch.PHASE : batch.PHASE + 2] = np.transpose([[each.random(), each.random()] for each in phases])
-    rng = np.random.default_rng(3)
+    rng, actions = np.random.default_rng(2), np.random.default_rng(3)
     worst = 0.0
     for tick in range(ticks):
         if tick % 25 == 10:
-            for i, action in enumerate(rng.integers(0, 3, COUNT)):
+            for i, action in enumerate(actions.integers(0, 3, COUNT)):
                 cars[i].command = COMMANDS[action]
                 many.commands[i] = COMMANDS[action]
         now = tick * 20 / 1000.0
         for each in cars:
             each.control(now)
-        many.run_with(np.zeros((1, COUNT)), np.zeros((0, COUNT, 4)))
+        many.run(1, rng, sense=False)
         expected = np.array([[*car.pose(now), car.odometry.v, car.odometry.omega] for car in cars])
         got = np.concatenate([many.poses, many.velocities], axis=1)
         worst = max(worst, float(np.abs(got - expected).max()))
@@ -89,7 +89,7 @@ def test_its_readings_are_the_lights_through_the_filter() -> None:
     many.run(5, np.random.default_rng(1))
     for reading, pose in zip(many.readings, poses, strict=True):
         assert reading == pytest.approx(illuminances(*pose, PointLight()))
-    many.noise = 0.3
+    many.own[0, batch.NOISE] = 0.3
     many.run(400, np.random.default_rng(1))
     noisy = []
     rng = np.random.default_rng(2)
@@ -99,3 +99,32 @@ def test_its_readings_are_the_lights_through_the_filter() -> None:
     w = batch.WEIGHT
     assert np.mean(noisy) == pytest.approx(1.0, abs=0.02)
     assert np.std(noisy) == pytest.approx(0.3 * np.sqrt((1 - w) / (1 + w)), rel=0.15)
+
+
+@pytest.mark.long
+def test_its_noise_is_normal_and_each_sensors_own() -> None:
+    count, pose = 20_000, np.array([1.25, 0.0, 3.0])
+    many = robots(count)
+    many.own[0, batch.NOISE] = 0.2
+    many.place(np.ones(count, bool), np.tile(pose, (count, 1)), np.random.default_rng(0))
+    many.run(1, np.random.default_rng(1))
+    # the first sample passes the filter as it is
+    drawn = (many.readings / illuminances(*pose, PointLight()) - 1.0) / 0.2
+    assert drawn.mean() == pytest.approx(0.0, abs=0.01) and drawn.std() == pytest.approx(1.0, abs=0.01)
+    for sigmas, share in ((1.0, 0.6827), (2.0, 0.9545), (3.0, 0.9973)):
+        assert (np.abs(drawn) < sigmas).mean() == pytest.approx(share, abs=0.005)
+    assert np.abs(np.corrcoef(drawn.T) - np.eye(4)).max() < 0.03
+
+
+@pytest.mark.long
+def test_some_drive_on_as_they_do_among_all_and_the_others_stand() -> None:
+    many, all_of_them = robots(3), robots(3)
+    for each in (many, all_of_them):
+        each.place(np.ones(3, bool), np.array([[0.0, 1.0, 0.3]] * 3), np.random.default_rng(0))
+        each.commands[:] = 0.3, 0.2
+    before = many.robots.copy()
+    some = np.array([True, False, True])
+    many.run(20, np.random.default_rng(1), which=some)
+    all_of_them.run(20, np.random.default_rng(1))
+    assert (many.robots[:, some] == all_of_them.robots[:, some]).all()
+    assert (many.robots[:, 1] == before[:, 1]).all()

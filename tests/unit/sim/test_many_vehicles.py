@@ -102,11 +102,12 @@ caller.twice = compiled(called.twice)
 made = compiled(caller.run, cache=True)
 print(made(1.0), sum(made.stats.cache_hits.values()))
 """
-    caller = "from called import FACTOR, twice\ndef run(x):\n    return FACTOR * twice(x)\n"
+    caller = "from called import FACTOR, PLUS, twice\ndef run(x):\n    return FACTOR * twice(x) + PLUS[0]\n"
     (tmp_path / "caller.py").write_text(caller)
 
-    def told(factor: float, text: str) -> list[str]:
-        (tmp_path / "called.py").write_text(f"FACTOR = {factor}\ndef twice(x):\n    return {text}\n")
+    def told(factor: float, text: str, plus: float = 0.0) -> list[str]:
+        known = f"import numpy\nFACTOR, PLUS = {factor}, numpy.array([{plus}])\n"
+        (tmp_path / "called.py").write_text(f"{known}def twice(x):\n    return {text}\n")
         words = [sys.executable, "-B", "-c", program, str(tmp_path)]
         environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
         return subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout.split()
@@ -115,6 +116,7 @@ print(made(1.0), sum(made.stats.cache_hits.values()))
     assert told(1.0, "x + x") == ["2.0", "1"], "made once"
     assert told(1.0, "x + x + 1.0") == ["3.0", "0"], "a function that it calls"
     assert told(3.0, "x + x + 1.0") == ["9.0", "0"], "a constant that it reads"
+    assert told(3.0, "x + x + 1.0", 2.0) == ["11.0", "0"], "an array that it reads"
 
 
 def test_every_extra_that_brings_numba_for_learners_brings_scipy() -> None:
