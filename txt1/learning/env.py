@@ -108,13 +108,17 @@ class ManyBodies:
         drag, differ = config.sim.noise.drag, bool(self._ranges)
         self.batch = Batch(task.count, self._source, noise, drag, self._vehicle, geometry, config.safety, differ)
         self._shapes, self._room = standing(config), config.sim.room.built()
+        # what a laser and a bumper tell, and of whom it has to be looked at anew
+        self._rays, self._touched = np.empty((task.count, len(RAYS) * task.laser)), np.zeros(task.count, bool)
+        self._moved = np.zeros(task.count, bool)
 
     def place(self, which: Bools, poses: Array, rng: Generator) -> Bools:
         """As `Bodies`."""
         for k in np.flatnonzero(which) if self._ranges else ():
             self._draw(int(k), rng)
         self.batch.place(which, poses, rng)
-        return self._touches()[which]
+        self._moved |= which
+        return self.seen().touched[which]
 
     def rest(self, which: Bools, rng: Generator) -> None:
         """As `Bodies`."""
@@ -124,19 +128,18 @@ class ManyBodies:
         """As `Bodies`."""
         self.batch.commands[:] = commands
         self.batch.run(duration // TICK_MS, rng, sense=self._task.light)
+        self._moved[:] = True
 
     def seen(self) -> TaskView:
         """As `Bodies`."""
-        poses, n = self.batch.poses, self._task.count
-        ranges = _ranges(poses, self._shapes) if self._task.laser else np.empty((n, 0))
-        return TaskView(poses, self.batch.velocities, self.batch.readings, ranges, self._touches())
-
-    def _touches(self) -> Bools:
-        if not self._task.laser:
-            return np.zeros(self._task.count, bool)
-        body = self.config.geometry
-        poses = self.batch.poses.tolist()
-        return np.array([clearance(x, y, theta, self._room, body) < TOUCH for x, y, theta in poses])
+        poses, moved = self.batch.poses, self._moved
+        if self._task.laser and moved.any():
+            body, places = self.config.geometry, poses[moved]
+            self._rays[moved] = _ranges(places, self._shapes)
+            clear = [clearance(x, y, theta, self._room, body) for x, y, theta in places.tolist()]
+            self._touched[moved] = np.array(clear) < TOUCH
+        moved[:] = False
+        return TaskView(poses, self.batch.velocities, self.batch.readings, self._rays, self._touched.copy())
 
     def _draw(self, k: int, rng: Generator) -> None:
         """Give a robot a world of its own."""
