@@ -7,10 +7,11 @@ slow.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cache, partial
 from math import sqrt
 from statistics import NormalDist
 from typing import Final
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from txt1.control.parameters import KnownCar, Safety
 from txt1.control.pid import Gains, at_rest, errors, pid
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import ConfigError
+from txt1.installing import installs
 from txt1.kernel.processors import processors
 from txt1.learning.light_direction import FILTER_WEIGHT
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
@@ -169,6 +171,15 @@ def _run(robots: Array, commands: Array, first: int, bits: NDArray[np.uint8], ow
             if bits.shape[2] > 8:
                 _look(block, drawn, o[NOISE], light)
         robots[:, at:until] = block
+
+
+@cache
+def tell_slow() -> None:
+    """Warn, once, if nothing is compiled."""
+    if not hasattr(_run, "py_func"):
+        # the warning is for whoever makes an environment
+        told = "simulated robots take 20 times (one) to 400 times (thousands) as long without numba"
+        warn(f"{told}: {installs('fast')}", RuntimeWarning, stacklevel=4)
 
 
 class Batch:

@@ -33,7 +33,7 @@ from txt1.hal.base import Hal, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
-from txt1.learning.batch import DRAG, NOISE, TICK_MS, Batch, only_ours
+from txt1.learning.batch import DRAG, NOISE, TICK_MS, Batch, only_ours, tell_slow
 from txt1.learning.drive_tasks import RAYS, Array, Bools, DriveTask, Generator, TaskOutcome, TaskView, task_named
 from txt1.learning.finite_readings import FiniteReadings
 from txt1.learning.light_direction import LightFilter
@@ -99,6 +99,7 @@ class ManyBodies:
         self._ranges = config.section(LearningConfig).randomised
         if other := [key for key in self._ranges if not key.startswith(OF_MANY)]:
             raise ConfigError(f"learning.randomised: {other[0]}: many robots at once do not differ in it; leave it out")
+        tell_slow()
         light, place = config.sim.light, config.sim.room.light
         exponent = float(light.exponent)
         noise = noise_for_jitter(exponent=exponent, height=light.height) if light.noise is None else light.noise

@@ -18,6 +18,7 @@ from tests.patience import LIMIT
 from txt1.config import load
 from txt1.errors import ConfigError, NoDirection
 from txt1.hal.registry import create_sim
+from txt1.installing import installs
 from txt1.learning import env, picture
 from txt1.learning.best_time import known_floor
 from txt1.learning.drive_tasks import PAYS
@@ -89,6 +90,20 @@ def test_who_drives_at_the_light_reaches_it_and_time_is_what_it_costs() -> None:
     assert 0.5 * steps > info["optimal_time"] > 2.0
     # the way from the start pays for 2.5 s
     assert total == pytest.approx(PAYS + 2.5 - 0.5 * steps, abs=0.6)
+
+
+def test_without_numba_the_first_environment_says_what_to_install() -> None:
+    program = """import sys, warnings
+sys.modules["numba"] = None
+from txt1.learning.env import DriveVectorEnv
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    DriveVectorEnv(2), DriveVectorEnv(2)
+print(*(each.message for each in told if "numba" in str(each.message)), sep="\\n")
+"""
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=LIMIT)
+    (told,) = shown.stdout.splitlines()
+    assert told.startswith("simulated robots take") and told.endswith(installs("fast"))
 
 
 @pytest.mark.long  # it is compiled
