@@ -130,7 +130,8 @@ async def _operate(
             await asyncio.Future()
 
         getting_ready = asyncio.ensure_future(prepare())
-        terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more, partial(_idle, robot))
+        idle, waits = partial(_idle, robot), robot.runtime.scheduler.waits
+        terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more, idle, waits)
         with served(robot.runtime), real_time(robot) if arguments.realtime else nullcontext():
             try:
                 guards = robot.runtime.part(GuardWatch)

@@ -86,7 +86,8 @@ class Terminal:
     The keys are for `robot`. `keys` takes the commands of the driving keys; None: the driving keys do nothing. `beat`
     is the time between heartbeats of the drawing process, s of real time. `shown` are the keys of the last row and
     their meaning, by default a robot's. `more` are the actions of further keys (m, e, b, r, n, x, p); they may refuse.
-    `idle` returns why a driving key moves nothing, "" if it does.
+    `idle` returns why a driving key moves nothing, "" if it does. `waits`: a simulation, whose time waits for a busy
+    computer, so no key is too old for it.
     Entering raises TerminalLost if standard input or output is no terminal.
     """
 
@@ -99,14 +100,15 @@ class Terminal:
         shown: Mapping[str, str] | None = None,
         more: Mapping[str, Callable[[], None]] | None = None,
         idle: Callable[[], str] = lambda: "",
+        waits: bool = False,
     ) -> None:
-        self._robot, self._keys = robot, keys
+        self._robot, self._keys, self._waits = robot, keys, waits
         # times of the newest command and of the newest snapshot, s of the run
         self._origin = self._sent = -inf
         self._teleop: DrivingKeys = teleop or Teleop()
         self._more = more or {}
         self._idle = idle
-        target, options = "txt1.ui.terminal_process:main", {"keys": shown}
+        target, options = "txt1.ui.terminal_process:main", {"keys": shown, "waits": waits}
         self._beside = Sidecar(
             target, self.telemetry, self.request, options=options, beat=beat, lost=self._lost, on_terminal=True
         )
@@ -160,12 +162,13 @@ class Terminal:
 
     def request(self, request: Request) -> None:
         """Obey the keys, and renew the command."""
-        fresh = request.age <= BACKLOG
+        age = 0.0 if self._waits else request.age
+        fresh = age <= BACKLOG
         for key in request.fields.get("keys", ()):
             if fresh or key in _ALWAYS:
                 self.obey(key)
         if fresh and not self._quit.is_set():
-            self._origin = max(self._origin, self._robot.now - request.age)
+            self._origin = max(self._origin, self._robot.now - age)
             self._try(self._drive)
 
     def obey(self, key: str) -> None:

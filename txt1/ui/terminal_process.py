@@ -70,9 +70,10 @@ def window() -> tuple[int, int]:
     return size.columns or 80, size.lines or 24
 
 
-def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
+def main(connection: Connection, keys: Mapping[str, str] | None = None, waits: bool = False) -> None:
     """Draw and report keys until the terminal goes away; `keys` are the keys to show.
 
+    `waits`: a simulation, whose time waits for a busy computer, gets every key, however late.
     Raises EOFError when the robot's process has gone.
     """
     decoder, painter, viewer = tty.KeyDecoder(), Painter(), Viewer(keys or DRIVING)
@@ -96,7 +97,7 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
                 data = os.read(tty.IN, 4096)
                 if not data:
                     return
-                stale = STALE_KEYS if now - before > nanoseconds(STALE) else ()
+                stale = STALE_KEYS if now - before > nanoseconds(STALE) and not waits else ()
                 pressed = [key for key in decoder.feed(data) if key not in stale]
             # a key may be the emergency stop, so it does not wait for the next heartbeat
             if pressed or connection.due() <= 0.0:

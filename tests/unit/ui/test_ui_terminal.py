@@ -217,6 +217,12 @@ def test_keys_from_before_a_standstill_stop_but_do_not_drive(terminal: Terminal,
     robot.hold.assert_not_called()
 
 
+def test_a_late_key_drives_a_simulation_whose_time_waits_for_the_computer(robot: Mock) -> None:
+    robot.now = 3.0
+    beat(Terminal(robot, keys=robot, waits=True), "w", age=10.0)
+    robot.hold.assert_called_once_with(0.5, 0.0, 3.0)
+
+
 def test_a_stop_of_all_from_before_a_standstill_is_a_stop_of_all(robot: Mock) -> None:
     beat(Terminal(robot, more={"x": robot.stop_all}), "x", age=10.0)
     robot.stop_all.assert_called_once_with()

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from ui_tty import Tty
 
 from tests.patience import LIMIT
 from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.terminal_process import STALE
 
 ROOT = Path(__file__).parents[3]
 
@@ -25,8 +27,8 @@ ROOT = Path(__file__).parents[3]
 class Drawing:
     """A running drawing process."""
 
-    def __init__(self) -> None:
-        self.tty = Tty()
+    def __init__(self, **options: object) -> None:
+        self.tty, self.options = Tty(), options
         self.link, theirs = socket.socketpair()
         self.link.settimeout(LIMIT)
         with theirs:
@@ -38,7 +40,7 @@ class Drawing:
                     str(theirs.fileno()),
                     "txt1.ui.terminal_process:main",
                     "0.02",
-                    "{}",
+                    json.dumps(options),
                 ],
                 stdin=self.tty.slave,
                 stdout=self.tty.slave,
@@ -74,8 +76,8 @@ class Drawing:
 
 
 @pytest.fixture
-def drawing() -> Iterator[Drawing]:
-    running = Drawing()
+def drawing(request: pytest.FixtureRequest) -> Iterator[Drawing]:
+    running = Drawing(**getattr(request, "param", {}))
     yield running
     running.hang_up()
     running.process.kill()
@@ -122,6 +124,15 @@ def test_it_draws_reports_keys_and_acknowledges(drawing: Drawing) -> None:
     drawing.hang_up()
     assert drawing.wait() == 0
     assert tty.restored()
+
+
+@pytest.mark.parametrize("drawing", [{}, {"waits": True}], indirect=True, ids=["robot", "simulation"])
+def test_a_key_typed_while_it_was_held_up_drives_a_simulation_alone(drawing: Drawing) -> None:
+    os.kill(drawing.process.pid, signal.SIGSTOP)
+    drawing.tty.type(b"w ")
+    time.sleep(2.0 * STALE)
+    os.kill(drawing.process.pid, signal.SIGCONT)
+    assert drawing.keys(1) == (["w", "space"] if drawing.options else ["space"])
 
 
 def test_p_shows_what_was_printed_before_the_screens_until_the_next_key(drawing: Drawing) -> None:
