@@ -253,6 +253,8 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
     `mean_time_of_all_s` includes the time of failures.
     """
     every = [one for trial in trials for one in trial]
+    # when the learner reported that its model does not fit, s
+    said = [one.unfit for one in every if one.unfit is not None]
     # an episode, over all trials that reached it
     curve = {k: some for k in MILESTONES if (some := [trial[k - 1] for trial in trials if len(trial) >= k])}
     return {
@@ -260,18 +262,12 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
         "episodes": len(every),
         "failures": sum(not one.success for one in every),
         "contacts": sum(one.touched for one in every),
-        "model_does_not_fit": _unfit(every),
+        "model_does_not_fit": {"episodes": len(said), "median_s": _round(np.median(said)) if said else None},
         "thesis_mean_time_s": THESIS_MEAN,
         "after_episode_7": _figures([one for trial in trials for one in trial[LEARNED:]], floor),
         "last_10": _figures([one for trial in trials for one in trial[-LAST:]], floor),
-        "ratio_at_episode": {str(k): _ratio(some) for k, some in curve.items()},
+        "ratio_at_episode": {str(k): _figures(some, floor).get("ratio_to_optimum") for k, some in curve.items()},
     }
-
-
-def _unfit(every: Sequence[Episode]) -> dict[str, Any]:
-    """Count the episodes in which the learner reported that its model does not fit; the mean time of the report, s."""
-    said = [one.unfit for one in every if one.unfit is not None]
-    return {"episodes": len(said), "median_s": _round(np.median(said)) if said else None}
 
 
 def _figures(some: Sequence[Episode], floor: Floor | None) -> dict[str, Any]:
@@ -299,12 +295,6 @@ def _figures(some: Sequence[Episode], floor: Floor | None) -> dict[str, Any]:
         "ratio_to_optimum": _round(time.sum() / best.sum()),
         "ratio_to_floor": None if least is None else _round(time.sum() / least),
     }
-
-
-def _ratio(some: Sequence[Episode]) -> float | None:
-    """Mean ratio of the successes to the optimum; None if there are none."""
-    won = [one for one in some if one.success]
-    return _round(sum(one.time for one in won) / sum(one.optimal_time for one in won)) if won else None
 
 
 def _round(value: Any) -> float:

@@ -198,10 +198,11 @@ class LocatorAgent(PeriodicAgent):
         if len(fit.lights) < len(np.unique(self._rows[:, EPISODE])):
             fit = fit._replace(lights=np.vstack([fit.lights, self._nearest(fit)]))
         fit = self._fit(fit.law, fit.lights, fit.noise, 2)
-        if done % (2 * TRIES) == 0:
-            other = np.vstack([fit.lights[:-1], self._nearest(fit)])
-            fit = min(fit, self._fit(fit.law, other, fit.noise, 3), key=lambda one: one.cost)
-        if done % (2 * TRIES) == 0 and done > 3 * TRIES and fit.misfit > LARGE:
+        if done % (2 * TRIES):
+            return fit
+        other = np.vstack([fit.lights[:-1], self._nearest(fit)])
+        fit = min(fit, self._fit(fit.law, other, fit.noise, 3), key=lambda one: one.cost)
+        if done > 3 * TRIES and fit.misfit > LARGE:
             kept = self._rows
             again = self._anew()
             if again.misfit < 0.5 * fit.misfit:
@@ -217,14 +218,13 @@ class LocatorAgent(PeriodicAgent):
         design = np.stack([np.ones_like(near), -np.log(near), ahead / near**2, left / near**2], axis=-1)
         # g, n, n p in first order, with a ridge
         usual, ridge = np.array([log(135.0), 2.0, 0.0, 0.0]), np.diag(1.0 / np.array([3.0, 0.7, 0.6, 0.6]) ** 2)
-        weight = self._rows[:, SOUND] * self._rows[:, COUNT, None] / NOISY**2
-        cost, found = np.zeros(len(PLACES)), np.zeros((len(PLACES), 4, 4))
-        for s in range(4):
-            weighed = design * weight[:, s, None]
-            right = np.swapaxes(weighed, 1, 2) @ self._rows[:, LOGS][:, s] + ridge @ usual
-            found[:, s] = np.linalg.solve(np.swapaxes(weighed, 1, 2) @ design + ridge, right[..., None])[..., 0]
-            misfit = self._rows[:, LOGS][:, s] - (design @ found[:, s, :, None])[..., 0]
-            cost += misfit**2 @ weight[:, s] + (((found[:, s] - usual) @ ridge) * (found[:, s] - usual)).sum(axis=1)
+        # of each place and sensor
+        logs, weight = self._rows[:, LOGS].T, (self._rows[:, SOUND] * self._rows[:, COUNT, None] / NOISY**2).T
+        turned = np.swapaxes(design[:, None] * weight[..., None], 2, 3)
+        right = turned @ logs[..., None] + (ridge @ usual)[:, None]
+        found = np.linalg.solve(turned @ design[:, None] + ridge, right)[..., 0]
+        misfit, off = logs - (design[:, None] @ found[..., None])[..., 0], found - usual
+        cost = (misfit**2 * weight).sum(axis=(1, 2)) + ((off @ ridge) * off).sum(axis=(1, 2))
         fits = []
         for k in np.argsort(cost)[:4]:
             power = max(float(np.median(found[k, :, 1])), 0.5)
@@ -280,8 +280,8 @@ class LocatorAgent(PeriodicAgent):
         other, _ = _squares(*_seen_from(self._paths(float(law[SCALE]) + 1e-4)[0], lights[number]), law)
         slope, rows = np.zeros((len(poses), 4, len(x))), np.arange(len(poses))
         toward = n * away / square[..., None]
-        for s in range(4):
-            slope[:, s, 2 * s : 2 * s + 2], slope[:, s, 8 + s] = toward[:, s], 1.0
+        s = np.arange(4)
+        slope[:, s, 2 * s], slope[:, s, 2 * s + 1], slope[:, s, 8 + s] = toward[..., 0], toward[..., 1], 1.0
         slope[:, :, POWER], slope[:, :, HEIGHT] = -0.5 * np.log(square), -0.5 * n / square
         slope[:, :, SCALE] = -0.5 * n * np.log(other / square) / 1e-4
         c, s_ = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])

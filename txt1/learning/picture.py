@@ -39,7 +39,8 @@ def picture(scene: Overview) -> NDArray[np.uint8]:
     middle = sim.room.light
     places = [scene.light, *(pose[:2] for pose in scene.poses), *(place for way in scene.ways for place in way)]
     reach = max(one.start_radius, *(max(abs(x - middle[0]), abs(y - middle[1])) for x, y in places)) + MARGIN
-    steps = (np.arange(SIDE) + 0.5) * (2.0 * reach / SIDE) - reach
+    scale = SIDE / (2.0 * reach)
+    steps = (np.arange(SIDE) + 0.5) / scale - reach
     east, north = np.meshgrid(middle[0] + steps, middle[1] - steps)
     drawn = np.full((SIDE, SIDE, 3), FLOOR, np.uint8)
     away = np.hypot(east - scene.light[0], north - scene.light[1])
@@ -57,20 +58,13 @@ def picture(scene: Overview) -> NDArray[np.uint8]:
     for k, (pose, way) in enumerate(zip(scene.poses, scene.ways, strict=True)):
         x, y, theta = pose
         colour = CARS[k % len(CARS)]
-        for px, py in way:
-            drawn[_pixel(px, py, middle, reach)] = colour
+        came = scale * (np.reshape(way, (-1, 2)) - (middle[0] - reach, middle[1] + reach))
+        drawn[(-came[:, 1]).astype(int), came[:, 0].astype(int)] = colour
         box = Box(x + body.centre * cos(theta), y + body.centre * sin(theta), body.length, body.width, theta)
         _fill(drawn, east, north, outline(box), colour)
         nose = [(x + 0.5 * body.length * cos(theta + a), y + 0.5 * body.length * sin(theta + a)) for a in (-0.3, 0.3)]
         _fill(drawn, east, north, (*nose, (x, y)), FLOOR)
     return drawn
-
-
-def _pixel(x: float, y: float, middle: Point, reach: float) -> tuple[int, int]:
-    """Return row and column of a place; outside the picture, those of its edge."""
-    scale = SIDE / (2.0 * reach)
-    row, column = int((middle[1] + reach - y) * scale), int((x - middle[0] + reach) * scale)
-    return min(max(row, 0), SIDE - 1), min(max(column, 0), SIDE - 1)
 
 
 def _fill(

@@ -34,12 +34,11 @@ LEARNERS: Final = Registry(
 )
 
 
-def make(name: str, config: Config, rng: Any) -> Agent:
-    """Return a learner that knows nothing yet; ConfigError: the name is unknown, or its options are wrong."""
-    return _made(name, config, rng, None)
+def make(name: str, config: Config, rng: Any, stored: StoredTable | None = None) -> Agent:
+    """Return a learner that knows nothing yet, or a driver by a stored table.
 
-
-def _made(name: str, config: Config, rng: Any, stored: StoredTable | None) -> Agent:
+    Raises ConfigError: the name is unknown, or its options are wrong; ValueError: the table does not fit.
+    """
     if name != "thesis":
         # the others compute with numpy
         rng = rng.numpy() if isinstance(rng, Pcg64) else rng
@@ -82,7 +81,7 @@ def from_table(path: Path, config: Config, rng: Any) -> Agent:
     table = load(path)
     name = str(table.about.get("agent"))
     try:
-        return _made(name, _as_learned(config, name, table.about), rng, table)
+        return make(name, _as_learned(config, name, table.about), rng, table)
     except MissingPlugin as error:
         raise QTableError(
             str(path), f"was learned by '{name}', in a plug-in that is not installed", error.command

@@ -267,20 +267,17 @@ class ThesisAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, and the name of its agent."""
+        count = len(self._commands)
         about = {
             "agent": self.name,
             "episodes": self.episode,
-            "actions": self._names(),
+            "actions": list(ACTIONS) if count == len(ACTIONS) else [f"action {a}" for a in range(count)],
             "states": list(SECTORS),
             "commands": [list(each) for each in self._commands],
             "direction": self.settings.direction,
             "settings": self.settings.model_dump(mode="json"),
         }
         return StoredTable(_copy(self.q), about)
-
-    def _names(self) -> list[str]:
-        count = len(self._commands)
-        return list(ACTIONS) if count == len(ACTIONS) else [f"action {a}" for a in range(count)]
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
