@@ -7,15 +7,15 @@
 The simulated TXT-1 with a Hokuyo URG-04LX (240 degrees, 4 m, noise of 1 %) in its room of 5 m x 5 m. Where the
 obstacles stand is drawn from the seed. It is driven to some places as by somebody who sees the room, and makes the map
 on the way. Then it is placed where it began, and `go_to` takes it by its pose on the map to goals that are drawn, too:
-poses at which the body has 12 cm on all sides. It goes on from wherever it is. A contact is an instant at which the
-simulation holds the robot because it would get into something; those in one second count once. A goal that is refused,
-because the robot finds no way, is no contact, and is told.
+poses at which the body has 12 cm on all sides. It goes on from wherever it is. A contact is the robot's if its own
+motion takes it into something at more than 2 cm/s. It ends when nothing has touched for a second. A goal that is
+refused, because the robot finds no way, is no contact, and is told.
 
 With `--maps` it drives on maps that come with txt1, among boxes that they do not have, and walkers: boxes of 30 cm that
-go to and fro at 0.4 m/s and never stop. A goal has 10 cm on all sides. A way is allowed if a plan on the true map, with
-the boxes and 10 cm of margin, leads from the robot's true pose to the goal. The hold of a robot at rest is a walker's
-fault, and is no contact. A robot that is disarmed because a walker holds it is armed again before the next goal, as by
-somebody who waits until the walker has gone.
+go to and fro at 0.4 m/s and never stop, nor go round a robot in their way, as people do. A goal has 10 cm on all sides.
+A way is allowed if a plan on the true map, with the boxes and 10 cm of margin, leads from the robot's true pose to the
+goal. A walker that comes into a robot which stands, or does not drive towards the walker, is counted by itself. Each
+goal is given when no walker touches the robot any more, and a robot that this has disarmed is armed again before.
 """
 
 import argparse
@@ -24,7 +24,7 @@ import json
 import sys
 from collections import Counter
 from contextlib import suppress
-from math import cos, degrees, hypot, pi, sin
+from math import cos, degrees, hypot, inf, pi, sin
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -55,7 +55,7 @@ VISITS: Final = 12
 SPARE: Final = 0.12
 """m round the body at a goal."""
 AT_REST: Final = 0.02
-"""m/s."""
+"""m/s of the robot towards what it touches, up to which it did not drive into it."""
 WAITS: Final = 60.0
 """s for which somebody waits until a walker lets the robot go."""
 ALLOWED: Final = 0.1
@@ -64,25 +64,45 @@ Pose = tuple[float, float, float]
 
 
 class Contacts:
-    """Counts when the simulation holds a vehicle."""
+    """Counts contacts of vehicles; a contact ends when nothing has touched for a second."""
 
     def __init__(self) -> None:
-        self.times: list[float] = []
-        self._halted = world.halted
+        self.own: list[str] = []
+        """In which gear the vehicle drove into something, for each contact."""
+        self.walkers = 0
+        """Contacts in which a walker came into a vehicle that stood, or that did not drive towards the walker."""
+        self._last = {True: -inf, False: -inf}
+        self._contact = world.World.contact
 
     def __enter__(self) -> "Contacts":
-        def halted(vehicle: Any, *motions: Any) -> Any:
-            if abs(motions[0][3]) < AT_REST:
-                return self._halted(vehicle, *motions)
-            if not self.times or vehicle.time > self.times[-1] + 1.0:
-                self.times.append(vehicle.time)
-            return self._halted(vehicle, *motions)
+        def contact(there: world.World, vehicle: Any, after: Any, until: float) -> Any:
+            before, elapsed = vehicle.motion, until - vehicle.time
+            found = self._contact(there, vehicle, after, until)
+            for box in there.moving(vehicle, until):
+                if (left := gap(vehicle.outline(after), box)) < 0.0:
+                    self._note(until, gap(vehicle.outline(before), box) - left > AT_REST * elapsed, after[3])
+                    return found
+            if found is not after and abs(after[3]) > AT_REST:
+                self._note(until, True, after[3])
+            return found
 
-        world.halted = halted
+        world.World.contact = contact  # type: ignore[method-assign]
         return self
 
+    def _note(self, time: float, own: bool, v: float) -> None:
+        if time > self._last[own] + 1.0:
+            if own:
+                self.own.append("backward" if v < 0.0 else "forward")
+            else:
+                self.walkers += 1
+        self._last[own] = time
+
+    def apart(self, time: float) -> bool:
+        """Return whether nothing has touched for a second."""
+        return time > max(self._last.values()) + 1.0
+
     def __exit__(self, *_: object) -> None:
-        world.halted = self._halted
+        world.World.contact = self._contact  # type: ignore[method-assign]
 
 
 def boxes(rng: np.random.Generator, count: int, others: list[Box]) -> list[Box]:
@@ -219,8 +239,8 @@ async def visited(
             assert await robot.load_gains()
             await asyncio.sleep(1.0)
             for goal in drawn:
-                await armed_again(robot)
-                touched, begun = len(contacts.times), robot.now
+                await left_alone(robot, contacts)
+                touched, walked, begun = len(contacts.own), contacts.walkers, robot.now
                 allowed = floor is None or is_allowed(robot.pose, goal, floor, robot.config.geometry)
                 try:
                     arrival = await go_to(robot, goal, pose_source=map_pose(robot), room=map_floor(robot))
@@ -239,7 +259,8 @@ async def visited(
                     "goal": goal,
                     "told": told,
                     "allowed": allowed,
-                    "contacts": len(contacts.times) - touched,
+                    "contacts": contacts.own[touched:],
+                    "walked into": contacts.walkers - walked,
                     "off": hypot(true[0] - goal[0], true[1] - goal[1]),
                     "turn": abs(degrees((true[2] - goal[2] + pi) % (2.0 * pi) - pi)),
                     "seconds": robot.now - begun,
@@ -249,13 +270,14 @@ async def visited(
                     print(json.dumps(result), flush=True)
 
 
-async def armed_again(robot: Robot) -> None:
-    """Arm a robot that was disarmed, when what held it has gone."""
+async def left_alone(robot: Robot, contacts: Contacts) -> None:
+    """Wait until what holds the robot has gone, and arm it again if that disarmed it."""
     ends = robot.now + WAITS
-    while not robot.armed and robot.now < ends:
-        with suppress(CommandRefused):
-            robot.arm()
+    while not (robot.armed and contacts.apart(robot.now)) and robot.now < ends:
         await asyncio.sleep(1.0)
+        if contacts.apart(robot.now):
+            with suppress(CommandRefused):
+                robot.arm()
 
 
 def is_allowed(start: Pose | None, goal: Pose, floor: Room, body: Geometry) -> bool:
@@ -292,7 +314,7 @@ def main() -> int:
         name = Path(folder, "room")
         with Contacts() as contacts:
             run(mapped(name, there, given.seed), speed="max")
-        print(f"{given.obstacles} boxes mapped, with {len(contacts.times)} contacts; {given.unmapped} came afterwards")
+        print(f"{given.obstacles} boxes mapped, with {len(contacts.own)} contacts; {given.unmapped} came afterwards")
         everything = [*there, *later]
         drawn = goals(np.random.default_rng(given.seed + 2), everything, given.goals, Geometry())
         run(visited(str(name), (*SETTINGS, setting(everything)), drawn, given, results, None), speed="max")
@@ -301,8 +323,12 @@ def main() -> int:
 
 def told_of(results: list[dict[str, Any]]) -> int:
     """Print what came of the goals, losses first."""
-    touched = sum(each["contacts"] for each in results)
-    print(f"{'holds' if not touched else 'DOES NOT HOLD'}: {touched} contacts at {len(results)} goals (aim 0)")
+    touched = Counter(gear for each in results for gear in each["contacts"])
+    print(
+        f"{'DOES NOT HOLD' if touched else 'holds'}: the robot drove into something {touched.total()} times at "
+        f"{len(results)} goals (aim 0), {touched['backward']} of them backward; walkers came into it "
+        f"{sum(each['walked into'] for each in results)} times"
+    )
     told = Counter(each["told"] for each in results)
     print("; ".join(f"{count} {word}" for word, count in told.most_common()))
     allowed = [each for each in results if each["allowed"]]
