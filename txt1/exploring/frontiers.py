@@ -127,9 +127,14 @@ def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, kee
 
 
 def _cheapest(frontier: Frontier, poses: Array, room: Room, parts: bool) -> View | None:
-    """Return the cheapest of the poses (n, 4) that look at its middle, or at any part of it; None: none does."""
+    """Return the cheapest of the poses (n, 4) that look behind its middle, or behind any part of it; None: none does.
+
+    The border of what a corner hides is in sight from where it was seen, and what is behind it is not.
+    """
     assert room.walls is not None
-    ends = frontier.cells if parts else np.array([frontier.middle])
+    ends = frontier.beyond
+    if not parts:
+        ends = ends[[np.argmin(np.hypot(*(ends - frontier.middle).T))]]
     away = ends[None] - poses[:, None, :2]
     nearest = np.argmin(np.hypot(away[..., 0], away[..., 1]), axis=1)
     dx, dy = away[np.arange(len(poses)), nearest].T

@@ -198,7 +198,7 @@ def reachable(
     lattice = distances_to(start[:2], room, body, corner, keep)
     # no direction is better than another
     lattice = Lattice(np.where(lattice.left < inf, 0.0, inf), lattice.corner)
-    ends = ends_of(start, None, room, body, keep)
+    ends = ends_of(start, None, room, body, keep, keep)
     search = _begun(start, start[:2], room, body, radius, keep, ends, lattice, narrow, REACHABLE_MAX)
     done = told = 0
     node = loops().advance(*search.arguments, REACHABLE_MAX, -1, REACHABLE_MAX)

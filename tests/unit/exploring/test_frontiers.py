@@ -9,6 +9,7 @@ from txt1.exploring.frontiers import best_view, frontiers
 from txt1.mapping.seen_floor import QuickGrid
 from txt1.maps.files import Map
 from txt1.maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from txt1.maps.rays import cast
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sim.room import Room
@@ -88,3 +89,35 @@ def test_of_two_frontiers_the_car_takes_the_one_ahead():
     for start, x in (((2.0, 1.5, 0.0), 4.0), ((2.0, 1.5, 3.14), 0.0)):
         view = best_view(both, start, room(grid), BODY, KEEP)
         assert view is not None and abs(view.frontier.middle[0] - x) < 0.2
+
+
+def test_a_car_closer_to_a_wall_than_the_obstacle_stop_keeps_drives_away_from_it():
+    grid, start = seen(door=1.0), (1.0, 0.28, 0.05)
+    assert 0.06 < room(grid).walls.clearance(*start, BODY) < KEEP  # type: ignore[union-attr]
+    assert best_view(frontiers(grid), start, room(grid), BODY, KEEP) is not None
+
+
+def looked(truth: Grid, known: Grid, pose: tuple[float, float, float]) -> Grid:
+    """Return what is known after a look of 240 degrees from a pose, and the walls that it meets."""
+    cells = known.cells.copy()
+    angles = pose[2] + np.linspace(-2.09, 2.09, 1000)
+    for angle, end in zip(angles, cast(truth, *pose[:2], angles, 4.0), strict=True):
+        along = np.arange(0.0, min(end + 0.05, 4.0), 0.025)
+        u, v = truth.to_cells(pose[0] + along * np.cos(angle), pose[1] + along * np.sin(angle))
+        row, column = np.floor(v).astype(int) - 1, np.floor(u).astype(int) - 1
+        cells[row, column] = truth.cells[row, column]
+    return QuickGrid(cells, known.resolution, known.origin)
+
+
+def test_the_car_goes_where_it_sees_what_a_corner_hides():
+    truth = seen(door=1.0)
+    truth.cells[30:50, 90] = OCCUPIED
+    # a cupboard ahead hides half of the room
+    truth.cells[10:48, 52:58] = OCCUPIED
+    truth = QuickGrid(truth.cells, truth.resolution, truth.origin)
+    known = looked(truth, QuickGrid(np.full_like(truth.cells, UNKNOWN), truth.resolution, truth.origin), START)
+    known.cells[:, :40] = truth.cells[:, :40]
+    hidden = [each for each in frontiers(known) if each.length > 1.0]
+    view = best_view(hidden, START, room(known), BODY, KEEP)
+    assert len(hidden) == 1 and view is not None
+    assert not hidden[0].known(known) and hidden[0].known(looked(truth, known, view.pose))
