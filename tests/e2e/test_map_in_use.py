@@ -21,7 +21,7 @@ from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.files import read
 from txt1.model.reeds_shepp import Pose, Segment
 from txt1.navigation import follow, go_to, goto, map_pose, plan, ways
-from txt1.navigation.goto import WARNS, Blocked, Halted
+from txt1.navigation.goto import STANDS, Blocked, Halted
 from txt1.navigation.plan import NoPath, stretches
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
@@ -246,6 +246,24 @@ async def test_a_robot_that_finds_no_way_round_what_it_sees_says_so_and_stays(fl
     assert flat.odometry.v == 0.0 and flat.driver.name != "program"
 
 
+async def test_a_robot_waits_for_somebody_who_leaves_it_no_way_and_goes_on(flat: Robot) -> None:
+    there = known(flat)
+    room = there.floor()
+    assert room is not None and flat.pose is not None
+    x, y, theta = flat.pose
+    came: list[float] = []
+
+    def somebody() -> list[tuple[float, float]]:
+        """All across the room, as soon as the robot is on its way, and for 6 s."""
+        if not came and robot_at(flat)[0] > x + 0.3:
+            came.append(flat.now)
+        return [(x + 1.3, y + 0.05 * k) for k in range(-50, 51)] if came and flat.now < came[0] + 6.0 else []
+
+    there._sensor = Laser(flat, somebody)  # type: ignore[assignment] # noqa: SLF001
+    arrival = await go_to(flat, (x + 2.6, y, theta), pose_source=map_pose(flat), room=room)
+    assert arrival.arrived and flat.now > came[0] + STANDS
+
+
 async def test_a_robot_backs_up_only_where_the_laser_has_seen_free_floor(flat: Robot) -> None:
     there = known(flat)
     room, body = there.floor(), flat.config.geometry
@@ -277,29 +295,6 @@ def with_nobody_there(flat: Robot) -> tuple[OnMap, Room]:
     assert room is not None
     there._sensor = Laser(flat, tuple)  # type: ignore[assignment] # noqa: SLF001
     return there, room
-
-
-@pytest.mark.parametrize(("stands", "says"), [(1.0, False), (15.0, True)])
-async def test_before_it_backs_up_where_nothing_was_seen_lately_it_waits(
-    flat: Robot, stands: float, says: bool
-) -> None:
-    there, room = with_nobody_there(flat)
-    assert flat.pose is not None
-    x, y, theta = flat.pose
-    await go_to(flat, (x + 1.0, y, theta), pose_source=map_pose(flat), room=room)
-    # the wall ahead leaves it no other way
-    there._sensor = Laser(flat, lambda: [(x + 1.75, y + 0.05 * k) for k in range(-25, 26)])  # type: ignore[assignment] # noqa: SLF001
-    await asyncio.sleep(stands)
-    begun, first = flat.now, robot_at(flat)[0]
-    driving = asyncio.ensure_future(go_to(flat, (x + 0.5, y, theta), pose_source=map_pose(flat), room=room))
-    while robot_at(flat)[0] > first - 0.05:
-        await asyncio.sleep(0.05)
-    assert (flat.now - begun > WARNS) is says
-    assert (await driving).arrived
-    told = [
-        event.text for event in flat.runtime.state.events if "backs up where nothing was seen for 10 s" in event.text
-    ]
-    assert bool(told) is says
 
 
 async def test_a_way_that_begins_backward_is_driven_as_far_as_its_floor_was_seen(

@@ -18,12 +18,12 @@ from txt1.guards.keep_out.guard import AreaGuard
 from txt1.guards.obstacle_stop.guard import LaserGuard
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.mapping.poses import Array, placed
-from txt1.mapping.seen_floor import LATELY, with_walls_at
+from txt1.mapping.seen_floor import with_walls_at
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose, length
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.navigation.pace import pace
-from txt1.navigation.plan import SHORT, NoPath, plan, plan_with_run_up, seen_part, stays_inside, stretches
+from txt1.navigation.plan import SHORT, NoPath, plan, plan_with_run_up, seen_part, stretches
 from txt1.navigation.pose_source import PoseSource, encoders_view, wheel_pose
 from txt1.navigation.search import heading_at
 from txt1.robot import Robot
@@ -44,7 +44,7 @@ OFF_HEADING: Final = radians(10.0)
 CORRECTION: Final = 0.2
 # number of paths after which the robot accepts its pose
 ATTEMPTS: Final = 8
-# number of ways round an obstacle that are planned before the robot gives up and stays
+# number of times that the robot looks for a way round an obstacle before it gives up and stays
 DETOURS: Final = 3
 # number of paths after which 5 cm and 5 degrees suffice on a map, whose poses have an error of some centimetres
 CONTENT: Final = 3
@@ -66,8 +66,6 @@ CLEARANCE: Final = 0.03
 REST: Final = 0.25
 # s that it has for that: a vehicle that is pushed, or rolls on, goes on from where it is
 RESTS_WITHIN: Final = 5.0
-# s that it stands before it backs up over floor that it has not seen lately: who stands there may step aside
-WARNS: Final = 3.0
 # s in which the vehicle has to get on by HARDLY m, else something stops it; some ESCs wait 2.5 s before reverse
 STANDS: Final = 4.0
 # m
@@ -150,8 +148,8 @@ async def go_to(
     "energy" chooses the speed that saves it. `source` is the source of its commands; None: the program's.
 
     On a map (`map_pose`, `map_floor`), each way is planned on the floor as it is seen at that time. If something comes
-    into the way, or stops the robot, it looks for a way round it, up to `DETOURS` times. No path is closer to walls
-    than the obstacle stop lets the robot drive.
+    into the way, or stops the robot, it looks for a way round it, up to `DETOURS` times; while there is none, it waits
+    `STANDS` s before it looks again. No path is closer to walls than the obstacle stop lets the robot drive.
 
     Raises NoPath: the goal cannot be reached inside the room; Blocked: something that is seen stands in the way, or the
     robot does not move (`Halted`);
@@ -190,7 +188,13 @@ async def go_to(
                 return arrival
             if blocked is None:
                 raise
-            raise type(blocked)(*blocked.place, f"; round it, {error}") from None
+            if detours == DETOURS:
+                raise type(blocked)(*blocked.place, f"; round it, {error}") from None
+            # who stands there may go
+            detours += 1
+            await rest(robot, wheel, poses, STANDS)
+            wheel.release()
+            continue
         reached = poses.pose()
         arrival = Arrival(reached, *_miss(reached, pose), plans)
         if (arrival.distance <= POSITION and arrival.turn <= HEADING) or plans - detours >= ATTEMPTS:
@@ -260,24 +264,15 @@ async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: P
     """
     try:
         for number, part in enumerate(stretches(path)):
-            stretch = Stretch(start, part)
-            cut = False
-            if stretch.gear < 0.0 and poses.sees is not None:
-                body, seen = robot.config.geometry, poses.sees.floor()
-                backing = seen_part(start, part, seen, body)
-                cut = backing != part
-                if cut and (number or length(backing) < SHORT):
-                    return
-                part, stretch = backing, Stretch(start, backing)
-                if not stays_inside(start, part, poses.sees.floor(lately=True), body):
-                    robot.tell(
-                        f"backs up where nothing was seen for {LATELY:.0f} s: waits {WARNS:.0f} s before it does"
-                    )
-                    await rest(robot, wheel, poses, WARNS)
+            floor = None if poses.sees is None or part[0].distance > 0.0 else poses.sees.floor()
+            seen = seen_part(start, part, floor, robot.config.geometry)
+            if seen != part and (number or length(seen) < SHORT):
+                return
+            stretch = Stretch(start, seen)
             await _drive_stretch(robot, wheel, poses, stretch, speed)
             start = stretch.end
             distance, turn = _miss(poses.pose(), start)
-            if cut or distance > OFF_POSITION or turn > OFF_HEADING:
+            if seen != part or distance > OFF_POSITION or turn > OFF_HEADING:
                 return
     finally:
         wheel.release()

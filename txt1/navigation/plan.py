@@ -11,6 +11,7 @@ from txt1.model.kinematics import move_along_arc
 from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
 from txt1.model.vehicle import Geometry
 from txt1.navigation.search import Ends, ends_of, round_walls, stays_clear
+from txt1.navigation.ways import BLIND
 from txt1.sim.room import Room, clearance
 
 # planned radii over R_min: the first leaves room for corrections, the second is used if there is no path otherwise
@@ -73,7 +74,9 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
     if room is not None and room.walls is not None:
         # a way round a box with some room is better than a way that brushes it; the search in narrow places comes last
         margins = _at_least(keep, BY_WALLS)
-        tries = [*product(margins, (_cheapest_inside, _round_walls)), *product(margins, (_out_of_narrow,))]
+        # the search begins with the cheapest of the Reeds-Shepp paths, too, and looks for one that backs up less
+        searches = (_cheapest_inside, _round_walls) if room.behind is None else (_round_walls,)
+        tries = [*product(margins, searches), *product(margins, (_out_of_narrow,))]
     else:
         margins = _at_least(keep, ROOMS)
         tries = [(keep_clear, search) for search in (_cheapest_inside, _over_a_place) for keep_clear in margins]
@@ -91,11 +94,12 @@ def _at_least(clear: float, margins: Sequence[float]) -> list[float]:
     return [*(each for each in margins if each > clear), max(clear, margins[-1])]
 
 
-def cost(path: Path) -> float:
-    """Return the cost of a path: its length, m, and the costs of gear changes and short stretches."""
+def cost(path: Path, blind: bool = False) -> float:
+    """Return the cost of a path: its length, m, and the costs of gear changes, short stretches and blind metres."""
     parts = stretches(path)
     short = sum(length(part) < SHORT for part in parts)
-    return length(path) + GEAR_CHANGE * (len(parts) - 1) + SHORT_STRETCH * short
+    backward = sum(-min(distance, 0.0) for _, distance in path)
+    return length(path) + GEAR_CHANGE * (len(parts) - 1) + SHORT_STRETCH * short + (BLIND - 1.0) * blind * backward
 
 
 def stretches(path: Path) -> list[Path]:
@@ -192,11 +196,18 @@ def plan_with_run_up(
 def _cheapest_inside(
     start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float, keep: float, seen: float
 ) -> Path | None:
-    every = sorted((path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min)), key=cost)
+    every = _by_cost(start, goal, room, body)
     if room is None or room.walls is None:
         return next((path for path in every if stays_inside(start, path, room, body, keep_clear)), None)
     ends = _ends(start, goal, room, body, keep_clear, keep, seen)
     return next((path for path in every if stays_clear(start, path, room, body, keep_clear, ends)), None)
+
+
+def _by_cost(start: Pose, goal: Pose, room: Room | None, body: Geometry) -> list[Path]:
+    """Return the Reeds-Shepp paths between two poses, the cheapest first."""
+    blind = room is not None and room.behind is not None
+    every = (path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min))
+    return sorted(every, key=lambda path: cost(path, blind))
 
 
 def _out_of_narrow(
@@ -220,10 +231,13 @@ def _round_walls(
     ends = _ends(start, goal, room, body, keep_clear, keep, seen)
 
     def last(pose: Pose) -> Path | None:
-        every = sorted((path for margin in MARGINS for path in paths(pose, goal, margin * body.radius_min)), key=cost)
+        every = _by_cost(pose, goal, room, body)
         return next((path for path in every if stays_clear(pose, path, room, body, keep_clear, ends)), None)
 
-    return round_walls(start, goal, room, body, MARGINS[0] * body.radius_min, keep_clear, ends, last, narrow)
+    def price(path: Path) -> float:
+        return cost(path, room is not None and room.behind is not None)
+
+    return round_walls(start, goal, room, body, MARGINS[0] * body.radius_min, keep_clear, ends, last, price, narrow)
 
 
 def _over_a_place(

@@ -4,8 +4,8 @@ How it works. Dijkstra's search from the goal over a lattice finds the distance 
 that keeps half the car's width from walls. These distances guide a best-first search over poses (x, y, theta), each in
 a cell of its own. Its steps are arcs of the planned radius and straight lines (hybrid A*: Dolgov, Thrun, Montemerlo and
 Diebel, "Path planning for autonomous vehicles in unknown semi-structured environments", IJRR 29, 2010). From every few
-poses it tries a Reeds-Shepp path to the goal. The first path that stays clear ends the search. The distances are
-weighted, so the path is good but not the best.
+poses it tries a Reeds-Shepp path to the goal. The search ends when no pose promises less than the cheapest path that
+stays clear. The distances are weighted, so the path is good but not the best.
 
 A car that stands in a narrow place may have no room for a whole step. A second search, `narrow`, begins with short
 steps in small cells, as in a turn in several moves, and goes on with whole steps some way from the start.
@@ -27,6 +27,7 @@ from txt1.model.reeds_shepp import Path, Pose, Segment
 from txt1.model.vehicle import Geometry
 from txt1.navigation.ways import (
     CELL,
+    GREED,
     LATTICE,
     NARROW,
     SMALL_CELL,
@@ -159,13 +160,14 @@ def round_walls(
     clear: float,
     ends: Ends,
     last: Last,
+    price: Callable[[Path], float],
     narrow: bool = False,
 ) -> Path | None:
     """Return a path between two poses, with arcs of radius `radius` m, whose body keeps `clear` m from walls;
     None if none was found.
 
-    `ends` are from `ends_of`. `last` returns a path from a pose to the goal that stays clear, or None. `narrow`: the
-    search begins with short steps.
+    `ends` are from `ends_of`. `last` returns a path from a pose to the goal that stays clear, or None; `price` returns
+    its cost. `narrow`: the search begins with short steps.
     """
     assert room.walls is not None
     lattice = distances_to(goal[:2], room, body, start[:2], clear)
@@ -173,14 +175,18 @@ def round_walls(
         return None
     search = _begun(start, goal[:2], room, body, radius, clear, ends, lattice, narrow, POSES_MAX)
     node, tries = -1, 0
+    best: Path | None = None
+    least = inf
     while True:
         node = loops().advance(*search.arguments, 1 + tries // TRIES, node, POSES_MAX)
         if node < 0:
-            return None
-        x, y, theta = search.poses[node, :3].tolist()
+            return best
+        x, y, theta, spent = search.poses[node].tolist()
+        if spent + GREED * lattice.at(place_of(x, y)) >= least:
+            return best
         end = last((x, y, theta))
-        if end is not None:
-            return (*_unrolled(node, search.steps, search.parents), *end)
+        if end is not None and (found := spent + price(end)) < least:
+            best, least = (*_unrolled(node, search.steps, search.parents), *end), found
         tries += 1
 
 

@@ -56,7 +56,9 @@ SMALL_CELLS: Final = 28
 GREED: Final = 1.5
 """Weight of a metre to the goal, relative to a metre driven."""
 BACKWARD: Final = 1.3
-"""Cost of a metre backward, relative to a metre forward."""
+"""Cost of a metre backward, relative to a metre forward,"""
+BLIND: Final = 2.0
+"""and of one where nothing looks back: the robot backs up no farther than it has to."""
 CHANGE: Final = 0.5
 """m, the cost of a change of gear: a change takes time."""
 BEND: Final = 0.03
@@ -296,7 +298,7 @@ def advance(
         most: largest number of poses to look at.
 
     """
-    node = expanded
+    node, backward = expanded, BLIND if grounds[6] else BACKWARD
     while True:
         if node >= 0:
             x, y, theta, spent = poses[4 * node], poses[4 * node + 1], poses[4 * node + 2], poses[4 * node + 3]
@@ -319,7 +321,7 @@ def advance(
                 if not arc_is_free(grounds, ends, clear, x, y, theta, curvature, gear * step):
                     continue
                 before = steps[2 * node + 1]
-                total = spent + step * (1.0 if gear > 0.0 else BACKWARD) + (BEND if curvature != 0.0 else 0.0)
+                total = spent + step * (1.0 if gear > 0.0 else backward) + (BEND if curvature != 0.0 else 0.0)
                 if before != 0.0 and (before > 0.0) != (gear > 0.0):
                     total += CHANGE
                 new = int(counts[0])

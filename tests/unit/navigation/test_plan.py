@@ -163,3 +163,13 @@ def test_a_car_between_two_boxes_gets_out_in_several_moves(length: float) -> Non
     assert len(stretches(path)) > 1 and stays_inside(start, path, room, BODY)
     *_, (x, y, _) = along(start, path, inf)
     assert hypot(x - goal[0], y - goal[1]) < 1e-6
+
+
+def test_where_the_laser_does_not_look_back_a_robot_turns_round_to_drive_there() -> None:
+    walls = walls_of("kart")
+    start, goal = (0.0, 0.0, 0.0), (-4.0, 0.0, 0.0)
+    backward = [
+        sum(-min(0.0, segment.distance) for segment in plan(start, goal, room, BODY))
+        for room in (Room(walls=walls), Room(walls=walls, behind=walls))
+    ]
+    assert backward == [4.0, pytest.approx(1.9, abs=0.1)]
