@@ -30,10 +30,9 @@ LEAST: Final = 0.3
 """m, length of the shortest frontier: shorter ones are gaps between rays."""
 SIGHT: Final = 2.0
 """m from a frontier from which the robot looks at it at most: farther away, rays are far apart."""
-PAST_MIDDLE: Final = pi / 3.0
-"""rad by which it may look past a frontier's middle,"""
-PAST_PART: Final = 2.0
-"""and past any part of it, where no pose looks at the middle."""
+WAYS_TO_LOOK: Final = ((False, pi / 3.0), (True, pi / 3.0), (True, 2.0))
+"""Whether it looks at any part of a frontier, not only at its middle, and rad by which it may look past that; the best
+first."""
 LARGE: Final = 0.3
 """m of way that a metre of frontier is worth,"""
 LARGEST: Final = 3.0
@@ -114,10 +113,10 @@ def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, kee
 
     The body keeps `keep` m from walls.
     """
-    for parts, narrow in product((False, True), (False, True)):
+    for (parts, past), narrow in product(WAYS_TO_LOOK, (False, True)):
         best: View | None = None
         for poses, least in reachable(pose, room, body, MARGINS[0] * body.radius_min, keep, narrow):
-            found = [view for each in every if (view := _cheapest(each, poses, room, parts)) is not None]
+            found = [view for each in every if (view := _cheapest(each, poses, room, parts, past)) is not None]
             best = min([*found, *([best] if best else [])], key=lambda view: view.cost, default=None)
             if best is not None and best.cost < least - LARGE * LARGEST:
                 break
@@ -126,8 +125,9 @@ def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, kee
     return None
 
 
-def _cheapest(frontier: Frontier, poses: Array, room: Room, parts: bool) -> View | None:
-    """Return the cheapest of the poses (n, 4) that look behind its middle, or behind any part of it; None: none does.
+def _cheapest(frontier: Frontier, poses: Array, room: Room, parts: bool, past: float) -> View | None:
+    """Return the cheapest of the poses (n, 4) that look behind its middle, or behind any part of it, at most `past` rad
+    past that; None: none does.
 
     The border of what a corner hides is in sight from where it was seen, and what is behind it is not.
     """
@@ -139,9 +139,9 @@ def _cheapest(frontier: Frontier, poses: Array, room: Room, parts: bool) -> View
     nearest = np.argmin(np.hypot(away[..., 0], away[..., 1]), axis=1)
     dx, dy = away[np.arange(len(poses)), nearest].T
     angles = np.arctan2(dy, dx)
-    past = np.abs((angles - poses[:, 2] + pi) % (2.0 * pi) - pi)
+    aside = np.abs((angles - poses[:, 2] + pi) % (2.0 * pi) - pi)
     grid, ranges = room.walls.grid, np.hypot(dx, dy)
-    looking = np.flatnonzero((ranges < SIGHT) & (past < (PAST_PART if parts else PAST_MIDDLE)))
+    looking = np.flatnonzero((ranges < SIGHT) & (aside < past))
     costs = poses[:, 3] + CLOSE * ranges - LARGE * min(frontier.length, LARGEST)
     for k in looking[np.argsort(costs[looking], kind="stable")].tolist():
         x, y, theta, _ = poses[k].tolist()
