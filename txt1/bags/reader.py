@@ -7,9 +7,12 @@ with those of Humble.
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any, Final, NamedTuple
 
@@ -74,17 +77,12 @@ class Bag:
         except ImportError:
             raise MissingExtra("reading a bag of ROS", "record") from None
         self.path = path
-        paths = [path]
-        if path.is_dir() and not (path / METADATA).exists():
-            paths = sorted(each for each in path.iterdir() if each.is_file() and is_bag(each))
-        if not paths:
-            raise BagError(f"{path}: no bag in this folder: no metadata.yaml, .bag, .db3 or .mcap")
         self._opened = ExitStack()
-        with self._told():
-            self._reader = AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        with _Told(path):
+            self._reader = AnyReader(_files(path), default_typestore=get_typestore(Stores.ROS2_HUMBLE))
 
     def __enter__(self) -> Bag:
-        with self._told():
+        with _Told(self.path):
             self._opened.enter_context(self._reader)
         return self
 
@@ -92,9 +90,6 @@ class Bag:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._opened.close()
-
-    def _told(self) -> _Told:
-        return _Told(self.path)
 
     @property
     def is_ros2(self) -> bool:
@@ -139,13 +134,42 @@ class Bag:
 
     def messages(self, topics: Collection[str]) -> Iterator[Timed]:
         """Yield the messages on these topics, in the order of their recording; raises BagError."""
-        with self._told():
+        with _Told(self.path):
             wanted = [each for each in self._reader.connections if each.topic in topics]
             if not wanted:
                 return
             for connection, stamp, data in self._reader.messages(connections=wanted):
                 value: Any = self._reader.deserialize(data, connection.msgtype)
                 yield Timed(connection.topic, _stamped(value) or stamp / NS_PER_S, stamp / NS_PER_S, value)
+
+
+def _files(path: Path) -> list[Path]:
+    """Return what the library reads for a bag."""
+    paths = [path]
+    if path.is_dir() and not (path / METADATA).exists():
+        paths = sorted(each for each in path.iterdir() if each.is_file() and is_bag(each))
+    if not paths:
+        raise BagError(f"{path}: no bag in this folder: no metadata.yaml, .bag, .db3 or .mcap")
+    return paths
+
+
+@cache
+def as_mcap(path: Path) -> Path:
+    """Return a bag as an MCAP file of ROS 2, which is there until the process ends; raises BagError, MissingExtra."""
+    try:
+        from rosbags.convert import convert
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise MissingExtra("reading a bag of ROS", "record") from None
+    folder = TemporaryDirectory(prefix="txt1-")
+    atexit.register(folder.cleanup)
+    made, humble = Path(folder.name, path.stem), get_typestore(Stores.ROS2_HUMBLE)
+    with _Told(path):
+        # of ROS 1, the types of ROS 2 have fewer fields
+        to = humble if path.suffix == ".bag" else None
+        convert(_files(path), made, "mcap", 9, None, "none", humble, to, (), (), (), ())
+        (file,) = made.glob("*.mcap")
+    return file
 
 
 class _Told:

@@ -122,7 +122,7 @@ class FilePass:
         Raises RecordingError: the file cannot be read, or is no MCAP file.
         """
         try:
-            with BufferedReader(open_file(self.path)) as file:
+            with BufferedReader(open_file(_readable(self.path))) as file:
                 size = file.seek(0, 2)
                 file.seek(0)
                 self._left = UNPACKED_MAX + UNPACKED_SHARE * size
@@ -202,6 +202,13 @@ class FilePass:
                     self.epoch = float(values["epoch"])
                     self._epoch_ns = nanoseconds(self.epoch)
         return record
+
+
+def _readable(path: Path) -> Path:
+    """Return a recording as it is, a bag of ROS that is no MCAP file as one; raises BagError, MissingExtra."""
+    from txt1.bags.reader import as_mcap, is_bag
+
+    return as_mcap(path) if path.suffix != ".mcap" and path.exists() and is_bag(path) else path
 
 
 def _ends_well(file: IO[bytes], size: int) -> bool:

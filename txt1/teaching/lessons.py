@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.additions import priority_of
+from txt1.bags.reader import is_bag
 from txt1.config import Config, recorded
 from txt1.control.commander import PRIORITIES
 from txt1.errors import ConfigError, RecordingError
@@ -114,9 +115,8 @@ def drive_in(
     Raises RecordingError: it cannot be read, has several robots and none is named, has no such sensor, or no human
     drove in it.
     """
-    if path.is_dir():
+    if path.is_dir() and not is_bag(path):
         return tubs.drive_of_tub(path, [(ask.kind, ask.sensor) for ask in asks], vehicle, lag)
-    digest = sha256_of(path)
     names = robots_in(path)
     if robot is None and len(names) > 1:
         raise RecordingError(f"{path}: it has several robots; choose one with --robot: {', '.join(names)}")
@@ -125,7 +125,7 @@ def drive_in(
         reader = _Reader(path, name, asks, also, lag)
         for item in reader.file:
             reader.take(item)
-        return reader.drive(digest)
+        return reader.drive()
 
 
 class _Row(NamedTuple):
@@ -285,7 +285,7 @@ class _Reader:
                 return f"no {ask.kind}"
         return ""
 
-    def drive(self, digest: str) -> HumanDrive:
+    def drive(self) -> HumanDrive:
         """Return all lessons."""
         config = self._read_config()
         radius, v_max = config.geometry.radius_min, config.safety.v_max
@@ -308,7 +308,7 @@ class _Reader:
         )
         taught = Taught(
             str(self.path.resolve()),
-            digest,
+            sha256_of(self.path),
             round(sum(self._by.values()), 3),
             {name: round(seconds, 3) for name, seconds in self._by.items()},
             round(sum(row.seconds for row in self._rows if row.takeover), 3),
@@ -335,7 +335,7 @@ class _Reader:
             return recorded(json.loads(about["config"]), own)
         except (KeyError, ValueError, ConfigError) as error:
             raise RecordingError(
-                f"{self.path}: its configuration cannot be read ({error}); was it made by txt1?"
+                f"{self.path}: no configuration in it that can be read ({error}); was it made by txt1?"
             ) from None
 
 

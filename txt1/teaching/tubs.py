@@ -333,7 +333,9 @@ def _configuration(file: Path, reading: FilePass) -> Config:
         own = next(iter(json.loads(about["robots"]).values())) if "robots" in about else None
         return recorded(json.loads(about["config"]), own)
     except (KeyError, ValueError, ConfigError, StopIteration) as error:
-        raise RecordingError(f"{file}: its configuration cannot be read ({error}); was it made by txt1?") from None
+        raise RecordingError(
+            f"{file}: no configuration in it that can be read ({error}); was it made by txt1?"
+        ) from None
 
 
 def _write(tub: Path, records: Sequence[dict[str, Any]]) -> None:

@@ -102,6 +102,39 @@ def test_log_tells_what_is_in_a_bag(sqlite: Path, capsys: pytest.CaptureFixture[
     assert first["topic"] == "/odom" and first["message"]["pose"]["pose"]["position"]["y"] == -0.5
 
 
+@pytest.mark.parametrize("kind", ["ros1", "sqlite"])
+def test_a_bag_is_drawn_and_becomes_tables(kind: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    file: Path = request.getfixturevalue(kind)
+    assert execute(["report", str(file), "-o", str(tmp_path / "drawn")]) == 0
+    assert (tmp_path / "drawn.png").stat().st_size > 10_000 and (tmp_path / "drawn.html").exists()
+    assert execute(["log", "export", str(file), "-o", str(tmp_path / "tables")]) == 0
+    rows = (tmp_path / "tables" / "odom.csv").read_text("utf-8").splitlines()
+    assert len(rows) == 171 and "pose.pose.position.x" in rows[0]
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
+@pytest.mark.parametrize(
+    ("command", "why"),
+    [
+        (["replay", "--verify"], "no configuration in it, so there is nothing to run"),
+        (["teach", "--see", "laser", "-o", "policy.onnx"], "no configuration in it that can be read"),
+        (["log", "export", "--tub", "tub"], "no configuration in it that can be read"),
+        (["calibrate", "--sensors"], "no configuration in it, so there is nothing to run"),
+    ],
+)
+def test_what_a_bag_lacks_is_told_in_a_line(
+    kind: str,
+    command: list[str],
+    why: str,
+    request: pytest.FixtureRequest,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file: Path = request.getfixturevalue(kind)
+    assert execute([*command, str(file)]) == 1
+    told = capsys.readouterr().err.splitlines()
+    assert told[-1].startswith(f"txt1: {file}: {why}") and not any("Traceback" in line for line in told)
+
+
 @pytest.mark.parametrize("name", ["broken.bag", "broken.db3"])
 def test_a_file_that_is_no_bag_is_an_error_with_its_name(name: str, tmp_path: Path) -> None:
     file = tmp_path / name
