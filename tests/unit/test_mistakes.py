@@ -86,7 +86,7 @@ MISTAKES = (
     Mistake("log info FOLDER/first.mcap FOLDER/second.mcap", ("second.mcap", "txt1 log info --help")),
     Mistake("demo --out FOLDER/binary", ("FOLDER/binary", "another place")),
     Mistake("run --web --web-folder FOLDER/binary", ("--web-folder", "binary", "a new one")),
-    Mistake("replay FOLDER", ("FOLDER", "directory"), 1),
+    Mistake("replay FOLDER", ("FOLDER", "no bag of ROS", "empty.mcap"), 1),
     Mistake("experiment FOLDER/typo.yaml", ("typo.yaml", "title")),
     Mistake("experiment compare FOLDER FOLDER", ("FOLDER/metrics.json", "an experiment's --out")),
     Mistake("fleet FOLDER/typo.yaml", ("typo.yaml", "robots")),
