@@ -38,7 +38,6 @@ from txt1.mapping.sweeps import Sweep, Sweeper
 from txt1.mapping.topics import (
     MAP,
     MAP_TRANSFORM,
-    PARTICLES,
     ROOM_BELOW,
     MapNews,
     MapSheet,
@@ -55,7 +54,7 @@ from txt1.sensors.readings import ImuReading, Mount, Scan, TrackerReading, track
 from txt1.sim.room import Room
 from txt1.sim.walls import Walls
 from txt1.tasks.encoder import ROOM, origin
-from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_MAP, Line, MapInUse, MapPose
+from txt1.tasks.on_map import MAP_POSE, PARTICLES, SCAN_ON_MAP, WALLS_ON_MAP, Line, MapInUse, MapPose
 
 POSE: Final = "map"
 NEWS: Final = "mapping"
@@ -267,9 +266,6 @@ class OnMap(MapInUse):
                     else origin((0.0, 0.0, 0.0), Odometry(*origin(state.pose, state.odometry)))
                 ),
             )
-        bus.offer(
-            PARTICLES_ON_MAP, lambda: None if self.news is None else tuple(each[:2] for each in self.news.particles)
-        )
         # a replay has no scans, but their results
         if sensor is not None:
             bus.offer(SCAN_ON_MAP, self._scan)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
 from functools import lru_cache
-from math import cos, sin
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -15,12 +13,9 @@ from txt1.maps.keep_out import closed
 from txt1.maps.outlines import Outline, outlines
 from txt1.sensors.base import reading_topic
 from txt1.tasks.encoder import ROOM
+from txt1.tasks.on_map import FRAME, Pose, as_pose, in_the_plane
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
-
-Pose = tuple[float, float, float]
-
-FRAME: Final = "map"
 
 
 class MapSheet(NamedTuple):
@@ -99,17 +94,6 @@ class MapNews(NamedTuple):
     """
 
 
-def in_the_plane(pose: Pose) -> tuple[float, float, float, float]:
-    """Return x, y, and z and w of the quaternion of a pose."""
-    return pose[0], pose[1], sin(0.5 * pose[2]), cos(0.5 * pose[2])
-
-
-def as_pose(pose: Pose) -> Mapping[str, Any]:
-    """Return a pose as geometry_msgs/Pose."""
-    x, y, z, w = in_the_plane(pose)
-    return {"position": {"x": x, "y": y}, "orientation": {"z": z, "w": w}}
-
-
 _PLACES: Final = (0, 1, 5, 6, 7, 11, 30, 31, 35)
 """Places of a planar covariance in a 6 x 6 covariance."""
 _NEWS: Final = define(
@@ -137,9 +121,6 @@ define(
     "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\ngeometry_msgs/Pose origin",
 )
 define("nav_msgs/OccupancyGrid", "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data")
-define("geometry_msgs/PoseArray", "std_msgs/Header header\ngeometry_msgs/Pose[] poses")
-
-_HEADER: Final = {"header": {"frame_id": FRAME}}
 
 MAP: Final = declare(
     Topic(
@@ -149,7 +130,7 @@ MAP: Final = declare(
         "nav_msgs/OccupancyGrid",
         Rule.CHANGE,
         "the map that the robot makes, or drives in",
-        _HEADER,
+        {"header": {"frame_id": FRAME}},
         in_snapshots=False,
         make=lambda sheet: {
             "info": {
@@ -187,17 +168,5 @@ ROOM_BELOW: Final = declare(
         ROOM.paths,
         in_the_plane,
         in_snapshots=False,
-    )
-)
-PARTICLES: Final = declare(
-    Topic[tuple[Pose, ...]](
-        "/particles",
-        tuple,
-        "m, rad",
-        "geometry_msgs/PoseArray",
-        Rule.EVENT,
-        "some of the particles of the filter on the map",
-        _HEADER,
-        make=lambda poses: {"poses": [as_pose(pose) for pose in poses]},
     )
 )

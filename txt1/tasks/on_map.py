@@ -5,17 +5,35 @@ This module reads no map, so screens load it quickly.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from math import cos, sin
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from txt1.sim.room import Room
 
 Line = tuple[tuple[float, float], ...]
 """Corners (x, y), m; the last corner is joined to the first."""
+
+
+Pose = tuple[float, float, float]
+
+FRAME: Final = "map"
+
+
+def in_the_plane(pose: Pose) -> tuple[float, float, float, float]:
+    """Return x, y, and z and w of the quaternion of a pose."""
+    return pose[0], pose[1], sin(0.5 * pose[2]), cos(0.5 * pose[2])
+
+
+def as_pose(pose: Pose) -> Mapping[str, Any]:
+    """Return a pose as geometry_msgs/Pose."""
+    x, y, z, w = in_the_plane(pose)
+    return {"position": {"x": x, "y": y}, "orientation": {"z": z, "w": w}}
 
 
 class MapPose(NamedTuple):
@@ -37,6 +55,8 @@ class MapPose(NamedTuple):
     """Whether the pose must not be used."""
 
 
+define("geometry_msgs/PoseArray", "std_msgs/Header header\ngeometry_msgs/Pose[] poses")
+
 WALLS_ON_MAP: Final = declare(
     Topic[tuple[Line, ...]](
         "/map_walls",
@@ -50,8 +70,17 @@ WALLS_ON_MAP: Final = declare(
 MAP_POSE: Final = declare(
     Topic("/map_pose", MapPose, "m, rad", "std_msgs/String", Rule.SNAPSHOT, "where the robot is on the map now")
 )
-PARTICLES_ON_MAP: Final = declare(
-    Topic[Line]("/map_particles", Line, "m", "std_msgs/String", Rule.SNAPSHOT, "where the robot may be on the map")
+PARTICLES: Final = declare(
+    Topic[tuple[Pose, ...]](
+        "/particles",
+        tuple[Pose, ...],
+        "m, rad",
+        "geometry_msgs/PoseArray",
+        Rule.EVENT,
+        "some of the particles of the filter on the map",
+        {"header": {"frame_id": FRAME}},
+        make=lambda poses: {"poses": [as_pose(pose) for pose in poses]},
+    )
 )
 SCAN_ON_MAP: Final = declare(
     Topic[Line]("/map_scan", Line, "m", "std_msgs/String", Rule.SNAPSHOT, "where the last scan's rays end on the map")

@@ -16,7 +16,7 @@ from rich.text import Text
 from txt1.tasks.battery import RANGE
 from txt1.tasks.encoder import POSE
 from txt1.tasks.fields import MOVERS, SEEN, SURROUNDINGS, VEHICLES, WALLS, Surroundings
-from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_MAP
+from txt1.tasks.on_map import MAP_POSE, PARTICLES, SCAN_ON_MAP, WALLS_ON_MAP
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM, Kept
 from txt1.ui.viewer import Viewer, pose_of
@@ -51,7 +51,7 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
     snapshot = on_map(snapshot)
     about, walls, others = snapshot.get(SURROUNDINGS), snapshot.get(WALLS), snapshot.get(VEHICLES)
     left = snapshot.get(RANGE)
-    place = pose_of(snapshot), _frame(snapshot), snapshot.get(PARTICLES_ON_MAP), snapshot.get(SCAN_ON_MAP)
+    place = pose_of(snapshot), _frame(snapshot), snapshot.get(PARTICLES), snapshot.get(SCAN_ON_MAP)
     seen = snapshot.get(SEEN)
     key = (
         place,
@@ -180,7 +180,8 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
         _draw_robot(canvas, other, about.body, OTHER)
     canvas.path(viewer.path, PATH)
     seen = snapshot.get(SEEN, ())
-    for point in (*snapshot.get(PARTICLES_ON_MAP, ()), *snapshot.get(SCAN_ON_MAP, ()), *seen):
+    particles = [each[:2] for each in snapshot.get(PARTICLES, ())]
+    for point in (*particles, *snapshot.get(SCAN_ON_MAP, ()), *seen):
         if all(map(isfinite, point)):
             canvas.line(point, point, OTHER)
     pose = pose_of(snapshot)

@@ -11,7 +11,7 @@ from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Post
 from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.tasks.fields import SURROUNDINGS, VEHICLES, WALLS, Surroundings
-from txt1.tasks.on_map import MAP_POSE, PARTICLES_ON_MAP, SCAN_ON_MAP, WALLS_ON_MAP, MapPose
+from txt1.tasks.on_map import MAP_POSE, PARTICLES, SCAN_ON_MAP, WALLS_ON_MAP, MapPose
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import Canvas, draw_map, fitting_scale, round_up, scale_bar, screen
 from txt1.ui.viewer import Viewer
@@ -221,7 +221,7 @@ def test_a_robot_with_a_map_of_its_own_is_drawn_on_it_and_nothing_of_the_room_is
     assert drawn(other)[:-1] == drawn(told)[:-1]
     grown = told.replaced({WALLS_ON_MAP: (ring, ((1.0, 1.0), (2.0, 1.0), (2.0, 2.0)))})
     assert dots(drawn(grown)[:-1]) - dots(drawn(told)[:-1])
-    cloud = told.replaced({PARTICLES_ON_MAP: ((0.5, 0.5), (0.6, -0.5)), SCAN_ON_MAP: ((-0.7, 0.4), (nan, 0.0))})
+    cloud = told.replaced({PARTICLES: ((0.5, 0.5, 0.0), (0.6, -0.5, 1.0)), SCAN_ON_MAP: ((-0.7, 0.4), (nan, 0.0))})
     assert len(dots(drawn(Snapshot.decode(cloud.encode()))[:-1]) - dots(drawn(told)[:-1])) == 3
     lost = told.replaced({MAP_POSE: there._replace(lost=True)})
     assert "lost on the map" in drawn(lost)[-1] and drawn(lost)[:-1] != drawn(told)[:-1]
