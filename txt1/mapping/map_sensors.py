@@ -41,7 +41,6 @@ from txt1.mapping.topics import (
     ROOM_BELOW,
     MapNews,
     MapSheet,
-    Pose,
     news_topic,
 )
 from txt1.mapping.worker import Far, Near
@@ -54,7 +53,7 @@ from txt1.sensors.readings import ImuReading, Mount, Scan, TrackerReading, track
 from txt1.sim.room import Room
 from txt1.sim.walls import Walls
 from txt1.tasks.encoder import ROOM, origin
-from txt1.tasks.on_map import MAP_POSE, PARTICLES, SCAN_ON_MAP, WALLS_ON_MAP, Line, MapInUse, MapPose
+from txt1.tasks.on_map import MAP_POSE, PARTICLES, SCAN_ON_MAP, WALLS_ON_MAP, Line, MapInUse, MapPose, Pose
 
 POSE: Final = "map"
 NEWS: Final = "mapping"

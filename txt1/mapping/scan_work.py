@@ -19,10 +19,11 @@ from txt1.mapping.mapper import Mapper
 from txt1.mapping.particle_filter import Locator
 from txt1.mapping.poses import Array, composed, difference, placed
 from txt1.mapping.sweeps import Sweep
-from txt1.mapping.topics import MapNews, MapSheet, Pose, sheet_of
+from txt1.mapping.topics import MapNews, MapSheet, sheet_of
 from txt1.maps import files
 from txt1.maps.grid import Grid
 from txt1.maps.keep_out import Area
+from txt1.tasks.on_map import Pose
 
 SHOWN: Final = 60
 """Number of particles that are published."""
