@@ -16,7 +16,7 @@ add up (Bosse 2004). All ways taken together would tell it a little better, at t
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,18 @@ EDGE: Final = np.dtype(
 `step` is the second node as seen from the first: x, y, theta (m, rad). Its information is in 1 / m^2 and 1 / rad^2.
 `loop`: the edge closes a loop.
 """
+
+
+class Ways(NamedTuple):
+    """The shortest ways from a node to all through a graph."""
+
+    node: int
+    lengths: Array
+    """m; a radian counts 0.3 m, a loop 0.5 m."""
+    along: Array
+    """m from the first node to each without loops."""
+    rounds: int
+    """More than the largest number of loops that one of them leads over."""
 
 
 class Graph:
@@ -111,46 +123,51 @@ class Graph:
         between = moves[~self.edges["loop"]]
         self._sums[1 : 1 + len(between)] = np.cumsum(between, axis=0)
 
-    def ways(self, node: int, wanted: Any, begun: int = 0) -> tuple[Array, Array]:
-        """Return the shortest way from a node to each other through the graph, and the node's covariance along some.
+    def ways(self, node: int, begun: int = 0) -> Ways:
+        """Return the shortest ways from a node to all through the graph.
 
-        Lengths are in m; a radian counts 0.3 m, a loop 0.5 m. The covariances, (n, 3, 3) in m^2 and rad^2, are those of
-        the node's x, y and theta where each of the nodes `wanted` is held, in the frame of the map. Edges that close no
-        loop join each node with the next, in turn. The one to the node `begun` counts as endless.
+        Edges that close no loop join each node with the next, in turn. The one to the node `begun` counts as endless.
         """
         edges, loops = self.edges, self.edges["loop"]
-        steps, loop, over = edges["step"][~loops], edges[loops], self._moves[: self._links][loops]
-        lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
+        steps, loop = edges["step"][~loops], edges[loops]
+        each = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
         if begun:
-            lengths[begun - 1] = ENDLESS
-        along = np.concatenate(([0.0], np.cumsum(lengths)))
-        ways: Array = np.abs(along - along[node])
+            each[begun - 1] = ENDLESS
+        along = np.concatenate(([0.0], np.cumsum(each)))
+        lengths: Array = np.abs(along - along[node])
         rounds = 0
         while True:
-            before, rounds = ways.copy(), rounds + 1
+            before, rounds = lengths.copy(), rounds + 1
             for one, other in (("first", "second"), ("second", "first")):
-                np.minimum.at(ways, loop[one], before[loop[other]] + 0.5)
-            if (ways > before - 1e-6).all():
-                break
+                np.minimum.at(lengths, loop[one], before[loop[other]] + 0.5)
+            if (lengths > before - 1e-6).all():
+                return Ways(node, lengths, along, rounds)
             # along the nodes, forward and backward
-            ways = np.minimum.accumulate(ways - along) + along
-            ways = np.minimum.accumulate((ways + along)[::-1])[::-1] - along
+            lengths = np.minimum.accumulate(lengths - along) + along
+            lengths = np.minimum.accumulate((lengths + along)[::-1])[::-1] - along
+
+    def covariances(self, ways: Ways, wanted: Any) -> Array:
+        """Return the covariances along ways, (n, 3, 3) in m^2 and rad^2: those of x, y and theta of their node where
+        each of the nodes `wanted` is held, in the frame of the map.
+        """
+        lengths, loops = ways.lengths, self.edges["loop"]
+        loop, over = self.edges[loops], self._moves[: self._links][loops]
         here, there = (np.concatenate((loop[a], loop[b])) for a, b in (("first", "second"), ("second", "first")))
-        taken = ways[here] > ways[there] + 0.5 - SAME_WAY
+        taken = lengths[here] > lengths[there] + 0.5 - SAME_WAY
         here, there, over = here[taken], there[taken], np.concatenate((over, over))[taken]
-        ends = _ends(ways, along, np.append(here, node))
+        ends = _ends(lengths, ways.along, np.append(here, ways.node))
         # of each end of a loop that a way leads over
-        known = np.zeros((len(ways), 3, 3))
+        known = np.zeros((len(lengths), 3, 3))
 
         def covariances(nodes: Any) -> Array:
             sign = np.sign(nodes - ends[nodes])[:, None, None]
             return np.asarray(known[ends[nodes]] + sign * (self._sums[nodes] - self._sums[ends[nodes]]))
 
-        for _ in range(rounds):
+        for _ in range(ways.rounds):
             known[here] = covariances(there) + over
-        x, y, _ = self.poses[node]
+        x, y, _ = self.poses[ways.node]
         moves = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
-        return ways, np.asarray(moves @ covariances(np.asarray(wanted)) @ moves.T)
+        return np.asarray(moves @ covariances(np.asarray(wanted)) @ moves.T)
 
     def _moved(self, edges: NDArray[Any]) -> Array:
         """Return how each edge's covariance moves a node behind it that lies at the origin, (n, 3, 3)."""

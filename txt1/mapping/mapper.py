@@ -30,7 +30,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.mapping.graph import Graph
+from txt1.mapping.graph import Graph, Ways
 from txt1.mapping.matcher import Cloud, LocalMap, SeenWalls, cloud_of, compiled_kernels, joined, sparse
 from txt1.mapping.poses import composed, difference, placed, wrapped
 
@@ -239,7 +239,7 @@ class Mapper:
         if self.placed:
             self._settle()
         self._pose = composed(self.graph.poses[self._owners[-1]], self._steps[-3:])
-        self._behind = self._ways([0])[1][0]
+        self._behind = self._along_ways()
         self._rebuild()
 
     def try_loop(self) -> None:
@@ -341,13 +341,14 @@ class Mapper:
         if count < 1:
             return 0
         middles = size * np.arange(count) + size // 2
-        ways, covariances = self._ways([0, *middles])
-        self._behind, ways, covariances = covariances[0], ways[middles], covariances[1:]
+        ways = self._ways()
+        self._behind, *others = self.graph.covariances(ways, [0, *middles])
+        covariances = np.array(others)
         away = np.hypot(*(self.graph.poses[middles, :2] - self.graph.poses[new, :2]).T)
         # three standard deviations of place and heading along the way through the graph
         wrong = np.minimum(3.0 * np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]), matching.furthest)
         turned = np.minimum(3.0 * np.sqrt(covariances[:, 2, 2]), radians(30.0))
-        near = np.flatnonzero((away < matching.range + wrong) & (ways > 6.0))
+        near = np.flatnonzero((away < matching.range + wrong) & (ways.lengths[middles] > 6.0))
         near = near[np.argsort(away[near] - wrong[near], kind="stable")][:2]
         if not len(near):
             return 0
@@ -366,7 +367,7 @@ class Mapper:
             self._unsettled = 0
             self._pose = self.graph.poses[new].copy()
         if closed:
-            self._behind = self._ways([0])[1][0]
+            self._behind = self._along_ways()
         return closed
 
     def _settle(self) -> None:
@@ -423,12 +424,16 @@ class Mapper:
         self.graph.refresh()
         self.graph.link(middle, new, *best[2], True)
         self._found, self._pose = True, poses[new].copy()
-        self._behind = self._ways([0])[1][0]
+        self._behind = self._along_ways()
         return 1
 
-    def _ways(self, wanted: Any) -> tuple[Array, Array]:
-        """Return the ways from the last keyframe to all, m, and its covariance along those to the keyframes wanted."""
-        return self.graph.ways(len(self.keys) - 1, wanted, self._old if self._found else 0)
+    def _ways(self) -> Ways:
+        """Return the ways from the last keyframe to all."""
+        return self.graph.ways(len(self.keys) - 1, self._old if self._found else 0)
+
+    def _along_ways(self) -> Array:
+        """Return the last keyframe's covariance where the first is held."""
+        return np.asarray(self.graph.covariances(self._ways(), [0])[0])
 
     def _seam(self) -> int:
         """Return the number of the edge between the earlier drives and this drive."""
