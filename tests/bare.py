@@ -8,9 +8,9 @@
 
 The Debian root is debootstrap's smallest, with nothing added but how this machine reaches its mirrors: names of
 servers, certificates, pip's settings, and that they may be late. A user without rights types; root types `apt` alone.
-The screens are read from a real pty of 80 x 24: a robot counts as driving once its screen shows the set-point that `w`
-asked for. Printed is a line for each command, with its seconds; the end is 1 as soon as one ends otherwise than the
-page says.
+The screens are read from a real pty of 80 x 24: a robot counts as driving once the screen shows the set-point that `w`
+asked for, or its place on MAP more than 0.2 m from its start. Printed is a line for each command, with its seconds; the
+end is 1 as soon as one ends otherwise than the page says.
 """
 
 import argparse
@@ -31,6 +31,7 @@ import pyte
 
 ROOT: Final = Path(__file__).parents[1]
 PROMPT: Final = re.compile(rb"<ended (\d+)>")
+PLACE: Final = re.compile(r"(?:room|map) x +(-?[\d.]+)")
 BARE: Final = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "TERM": "xterm-256color"}
 ENTER: Final = 'mount -t proc proc "$0/proc" && mount --rbind /dev "$0/dev" && exec chroot "$@"'  # mounts of its own
 RECIPES: Final = Path("/usr/share/debootstrap/scripts")
@@ -64,7 +65,7 @@ class Shell:
     def type(self, line: str, *, drives: bool = False, until: str = "") -> tuple[int, float, float | None]:
         """Type a line and wait for its end: exit code, seconds, and seconds until the robot drove, if it did.
 
-        `drives`: press w until the screen shows the set-point of it, then q. `until`: press q when the screen says so.
+        `drives`: press w until the screen shows that it drives, then q. `until`: press q when the screen says so.
         """
         self.screen.reset()
         self._told = b""
@@ -81,7 +82,8 @@ class Shell:
                 if "ARMED" in text and time.monotonic() > pressed + 0.1:
                     pressed = time.monotonic()
                     self._child.send("w")
-                return re.search(r"set-point +0\.50 m/s", text) is not None
+                at = PLACE.search(text)
+                return re.search(r"set-point +0\.50 m/s", text) is not None or (at is not None and float(at[1]) > 0.2)
 
             self._until(moving)
             driving = time.monotonic() - began
