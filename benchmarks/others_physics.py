@@ -549,17 +549,22 @@ TABLES: Final[dict[str, Callable[[Kept], list[str]]]] = {
     "drive tests": table_of_tests,
     "rest": table_of_the_rest,
 }
+ON_THE_PAGE: Final = ("roll-over", "stops")
 
 
 def write(results: dict[str, Shown]) -> None:
-    """Put the tables into the page, between the lines that name them; one of which no run is kept stays as it is."""
+    """Put tables into the page, between the lines that name them, and print the others; without runs none is made."""
     kept: Kept = {}
     for text, shown in results.items():
         probe, vehicle, physics, _ = text.split()
         kept.setdefault((probe, vehicle, physics), []).append(shown)
     for name, table in TABLES.items():
-        if (lines := table(kept)) != table({}):
+        if (lines := table(kept)) == table({}):
+            continue
+        if name in ON_THE_PAGE:
             page_parts.write(PAGE, name, "\n".join(lines), "benchmarks.others_physics")
+        else:
+            print("", name, *lines, sep="\n")
 
 
 def main() -> None:
