@@ -190,12 +190,16 @@ def sensors(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Render
 
 
 def values_of(sensor: SensorState) -> str:
-    """Return the last reading's numbers with their unit, and names if there are several; a dash before the first."""
+    """Return the last reading's numbers with their unit, and names if there are several; a dash before the first.
+
+    Several units stand in brackets, as none of them belongs to the last number alone.
+    """
     if not sensor.values:
         return DASH
     several = len(sensor.values) > 1
     numbers = "  ".join(f"{name} {value:.6g}" if several else f"{value:.6g}" for name, value in sensor.values.items())
-    return clean(f"{numbers} {sensor.units}".rstrip())
+    units = f"({sensor.units})" if "," in sensor.units else sensor.units
+    return clean(f"{numbers} {units}".rstrip())
 
 
 def tasks(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from io import StringIO
 
+import numpy as np
 import pytest
 from rich.cells import cell_len
 from rich.console import Console
@@ -13,6 +14,7 @@ from ui_snapshots import RATES, TEAM, blind, full, mode
 from txt1.control.schedule import Schedule
 from txt1.fleet.members import FLEET
 from txt1.sensors.base import SENSORS
+from txt1.sensors.readings import Scan, scan_topic
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.diagnostics import FAULTS
@@ -32,7 +34,7 @@ from txt1.tasks.fields import (
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.screens import installed, render
-from txt1.ui.tables import in_force, visible
+from txt1.ui.tables import in_force, values_of, visible
 from txt1.ui.text import count, duration, number, run_time
 from txt1.ui.viewer import DRIVING, Viewer
 
@@ -271,6 +273,12 @@ def test_many_sensors_are_listed_as_far_as_there_is_room_and_counted() -> None:
     )
     text = "\n".join(printed(many, Viewer(), 120, 24))
     assert "light16" in text and "light39" not in text and "and 23 more" in text
+
+
+def test_several_units_stand_behind_all_values_of_a_laser() -> None:
+    scan = Scan(-3.0, 0.01, 0.0, np.where(np.arange(601) < 500, np.float32(2.0 / 3.0), np.float32(np.inf)), 0.1, 5.0)
+    sensor = full()[SENSORS][0]._replace(values=scan.summary(), units=scan_topic("laser").units)
+    assert values_of(sensor) == "nearest 0.667  at -171.9  hits 500 (m, degrees)"
 
 
 @pytest.mark.parametrize("size", [(20, 5), (40, 10), (1, 1)])
