@@ -449,9 +449,7 @@ def among(values: list[float], digits: int = 0) -> str:
 
 def table_of_stops(kept: Kept) -> list[str]:
     """Stops at full speed, and those of `benchmarks.stops`."""
-    lines = head(
-        "car", "physics", "full speed, straight: s to stand", "way, m", "at full lock: s", "way, m", "not armed before"
-    )
+    lines = head("car", "physics", "full speed, straight: s to stand", "way, m", "at full lock: s", "way, m")
     for car in CARS:
         runs = kept.get(("full_speed", *car), [])
         cells = []
@@ -459,8 +457,7 @@ def table_of_stops(kept: Kept) -> list[str]:
             each = [one[name] for one in runs]
             there = [one for one in each if "failed" not in one]
             cells += [failures(each) or most(one["standing"] for one in there), most(one["way"] for one in there)]
-        armed = sum(not one[name].get("armed", False) for one in runs for name in ("straight", "lock"))
-        lines.append(row(car[0], WORDS[car[1]], *cells, armed))
+        lines.append(row(car[0], WORDS[car[1]], *cells))
     lines += [
         "",
         *head("event at 0.4 to 1 m/s: s to stand", *(f"{car}, {WORDS[name]}" for car, name in CARS)),

@@ -582,9 +582,10 @@ def report(everyone: Sequence[Mutant], results: dict[str, str], fine: dict[str, 
     for name in sorted(fine.keys() - {each.name for each in all_mutants()}):
         print(f"there is no such mutant any more: {name}")
         wrong += 1
-    columns = (KILLED, HANGING, REASON, SURVIVED, BROKEN, "not run")
     total = sum(counts.values(), Counter())
-    lines = [f"| folder | mutants | {' | '.join(columns)} |", f"|---|{'--:|' * 7}"]
+    every = KILLED, HANGING, REASON, SURVIVED, BROKEN, "not run"
+    columns = [each for each in every if each == SURVIVED or total[each]]
+    lines = [f"| folder | mutants | {' | '.join(columns)} |", f"|---|--:{'|--:' * len(columns)}|"]
     for file, count in [*counts.items(), ("all", total)]:
         lines.append(f"| {file} | {count.total()} | {' | '.join(str(count[column]) for column in columns)} |")
     return wrong + total[SURVIVED] + total[BROKEN], "\n".join(lines)

@@ -358,8 +358,8 @@ async def _strike_all(left: list[int], rows: dict[int, dict[str, Any]], options:
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """What came out, in Markdown; times in s."""
     lines = [
-        "| struck | fault | times | broken | s until neutral, disarmed | s until standing |",
-        "|---|---|--:|--:|--:|--:|",
+        "| struck | fault | broken | s until neutral, disarmed | s until standing |",
+        "|---|---|--:|--:|--:|",
     ]
     groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for row in rows:
@@ -370,7 +370,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         stood = [row["standing"] for row in group if "standing" in row]
         broken = sum(bool(row["broken"]) for row in group)
         where = {"beside": fault.split()[0]}.get(place, place)
-        lines.append(f"| {where} | {fault} | {len(group)} | {broken} | {_times(first)} | {_times(stood)} |")
+        lines.append(f"| {where} | {fault} | {broken}/{len(group)} | {_times(first)} | {_times(stood)} |")
     return "\n".join(lines)
 
 

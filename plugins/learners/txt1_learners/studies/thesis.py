@@ -140,9 +140,10 @@ def figures(lines: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def table(file: Path) -> str:
     """The table in Markdown, in the order of `READINGS`."""
     head, *lines = Rows(file).read()
+    trials: set[int] = set()
     rows = [
-        "| reading: that held, with | mean | means of five trials, 95 % | 7.165 s within | success | trials |",
-        "|---" * 6 + "|",
+        "| reading: that held, with | mean | means of five trials, 95 % | 7.165 s within | success |",
+        "|---" * 5 + "|",
     ]
     for reading in READINGS:
         some = [line for line in lines if line["reading"] == reading]
@@ -150,8 +151,9 @@ def table(file: Path) -> str:
             one = figures(some)
             rows.append(
                 f"| {reading} | {one['mean']:.2f} +- {one['error']:.2f} | {one['low']:.2f} to {one['high']:.2f} | "
-                f"{'yes' if one['reproduced'] else 'no'} | {100.0 * one['success']:.1f} % | "
-                f"{one['trials']} |"
+                f"{'yes' if one['reproduced'] else 'no'} | {100.0 * one['success']:.1f} % |"
             )
+            trials.add(one["trials"])
     codes = ", ".join(sorted({line["code"] for line in lines}))
-    return "\n".join([*rows, "", f"Seed {head['seed']}, {EPISODES} repetitions a trial; code {codes}.", ""])
+    many = " to ".join(map(str, sorted({min(trials, default=0), max(trials, default=0)})))
+    return "\n".join([*rows, "", f"Seed {head['seed']}, {many} trials of {EPISODES} repetitions; code {codes}.", ""])
