@@ -81,8 +81,7 @@ def main() -> None:
     files = [path for name in LEARNERS.split(",") for path in sorted((WORLDS / name).glob("*.json"))]
     if files:
         results = [json.loads(path.read_text(encoding="utf-8")) for path in files]
-        page_parts.write(PAGE, "losses", losses(results), "docs.compared_learners")
-        (WORLDS / "worlds.md").write_text(suite.table(results), encoding="utf-8")
+        (WORLDS / "worlds.md").write_text(f"{losses(results)}\n\n{suite.table(results)}", encoding="utf-8")
 
 
 if __name__ == "__main__":
