@@ -8,7 +8,7 @@ The constraints are read from the environment that runs this command. `make rele
 the tests have just passed. From the requirements of txt1 and its plug-ins, the base and every extra, it follows each
 requirement to the packages that are installed, and names their versions. What the tests replace by fakes is installed
 in the environment of the other Python, a user's with all extras: there everything that our modules import of it is
-imported, and its line says so. What is in neither was not tested: it stands in a comment.
+imported, and its line says so. What is in neither stands in a comment: the packages that need PyTorch.
 """
 
 import ast
@@ -131,7 +131,7 @@ def constraints(users: dict[str, str] | None = None) -> str:
             f"# txt1 {distribution('txt1').version} was tested with these versions.",
             f"# Python {platform.python_version()}, {platform.system()} {platform.machine()}, commit {commit()}.",
             "# python -m pip install -c constraints.txt WHEEL",
-            *(f"# not tested, as it was not installed: {name}" for name in missing),
+            *(f"# not tested with these, as it was not installed: {name}" for name in missing),
             *(f"{name}=={version}" for name, version in found.items()),
             *(
                 f"{name}=={version}  # in a user's environment: our imports of it work"
