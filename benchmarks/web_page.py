@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import argparse
 import os
-from pathlib import Path
 from typing import Any, Final
 
 from playwright.sync_api import sync_playwright
 
-from benchmarks.rounds import spread, table, verdict, write
+from benchmarks.rounds import spread, table, verdict
 from benchmarks.web_car import car
 from rigs.live_browser import CHROMIUM, FLAGS
 
@@ -73,7 +72,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.web_page", description=__doc__)
     parser.add_argument("--loads", type=int, default=20, help="of each size")
     parser.add_argument("--seconds", type=int, default=8, help="in which frames are counted")
-    parser.add_argument("--page", action="store_true", help="write the table to docs/web.md")
     arguments = parser.parse_args()
     rows, paints, wires, counts = [], [], [], []
     with car() as robot, sync_playwright() as playwright:
@@ -103,8 +101,6 @@ def main() -> None:
         f"of this machine of {os.cpu_count()} processors was {os.getloadavg()[0]:.1f}."
     )
     print(f"\n{text}")
-    if arguments.page:
-        write(Path("docs/web.md"), "web_page", HEAD, rows, text)
 
 
 if __name__ == "__main__":
