@@ -302,7 +302,7 @@ def gain(pairs: Sequence[Pair]) -> str:
     return (
         f"{sum(each > 0.0 for each in sooner)} of {len(steps)} steps settle sooner, by {min(sooner):.3f} to "
         f"{max(sooner):.2f} s. The largest additional overshoot, in its standard errors, is "
-        f"{100.0 * more:.2f} ± {100.0 * error:.2f} % of the step ({more / error:.1f} standard errors)."
+        f"{100.0 * more:.2f} ± {100.0 * error:.2f} % of the step."
     )
 
 

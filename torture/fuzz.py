@@ -375,7 +375,7 @@ def main(words: Sequence[str] | None = None) -> int:
         options.kept.write_text(json.dumps({"code": code, "lines": kept}, indent=1))
     kept |= broken
     known = [(key, kept[key]) for key in steps if key in kept]
-    lines = ["| reader | inputs | broken |", "|---|---|---|"]
+    lines = ["| reader | inputs, changed and random or as told | broken |", "|---|---|---|"]
     lines += [line for key, line in known if not key.startswith("stream")]
     lines += ["", *_longest([line for key, line in known if key.startswith("stream")])]
     if options.page:
@@ -400,7 +400,7 @@ def _steps(options: argparse.Namespace) -> Iterator[tuple[str, Step]]:
         count = options.inputs // SHARES.get(target, 1)
 
         def changed(target: str = target, count: int = count) -> tuple[str, str | None]:
-            return told(target, f"{count} changed and random ones", attack(target, count, options.seed))
+            return told(target, f"{count}", attack(target, count, options.seed))
 
         yield f"{target} {count} {options.seed}", changed
     if find_spec("atheris") is None:
