@@ -69,8 +69,9 @@ class State:
         self.line_faults: dict[str, int] = {}
 
         # the text of the last event, and how often it came in a row
-        self._told, self._times = "", 0
+        self._told = "", 0
 
+        # the 29th attribute: CPython finds those of an object with more of them slowly
         self.warnings: list[Callable[[], str]] = []
         """Functions that return a warning, such as a silent bridge, or ""."""
 
@@ -81,13 +82,11 @@ class State:
     def tell(self, time: float, text: str) -> None:
         """Log an event; one that repeats the event before it is one line with a count."""
         event = Event(time, text)
-        if text == self._told:
-            self._times += 1
+        times = self._told[1] + 1 if text == self._told[0] else 1
+        self._told = text, times
+        if times > 1:
             self.events.pop()
-            self.events.append(Event(time, f"{text} ({self._times} times)"))
-        else:
-            self._told, self._times = text, 1
-            self.events.append(event)
+        self.events.append(event if times == 1 else Event(time, f"{text} ({times} times)"))
         self.bus.publish(LOG, event, time)
 
     def count_on_line(self, reason: str) -> None:
