@@ -16,6 +16,9 @@ SPEED: Final = 0.3
 SIDES: Final = 3.0
 # counts at which the linkage is at its stop; beyond it the servo only draws current (4.3)
 STEERING_MAX: Final = 18000
+# the same as floats, which CPython compares with other floats quickly
+PWM_LIMIT: Final = float(PWM_MAX)
+STEERING_LIMIT: Final = float(STEERING_MAX)
 
 
 @dataclass(frozen=True, slots=True)

@@ -325,8 +325,8 @@ _drive_compiled = compiled(_drive, reorder=True)
 
 # numba calls only functions that it has compiled itself
 _EQUATIONS: Final = (
-    *("servo_angle", "steer", "direction", "asks", "drive", "coast"),
-    *("sideslip", "encoder_wheels", "along_arc"),
+    *("servo_angle", "steer", "direction", "asks", "coast"),
+    *("wheels", "along_arc"),
 )
 _calls = {name: compiled(getattr(dynamics, name)) for name in _EQUATIONS}
 _move_one = compiled(dynamics.move, calls={**_calls, "slide": compiled(sliding.slide)})

@@ -28,7 +28,7 @@ from math import atan, cos, exp, log, pi, sin, sqrt, tan
 from typing import Final, NamedTuple
 
 from txt1.model.kinematics import TWO_PI
-from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.model.vehicle import STEERING_LIMIT, Geometry
 from txt1.sim.parameters import VehicleParameters
 from txt1.units import GRAVITY
 
@@ -77,8 +77,6 @@ Dynamics = tuple[
     float, float, float, float, float, float, float,
 ]  # fmt: skip
 
-# PWM counts at which the steering is at its stop
-LOCK: Final = float(STEERING_MAX)
 # longest piece of a motion while a servo turns, s
 RAMP_STEP: Final = 0.005
 
@@ -143,7 +141,7 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
     """
     # local names: in plain Python looking up an attribute takes as long as the multiplication
     (
-        wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, coast_time_constant,
+        wheelbase, track, steering_max, speed_gain, dead_band, speed_time_constant, coast_time_constant,
         coast_friction, servo_rate, scrub, slip, understeer, _, _, inertia, stiffness, ramp_step, steered, tan_max,
         hold, sideways, calm_v, calm_pull,
     ) = p  # fmt: skip
@@ -156,17 +154,25 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
     tau = coast_time_constant if coasting else speed_time_constant
     v_free = speed_gain * (motor - dead_band if motor > 0.0 else motor + dead_band)
     # whether the wheels roll, and motor and steering demand so little that the tyres certainly hold
-    calm = spin == 0.0 and -calm_v <= v <= calm_v and (coasting or -calm_pull <= v_free - v <= calm_pull)
+    calm = False
+    # CPython compares quickly where it branches
+    if spin == 0.0 and -calm_v <= v <= calm_v and (coasting or -calm_pull <= v_free - v <= calm_pull):
+        calm = True
     remaining = dt
     while remaining > 0.0:
         h, mean_front, mean_rear, phi_front, phi_rear = steer(
             phi_front, phi_rear, target_front, target_rear, remaining, calm, ramp_step, servo_rate
         )
-        tan_front, tans, turn, sin_beta, cos_beta = direction(mean_front, mean_rear)
+        tan_front = tan(mean_front)
+        # the loops steer by opposite angles
+        tans, turn, sin_beta, cos_beta = (
+            (2.0 * tan_front, 2.0 * tan_front, 0.0, 1.0)
+            if mean_rear == -mean_front
+            else direction(tan_front, tan(mean_rear))
+        )
         # tau dv/dt = v_free - loss v
         lock = 0.5 * tans / tan_max
         loss = 1.0 + scrub * lock * lock + drag
-        share = 1.0
         if coasting:
             # dry friction takes the motor's place
             v_free = -coast_friction if v > 0.0 else coast_friction
@@ -181,14 +187,14 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
             distance, v = coast(v, v_free / loss, tau / loss, h)
             rolled = distance
         else:
-            distance, v = drive(v, v_free / loss, tau / loss, h)
+            # the speed tends to v_end
+            v_end, tau_h = v_free / loss, tau / loss
+            decay = exp(-h / tau_h)
+            distance, v = v_end * h + (v - v_end) * tau_h * (1.0 - decay), v_end + (v - v_end) * decay
             rolled = distance * (1.0 + slip)
         if distance != 0.0 or rolled != 0.0:
-            curvature, sin_slip, cos_slip = sideslip(
-                turn, distance / h, sin_beta, cos_beta, wheelbase, understeer, sideways
-            )
-            along_right, along_left = encoder_wheels(
-                curvature, sin_slip, cos_slip, tan_front * steered, wheelbase, track_width
+            curvature, sin_slip, cos_slip, along_right, along_left = wheels(
+                turn, distance / h, sin_beta, cos_beta, tan_front * steered, wheelbase, track, understeer, sideways
             )
             right += rolled * along_right
             left += rolled * along_left
@@ -202,9 +208,9 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
 
 def servo_angle(counts: float, steering_max: float) -> float:
     """Return the steering angle for PWM counts, rad: front = -u, rear = +u turns left."""
-    if not -LOCK <= counts <= LOCK:
-        counts = LOCK if counts > 0.0 else -LOCK
-    return -steering_max * (counts / LOCK)
+    if not -STEERING_LIMIT <= counts <= STEERING_LIMIT:
+        counts = STEERING_LIMIT if counts > 0.0 else -STEERING_LIMIT
+    return -steering_max * (counts / STEERING_LIMIT)
 
 
 def steer(
@@ -222,6 +228,12 @@ def steer(
     if phi_front == target_front and phi_rear == target_rear:
         return remaining if calm else h, phi_front, phi_rear, phi_front, phi_rear
     gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
+    size = abs(gap_front)
+    soon = calm and size < h * rate and size / rate < SHORT_RAMP * ramp_step
+    if soon and phi_rear == -phi_front and target_rear == -target_front:
+        # most pieces of a car that drives: as below, for both servos in one go
+        mean_front = target_front + size / rate / remaining * (0.5 * (phi_front + target_front) - target_front)
+        return remaining, mean_front, -mean_front, target_front, target_rear
     # a servo that arrives within the ramp step ends the piece
     if 0.0 < abs(gap_front) < h * rate:
         h = abs(gap_front) / rate
@@ -244,20 +256,18 @@ def steer(
     return h, mean_front, mean_rear, end_front, end_rear
 
 
-def direction(front: float, rear: float) -> tuple[float, float, float, float, float]:
-    """Return numbers of the motion that the steering angles, rad, demand.
+def direction(tan_front: float, tan_rear: float) -> tuple[float, float, float, float]:
+    """Return numbers of the motion that the tangents of the steering angles demand.
 
-    They are: the tangent of the front angle; the difference of both tangents; the curvature times the wheelbase; sine
-    and cosine of beta, the sideslip of the centre, which is 0 for opposite angles.
+    They are: the difference of both tangents; the curvature times the wheelbase; sine and cosine of beta, the sideslip
+    of the centre, which is 0 for opposite angles.
     """
-    tan_front = tan(front)
-    tan_rear = -tan_front if rear == -front else tan(rear)
     if tan_rear == -tan_front:
-        return tan_front, 2.0 * tan_front, 2.0 * tan_front, 0.0, 1.0
+        return 2.0 * tan_front, 2.0 * tan_front, 0.0, 1.0
     beta = atan(0.5 * (tan_front + tan_rear))
     sin_beta, cos_beta = sin(beta), cos(beta)
     tans = tan_front - tan_rear
-    return tan_front, tans, cos_beta * tans, sin_beta, cos_beta
+    return tans, cos_beta * tans, sin_beta, cos_beta
 
 
 # -- speed -------------------------------------------------------------------------------------------------------
@@ -308,12 +318,6 @@ def slide(
     return slide(v, spin, v_free, tau, loss, bend, h, coasting, hold, stiffness, inertia, understeer)
 
 
-def drive(v: float, v_end: float, tau: float, h: float) -> tuple[float, float]:
-    """Return the distance and the speed after h s with the motor, m and m/s: the speed tends to `v_end`."""
-    decay = exp(-h / tau)
-    return v_end * h + (v - v_end) * tau * (1.0 - decay), v_end + (v - v_end) * decay
-
-
 def coast(v: float, v_end: float, tau: float, h: float) -> tuple[float, float]:
     """Return the distance and the speed after h s without a motor, m and m/s.
 
@@ -333,37 +337,38 @@ def coast(v: float, v_end: float, tau: float, h: float) -> tuple[float, float]:
 # -- path --------------------------------------------------------------------------------------------------------
 
 
-def sideslip(
-    turn: float, v: float, sin_beta: float, cos_beta: float, wheelbase: float, understeer: float, sideways: float
-) -> tuple[float, float, float]:
-    """Return the curvature, 1/m, by (2.12) for opposite angles, with understeer; and sine and cosine of the angle
-    at which the reference point moves: it slides outwards.
-    """
-    if turn == 0.0:
-        return 0.0, sin_beta, cos_beta
-    square = v * v
-    curvature = turn / (wheelbase * (1.0 + understeer * square))
-    sin_slip = sideways * square * curvature
-    if v > 0.0:
-        sin_slip = -sin_slip
-    cos_slip = sqrt(1.0 - sin_slip * sin_slip)
-    if sin_beta:
-        return curvature, sin_beta * cos_slip + cos_beta * sin_slip, cos_beta * cos_slip - sin_beta * sin_slip
-    return curvature, sin_slip, cos_slip
-
-
-def encoder_wheels(
-    curvature: float, sin_slip: float, cos_slip: float, tan_front: float, wheelbase: float, track_width: float
-) -> tuple[float, float]:
-    """Return the paths of the right and left encoder wheel as shares of the vehicle's.
+def wheels(
+    turn: float,
+    v: float,
+    sin_beta: float,
+    cos_beta: float,
+    tan_front: float,
+    wheelbase: float,
+    track: float,
+    understeer: float,
+    sideways: float,
+) -> tuple[float, float, float, float, float]:
+    """Return the curvature, 1/m, by (2.12) for opposite angles, with understeer; sine and cosine of the angle at which
+    the reference point moves, as it slides outwards; and the paths of the right and left encoder wheel as shares of the
+    vehicle's.
 
     Steered wheels roll along their own heading: the hub's velocity is projected on it.
     """
+    curvature, sin_slip, cos_slip = 0.0, sin_beta, cos_beta
+    if turn != 0.0:
+        square = v * v
+        curvature = turn / (wheelbase * (1.0 + understeer * square))
+        sin_slip = sideways * square * curvature
+        if v > 0.0:
+            sin_slip = -sin_slip
+        cos_slip = sqrt(1.0 - sin_slip * sin_slip)
+        if sin_beta:
+            sin_slip, cos_slip = sin_beta * cos_slip + cos_beta * sin_slip, cos_beta * cos_slip - sin_beta * sin_slip
     cos_front = 1.0 / sqrt(1.0 + tan_front * tan_front)
     sin_front = tan_front * cos_front
     forward = cos_slip * cos_front + (sin_slip + 0.5 * curvature * wheelbase) * sin_front
-    apart = 0.5 * curvature * track_width * cos_front
-    return forward + apart, forward - apart
+    apart = 0.5 * curvature * track * cos_front
+    return curvature, sin_slip, cos_slip, forward + apart, forward - apart
 
 
 def along_arc(

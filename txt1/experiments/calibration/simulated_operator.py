@@ -16,8 +16,8 @@ from txt1.errors import ConfigError
 from txt1.hal.sim import SimHal
 from txt1.model.channels import NEUTRAL_MAX
 from txt1.model.kinematics import wrap_angle
+from txt1.model.vehicle import STEERING_LIMIT
 from txt1.robot import Robot
-from txt1.sim.dynamics import LOCK
 from txt1.sim.vehicle import Vehicle
 
 # s between two looks of an operator at the car
@@ -327,7 +327,7 @@ def smallest_circle(vehicle: Vehicle) -> float:
         return vehicle.body.radius_min
     vehicle.place(0.0, 0.0, 0.0)
     counts, bends = vehicle.parameters.dead_band + SLOWLY / vehicle.parameters.speed_gain, []
-    for lock in (LOCK, -LOCK):
+    for lock in (STEERING_LIMIT, -STEERING_LIMIT):
         motion, path, turned = vehicle.motion, 0.0, 0.0
         for step in range(round((UP_TO_SPEED + JUDGED) / STEP)):
             x, y, theta = motion[:3]
