@@ -93,14 +93,15 @@ class Jumps:
 
         It does not move either when a callback is ready, or when the loop has to poll its sockets.
         """
-        if self._paced or self.threads_outstanding or self._ready:
-            return False
-        if self._due and self._due[0][0] <= target_ns:
-            return False
-        if timers and timers[0].when() * NS_PER_S <= target_ns:
-            return False
-        # the loop's own jump comes next, and it polls
-        if (self.made + 1) % POLL_EVERY == 0:
+        if (
+            self._paced
+            or self.threads_outstanding
+            or self._ready
+            or (self._due and self._due[0][0] <= target_ns)
+            or (timers and timers[0].when() * NS_PER_S <= target_ns)
+            # the loop's own jump comes next, and it polls
+            or (self.made + 1) % POLL_EVERY == 0
+        ):
             return False
         self.made += 1
         self.clock.advance_to(target_ns)

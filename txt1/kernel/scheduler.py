@@ -76,8 +76,9 @@ INDEX: Final = TASKS_MAX - 1
 
 # cycles run at a stretch in virtual time: tasks that wake one another without end must leave the loop its turn
 PUNCTUAL_MAX: Final = 1000
-# in jumping virtual time one cycle of this many is measured: to read the clock each time costs a twentieth
-MEASURED: Final = 8
+# bits of a cycle's number: all 0 in the one cycle of eight that is measured in jumping virtual time, as to read the
+# clock each time costs a twentieth
+UNMEASURED: Final = 7
 
 PeriodicTask = Callable[[Ticks], Coroutine[Any, Any, None]]
 TaskRow = tuple[str, int, float | None, PeriodicTask]
@@ -110,9 +111,20 @@ class _Scheduled:
         self.period = self.period_ns << TASKS_BITS
         self.ticks = Ticks(period)
         self.coroutine = task(self.ticks)
-        self.send: Callable[[Any], Any] = self.coroutine.send
+        self.send: Callable[[Any], Any] = (
+            self._send_watched if self.ticks.begins or self.ticks.ends else self.coroutine.send
+        )
         self.queued = False
         self.statistics = TaskStatistics()
+
+    def _send_watched(self, now: float | None) -> Any:
+        """Run the coroutine up to its next tick, and tell the cycle's begin and end."""
+        if self.ticks.begins is not None and now is not None:
+            self.ticks.begins(now)
+        waited_for = self.coroutine.send(now)
+        if self.ticks.ends is not None:
+            self.ticks.ends()
+        return waited_for
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -158,8 +170,6 @@ class Scheduler:
         self._held_ns = 0
         self.on_sleep: Callable[[float], None] = lambda slept: None
         """Called with the time of a suspension, s, before any task runs after it; in real time only."""
-        self.steps = 0
-        """Number of cycles of all tasks so far, including the present: it gives each event a place among them."""
         self.ended: asyncio.Future[None] = self._loop.create_future()
         """Done when the run reaches its end; holds the TaskFault if a task raised."""
 
@@ -224,6 +234,11 @@ class Scheduler:
     def statistics(self) -> dict[str, TaskStatistics]:
         """The statistics of every task so far, by name, in the order they were added."""
         return {entry.name: entry.statistics for entry in self._entries}
+
+    @property
+    def steps(self) -> int:
+        """Number of cycles of all tasks so far, including the present: it gives each event a place among them."""
+        return sum(entry.statistics.cycles for entry in self._entries)
 
     # -- the run -----------------------------------------------------------------------------------------------
 
@@ -392,32 +407,31 @@ class Scheduler:
         replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK
         now, now_ns = due_ns / NS_PER_S, due_ns + origin_ns
         self._later = due_ns + 1 << TASKS_BITS
+        place = waiting[0]
         for _ in range(PUNCTUAL_MAX):
-            place = waiting[0]
             entry = ranked[place & INDEX]
             if entry.period:
                 replace(waiting, place + entry.period)
             else:
                 entry.queued = False
                 heappop(waiting)
-            self.steps += 1
             statistics = entry.statistics
             cycles = statistics.cycles
             statistics.cycles = cycles + 1
-            measured = cycles % MEASURED == 0
-            started_ns = time_ns() if measured else 0
+            started_ns = 0 if cycles & UNMEASURED else time_ns()
             try:
                 if entry.send(now) is not next_tick:
                     self._waited(entry)
             except BaseException as error:
                 # CancelledError too: asyncio would only log it
                 self._raised(entry, error)
-            if measured:
+            if started_ns:
                 statistics.run_time.add(time_ns() - started_ns)
             if not waiting or clock.ns != now_ns:
                 return False
-            if waiting[0] >= self._later:
-                due_ns = waiting[0] >> TASKS_BITS
+            place = waiting[0]
+            if place >= self._later:
+                due_ns = place >> TASKS_BITS
                 if not self._later or due_ns >= self._stop_ns or not jumps.to(due_ns + origin_ns, timers):
                     return False
                 now, now_ns = due_ns / NS_PER_S, due_ns + origin_ns
@@ -438,7 +452,7 @@ class Scheduler:
             self._waiting.append(place + (missed + 1) * entry.period)
         entry.queued = False
         heapify(self._waiting)
-        self.steps += 1
+        entry.statistics.cycles += 1
         started_ns = stopwatch_ns()
         try:
             if entry.send(now_ns / NS_PER_S) is not NEXT_TICK:
@@ -446,7 +460,6 @@ class Scheduler:
         except BaseException as error:
             # as above
             self._raised(entry, error)
-        entry.statistics.cycles += 1
         entry.statistics.run_time.add(stopwatch_ns() - started_ns)
         # on the wall clock, as the misses are
         entry.statistics.add_lateness((late_ns + held_ns) % entry.period_ns if entry.period_ns else late_ns + held_ns)

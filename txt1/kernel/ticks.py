@@ -17,8 +17,8 @@ class Ticks:
     Attributes:
         period: seconds between two ticks; None for a task that runs on arrival.
         missed: cycles missed immediately before the present one.
-        begins: called with the time when a cycle begins, if set.
-        ends: called when a cycle has ended, before the task waits for the next.
+        begins: the scheduler calls it with the time when a cycle begins, if it was set before the task's first step.
+        ends: likewise, when a cycle has ended.
 
     """
 
@@ -35,9 +35,4 @@ class Ticks:
         return self
 
     def __await__(self) -> Generator[object, float, float]:
-        if self.ends is not None:
-            self.ends()
-        now = yield NEXT_TICK
-        if self.begins is not None:
-            self.begins(now)
-        return now
+        return (yield NEXT_TICK)

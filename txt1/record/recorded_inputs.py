@@ -357,7 +357,7 @@ class StepByStep(Scheduler):
             raise RecordingError(f"a step of task {number}, and there are {len(self._entries)} tasks")
         entry = self._entries[number]
         self.time, entry.ticks.missed = now, missed
-        self.steps += 1
+        entry.statistics.cycles += 1
         try:
             entry.send(now)
         except Exception as error:
