@@ -36,7 +36,8 @@ class WheelOdometry:
         self._count_length, self._track_width = geometry.count_length, geometry.track_width
         self._counts: tuple[int, int] | None = None
         self._time = 0.0
-        self._still = True
+        # whether no wheel turned at the last reading
+        self.still = True
 
     def step(self, counts: tuple[int, int], now: float) -> tuple[int, int] | None:
         """Bring the odometry up to `now`; return the counts (right, left) since the last reading, None at the first."""
@@ -46,10 +47,10 @@ class WheelOdometry:
         if before is None:
             return None
         right, left = counts[0] - before[0], counts[1] - before[1]
-        if right or left or not self._still:
+        if right or left or not self.still:
             v, omega = body_velocity(right, left, dt, self._count_length, self._track_width)
             self.odometry = advance(self.odometry, v, omega, dt)
-            self._still = not (right or left)
+            self.still = not (right or left)
         return right, left
 
 

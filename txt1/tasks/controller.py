@@ -6,7 +6,7 @@ from typing import Final
 
 from txt1.control.limits import Fault, Gate, Outputs
 from txt1.control.loops import Loops
-from txt1.control.pid import Gains, at_rest
+from txt1.control.pid import Gains
 from txt1.hal.base import Capabilities, Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
@@ -120,7 +120,8 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         cycle.measure(now)
         cycle.watch_wheels(now)
         outputs = cycle.decide(now)
-        cycle.explain(now)
+        if not cycle.drives or cycle.asked_since < inf:
+            cycle.explain(now)
         hal.write(outputs, now)
         cycle.show(outputs)
 
@@ -138,8 +139,10 @@ class Cycle:
         # asked for: the command, and by the controller's decision the set-point and its gains
         self._given: ManualPwm | Command | None = None
         self.v, self.omega, self.gains = 0.0, 0.0, _OFF
-        # whether it may act, the mode, since when commands have been in vain, s of the run, and whether that was told
-        self._passes, self._was_manual, self._asked_since, self._told = False, False, inf, False
+        # whether it may act, whether the loops carry it out, and the mode
+        self._passes, self.drives, self._was_manual = False, False, False
+        # since when commands have been in vain, s of the run, and whether that was told
+        self.asked_since, self._told = inf, False
 
     def watch_line(self) -> None:
         """Disarm if the line to the board was lost since the cycle before."""
@@ -164,13 +167,13 @@ class Cycle:
         """Disarm on a runaway, and when the odometry is lost."""
         state, gate = self._state, self._gate
         right, left = state.encoders
+        odometry = state.odometry
         if not (self._has_ticks or self._blind):
-            odometry = state.odometry
             wheel = abs(odometry.v) + 0.5 * self._geometry.track_width * abs(odometry.omega)
             if self.dt > 0.0 and wheel < inf and (self._closes_loops or wheel >= READ):
                 right, left = wheel_ticks(odometry.v, odometry.omega, self.dt, self._geometry)
         if right is not None and left is not None and not state.held:
-            gate.watch(right, left, state.odometry.v, self.v_now if self.source is COMBINED else None, self.dt)
+            gate.watch(right, left, odometry.v, self.v_now if self.source is COMBINED else None, self.dt)
         if now - state.odometry_time > ODOMETRY_TIMEOUT:
             gate.disarm("odometry lost", Fault.ODOMETRY)
 
@@ -179,24 +182,25 @@ class Cycle:
         state, gate = self._state, self._gate
         manual = state.panel.manual is True
         given = self._given = state.manual_pwm if manual else state.command
-        self._passes = given is not None and gate.passes(given.time, given.epoch, now)
+        passes = given is not None and gate.passes(given.time, given.epoch, now)
         if not -inf < self.v_now + self.omega_now < inf:
             gate.count(Fault.MEASURED)
-            self._passes = False
+            passes = False
+        self._passes, self.drives = passes, False
         self.v, self.omega, self.gains = 0.0, 0.0, _OFF
         was_manual, self._was_manual = self._was_manual, manual
-        if given is None or manual is not was_manual or self._rests(given):
+        able = passes and manual is was_manual and state.link.alive and state.power.esc is not False
+        if (
+            given is None
+            or not able
+            # nothing to control
+            or (self.v_now == 0.0 and isinstance(given, Command) and given.v == given.omega == 0.0)
+        ):
             self._loops.clear()
             return gate.neutral(state.servos)
         if isinstance(given, ManualPwm):
             return gate.outputs(given.motor, given.front, given.rear, state.servos, 0.0, 0.0)
         return self._close_loops(given, now)
-
-    def _rests(self, given: ManualPwm | Command) -> bool:
-        """Return whether a command may not act, or there is nothing to control."""
-        state = self._state
-        acts = self._passes and state.link.alive and state.power.esc is not False
-        return not acts or (isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, self.v_now))
 
     def _close_loops(self, given: Command, now: float) -> Outputs:
         """Return the outputs by both loops for the set-point that the guards allow."""
@@ -209,7 +213,7 @@ class Cycle:
         if state.held:
             self._loops.clear()
         if self._closes_loops:
-            linear, schedule, _ = state.gains
+            linear, schedule, self.drives = state.gains
             angular = self.gains = schedule.at(self.v_now)
             motor, steering = self._loops.step(v, omega, self.v_now, self.omega_now, linear, angular, self.dt)
         return gate.outputs(motor, -steering, steering, state.servos, v, omega)
@@ -220,10 +224,10 @@ class Cycle:
         in_vain = self._passes and (state.power.esc is False or not state.gains.loaded)
         if not in_vain or not isinstance(given, Command) or not (given.v or given.omega):
             # the next attempt tells it again
-            self._asked_since, self._told = inf, False
+            self.asked_since, self._told = inf, False
             return
-        self._asked_since = min(self._asked_since, now)
-        waited = now - self._asked_since >= UNMOVED
+        self.asked_since = min(self.asked_since, now)
+        waited = now - self.asked_since >= UNMOVED
         if waited and not self._told and (reason := reason_not_to_move(state, self.can)) is not None:
             self._told = True
             state.tell(now, reason)

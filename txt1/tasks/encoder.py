@@ -168,26 +168,32 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
         else:
             counts = wheels.step(counted, now)
             if counts is not None:
-                still = counts == (0, 0)
-                state.encoders = STILL if still else new(Encoders, counts)
-                _put(state, wheels.odometry, now, still)
+                state.encoders = STILL if wheels.still else new(Encoders, counts)
+                _put(state, wheels.odometry, now, wheels.still)
         time = state.odometry_time
         if gate.armed and time > looked:
             _, _, _, v, omega = state.odometry
-            given = state.control
             if v or omega:
                 gate.sight.turns(outer_wheel(v, turning * omega), time - looked)
-            elif given.v or given.omega or gate.sight.doubted:
-                wanted = outer_wheel(given.v, turning * given.omega)
-                brakes = given.outputs.motor * wanted < 0.0 or before.outputs.motor * wanted < 0.0
-                if gate.unseen(wanted, time - looked, brakes):
-                    neutral = gate.neutral(state.servos)
-                    if hal.capabilities.halt:
-                        hal.halt(neutral, now)
-                    hal.write(neutral, now)
-            else:
-                gate.sight.clear()
+            elif _unseen(state.control, before, turning, time - looked, gate):
+                neutral = gate.neutral(state.servos)
+                if hal.capabilities.halt:
+                    hal.halt(neutral, now)
+                hal.write(neutral, now)
         looked, before = time, state.control
+
+
+def _unseen(given: Control, before: Control, turning: float, dt: float, gate: Gate) -> bool:
+    """Return whether the outputs have to be neutral now, as wheels that were seen to stand do not obey.
+
+    `before` is the decision at the reading before, `dt` s ago; `turning` is half the track's width, m.
+    """
+    if not (given.v or given.omega or gate.sight.doubted):
+        gate.sight.clear()
+        return False
+    wanted = outer_wheel(given.v, turning * given.omega)
+    brakes = given.outputs.motor * wanted < 0.0 or before.outputs.motor * wanted < 0.0
+    return gate.unseen(wanted, dt, brakes)
 
 
 def _put(state: State, odometry: Odometry, time: float, still: bool) -> None:
@@ -232,7 +238,6 @@ async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], No
     async for _ in ticks:
         if not state.link.alive:
             continue
-        x, y, theta, v, omega = state.odometry
-        send(EncoderOdometry(x, y, theta, v, omega))
+        send(EncoderOdometry(*state.odometry))
         # for the transmit LED; all other messages are too few to show
         state.transmitted += 1

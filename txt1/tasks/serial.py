@@ -26,6 +26,7 @@ from txt1.protocol.messages import (
 )
 from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm
 from txt1.tasks.state import State
+from txt1.units import new
 
 # s; older odometry is too old to be combined
 SEEN: Final = 0.3
@@ -73,7 +74,7 @@ async def serial(
                     state.velocity_count += 1
                     limited = gate.admit_velocity(v, omega)
                     if limited is not None:
-                        state.command = Command(*limited, time, epoch)
+                        state.command = new(Command, (*limited, time, epoch))
                 case CombinedOdometry():
                     if gate.admit_finite(message.v, message.omega):
                         # older odometry is from before a loss of the line
