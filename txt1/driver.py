@@ -116,7 +116,6 @@ class CommandSource:
     ) -> bool:
         wheel = self._wheel
         now = wheel.runtime.now
-        given = now if time is None else time
         try:
             v, omega = number("velocity command: v", v), number("velocity command: omega", omega)
         except CommandRefused:
@@ -124,7 +123,7 @@ class CommandSource:
             wheel.runtime.post(Velocity(nan, nan), now)
             raise
         try:
-            taken = take(self.name, v, omega, given, now)
+            taken = take(self.name, v, omega, now if time is None else time, now)
         except ValueError as error:
             raise CommandRefused(str(error)) from None
         if taken:

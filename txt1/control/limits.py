@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 
 from txt1.control.parameters import Limits
 from txt1.control.sight import WheelSight
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.model.vehicle import PWM_MAX, STEERING_LIMIT, STEERING_MAX
 from txt1.units import new
 
 # s; readings that the geometry forbids are believed when they last this long
@@ -234,7 +234,8 @@ class Gate:
         self._valid_from = 0.0
         self._fresh = False
         self._motor = 0
-        self._servos = (0, 0)
+        # the free servos' counts as they were given last, and inside the limits
+        self._servos = self._clipped = (0, 0)
         self._neutral = Outputs()
         self._runaway = RunawayWatch(limits)
         self.guards: list[Guard] = []
@@ -329,13 +330,16 @@ class Gate:
 
     def passes(self, given: float | None, epoch: int, now: float) -> bool:
         """Return whether a command of that time (s of the run) and epoch may act; count it when it gets stale."""
-        fresh = (
+        fresh = False
+        # CPython compares quickly where it branches
+        if (
             given is not None
             and epoch == self.epoch
             and given >= self._valid_from
             and -AHEAD <= now - given <= self._timeout
-        )
-        if self._fresh and not fresh and self.armed:
+        ):
+            fresh = True
+        if not fresh and self._fresh and self.armed:
             self.count(Fault.STALE)
         self._fresh = fresh
         return fresh and self.armed and not (self.sight.doubted or self.held)
@@ -343,13 +347,14 @@ class Gate:
     def neutral(self, servos: tuple[int, int]) -> Outputs:
         """Motor off, steering straight, set-point 0; the free servos follow while armed, else stay where they are."""
         self._motor = 0
-        if self.armed and servos != self._servos:
+        if self.armed and servos is not self._servos:
             self._hold(servos)
         return self._neutral
 
     def _hold(self, servos: tuple[int, int]) -> None:
-        self._servos = int(clip(servos[0], PWM_MAX)), int(clip(servos[1], PWM_MAX))
-        self._neutral = Outputs(0, 0, 0, *self._servos)
+        self._servos = servos
+        self._clipped = int(clip(servos[0], PWM_MAX)), int(clip(servos[1], PWM_MAX))
+        self._neutral = Outputs(0, 0, 0, *self._clipped)
 
     def outputs(
         self, motor: float, front: float, rear: float, servos: tuple[int, int], v: float, omega: float
@@ -368,14 +373,14 @@ class Gate:
         if abs(motor) > self._motor_max:
             self.count(Fault.MOTOR)
             motor = clip(motor, self._motor_max)
-        if abs(front) > STEERING_MAX or abs(rear) > STEERING_MAX:
+        if abs(front) > STEERING_LIMIT or abs(rear) > STEERING_LIMIT:
             self.count(Fault.STEERING)
             front, rear = clip(front, STEERING_MAX), clip(rear, STEERING_MAX)
         v, omega = self._bounds.nearest(v, omega)
         self._motor = int(motor)
-        if servos != self._servos:
+        if servos is not self._servos:
             self._hold(servos)
-        pwm4, pwm5 = self._servos
+        pwm4, pwm5 = self._clipped
         return new(Outputs, (self._motor, int(front), int(rear), pwm4, pwm5, v, omega))
 
     def watch(self, right: int, left: int, v: float, v_combined: float | None, dt: float) -> None:

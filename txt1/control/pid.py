@@ -6,7 +6,7 @@ compiled by numba.
 
 from typing import NamedTuple
 
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.model.vehicle import PWM_LIMIT, STEERING_LIMIT
 
 
 class Gains(NamedTuple):
@@ -83,6 +83,6 @@ class VelocityLoops:
             error, yaw_error = errors(v, omega, v_now, omega_now)
             if v_now < 0.0 and not self._steers:
                 yaw_error = -yaw_error
-            self._linear = pid(self._linear, error, linear, dt, PWM_MAX)
-            self._angular = pid(self._angular, yaw_error, angular, dt, STEERING_MAX)
+            self._linear = pid(self._linear, error, linear, dt, PWM_LIMIT)
+            self._angular = pid(self._angular, yaw_error, angular, dt, STEERING_LIMIT)
         return self._linear[0], self._angular[0]

@@ -33,4 +33,5 @@ def move_along_arc(
     ratio = 1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin(half) / half
     direction = theta + beta + half
     chord = distance * ratio
-    return x + chord * cos(direction), y + chord * sin(direction), wrap_angle(theta + turn)
+    end = theta + turn
+    return x + chord * cos(direction), y + chord * sin(direction), end if -pi < end <= pi else wrap_angle(end)

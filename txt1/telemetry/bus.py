@@ -110,7 +110,9 @@ class Bus:
 
     def wanted(self, topic: Topic[Any]) -> bool:
         """Return whether a topic has a subscriber. A part asks before it makes a value that is expensive."""
-        return bool(self._takers(topic))
+        # without a call, as it is asked before each command
+        takes = self._takes.get(topic)
+        return bool(self._takers(topic) if takes is None else takes)
 
     # -- subscribing -------------------------------------------------------------------------------------------
 
