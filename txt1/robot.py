@@ -109,6 +109,7 @@ class Robot:
         """Functions that return why a run that ends by itself has not reached its aim; "" if it has."""
         self._pid_response: asyncio.Future[bool] | None = None
         self._streams: list[tuple[object, asyncio.Queue[Any]]] = []
+        runtime.heard = lambda: bool(self._streams)
 
     @staticmethod
     @asynccontextmanager

@@ -86,7 +86,12 @@ def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
         yield "standstill", 3, standstill.STANDSTILL_PERIOD, partial(standstill.standstill, watch=robot.watch)
     yield "mode", 2, mode.MODE_PERIOD, partial(mode.mode, state=state, gate=gate)
     yield "display", 2, panel.PANEL_PERIOD, partial(panel.display, state=state, hal=hal)
-    yield "odometry", 2, encoder.ODOMETRY_PERIOD, partial(encoder.odometry, state=state, send=robot.send)
+    yield (
+        "odometry",
+        2,
+        encoder.ODOMETRY_PERIOD,
+        partial(encoder.odometry, state=state, send=robot.send, heard=robot.heard),
+    )
     watching = partial(battery.battery, state=state, hal=hal, gate=gate, send=robot.send)
     yield "battery", 1, battery.BATTERY_PERIOD, watching
     pressed = partial(panel.button, presses=robot.presses, state=state, hal=hal, gate=gate)
@@ -165,7 +170,8 @@ class Runtime:
         """Called when the robot was put down at another place."""
         self._sensing = sensing
         self._through = through
-        self.send = send
+        # a host at the end of a line always listens
+        self.send, self.heard = send, lambda: True
         self._make_tasks = robot_tasks if tasks is None else tasks
         self.inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
         """Messages for the serial task."""

@@ -83,8 +83,7 @@ class WheelSight:
         if before * wheel > 0.0:
             speed += before if before > 0.0 else -before
         self._speed = wheel if -speed <= wheel <= speed else copysign(speed, wheel)
-        self.doubted = False
-        self._gained = self._way = 0.0
+        self.doubted, self._gained, self._way = False, 0.0, 0.0
 
     def lost(self, asked: float, dt: float, brakes: bool = False) -> bool:
         """Return whether the car is not seen any more, by a reading of wheels that do not turn.

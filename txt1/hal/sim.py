@@ -111,7 +111,7 @@ class SimHal(PlainHal):
         self._command(outputs)
 
     def _command(self, outputs: Outputs) -> None:
-        motor, front, rear, *_ = outputs
+        motor, front, rear = outputs[:3]
         if self._wiring is None:
             self.vehicle.command(motor, front, rear)
             return

@@ -91,9 +91,7 @@ class Vehicle:
             from txt1.sim.skid import move as move_sides
 
             self._move_sides = move_sides
-        self.body = body
-        self.noise = noise
-        self.name = name
+        self.body, self.noise, self.name = body, noise, name
         self.faults = Faults()
         self.atx_on = self.esc_on = True
         self.time = 0.0

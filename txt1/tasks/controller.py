@@ -227,8 +227,11 @@ class Cycle:
             self.asked_since, self._told = inf, False
             return
         self.asked_since = min(self.asked_since, now)
-        waited = now - self.asked_since >= UNMOVED
-        if waited and not self._told and (reason := reason_not_to_move(state, self.can)) is not None:
+        if (
+            now - self.asked_since >= UNMOVED
+            and not self._told
+            and (reason := reason_not_to_move(state, self.can)) is not None
+        ):
             self._told = True
             state.tell(now, reason)
 

@@ -233,11 +233,11 @@ def fallen(before: float, after: float, since: float) -> bool:
     return abs(before) - abs(after) > BRAKES * max(since, ODOMETRY_PERIOD) + 1e-9
 
 
-async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:
-    """Send pose and velocities, once per tick, while the link to the host is alive."""
+async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None], heard: Callable[[], bool]) -> None:
+    """Send pose and velocities, once per tick, while the link to the host is alive and somebody listens (`heard`)."""
     async for _ in ticks:
-        if not state.link.alive:
-            continue
-        send(EncoderOdometry(*state.odometry))
-        # for the transmit LED; all other messages are too few to show
-        state.transmitted += 1
+        if state.link.alive:
+            # for the transmit LED; all other messages are too few to show
+            state.transmitted += 1
+            if heard():
+                send(EncoderOdometry(*state.odometry))
