@@ -127,7 +127,8 @@ class CommandSource:
         except ValueError as error:
             raise CommandRefused(str(error)) from None
         if taken:
-            wheel.send(*wheel.commander.setpoint(now))
+            # it is in force, as it is fresh
+            wheel.send(*wheel.commander.newest)
         return taken
 
     def request(self) -> bool:

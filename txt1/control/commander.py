@@ -30,6 +30,7 @@ from typing import Final, NamedTuple
 
 from txt1.control.holding import HANDOVER, PAUSE
 from txt1.errors import A_STOP
+from txt1.units import new
 
 PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "program": 10}
 """The spine's own sources. Any other source has a program's priority, unless an addition gives it another.
@@ -88,7 +89,8 @@ class Commander:
         # the source that last moved the robot, and the time until which all others command zero
         self._moved: _Source | None = None
         self._rests = -inf
-        self._setpoint = SetPoint()
+        # as commanded, however old; `setpoint` is what is in force
+        self.newest = SetPoint()
         # kept until it changes
         self._told: Driver | None = None
 
@@ -141,7 +143,7 @@ class Commander:
             return False
         if time < self._rests and source is not self._moved:
             v = omega = 0.0
-        self._setpoint = SetPoint(v, omega, time)
+        self.newest = new(SetPoint, (v, omega, time))
         return True
 
     def request(self, name: str, now: float) -> bool:
@@ -152,7 +154,7 @@ class Commander:
         if not self._take(source, driver, now):
             return False
         if driver is not None and driver is not source:
-            self._setpoint = SetPoint(time=now)
+            self.newest = SetPoint(time=now)
         return True
 
     def release(self, name: str, now: float) -> bool:
@@ -179,11 +181,11 @@ class Commander:
                 source.overruled = ""
         if self._driver is not None:
             self._free(now)
-        self._setpoint = SetPoint()
+        self.newest = SetPoint()
 
     def setpoint(self, now: float) -> SetPoint:
         """The set-point in force at `now`; 0 when the command behind it is stale."""
-        driver, setpoint = self._driver_at(now), self._setpoint
+        driver, setpoint = self._driver_at(now), self.newest
         timeout = self._timeout if driver is None else driver.timeout
         return setpoint if now - setpoint.time <= timeout + 1e-9 else SetPoint(time=setpoint.time)
 
@@ -225,14 +227,14 @@ class Commander:
 
     def _rest(self, driver: _Source, time: float) -> None:
         """Let the robot rest before another source moves it, if this driver did."""
-        if self._setpoint.v or self._setpoint.omega:
+        if self.newest.v or self.newest.omega:
             self._moved, self._rests = driver, time + HANDOVER
 
     def _free(self, time: float) -> None:
         if self._driver is not None:
             self._rest(self._driver, time)
         self._driver, self._since, self._told = None, time, None
-        self._setpoint = SetPoint(time=self._setpoint.time)
+        self.newest = SetPoint(time=self.newest.time)
 
 
 def _rules(driver: _Source | None, source: _Source) -> bool:
