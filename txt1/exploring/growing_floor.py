@@ -73,7 +73,9 @@ class GrowingFloor(MapInUse):
             flat, there = cells.ravel(), places_on(sheet.grid, self._places(sheet.resolution))
             flat[there] = np.where(flat[there] == UNKNOWN, FREE, flat[there])
             grid = QuickGrid(cells, sheet.resolution, sheet.origin)
-            self._room = sheet, free, Room(walls=Walls(Map("map", Path(), grid, "")))
+            walls = Walls(Map("map", Path(), grid, ""))
+            # what the map has was seen, and nothing looks back
+            self._room = sheet, free, Room(walls=walls, behind=walls)
         return self._room[2]
 
     def floor(self, remembered: bool = True, lately: bool = False) -> Room | None:

@@ -32,11 +32,11 @@ def arguments(*settings: str) -> list[str]:
     return ["run", "--hal", "sim", "--headless", "--speed", "max", "--seed", "1", *given]
 
 
-def explored(name: Path, do: Callable[[Robot], Awaitable[None]]) -> None:
-    """Do something beside a robot that explores."""
+def explored(name: Path, do: Callable[[Robot], Awaitable[None]], *more: str) -> None:
+    """Do something beside a robot that explores; `more` are settings."""
 
     async def main() -> None:
-        settings = (*ROOM, LASER, OBSTACLE, f"mapping.make={name}")
+        settings = (*ROOM, LASER, OBSTACLE, f"mapping.make={name}", *more)
         async with Robot.open("sim", seed=1, settings=settings, additions={"exploring": str(name)}) as robot:
             assert await robot.load_gains()
             await do(robot)
@@ -118,6 +118,17 @@ def test_screens_see_the_frontiers_and_the_one_to_which_it_drives(tmp_path):
         assert bus.read(explorer.FRONTIERS) == ((), None)
 
     explored(tmp_path / "room", driven)
+
+
+def test_it_turns_round_to_drive_back_as_its_laser_looks_ahead(tmp_path):
+    async def driven(robot: Robot) -> None:
+        ways = {True: 0.0, False: 0.0}
+        while not robot.alongside[-1].done() and robot.now < 300.0:
+            ways[robot.odometry.v > 0.0] += 0.05 * abs(robot.odometry.v)
+            await asyncio.sleep(0.05)
+        assert ways[False] < 0.25 * ways[True]
+
+    explored(tmp_path / "hall", driven, "sim.room.length=14.0", "sim.room.width=3.0")
 
 
 @pytest.mark.parametrize(
