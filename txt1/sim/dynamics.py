@@ -229,8 +229,13 @@ def steer(
         return remaining if calm else h, phi_front, phi_rear, phi_front, phi_rear
     gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
     size = abs(gap_front)
-    soon = calm and size < h * rate and size / rate < SHORT_RAMP * ramp_step
-    if soon and phi_rear == -phi_front and target_rear == -target_front:
+    if (
+        calm
+        and size < h * rate
+        and size / rate < SHORT_RAMP * ramp_step
+        and phi_rear == -phi_front
+        and target_rear == -target_front
+    ):
         # most pieces of a car that drives: as below, for both servos in one go
         mean_front = target_front + size / rate / remaining * (0.5 * (phi_front + target_front) - target_front)
         return remaining, mean_front, -mean_front, target_front, target_rear

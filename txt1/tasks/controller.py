@@ -189,10 +189,12 @@ class Cycle:
         self._passes, self.drives = passes, False
         self.v, self.omega, self.gains = 0.0, 0.0, _OFF
         was_manual, self._was_manual = self._was_manual, manual
-        able = passes and manual is was_manual and state.link.alive and state.power.esc is not False
         if (
             given is None
-            or not able
+            or not passes
+            or manual is not was_manual
+            or not state.link.alive
+            or state.power.esc is False
             # nothing to control
             or (self.v_now == 0.0 and isinstance(given, Command) and given.v == given.omega == 0.0)
         ):
