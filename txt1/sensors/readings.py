@@ -343,8 +343,7 @@ class Scan:
         if not count:
             return {"hits": count}
         nearest = int(np.nanargmin(self.ranges))
-        direction = float(self.angles[nearest]) * 180.0 / pi
-        return {"nearest": round(float(self.ranges[nearest]), 3), "at": round(direction, 1), "hits": count}
+        return {"nearest": float(self.ranges[nearest]), "at": float(self.angles[nearest]) * 180.0 / pi, "hits": count}
 
 
 _SCAN: Final = define(

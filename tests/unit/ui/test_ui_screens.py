@@ -278,7 +278,7 @@ def test_many_sensors_are_listed_as_far_as_there_is_room_and_counted() -> None:
 def test_several_units_stand_behind_all_values_of_a_laser() -> None:
     scan = Scan(-3.0, 0.01, 0.0, np.where(np.arange(601) < 500, np.float32(2.0 / 3.0), np.float32(np.inf)), 0.1, 5.0)
     sensor = full()[SENSORS][0]._replace(values=scan.summary(), units=scan_topic("laser").units)
-    assert values_of(sensor) == "nearest 0.667  at -171.9  hits 500 (m, degrees)"
+    assert values_of(sensor) == "nearest 0.667  at -171.887  hits 500 (m, degrees)"
 
 
 @pytest.mark.parametrize("size", [(20, 5), (40, 10), (1, 1)])
