@@ -43,7 +43,7 @@ from txt1.model.odometry import Odometry
 Array = NDArray[np.float64]
 TABLE_IS_DRAWN: Final = False
 # decisions that a fit uses; s of one; decisions for which each action is tried at first
-ROWS, PERIOD, TRIES = 240, 0.1, 5
+ROWS, PERIOD, TRIES = 480, 0.1, 5
 # delays of actions that are tried, and decisions in which way and curvature settle
 DELAYS, SETTLE = 7, 6
 # columns of a decision: episode, samples, way, turn, action, logarithms of the readings, whether each counts
