@@ -110,15 +110,19 @@ def imported() -> dict[str, str]:
         module for module, owners in packages_distributions().items() if found.keys() & map(canonicalize_name, owners)
     ]
     for statement in imports_of(modules):
-        exec(statement, {})
+        try:
+            exec(statement, {})
+        except ImportError as error:
+            raise SystemExit(f"{statement}: {error}; for libusb-1.0.so.0: apt-get install libusb-1.0-0") from None
     return found
 
 
 def users_versions(python: str) -> dict[str, str]:
     """Return what another Python imports so."""
     words = [python, "-m", "rigs.release", "imported"]
-    told = subprocess.run(words, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
-    return dict(json.loads(told))
+    done = subprocess.run(words, cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True)
+    # it has told why
+    return dict(json.loads(done.stdout)) if done.returncode == 0 else sys.exit(done.returncode)
 
 
 def constraints(users: dict[str, str] | None = None) -> str:
