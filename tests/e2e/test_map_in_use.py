@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from txt1.bridges.services import Services
-from txt1.errors import CommandRefused
+from txt1.errors import CommandRefused, NotArmed
 from txt1.kernel.ticks import Ticks
 from txt1.mapping.map_sensors import OnMap
 from txt1.mapping.poses import composed, difference, placed
@@ -262,6 +262,37 @@ async def test_a_robot_waits_for_somebody_who_leaves_it_no_way_and_goes_on(flat:
     there._sensor = Laser(flat, somebody)  # type: ignore[assignment] # noqa: SLF001
     arrival = await go_to(flat, (x + 2.6, y, theta), pose_source=map_pose(flat), room=room)
     assert arrival.arrived and flat.now > came[0] + STANDS
+
+
+async def test_a_stop_ends_the_wait_for_somebody_who_leaves_no_way(
+    flat: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = known(flat)
+    room = there.floor()
+    assert room is not None and flat.pose is not None
+    x, y, theta = flat.pose
+
+    def nothing(start: Pose, goal: Pose, room: Room, *_: object) -> None:
+        raise NoPath(goal, room)
+
+    def somebody() -> list[tuple[float, float]]:
+        if robot_at(flat)[0] < x + 0.3:
+            return []
+        monkeypatch.setattr(goto, "plan", nothing)
+        monkeypatch.setattr(goto, "plan_with_run_up", nothing)
+        return [(x + 1.3, y + 0.05 * k) for k in range(-10, 11)]
+
+    there._sensor = Laser(flat, somebody)  # type: ignore[assignment] # noqa: SLF001
+    driving = asyncio.ensure_future(go_to(flat, (x + 2.6, y, theta), pose_source=map_pose(flat), room=room))
+    while not any("and looks again" in event.text for event in flat.runtime.state.events):
+        assert not driving.done()
+        await asyncio.sleep(0.05)
+    await asyncio.sleep(1.0)
+    stopped = flat.now
+    flat.stop()
+    with pytest.raises(NotArmed):
+        await driving
+    assert flat.now < stopped + 0.2
 
 
 async def test_a_robot_backs_up_only_where_the_laser_has_seen_free_floor(flat: Robot) -> None:

@@ -176,7 +176,7 @@ async def go_to(
             await _drive(robot, wheel, poses, start, path, speed)
         except Blocked as error:
             if detours == DETOURS:
-                raise type(error)(*error.place, f", and {DETOURS} more ways were blocked, too") from None
+                raise type(error)(*error.place, f", and {DETOURS} looks for another way did not help") from None
             detours, blocked, met = detours + 1, error, np.concatenate((met, error.met))
             robot.tell(f"{error}, and looks for another way")
             await rest(robot, wheel, poses)
@@ -190,8 +190,9 @@ async def go_to(
                 raise
             if detours == DETOURS:
                 raise type(blocked)(*blocked.place, f"; round it, {error}") from None
-            # who stands there may go
-            detours += 1
+            # who stands there, or stopped it unseen, may go
+            detours, met = detours + 1, met[:0]
+            robot.tell(f"finds no way round it, waits {STANDS:.0f} s, and looks again")
             await rest(robot, wheel, poses, STANDS)
             wheel.release()
             continue
