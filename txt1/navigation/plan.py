@@ -75,7 +75,7 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
         # a way round a box with some room is better than a way that brushes it; the search in narrow places comes last
         margins = _at_least(keep, BY_WALLS)
         # the search begins with the cheapest of the Reeds-Shepp paths, too, and looks for one that backs up less
-        searches = (_cheapest_inside, _round_walls) if room.behind is None else (_round_walls,)
+        searches = (_cheapest_inside, _round_walls) if not room.blind else (_round_walls,)
         tries = [*product(margins, searches), *product(margins, (_out_of_narrow,))]
     else:
         margins = _at_least(keep, ROOMS)
@@ -176,6 +176,7 @@ def plan_with_run_up(
     on_map = room is not None and room.walls is not None
     clear = max(CORRECTS, keep) if on_map else keep
     found: list[Path] = []
+    blind = room is not None and room.blind
     for distance in (RUN_UP, -RUN_UP):
         via = move_along_arc(*goal, -distance, 0.0, 0.0)
         with suppress(NoPath):
@@ -190,7 +191,7 @@ def plan_with_run_up(
                 found.append(path)
     if not found and on_map:
         raise NoPath(goal, room)
-    return min(found, key=cost) if found else plan(start, goal, room, body, keep)
+    return min(found, key=lambda path: cost(path, blind)) if found else plan(start, goal, room, body, keep)
 
 
 def _cheapest_inside(
@@ -205,7 +206,7 @@ def _cheapest_inside(
 
 def _by_cost(start: Pose, goal: Pose, room: Room | None, body: Geometry) -> list[Path]:
     """Return the Reeds-Shepp paths between two poses, the cheapest first."""
-    blind = room is not None and room.behind is not None
+    blind = room is not None and room.blind
     every = (path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min))
     return sorted(every, key=lambda path: cost(path, blind))
 
@@ -235,7 +236,7 @@ def _round_walls(
         return next((path for path in every if stays_clear(pose, path, room, body, keep_clear, ends)), None)
 
     def price(path: Path) -> float:
-        return cost(path, room is not None and room.behind is not None)
+        return cost(path, room is not None and room.blind)
 
     return round_walls(start, goal, room, body, MARGINS[0] * body.radius_min, keep_clear, ends, last, price, narrow)
 

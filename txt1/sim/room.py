@@ -20,6 +20,11 @@ class Room(NamedTuple):
     # the walls of a map; a floor that was never seen free is solid
     behind: "Walls | None" = None
 
+    @property
+    def blind(self) -> bool:
+        """Whether a vehicle backs up over seen floor alone."""
+        return self.behind is not None
+
 
 def clearance(x: float, y: float, theta: float, room: Room, body: Geometry) -> float:
     """Return the distance from the body's nearest corner to the nearest wall, m; negative inside a wall."""
