@@ -163,7 +163,7 @@ def as_mcap(path: Path) -> Path:
         raise MissingExtra("reading a bag of ROS", "record") from None
     folder = TemporaryDirectory(prefix="txt1-")
     atexit.register(folder.cleanup)
-    made, humble = Path(folder.name, path.stem), get_typestore(Stores.ROS2_HUMBLE)
+    made, humble = Path(folder.name, "bag"), get_typestore(Stores.ROS2_HUMBLE)
     with _Told(path):
         # of ROS 1, the types of ROS 2 have fewer fields
         to = humble if path.suffix == ".bag" else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,17 @@ def test_a_bag_is_drawn_and_becomes_tables(kind: str, request: pytest.FixtureReq
     assert execute(["log", "export", str(file), "-o", str(tmp_path / "tables")]) == 0
     rows = (tmp_path / "tables" / "odom.csv").read_text("utf-8").splitlines()
     assert len(rows) == 171 and "pose.pose.position.x" in rows[0]
+
+
+def test_the_tables_of_a_bag_that_is_a_folder_lie_beside_it(
+    sqlite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shutil.copytree(sqlite, tmp_path / "drive.1")
+    before = sorted(each.name for each in folder.iterdir())
+    monkeypatch.chdir(folder)
+    assert execute(["log", "export", "."]) == 0
+    assert (tmp_path / "drive.1-tables" / "odom.csv").exists()
+    assert sorted(each.name for each in folder.iterdir()) == before
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])

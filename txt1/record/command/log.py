@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from txt1.commands import OK, add_actions, busy, count, flag, need, number, path, takes
@@ -28,7 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--to": takes("S", "only up to this time", number, dest="end"),
     }
     folder = {
-        "-o --output": takes("DIR", "where to; FILE's name without .mcap; of one topic a FILE.csv or .parquet", path),
+        "-o --output": takes(
+            "DIR", "where to; FILE's name, or FOLDER-tables; of one topic a FILE.csv or .parquet", path
+        ),
         "--parquet": flag("a Parquet file for each topic, in place of CSV files"),
         "--rosbag1": flag("one bag of ROS 1, FILE's name with .bag, in place of CSV files"),
         "--tub": takes("DIR", "a camera's pictures and how it drove as a tub of donkeycar in DIR, a new one", path),
@@ -109,7 +112,7 @@ def export_csv(arguments: argparse.Namespace) -> int:
             messages = export(_for_others(arguments), bag)
         print(f"{bag}: {messages} messages")
         return OK
-    place = arguments.output or arguments.file.with_suffix("")
+    place = arguments.output or _tables_of(arguments.file)
     if place.suffix in tables.TABLES and len(arguments.topic) != 1:
         raise ConfigError(f"-o {place}: a single table holds one topic: name it with --topic, or give a folder")
     suffix = ".parquet" if arguments.parquet or place.suffix == ".parquet" else ".csv"
@@ -123,6 +126,11 @@ def export_csv(arguments: argparse.Namespace) -> int:
     for table, rows in written.items():
         print(f"{table}: {rows} rows")
     return OK
+
+
+def _tables_of(file: Path) -> Path:
+    """Return the folder for the tables of a recording: FILE without its suffix; beside a bag that is a folder."""
+    return file.with_suffix("") if file.is_file() else file.resolve().with_name(f"{file.resolve().name}-tables")
 
 
 def _for_others(arguments: argparse.Namespace) -> Iterator[Item]:
