@@ -197,7 +197,9 @@ def values_of(sensor: SensorState) -> str:
     if not sensor.values:
         return DASH
     several = len(sensor.values) > 1
-    rounded = {name: f"{round(value, 3):.6g}" for name, value in sensor.values.items()}
+    rounded = {
+        name: f"{round(value, 3) if abs(value) >= 0.001 else value:.6g}" for name, value in sensor.values.items()
+    }
     numbers = "  ".join(f"{name} {value}" if several else value for name, value in rounded.items())
     units = f"({sensor.units})" if "," in sensor.units else sensor.units
     return clean(f"{numbers} {units}".rstrip())

@@ -281,6 +281,11 @@ def test_several_units_stand_behind_all_values_of_a_laser() -> None:
     assert values_of(sensor) == "nearest 0.667  at -171.887  hits 500 (m, degrees)"
 
 
+def test_a_small_value_of_a_sensor_is_not_rounded_to_nothing() -> None:
+    sensor = full()[SENSORS][0]._replace(values={"a": -0.0004, "b": 1.23456, "c": 0.0}, units="m")
+    assert values_of(sensor) == "a -0.0004  b 1.235  c 0 m"
+
+
 @pytest.mark.parametrize("size", [(20, 5), (40, 10), (1, 1)])
 @pytest.mark.parametrize("screen", range(len(installed())))
 def test_a_window_that_is_too_small_is_no_error(screen: int, size: tuple[int, int]) -> None:
