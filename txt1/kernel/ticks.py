@@ -17,7 +17,7 @@ class Ticks:
     Attributes:
         period: seconds between two ticks; None for a task that runs on arrival.
         missed: cycles missed immediately before the present one.
-        begins: the scheduler calls it with the time when a cycle begins, if it was set before the task's first step.
+        begins: the scheduler calls it with the time when a cycle begins; set where the task makes its coroutine.
         ends: likewise, when a cycle has ended.
 
     """

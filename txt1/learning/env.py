@@ -110,7 +110,7 @@ class ManyBodies:
         self.batch = Batch(task.count, self._source, noise, drag, self._vehicle, geometry, config.safety, differ)
         self._shapes, self._room = standing(config), config.sim.room.built()
         # what a laser and a bumper tell, and of whom it has to be looked at anew
-        self._rays, self._touched = np.empty((task.count, len(RAYS) * task.laser)), np.zeros(task.count, bool)
+        self._rays, self._touched = np.zeros((task.count, len(RAYS) * task.laser)), np.zeros(task.count, bool)
         self._moved = np.zeros(task.count, bool)
 
     def place(self, which: Bools, poses: Array, rng: Generator) -> Bools:
