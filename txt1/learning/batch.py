@@ -211,7 +211,7 @@ class Batch:
 
     @property
     def poses(self) -> Array:
-        """x, y (m) and theta (rad) of each robot, shape (count, 3)."""
+        """x, y (m) and theta (rad) of each robot, shape (count, 3); a view, which changes with the robots."""
         return self.robots[:3].T
 
     @property
