@@ -51,7 +51,6 @@ def fresh(browser: Any, **about: Any) -> Any:
 
 
 def opened(browser: Any, car: Live, **about: Any) -> Iterator[Any]:
-    car.call(lambda robot: robot.arm())
     car.until(lambda robot: robot.odometry.v == 0.0)
     car.call(lambda robot: robot.place(0.0, 0.0, 0.0) if robot.hal.capabilities.place else None)
     errors: list[str] = []
@@ -59,6 +58,8 @@ def opened(browser: Any, car: Live, **about: Any) -> Iterator[Any]:
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
     page.goto(car.url)
+    # not before: a page sends its stop again until it is confirmed, and the last copy may come after the page has gone
+    car.call(lambda robot: robot.arm())
     page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
     page.wait_for_function("() => document.getElementById('link').textContent.endsWith('ms')")
     yield page
