@@ -243,7 +243,7 @@ async def _beside(
             return do(start, goal, with_walls_at(met, room), body, *keep)
         with suppress(NoPath):
             return do(start, goal, with_walls_at(met, seen), body, *keep)
-        if seen.behind is not None:
+        if seen.blind:
             with suppress(NoPath):
                 return do(start, goal, with_walls_at(met, there.floor()), body, *keep)
         # what is not seen now may have gone

@@ -51,7 +51,7 @@ class NoPath(Txt1Error):
         x, y, theta = goal
         where = f"no path leads to ({x:.2f} m, {y:.2f} m, {theta * 180 / pi:.0f} deg) inside the room: "
         if needs is None:
-            remedy = "choose a goal farther from the walls" + ("" if room is None or room.behind is None else BACKWARD)
+            remedy = "choose a goal farther from the walls" + (BACKWARD if room is not None and room.blind else "")
         else:
             remedy = (
                 f"the robot would stand {needs[0]:.2f} m from a wall, and keeps {needs[1]:.2f} m; choose a goal farther"
@@ -81,7 +81,7 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
         margins = _at_least(keep, ROOMS)
         tries = [(keep_clear, search) for search in (_cheapest_inside, _over_a_place) for keep_clear in margins]
     # far from the robot, the laser will have seen the floor before the robot backs up there
-    sights = (inf,) if room is None or room.behind is None else (inf, SEES)
+    sights = (inf, SEES) if room is not None and room.blind else (inf,)
     for seen, (keep_clear, search) in product(sights, tries):
         path = search(start, goal, room, body, keep_clear, keep, seen)
         if path is not None:

@@ -6,7 +6,7 @@ from typing import Final
 
 from txt1.control.limits import Fault, Gate, Outputs
 from txt1.control.loops import Loops
-from txt1.control.pid import Gains
+from txt1.control.pid import Gains, at_rest
 from txt1.hal.base import Capabilities, Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
@@ -195,8 +195,7 @@ class Cycle:
             or manual is not was_manual
             or not state.link.alive
             or state.power.esc is False
-            # nothing to control
-            or (self.v_now == 0.0 and isinstance(given, Command) and given.v == given.omega == 0.0)
+            or (isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, self.v_now))
         ):
             self._loops.clear()
             return gate.neutral(state.servos)
