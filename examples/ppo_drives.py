@@ -10,8 +10,8 @@ On the robot it sees single samples of the light, in training filtered ones: set
 Not part of the tests: it needs PyTorch.
 """
 
+import argparse
 import itertools
-import sys
 import time
 from pathlib import Path
 
@@ -115,4 +115,8 @@ def main(task: str, minutes: float) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "light", float(sys.argv[2]) if len(sys.argv) > 2 else 30.0)
+    parser = argparse.ArgumentParser(description="PPO learns a task, and prints how it drives.")
+    parser.add_argument("task", nargs="?", choices=GAMMA, default="light")
+    parser.add_argument("minutes", nargs="?", type=float, default=8.0, help="of processor")
+    arguments = parser.parse_args()
+    main(arguments.task, arguments.minutes)
