@@ -13,7 +13,9 @@ Hart 1996). It ends soon after the measured range. This is exact to a cell, and 
 times as fast as `txt1.maps.rays`, which goes line by line, is exact, and makes arrays of all rays.
 
 *Lost.* At the true pose the scan's rays end at walls of the map, or earlier, at people. Few rays go through walls. If
-too many rays go through walls at the particles' mean, for a while, the filter is lost.
+too many rays go through walls at the particles' mean, for a while, the filter is lost. In the middle of a hall the
+laser may reach no wall. There the rays that met nothing tell that the map has no wall as near, and a pose that is known
+is kept, as long as the particles are together.
 
 *Found again.* At the start, and from the first scan that does not fit, the scans make a small map of their own
 (`mapper`), because odometry alone distorts the last metres. Its points are matched with the walls of the whole map, in
@@ -75,6 +77,9 @@ stand before the others.
 """
 LEAST: Final = 0.25
 """Smallest share of a scan's rays that are not too short; with fewer, the scan decides nothing."""
+FEW: Final = 5
+"""Rays that met something of which there must be as many."""
+NOTHING: Final = np.empty((0, 2))
 LOST_AFTER: Final = 1.0
 """s without a fitting scan until the filter is lost, and of fitting scans until it is found."""
 AGAIN: Final = 1.0
@@ -261,8 +266,10 @@ class Locator:
         """Return poses for the particles round a pose, or for each round its own pose."""
         return np.asarray(poses + self._rng.standard_normal((self._count, 3)) * (spread[0], spread[0], spread[1]))
 
-    def update(self, time: float, points: Array, odometry: Any) -> Located:
-        """Take a scan: points (n, 2) in the laser's frame (m), and the laser's pose by odometry (m, rad)."""
+    def update(self, time: float, points: Array, odometry: Any, free: Array = NOTHING) -> Located:
+        """Take a scan: points (n, 2) in the laser's frame (m), and the laser's pose by odometry (m, rad); `free`:
+        places (n, 2) to which the other beams met nothing.
+        """
         odometry = np.asarray(odometry, dtype=np.float64)
         step = np.zeros(3) if self._before is None else difference(self._before, odometry)
         self._before = odometry
@@ -275,12 +282,9 @@ class Locator:
                 return Located(time, odometry, np.diag([1e6, 1e6, 10.0]), 0.0, True)
         else:
             self._moved(step)
-        if len(points) < 5:
-            return self._told(time, 0.0)
-        ranges, angles = _rays_of(points)
-        self._logs = self._logs + TOGETHER * self.weights(self.particles, ranges, angles)
-        mean, _ = self._mean()
-        fit = self._fit(mean, ranges, angles)
+        if len(points) >= FEW:
+            self._logs = self._logs + TOGETHER * self.weights(self.particles, *_rays_of(points))
+        fit = self._fit(self._mean()[0], points, free)
         told = self._told(time, fit)
         self._doubts = told.lost or fit < LOSES
         if told.lost and fit < FINDS and self._searched(time):
@@ -326,19 +330,29 @@ class Locator:
         # the map is no finer than a cell
         return mean, (weights[:, None] * off).T @ off + np.diag([0.01, 0.01, radians(0.3)]) ** 2
 
-    def _fit(self, pose: Array, ranges: Array, angles: Array) -> float:
-        """Return the share of rays that end at a wall of the map, among those that are not too short."""
-        fits, through = self._counted(pose, ranges, angles)
-        return fits / (fits + through) if fits + through >= LEAST * len(ranges) else 0.0
+    def _fit(self, pose: Array, points: Array, free: Array) -> float:
+        """Return the share of rays that end at a wall of the map, among those that are not too short; if these are
+        few, the share among all beams of those that meet as much of the map as they should.
+        """
+        fits, through = self._counted(pose, points)
+        if len(points) < FEW or fits + through < LEAST * min(RAYS, len(points)):
+            fits, through = self._counted(pose, points, free)
+            if fits + through < max(FEW, LEAST * min(RAYS, len(points) + len(free))):
+                return 0.0
+        return fits / (fits + through)
 
-    def _counted(self, pose: Array, ranges: Array, angles: Array) -> tuple[int, int]:
-        """Return the numbers of rays that end at a wall of the map, and that go through one."""
+    def _counted(self, pose: Array, points: Array, free: Array = NOTHING) -> tuple[int, int]:
+        """Return the numbers of rays that fit the map, and that go through one of its walls: those to points fit if
+        they end at a wall, those to free places if there is none before.
+        """
         from txt1.maps.rays import cast
 
+        ranges, angles = _rays_of(np.concatenate((points, free)))
+        met = np.linspace(0, len(points) + len(free) - 1, len(ranges)).astype(int) < len(points)
         expected = cast(self.grid, pose[0], pose[1], pose[2] + angles)
         with np.errstate(invalid="ignore"):
             off, margin = ranges - expected, TELLS + 0.03 * ranges
-        return int(np.count_nonzero(np.abs(off) <= margin)), int(np.count_nonzero(off > margin))
+        return int(np.count_nonzero((off <= margin) & (~met | (off >= -margin)))), int(np.count_nonzero(off > margin))
 
     def _is_explained(self, pose: Array) -> bool:
         """Return whether enough of the small map's rays end at walls of the map, if the laser is at a pose now: whether
@@ -348,9 +362,8 @@ class Locator:
             return True
         fits, total = 0, 0
         for points, back in _compared(self._trail):
-            ranges, angles = _rays_of(points)
-            fits += self._counted(composed(pose, back), ranges, angles)[0]
-            total += len(ranges)
+            fits += self._counted(composed(pose, back), points)[0]
+            total += min(RAYS, len(points))
         by_chance = NormalDist().inv_cdf(1.0 - DOUBTED) * sqrt(total * BELIEVED * (1.0 - BELIEVED))
         return fits > BELIEVED * total + by_chance
 

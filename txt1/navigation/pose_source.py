@@ -31,7 +31,7 @@ class PoseSource(NamedTuple):
         """Return the present pose, m and rad; raises CommandRefused while it is unknown."""
         pose = self.read()
         if pose is None:
-            raise CommandRefused(f"the pose source '{self.name}' does not know where the robot is: wait until it does")
+            raise CommandRefused(f"the pose source '{self.name}' does not know where the robot is; drive it on")
         return pose
 
 

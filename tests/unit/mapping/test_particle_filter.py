@@ -7,11 +7,12 @@ import pytest
 
 from benchmarks.locating import believed, flat_of, kidnapped
 from rigs.laser_logs import drifted
-from tests.unit.mapping.rooms import drive, room, scan
+from tests.unit.mapping.rooms import BEAMS, drive, room, scan
 from txt1.mapping import whole_map
 from txt1.mapping.particle_filter import Located, Locator
 from txt1.mapping.poses import composed, difference
 from txt1.maps.grid import FREE, OCCUPIED, Grid
+from txt1.maps.rays import cast
 
 COUNT = 300  # particles are few, as their rays are cast by NumPy
 
@@ -112,6 +113,54 @@ def test_carried_away_it_says_so_and_finds_itself_again():
     assert not told[18][0].lost
     assert any(each.lost for each, _, _ in told[21:40])
     assert not told[-1][0].lost and told[-1][1] < 0.15
+
+
+def hall() -> Grid:
+    """20 m x 14 m round (0, 0), with a closet of 2 m in a corner."""
+    cells = np.full((280, 400), OCCUPIED, np.int8)
+    cells[2:-2, 2:-2] = FREE
+    cells[40:44, 2:42] = cells[2:40, 40:44] = OCCUPIED
+    return Grid(cells, 0.05, (-10.0, -7.0, 0.0))
+
+
+CLOSET = (-9.0, -6.0, 0.5)
+
+
+def in_the_hall(poses, odometry, person: bool = False) -> list[Located]:
+    """What the filter told, placed at the first pose; the laser sees 4 m, ten times a second, with a person beside."""
+    rng, locator, told = np.random.default_rng(1), Locator(hall(), 1, COUNT), []
+    locator.place(poses[0], (0.03, 0.02))
+    for k, (pose, wheels) in enumerate(zip(poses, odometry, strict=True)):
+        points, ranges = scan(hall(), pose, rng, far=4.0), cast(hall(), *pose[:2], pose[2] + BEAMS, 4.0)
+        angles = BEAMS[~np.isfinite(ranges)]
+        if person:
+            points = np.concatenate((points, 0.8 * np.column_stack((np.cos(angles[-10:]), np.sin(angles[-10:])))))
+            angles = angles[:-10]
+        free = 2.5 * np.column_stack((np.cos(angles), np.sin(angles)))
+        told.append(locator.update(0.1 * k, points, wheels, free))
+    return told
+
+
+@pytest.mark.parametrize("person", [False, True])
+def test_where_no_wall_is_in_reach_it_keeps_its_pose(person):
+    x = np.arange(-4.0, 4.0, 0.05)
+    poses = np.column_stack((x, np.zeros_like(x), np.zeros_like(x)))
+    told = in_the_hall(poses, drifted(poses, 2), person)
+    assert not any(each.lost for each in told)
+    # it says that it knows less there
+    assert told[-1].covariance.trace() > 5.0 * told[20].covariance.trace()
+
+
+@pytest.mark.parametrize("places", [((0.0, 0.0, 0.0), CLOSET), (CLOSET, (0.0, 0.0, 0.0))])
+def test_carried_where_more_or_less_is_in_reach_than_on_the_map_it_is_lost(places):
+    told = in_the_hall(np.repeat(places, (10, 30), axis=0), np.zeros((40, 3)))
+    assert not told[9].lost and all(each.lost for each in told[22:])
+
+
+def test_a_place_from_which_nothing_is_in_reach_does_not_tell_where_it_is():
+    middle = (0.0, 0.0, 0.0)
+    told = in_the_hall(np.repeat((middle, CLOSET, middle), (10, 15, 40), axis=0), np.zeros((65, 3)))
+    assert all(each.lost and not each.foreign for each in told[22:])
 
 
 @pytest.mark.long
