@@ -34,7 +34,7 @@ def test_a_real_time_loop_takes_short_turns_and_a_process_it_starts_ordinary_one
 
     before = os.getpriority(os.PRIO_PROCESS, 0)
     ours, its, niceness = run(main())
-    assert niceness == 10
+    assert niceness == max(10, before)
     assert os.getpriority(os.PRIO_PROCESS, 0) == before
     assert ours < its or its <= 0.1
 

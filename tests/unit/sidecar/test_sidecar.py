@@ -190,7 +190,8 @@ async def test_its_priority_is_ordinary_until_it_is_ready() -> None:
         owner.lines.append({})
         await until(lambda: owner.of("began"))
         threads = [int(each.name) for each in Path(f"/proc/{beside.pid}/task").glob("*")] or [beside.pid]
-        assert {os.getpriority(os.PRIO_PROCESS, each) for each in threads} == {7}
+        niceness = max(7, os.getpriority(os.PRIO_PROCESS, 0))  # a process that is nice already becomes no less so
+        assert {os.getpriority(os.PRIO_PROCESS, each) for each in threads} == {niceness}
         assert len(threads) == 2 or sys.platform != "linux"
         serving.cancel()
 
