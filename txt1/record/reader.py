@@ -204,11 +204,18 @@ class FilePass:
         return record
 
 
+def _is_packed(path: Path) -> bool:
+    """Return whether a path is a bag of ROS that is no MCAP file."""
+    from txt1.bags.reader import is_bag
+
+    return path.suffix != ".mcap" and path.exists() and is_bag(path)
+
+
 def _readable(path: Path) -> Path:
     """Return a recording as it is, a bag of ROS that is no MCAP file as one; raises BagError, MissingExtra."""
-    from txt1.bags.reader import as_mcap, is_bag
+    from txt1.bags.reader import as_mcap
 
-    return as_mcap(path) if path.suffix != ".mcap" and path.exists() and is_bag(path) else path
+    return as_mcap(path) if _is_packed(path) else path
 
 
 def _ends_well(file: IO[bytes], size: int) -> bool:
@@ -225,11 +232,20 @@ def _ends_well(file: IO[bytes], size: int) -> bool:
 
 def metadata_of(path: Path, name: str) -> dict[str, str]:
     """The first metadata record of this name; empty when there is none, or the file is no recording."""
+    if _is_packed(path):
+        # it has none, and to unpack it takes a while
+        return {}
     with suppress(RecordingError):
         for record in FilePass(path).records():
             if isinstance(record, Metadata) and record.name == name:
                 return dict(record.metadata)
     return {}
+
+
+def check_own(path: Path) -> None:
+    """Raise RecordingError if a file cannot be a recording of txt1's, without unpacking it, which takes a while."""
+    if _is_packed(path):
+        raise RecordingError(f"{path}: no configuration in it: it is a bag of ROS, and txt1 did not make it")
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from txt1.config import Config, recorded
 from txt1.errors import ConfigError, RecordingError
 from txt1.estimation.settings import EstimationConfig
 from txt1.hal.base import Capabilities, Inputs
-from txt1.record.reader import Decoding, FilePass, Item, trusting
+from txt1.record.reader import Decoding, FilePass, Item, check_own, trusting
 from txt1.record.recorded_inputs import Given, TaskStep
 from txt1.record.session import machine
 from txt1.tasks.controller import SETPOINT
@@ -67,6 +67,7 @@ class Recorded:
 
 def read(path: Path, robot: str) -> Recorded:
     """The run of a robot of a recording; RecordingError: it is none, or cannot be repeated."""
+    check_own(path)
     run = _RunRead(path, robot)
     with trusting(path):
         for item in run.reading:

@@ -33,7 +33,7 @@ from txt1.control.commander import PRIORITIES
 from txt1.errors import ConfigError, RecordingError
 from txt1.file_limits import open_file
 from txt1.model.light_sensors import Readings
-from txt1.record.reader import Decoding, FilePass, robot_in, robots_in, trusting
+from txt1.record.reader import Decoding, FilePass, check_own, robot_in, robots_in, trusting
 from txt1.record.summary import ending_of
 from txt1.sensors.readings import Image, Scan
 from txt1.teaching import tubs
@@ -117,6 +117,7 @@ def drive_in(
     """
     if path.is_dir() and not is_bag(path):
         return tubs.drive_of_tub(path, [(ask.kind, ask.sensor) for ask in asks], vehicle, lag)
+    check_own(path)
     names = robots_in(path)
     if robot is None and len(names) > 1:
         raise RecordingError(f"{path}: it has several robots; choose one with --robot: {', '.join(names)}")

@@ -34,7 +34,7 @@ from txt1.config import Config, load, recorded
 from txt1.errors import ConfigError, RecordingError
 from txt1.file_limits import JSON_MAX, YAML_MAX, open_file, read_bytes, read_text
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.reader import Decoding, FilePass, Item
+from txt1.record.reader import Decoding, FilePass, Item, check_own
 from txt1.sensors.readings import Image
 from txt1.teaching.features import Seen, Sight, Unfit, picture, seen, sight_of
 from txt1.teaching.human_drive import HumanDrive
@@ -287,6 +287,7 @@ def export(items: Sequence[Item] | Iterator[Item], file: Path, tub: Path) -> int
     """
     if tub.exists():
         raise ConfigError(f"--tub {tub}: there is such a folder already; choose another name")
+    check_own(file)
     reading, decoding = FilePass(file), Decoding()
     # the configuration is at the beginning
     next(iter(reading), None)
