@@ -49,6 +49,8 @@ GPS_MOUNT: Final = Mount(-0.0762, 0.0, BASE + 0.3492)
 LASER_MOUNT: Final = Mount(0.1905, 0.0, BASE + 0.1435)
 CAMERA_MOUNT: Final = Mount(0.1448, 0.0, BASE + 0.2832)
 TRACKER_MOUNT: Final = Mount()
+ALL_ROUND: Final = 5.5
+"""rad of known beams from which a scanner sees all round: others see 270 degrees, and a turning one misses some."""
 OPTICAL: Final = "base_camera_optical_link"
 """The camera's optical frame, for users of its pictures (REP 103): z ahead, x to the right."""
 
@@ -335,6 +337,11 @@ class Scan:
         hit = np.isfinite(self.ranges)
         ranges, angles = self.ranges[hit].astype(float), self.angles[hit]
         return np.column_stack((self.mount.x + ranges * np.cos(angles), self.mount.y + ranges * np.sin(angles)))
+
+    @cached_property
+    def looks_back(self) -> bool:
+        """Whether it sees all round."""
+        return bool(np.count_nonzero(~np.isnan(self.ranges)) * abs(self.angle_step) > ALL_ROUND)
 
     def summary(self) -> dict[str, float]:
         """Return nearest range (m), its direction (degrees) and the number of hits, for a line on a screen."""

@@ -38,6 +38,18 @@ def post(x: float, y: float = 0.0) -> Scan:
     return Scan(atan2(y, x), 0.01, 0.0, np.array([hypot(x, y)], np.float32), 0.05, 30.0, mount=Mount())
 
 
+def post_all_round(x: float, y: float = 0.0) -> Scan:
+    """A sweep of 360 degrees of a laser at the vehicle's origin, in which one post is seen, at exactly x, y (m)."""
+    ranges = np.full(360, np.inf, np.float32)
+    ranges[0] = hypot(x, y)
+    return Scan(atan2(y, x), np.pi / 180.0, 0.0, ranges, 0.05, 30.0, mount=Mount())
+
+
+def looking_ahead() -> Scan:
+    """A sweep of 240 degrees in which nothing is seen."""
+    return Scan(-2.0 * np.pi / 3.0, np.pi / 180.0, 0.0, np.full(241, np.inf, np.float32), 0.05, 30.0)
+
+
 class Desk:
     def __init__(self, seen: Scan, settings: ObstacleStop | None = None, **body: Any) -> None:
         self.state, self.gate = State(), Gate(Limits(), on_close=lambda reason: None)
@@ -175,8 +187,8 @@ def test_a_measured_curvature_counts_up_to_the_tightest_and_above_a_crawl() -> N
         assert desk.guard(2.0, 0.0, 0.1)[0] == pytest.approx(expected, rel=1e-3)
 
 
-def test_backwards_it_is_slow_whatever_the_laser_sees_and_says_why() -> None:
-    desk = Desk(scan(), ObstacleStop(reverse=0.25))
+def test_backwards_it_is_slow_where_the_laser_does_not_look_and_says_why() -> None:
+    desk = Desk(looking_ahead(), ObstacleStop(reverse=0.25))
     assert desk.guard(-0.25, 0.1, 0.1) == (-0.25, 0.1)
     assert not desk.limited()
     assert desk.events() == []
@@ -187,6 +199,32 @@ def test_backwards_it_is_slow_whatever_the_laser_sees_and_says_why() -> None:
     assert desk.guard(-0.5, 0.2, 0.3) == pytest.approx((-0.25, 0.1))
     assert desk.limited(), "no laser is needed to know that"
     assert desk.guard(0.5, 0.0, 0.4) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("centre", [0.0, 0.15])
+@pytest.mark.parametrize("curvature", [0.0, 0.6, -0.6])
+@pytest.mark.parametrize(("x", "y"), [(0.9, 0.0), (0.9, 0.3), (0.7, -0.25), (1.4, 0.9), (3.0, 0.0), (0.35, 0.0)])
+def test_backwards_a_laser_that_sees_all_round_counts_as_in_a_mirror(
+    x: float, y: float, curvature: float, centre: float
+) -> None:
+    desk = Desk(post_all_round(x, y), centre=centre)
+    mirrored = Desk(post_all_round(-x, y), centre=-centre)
+    ahead = desk.guard(1.2, 1.2 * curvature, 0.1)
+    assert mirrored.guard(-1.2, -1.2 * curvature, 0.1) == pytest.approx((-ahead[0], -ahead[1]), rel=1e-4)
+    # on the arc that it drives, too
+    for each, gear in ((desk, 1.0), (mirrored, -1.0)):
+        each.state.odometry = Odometry(v=gear * 0.5, omega=gear * 0.5 * curvature)
+    assert mirrored.guard(-1.2, 0.0, 0.2) == pytest.approx((-desk.guard(1.2, 0.0, 0.2)[0], 0.0), rel=1e-4)
+    assert mirrored.limited() == desk.limited()
+
+
+def test_backwards_it_stops_before_what_it_sees_there_and_says_so() -> None:
+    desk = Desk(scan((-1.0, 0.0)))
+    assert desk.guard(-1.7, 0.0, 0.1)[0] == pytest.approx(-desk.limit(0.8095), rel=1e-4)
+    assert desk.events()[-1].endswith("something is behind")
+    assert desk.guard(1.7, 0.0, 0.2) == (1.7, 0.0)
+    desk.reading = None
+    assert desk.guard(-1.7, 0.0, 0.3)[0] == -desk.settings.reverse, "a silent laser sees nothing"
 
 
 def test_it_is_told_once_as_long_as_it_lasts_from_the_first_time_on() -> None:

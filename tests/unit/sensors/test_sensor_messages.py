@@ -89,3 +89,13 @@ def test_the_simulated_lasers_sweeps_are_a_turn_apart() -> None:
     reading = laser.read(parameters.turn_time)
     assert reading is not None
     assert message(laser.topic, reading.value).scan_time == pytest.approx(parameters.turn_time)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "missed", "sees"), [(360, 0, True), (360, 36, True), (360, 120, False), (270, 0, False)]
+)
+def test_a_scan_tells_whether_it_shows_what_is_behind(degrees, missed, sees):
+    ranges = np.full(2 * degrees, np.inf, np.float32)
+    ranges[: 2 * missed] = np.nan
+    for step in (np.pi / 360, -np.pi / 360):
+        assert Scan(0.0, step, 0.0, ranges, 0.05, 12.0).looks_back == sees

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from math import cos, hypot, inf, isfinite, sin
+from math import copysign, cos, hypot, inf, isfinite, sin
 from typing import Final
 
 import numpy as np
@@ -26,7 +26,8 @@ Pose = tuple[float, float, float]
 
 
 class LaserGuard:
-    """Keeps the speed such that the robot can stop, along the commanded arc and along the present arc.
+    """Keeps the speed such that the robot can stop, along the commanded arc and along the present arc; backwards, too,
+    if the laser sees all round.
 
     The odometry since the newest scan moves its points into the vehicle's present frame. So the laser's delay costs no
     distance, except for things that it has not seen yet.
@@ -57,7 +58,7 @@ class LaserGuard:
         if v == 0.0:
             self._gate.limited = False
             return v, omega
-        limit = self._parameters.reverse if v < 0.0 else self._ahead(v, omega / v, now)
+        limit = self._allowed(v, omega / v, now)
         slowed = abs(v) > limit
         self._gate.limited = slowed and (v < 0.0 or self._fresh(now) is not None)
         if slowed and not self._slowed:
@@ -89,32 +90,39 @@ class LaserGuard:
         return points[(x > 0.0) & (x < front) & (y < side)]
 
     def _why(self, v: float, now: float) -> str:
+        reading = self._fresh(now)
         if v < 0.0:
-            return "the laser does not see backwards"
-        return "something is ahead" if self._fresh(now) is not None else "the laser is silent"
+            return "something is behind" if _looks_back(reading) else "the laser does not see backwards"
+        return "something is ahead" if reading is not None else "the laser is silent"
 
     def _fresh(self, now: float) -> Reading[Scan] | None:
         """Return the newest scan; None if it is too old."""
         reading = self._scan()
         return None if reading is None or now - reading.time > self._parameters.timeout else reading
 
-    def _ahead(self, v: float, commanded: float, now: float) -> float:
-        """Return the largest speed forward for a commanded speed and curvature, m/s; inf if that speed is safe."""
+    def _allowed(self, v: float, commanded: float, now: float) -> float:
+        """Return the largest speed for a commanded speed and curvature, m/s; inf if that speed is safe."""
         reading = self._fresh(now)
+        if v < 0.0 and not _looks_back(reading):
+            return self._parameters.reverse
         if reading is None:
             return 0.0
         p, body, odometry = self._parameters, self._geometry, self._state.odometry
-        needed = v * p.reaction + 0.5 * v * v / p.deceleration
+        needed = abs(v) * p.reaction + 0.5 * v * v / p.deceleration
         corner = hypot(0.5 * body.length + abs(body.centre) + p.margin, 0.5 * body.width + p.margin)
         points = self._here(reading, needed + corner)
         if points is None:
             return inf
+        # backwards all is as in a mirror
+        gear = copysign(1.0, v)
+        points = points * (gear, 1.0)
         curvatures = [commanded]
         # turning the wheels takes a while
-        if odometry.v > SLOW and isfinite(odometry.omega):
+        if gear * odometry.v > SLOW and isfinite(odometry.omega):
             driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
             curvatures.append(min(max(driven, -most), most))
-        free = min(free_distance(points, each, body.length, body.width, p.margin, body.centre) for each in curvatures)
+        centre = gear * body.centre
+        free = min(free_distance(points, each, body.length, body.width, p.margin, centre) for each in curvatures)
         return stopping_speed(free, p.reaction, p.deceleration) if free < inf else inf
 
     def _here(self, reading: Reading[Scan], reach: float) -> Floats | None:
@@ -136,6 +144,11 @@ class LaserGuard:
         moved = points - np.array((c * dx + s * dy, c * dy - s * dx))
         c, s = cos(turned), sin(turned)
         return np.column_stack((c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]))
+
+
+def _looks_back(reading: Reading[Scan] | None) -> bool:
+    """Return whether a scan shows what is behind the vehicle."""
+    return reading is not None and reading.value.looks_back
 
 
 async def prepare(runtime: Runtime, given: ObstacleStop) -> LaserGuard | None:
