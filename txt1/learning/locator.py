@@ -8,8 +8,9 @@ a power of the distance. Where its sensors sit and what its actions do, it learn
     fit         z = g - n/2 log(|q - p|^2 + u)          over the last `ROWS` decisions (`_fit`)
                 p, g: place and sensitivity of each sensor; n, u: power, square of the light's height above the sensors
                 q: place of the light in each episode, from a path whose turns are s h
-    effects     d' = k d + c(a), (h/d)' = l h/d + e(a)  over the same decisions (`_learn_effects`)
-                a: the action of L decisions before; the delay L with the least misfit counts
+    effects     d' = k d + (1-k) c(a), b' = l b + (1-l) e(a), h = b d  over the same decisions (`_learn_effects`)
+                a: the action of L decisions before; b: curvature. They follow from rest by the actions alone, with
+                those of some k and l, and of the delays L, that have the least misfit
     plan        the first action of the quickest course "a for m decisions, then b" to the goal (`_plan`)
 
 The fit is least squares by Levenberg and Marquardt. A misfit counts the less, the larger it is (Cauchy), and each
@@ -62,6 +63,8 @@ WEIGHT, GRAZE = 8.0, 0.06
 LARGE: Final = 2.5
 # weight of the effects known before in the next: about a decision's, for ways and for turns
 KNOWN: Final = (1.0, 1e-3)
+# shares of a decision's way and curvature that stay in the next, which are tried
+KEEPS: Final = np.linspace(0.0, 0.95, 20)[:, None, None]
 LATE: Final = "how long the way takes"
 # around the start, m, shape (places, 2)
 PLACES: Final = np.array(
@@ -290,35 +293,33 @@ class LocatorAgent(PeriodicAgent):
         return self._rows[:, LOGS] - law[GAINS] + 0.5 * n * np.log(square), slope
 
     def _learn_effects(self) -> None:
-        """Learn the effects of the actions and their delay by least squares over the rows."""
+        """Learn the effects of the actions, their lags and their delay by least squares over the rows."""
         rows, least, effects = self._rows, inf, self._effects
-        if len(rows) < 2 * TRIES:
-            return
-        now = np.flatnonzero(rows[1:, EPISODE] == rows[:-1, EPISODE]) + 1
-        first = np.searchsorted(rows[:, EPISODE], rows[now, EPISODE])
-        way, before, turn = rows[now, WAY], rows[now - 1, WAY], rows[now, TURN]
-        bend = np.where(np.abs(before) > 1e-3, rows[now - 1, TURN] / np.where(before, before, 1.0), 0.0)
+        lagging = (1.0 - KEEPS) * (rows[:, ACTION, None] == np.arange(self._actions + 1))
+        for k in (1, 2, 4, 8, 16):
+            lagging += KEEPS**k * _earlier(lagging, rows, k)
         for delay in range(DELAYS):
-            action = np.where(now - delay > first, rows[now - delay, ACTION], self._actions)
-            taken = action[:, None] == np.arange(self._actions + 1)
-            found, cost = [], 0.0
-            designs = np.column_stack([before, taken]), way[:, None] * np.column_stack([bend, taken])
-            for design, seen, known, weight in zip(designs, (way, turn), self._effects, KNOWN, strict=True):
+            found, cost, way, late = [], 0.0, 1.0, _earlier(lagging, rows, delay)
+            for seen, known, weight in zip(rows[:, [WAY, TURN]].T, self._effects[:, 1:], KNOWN, strict=True):
+                design = late * way
+                turned = np.swapaxes(design, 1, 2)
                 # what an action did before counts as one decision, or it would be forgotten with its rows
-                normal = design.T @ design + weight * np.eye(len(known))
-                found.append(np.linalg.solve(normal, design.T @ seen + weight * known))
-                cost += log(((seen - design @ found[-1]) ** 2).sum() + 1e-9)
+                right = (turned @ seen + weight * known)[..., None]
+                settled = np.linalg.solve(turned @ design + weight * np.eye(len(known)), right)
+                told = design @ settled
+                misfit = ((seen - told[..., 0]) ** 2).sum(axis=1)
+                best = int(misfit.argmin())
+                found.append([KEEPS[best, 0, 0], *settled[best, :, 0]])
+                cost, way = cost + log(misfit[best] + 1e-9), told[best]
             if cost < least:
                 least, effects, self._delay = cost, np.array(found), delay
         self._effects = effects
-        self._effects[:, 0] = np.clip(effects[:, 0], 0.0, 0.95)
 
     def _plan(self, fit: Fit) -> Array:
         """Return the number of decisions to the goal by the quickest course that begins with each action."""
         way, turn, scale = self._rows[-1, WAY], self._rows[-1, TURN], float(fit.law[SCALE])
         state = np.array([*self._light(fit), way, turn / way if abs(way) > 1e-3 else 0.0])
-        under_way = [self._actions] * self._delay + self._history
-        for a in under_way[len(under_way) - self._delay :]:
+        for a in ([self._actions] * self._delay + self._history)[len(self._history) :]:
             state = _course(state[:, None], self._effects[:, [0, 1 + a]], scale, 1)[:, 0, 0]
         effects = self._effects[:, :-1]
         goal = (1.0 - GRAZE) * (sum(self._ends) + 3.0 * self._goal) / (len(self._ends) + 3.0)
@@ -376,6 +377,13 @@ def _seen_from(poses: Array, places: Array) -> tuple[Array, Array]:
     return c * dx + s * dy, c * dy - s * dx
 
 
+def _earlier(values: Array, rows: Array, k: int) -> Array:
+    """Return what values, shape (..., rows, any), were k rows before; 0 before the episode."""
+    told, count = np.zeros_like(values), max(len(rows) - k, 0)
+    told[..., k:, :] = values[..., :count, :] * (rows[k:, EPISODE] == rows[:count, EPISODE])[:, None]
+    return told
+
+
 def _squares(ahead: Array, left: Array, law: Array) -> tuple[Array, Array]:
     """Return the squares of the light's distances from the sensors, (..., 4), and the vectors to it, (..., 4, 2)."""
     away = np.stack([ahead, left], axis=-1)[..., None, :] - law[:8].reshape(4, 2)
@@ -389,7 +397,7 @@ def _course(state: Array, effects: Array, scale: float, decisions: int) -> Array
     """
     (ahead, left, way, bend), j = state[..., None], np.arange(1, decisions + 1)
     k, keeps = effects[:, 0]
-    last_way, last_bend = effects[0, 1:, None] / (1.0 - k), effects[1, 1:, None] / (1.0 - keeps)
+    last_way, last_bend = effects[0, 1:, None], effects[1, 1:, None]
     ways = last_way + (way - last_way) * k**j
     bends = last_bend + (bend - last_bend) * keeps**j
     turns = scale * bends * ways
@@ -410,7 +418,7 @@ def _onward(state: Array, effects: Array, scale: float, goal: float, doubt: floa
     first = (near <= goal).argmax(axis=-1)[..., None]
     part = np.clip((before - goal) / np.maximum(before - near, 1e-9), 0.0, 1.0)
     entered = (first + np.take_along_axis(part, first, axis=-1))[..., 0]
-    step, curve = effects[:, 1:] / (1.0 - effects[:, :1]) * [[1.0], [scale]]
+    step, curve = effects[:, 1:] * [[1.0], [scale]]
     step, curve = np.where(np.abs(step) < 1e-4, 1e-4, step), np.where(np.abs(curve) < 1e-3, 1e-3, curve)
     radius, circle = 1.0 / np.abs(curve), 2.0 * pi / max(float(np.abs(curve).max()), 0.1)
     ahead = np.where(step > 0.0, course[0, ..., -1], -course[0, ..., -1])

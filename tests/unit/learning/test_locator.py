@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, nan, sin
+from math import cos, exp, nan, sin
 
 import numpy as np
 import pytest
@@ -76,6 +76,16 @@ def test_from_the_third_episode_on_it_drives_nearly_as_fast_as_can_be(mount: np.
     done = episodes(agent(), 7, mount=mount)
     assert all(one.success for one in done)
     assert ratio(done[2:]) < 1.4
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.5, 0.25])
+def test_it_learns_what_its_actions_do_and_how_they_lag(speed: float) -> None:
+    one = agent()
+    episodes(one, 3, commands=tuple((speed * v, speed * omega) for v, omega in COMMANDS))
+    (stays, *ways, _), (_, *curvatures, _) = one.memory()["effects"]
+    assert stays == pytest.approx(exp(-0.1 / 0.25), abs=0.05)
+    assert ways == pytest.approx([0.1 * speed * v for v, _ in COMMANDS], rel=0.05)
+    assert curvatures == pytest.approx([omega / v for v, omega in COMMANDS], rel=0.05, abs=0.05)
 
 
 @pytest.mark.parametrize("bad", ["nan", "frozen", "saturated", "dead"])
