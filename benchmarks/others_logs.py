@@ -7,7 +7,6 @@ about these.
 """
 
 import gzip
-from dataclasses import replace
 from math import cos, hypot, inf, pi, sin
 from pathlib import Path
 from typing import Any, Final
@@ -30,7 +29,8 @@ COUNT: Final = 0.0022  # m
 SKID: Final = Geometry(
     steering="skid", wheelbase=0.33, track_width=0.393, circumference=360 * COUNT, counts_per_rev=360
 )
-CREATE: Final = Geometry(steering="skid", wheelbase=0.2, track_width=0.26, circumference=0.2, counts_per_rev=500)
+# its log has commands, and nothing that was counted
+CREATE: Final = Geometry(steering="skid", wheelbase=0.2, track_width=0.26, circumference=0.2, counts_per_rev=0)
 CYCLE: Final = 0.02  # s
 SETTLED: Final = 0.25  # of a drive, after which it is scored
 GRAVITY: Final = (0.0, 0.0, 9.81)
@@ -137,8 +137,8 @@ def _columns(file: Path) -> Array:
         return np.array([list(map(float, line.split())) for line in lines if line.strip() and line[0] != "#"])
 
 
-def slow(folder: Path, sigma: float, seed: int, *, gap: float = 0.0) -> tuple[float, float]:
-    """The position's rms error (m) with fixes of this sigma (m) at 5 Hz, and when the robot was located, s.
+def slow(folder: Path, sigma: float, seed: int, *, gap: float = 0.0) -> tuple[float, float, float]:
+    """The position's rms error (m) with fixes of this sigma (m) at 5 Hz, its NEES, and when the robot was located, s.
 
     `gap`: of each 20 s so many have no fix.
     """
@@ -146,12 +146,11 @@ def slow(folder: Path, sigma: float, seed: int, *, gap: float = 0.0) -> tuple[fl
     commands, truth = _columns(folder / "d7-r1-Odometry.dat.gz"), _columns(folder / "d7-r1-Groundtruth.dat.gz")
     begin, end = max(commands[0, 0], truth[0, 0]) + 1.0, min(commands[-1, 0], truth[-1, 0])
     headings = np.unwrap(truth[:, 3])
-    body = replace(CREATE, counts_per_rev=20000)
-    estimator = Estimator(EstimationConfig(sensors=(ENCODERS, "gps"), track_sigma=0.05), {"gps": FixReading}, body)
-    errors, located = [], inf
+    estimator = Estimator(EstimationConfig(sensors=(ENCODERS, "gps"), track_sigma=0.05), {"gps": FixReading}, CREATE)
+    errors, nees, located = [], [], inf
     for cycle in range(1, int((end - begin) / CYCLE)):
         now = cycle * CYCLE
-        x, y, _ = (float(np.interp(begin + now, truth[:, 0], each)) for each in (truth[:, 1], truth[:, 2], headings))
+        x, y, theta = (np.interp(begin + now, truth[:, 0], each).item() for each in (*truth.T[1:3], headings))
         place = np.searchsorted(commands[:, 0], begin + now) - 1
         v, omega = commands[place, 1:].tolist()
         if cycle % 10 == 0 and (not gap or now % 20.0 >= gap):
@@ -163,12 +162,13 @@ def slow(folder: Path, sigma: float, seed: int, *, gap: float = 0.0) -> tuple[fl
             located = min(located, now)
             if now > SETTLED * (end - begin):
                 errors.append(hypot(told.x - x, told.y - y))
-    return float(np.sqrt(np.mean(np.square(errors)))) if errors else inf, located
+                nees.append(_nees(told, (x, y, theta)))
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else inf, float(np.mean(nees)), located
 
 
 def show_slow(folder: Path) -> None:
     """Print the errors of the slow robot by the fixes' noise."""
-    print("| fixes | m rms | located after s |\n|---|---|---|")
+    print("| fixes | m rms | NEES | located after s |\n|---|---|---|---|")
     for name, sigma, gap in (("1 m", 1.0, 0.0), ("0.1 m", 0.1, 0.0), ("0.1 m, gaps of 10 s", 0.1, 10.0)):
-        error, located = slow(folder, sigma, 1, gap=gap)
-        print(f"| {name} | {error:.3f} | {located:.1f} |")
+        error, nees, located = slow(folder, sigma, 1, gap=gap)
+        print(f"| {name} | {error:.3f} | {nees:.1f} | {located:.1f} |")
