@@ -67,7 +67,6 @@ from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL, Besides, Frame, Re
 from txt1.estimation.judging import (
     CHI95,
     CHI99,
-    HOLDS,
     KEEPS,
     MOVING,
     OTHER,
@@ -113,6 +112,8 @@ LAGS: Final = 25
 CURVE: Final = 0.1
 # s over which the slip of two moments is related: floors, starts and stops; chosen
 FLOOR: Final = 2.0
+# m/s^2: rubber on a dry floor has 10, racing tyres some more
+HOLDS: Final = 15.0
 # standard deviation of the track width up to which it is exact, as a share
 KNOWN: Final = 0.01
 # of the wheels' way; more is no slip any more, but wheels that tell nothing

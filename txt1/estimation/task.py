@@ -14,7 +14,7 @@ from txt1.errors import ConfigError
 from txt1.estimation.calibration import GYRO_CLOCK, Calibration
 from txt1.estimation.filter import Drift, centred
 from txt1.estimation.fusion import Fusion
-from txt1.estimation.judging import STALE, Belonging, SpinWitness, WitnessValues
+from txt1.estimation.judging import STALE, Belonging, WitnessValues
 from txt1.estimation.sensors import (
     KIND_ENCODERS,
     KIND_GYRO,
@@ -221,7 +221,6 @@ class Estimator:
         self._curvature = 0.0
         # s for which it has stood
         self._still = 0.0
-        self._spinning = SpinWitness()
         # its times (s) and rates (rad/s)
         self._gyro: deque[tuple[float, float]] = deque(maxlen=GYRO_KEPT)
         self._turning: Turning | None = None
@@ -428,11 +427,6 @@ class Estimator:
             values, sigmas = tuple(values[row] for row in rows), tuple(sigmas[row] for row in rows)
         given = middle - settings.delay, ENCODERS, KIND_ENCODERS, rows, values, sigmas, (0.0, 0.0)
         self._give(new(Measurement, given))
-        spun, news = self._spinning.doubt(v, dt) if self._counts else (0.0, "")
-        if news:
-            self.fusion.changes.append(news)
-        if spun and self.fusion.believes(ENCODERS):
-            self.fusion.doubt_speed(spun, dt)
         self._still = self._still + dt if v == 0.0 == omega and wheels.setpoint == 0.0 else 0.0
         if self._still >= REST:
             self.fusion.rest(middle)
