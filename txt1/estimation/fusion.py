@@ -547,7 +547,7 @@ class Fusion:
         measurement, new = entry.measurement, entry.new
         if not new and not entry.used:
             return belief
-        _, sensor, kind, rows, _, sigmas, _ = measurement
+        _, sensor, kind, _, _, sigmas, _ = measurement
         if kind is KIND_TURN:
             entry.new = False
             return self._turned(belief, measurement, new=new) if self._turning else belief
@@ -567,12 +567,8 @@ class Fusion:
         sigmas = sigmas[: len(residual)]
         leans = belief.mean[OMEGA] if kind is KIND_GYRO else 0.0
         after, nis, misses = update(belief, residual, h, sigmas, leans)
-        if kind is KIND_GYRO:
-            # strong tracking: the robot turns otherwise than it did
-            if misses[0] > TRACKS or misses[0] < -TRACKS:
-                after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas, leans)[0]
-        elif kind is KIND_ENCODERS:
-            after = self._wheels(belief, after, rows, residual, h, sigmas, misses)
+        if kind is KIND_ENCODERS or (kind is KIND_GYRO and not -TRACKS <= misses[0] <= TRACKS):
+            after = self._tracked(belief, after, measurement, residual, h, misses, leans)
         if new:
             entry.new, entry.used = False, judge.believed
             judge.surprised(nis, len(misses))
@@ -585,29 +581,30 @@ class Fusion:
                     entry.used = True
         return after if entry.used else belief
 
-    def _wheels(
+    def _tracked(
         self,
         belief: Belief,
         after: Belief,
-        rows: Sequence[int],
+        measurement: Measurement,
         residual: Sequence[float],
         h: Sequence[Row],
-        sigmas: Sequence[float],
         misses: Sequence[float],
+        leans: float,
     ) -> Belief:
-        """Return the belief with the wheels' speed and yaw rate, if either misses by more than chance."""
-        wide = belief
-        for place, miss in enumerate(misses):
+        """The belief with the rates of wheels or a gyro; strong tracking, if any misses by more than chance."""
+        wheels, rows, wide = measurement.kind is KIND_ENCODERS, measurement.rows, belief
+        sigmas = measurement.sigmas[: len(residual)]
+        for row, left, miss in zip(rows, residual, misses, strict=False):
             if not -TRACKS <= miss <= TRACKS:
-                row, left = rows[place], residual[place]
-                wide = ramped(wide, ROLLED if row == 0 else OMEGA, left * left, SLOT)
-                if row == 0 and abs(left) > HOLDS * SLOT:
+                speed = wheels and row == 0
+                wide = ramped(wide, ROLLED if speed else OMEGA, left * left, SLOT)
+                if speed and abs(left) > HOLDS * SLOT:
                     # wheels that lock or spin: the car's speed is anywhere between its last one and theirs
                     sigmas = (abs(left), *sigmas[1:])
         # of speed and yaw rate the last is the latter
-        if rows[len(residual) - 1] == 1 and self._names.isdisjoint(self._headings):
+        if wheels and rows[len(residual) - 1] == 1 and self._names.isdisjoint(self._headings):
             return considered(wide, residual, h, sigmas)
-        return after if wide is belief else update(wide, residual, h, sigmas)[0]
+        return after if wide is belief else update(wide, residual, h, sigmas, leans)[0]
 
     def _turned(self, belief: Belief, measurement: Measurement, *, new: bool) -> Belief:
         """The belief with how far the wheels turned the robot beside the gyro: it tells of bias and slip."""
@@ -656,14 +653,10 @@ class Fusion:
             return self._jumped(belief, entry, judge, residual, leapt=leapt)
         judge.jumped_at, judge.jumped = None, 0
         if not judge.believed:
-            if nis > gate and judge.reason.startswith(FRAMES) and self._placed_by_another(judge, measurement):
-                judge.rejected += 1
-                entry.used = False
-                return belief
-            if nis <= gate and not judge.fits(measurement.time) and judge.reason not in (JUMPED, MOVES):
-                judge.rejected += 1
-                entry.used = False
-                return belief
+            elsewhere = judge.reason.startswith(FRAMES) and self._placed_by_another(judge, measurement)
+            soon = judge.reason not in (JUMPED, MOVES) and not (nis > gate or judge.fits(measurement.time))
+            if soon or (nis > gate and elsewhere):
+                return _left_out(belief, entry, judge)
             self._pulls_again(judge, belief, after)
             self._tell(judge.restore())
         if fits:
@@ -671,10 +664,8 @@ class Fusion:
         elif judge.misses_again(measurement, residual):
             other = self._placed_by_another(judge, measurement)
             if other:
-                judge.rejected += 1
-                entry.used = False
                 self._tell(judge.doubt(f"{FRAMES} '{other}'"))
-                return belief
+                return _left_out(belief, entry, judge)
             # strong tracking: dead reckoning is off by what is missed, and so may the slip be
             entry.wider = grown(measurement.rows, residual, SLID if self._rolling else 0.0)
             before, belief = belief, widened(belief, entry.wider)
@@ -682,9 +673,7 @@ class Fusion:
             after, nis, _ = update(belief, residual, h, sigmas)
             self._besides.overrule(before, after)
         elif nis > gate:
-            judge.rejected += 1
-            entry.used = False
-            return belief
+            return _left_out(belief, entry, judge)
         if nis > CHI95[len(residual) - 1]:
             after = self._softly(belief, after, nis, residual, h, sigmas)
         judge.used += 1
@@ -747,21 +736,17 @@ class Fusion:
             judge.used += 1
             self._accepted(measurement, wide, after)
             return after
-        entry.used = False
-        judge.rejected += 1
         if judge.jumped >= SEVERAL:
             if judge.reason != MOVES:
                 self._tell(judge.doubt(JUMPED))
             if not others:
                 self._besides.missed(residual)
-        return belief
+        return _left_out(belief, entry, judge)
 
     def _moving_frame(
         self, belief: Belief, entry: _Entry, judge: Judge, frame: Frame, residual: Sequence[float]
     ) -> Belief:
         """Leave out a reading in a frame that moves; it returns as a reading after a leap."""
-        entry.used = False
-        judge.rejected += 1
         judge.jumped_at, judge.jumped = entry.measurement.time, SEVERAL
         if judge.believed:
             self._tell(judge.doubt(MOVES))
@@ -778,7 +763,7 @@ class Fusion:
         frame.refuse(entry.time)
         if not any(each.settings.tells_pose for each in self._believed()):
             self._besides.missed(residual)
-        return belief
+        return _left_out(belief, entry, judge)
 
     def _pulls_again(self, judge: Judge, before: Belief, after: Belief) -> None:
         """Note what a sensor whose frame has moved pulls the pose by, as it is believed again.
@@ -872,3 +857,10 @@ class Fusion:
         places = [(self._judges[name], frame) for name, frame in self._frames.items()]
         v, told = outside(belief, self._besides.covariance(places, doubt))
         return new(Estimate, (x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located))
+
+
+def _left_out(belief: Belief, entry: _Entry, judge: Judge) -> Belief:
+    """The belief without a reading."""
+    entry.used = False
+    judge.rejected += 1
+    return belief

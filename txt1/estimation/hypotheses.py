@@ -309,12 +309,8 @@ class Frame:
         return (dx, dy, sigma) if hypot(dx, dy) > _noise(one, two) else (0.0, 0.0, sigma)
 
 
-def _way(one: _Pick, two: _Pick) -> tuple[float, float]:
-    """The reckoned way between two readings, in the room's axes, m."""
-    return _turned(one, two.spot.x - one.spot.x, two.spot.y - one.spot.y)
-
-
 def _turned(one: _Pick, dx: float, dy: float) -> tuple[float, float]:
+    """A reckoned way in the room's axes, m."""
     turn = one.theta - one.spot.theta
     c, s = cos(turn), sin(turn)
     return c * dx - s * dy, s * dx + c * dy
@@ -332,7 +328,7 @@ def _misturned(picks: list[_Pick]) -> bool:
 
 def _agrees(one: _Pick, two: _Pick) -> bool:
     """Whether the way between two readings is as reckoned, but for noise: then there is nothing to explain."""
-    dx, dy = _way(one, two)
+    dx, dy = _turned(one, two.spot.x - one.spot.x, two.spot.y - one.spot.y)
     return hypot(two.x - one.x - dx, two.y - one.y - dy) < _noise(one, two)
 
 
