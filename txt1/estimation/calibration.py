@@ -51,14 +51,12 @@ START: Final = np.array([0.3, 0.3, 0.05, 0.05, 0.01, 0.02, Drift().sideways]) **
 MISTAKEN: Final = 10.0
 WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias, 1e-4]) ** 2
 """Variances that a second adds; slip and bias are the filter's."""
-# standard deviation of a slip that has changed
+# standard deviation of a slip that has changed, as it does in a second
 CHANGED: Final = 0.1
 # slip beyond which it is the wheels that err: it changes with each way by its own size, and tells of no mount
 ERR: Final = 0.25
 # m from which a way tells of the slip
 LEAST_WAY: Final = 0.05
-# ways over which the walk of the slip is averaged
-MEMORY: Final = 20
 # s m^2: with a change of the curvature by 1/m, slip changes as in so long; a change of the manoeuvre, chosen
 MANOEUVRE: Final = 5.0
 # m by which the wheels miss the way after 1 s
@@ -153,8 +151,6 @@ class Calibration:
         self._time = 0.0
         # of the last way, 1/m
         self._curvature = 0.0
-        # variance that a second adds to the slip besides, as far as ways tell
-        self._slips = CHANGED**2
         self._left = self._left_to_doubt()
 
     def cycle(
@@ -288,12 +284,11 @@ class Calibration:
         dt = max(0.0, min(time - self._time, LONGEST))
         exposed = dt + MANOEUVRE * bend * bend
         p = self.covariance + np.diag(WALK) * dt
-        p[SLIPPED, SLIPPED] += min(self._slips * exposed, CHANGED**2)
+        p[SLIPPED, SLIPPED] += CHANGED**2 * min(exposed, 1.0)
         if abs(self.mean[SLIPPED]) > ERR:
             p[SLIPPED, SLIPPED] += self.mean[SLIPPED] ** 2
         self._time = time
         s = rows @ p @ rows.T + noise
-        self._slip_changes(residual, rows[:, SLIPPED], s, exposed)
         if float(residual @ np.linalg.solve(s, residual)) > SUSPECT:
             p[SLIPPED, SLIPPED] += CHANGED**2
             s = rows @ p @ rows.T + noise
@@ -309,17 +304,6 @@ class Calibration:
         self.segments += 1
         self.sideways = self.learned("sideways")
         self._decide()
-
-    def _slip_changes(self, residual: Array, row: Array, s: Array, dt: float) -> None:
-        """Adapt how fast the slip walks to how much a way misses: covariance matching, as in the robot's own filter.
-
-        `row` has the slip's part of the residual, `s` is the covariance of the residual.
-        """
-        square = float(row @ row)
-        if square > LEAST_WAY**2 and dt > 0.0:
-            change, chance = float(row @ residual) / square, float(row @ s @ row) / square**2
-            walked = min(max(change * change - chance + self._slips * dt, 0.0), CHANGED**2)
-            self._slips += (walked / dt - self._slips) / MEMORY
 
     def _decide(self) -> None:
         """Correct the mount, the clock and the gyro's scale, each where it is refuted."""
