@@ -34,21 +34,38 @@ _Write = Callable[[bytearray, Any, str, Places], None]
 """Adds a value, None for nothing but zeros, to a message; notes where its numbers are, where that is wanted."""
 
 
-def encode(message: str, values: Mapping[str, Any]) -> bytearray:
-    """Return one message as CDR, from values nested like the message; omitted fields are 0, empty or none."""
-    data = bytearray(HEADER)
-    _writer(message)(data, values, "", None)
+def encode(message: str, values: Mapping[str, Any], begun: bytes = b"") -> bytearray:
+    """Return one message as CDR, from values nested like the message; omitted fields are 0, empty or none.
+
+    If it was `begun` with its first field, the others are added.
+    """
+    data = bytearray(begun or HEADER)
+    _writer(message, 1 if begun else 0)(data, values, "", None)
     return data
 
 
+def begin(message: str, values: Mapping[str, Any]) -> bytes:
+    """Return a message as far as its first field."""
+    first, data = fields(message)[0], bytearray(HEADER)
+    _part(message, first)(data, values.get(first.name), "", None)
+    return bytes(data)
+
+
+def _part(message: str, field: Field) -> _Write:
+    return _array_writer(message, field) if field.array else _writer(field.type)
+
+
 @cache
-def _writer(kind: str) -> _Write:
-    """Return the function that writes a value of this type: a number's, ``string`` or ``package/Name``."""
+def _writer(kind: str, begun: int = 0) -> _Write:
+    """Return the function that writes a value of this type: a number's, ``string`` or ``package/Name``.
+
+    So many of its fields are written already.
+    """
     if kind == "string":
         return _write_text
     if kind in CODES:
         return _number_writer(CODES[kind])
-    parts = [(field.name, _array_writer(kind, field) if field.array else _writer(field.type)) for field in fields(kind)]
+    parts = [(field.name, _part(kind, field)) for field in fields(kind)[begun:]]
 
     def write(data: bytearray, value: Any, path: str, places: Places) -> None:
         values = value or {}
@@ -75,10 +92,7 @@ def _number_writer(code: str) -> _Write:
 def _write_text(data: bytearray, value: Any, path: str, places: Places) -> None:
     del path, places
     encoded = (value or "").encode()
-    data += _PADDING[-len(data) % 4]
-    data += _LENGTH.pack(len(encoded) + 1)
-    data += encoded
-    data += b"\0"
+    data += _PADDING[-len(data) % 4] + _LENGTH.pack(len(encoded) + 1) + encoded + b"\0"
 
 
 def _array_writer(message: str, field: Field) -> _Write:

@@ -11,6 +11,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -163,7 +164,7 @@ class McapFile:
         self._chunk_count += 1
         first, last = self._span or (block.first, block.last)
         self._span = min(first, block.first), max(last, block.last)
-        self._counts.update({channel: len(entries) // 2 for channel, entries in block.index.items()})
+        self._counts.update({channel: len(entries) for channel, entries in block.index.items()})
 
     def _declared(self, block: Block) -> tuple[dict[str, mcap.Schema], dict[int, mcap.Channel]]:
         """Schemas and channels that this block is the first to use; a topic that is never told is not in the file."""
@@ -284,9 +285,9 @@ def _bytes(*records: mcap.McapRecord) -> bytes:
     return data
 
 
-def _message_index(channel: int, entries: Sequence[int]) -> bytes:
-    """Return a message index record; its entries are pairs of numbers, one behind the other."""
-    length = 8 * len(entries)
+def _message_index(channel: int, entries: Sequence[tuple[int, int]]) -> bytes:
+    """Return a message index record; its entries are pairs of log time (ns) and offset."""
+    length = 16 * len(entries)
     return MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + length, channel, length) + struct.pack(
-        f"<{len(entries)}Q", *entries
+        f"<{2 * len(entries)}Q", *chain.from_iterable(entries)
     )

@@ -1,9 +1,9 @@
 """The recorder writes every message of a robot's bus, in batches, to a file or to a live view.
 
-In real time the loop makes each cycle's messages to records when the cycle is over, and a thread compresses and writes
-them, batch by batch. The thread computes next to nothing that holds the interpreter's lock, so no cycle waits for it. A
-writer that falls behind loses batches; they are counted. At full speed the loop does all of it itself, in batches, as
-no deadline has to be met.
+In real time the loop makes each cycle's messages to records when the cycle is over, and puts the numbers of the cycles
+into them at the end of a batch. A thread compresses and writes the batches. It computes next to nothing that holds the
+interpreter's lock, so no cycle waits for it. A writer that falls behind loses batches; they are counted. At full speed
+the loop does all of it itself, in batches, as no deadline has to be met.
 """
 
 import asyncio
@@ -11,12 +11,13 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from itertools import compress
 from typing import Any, Final, Protocol
 
 from txt1.errors import RecordingError
 from txt1.kernel.clock import seconds, wall_ns
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.record.mcap_records import Block, Encoder, Message, TopicChannel
+from txt1.record.mcap_records import Block, Encoder, Told, TopicChannel
 from txt1.runtime import Runtime
 from txt1.sensors.mounts import TF_STATIC, SensorFrames
 from txt1.sensors.ros_messages import beside
@@ -95,17 +96,18 @@ class Recorder:
         self._until = self._batch_time
         self._next = self._until if self._full_speed else 0.0
         # of this cycle; at full speed, of this batch
-        self._messages: list[Message] = []
+        self._messages: list[Told] = []
         self._told = False
         self._failure: RecordingError | None = None
         self._encoder = Encoder(0.0, runtime.bus.full_name, channels)
         self._origin, self._begun = origin, False
-        # of sensors: each topic in its sensor's frame, with those of standard messages, and their places on the robot
-        self._framed: dict[Topic[Any], tuple[Topic[Any], ...]] = {}
+        # of readings and other events: the topic in its sensor's frame and those of standard messages, each as a row,
+        # and whether it has such a frame
+        self._framed: dict[Topic[Any], tuple[list[tuple[Topic[Any]]], bool]] = {}
         self._frames = SensorFrames()
         self._writer = writer or ThreadPoolExecutor(1, "txt1 recorder")
         self._jobs: deque[Future[None]] = deque()
-        self._leave = runtime.bus.subscribe(self._take)
+        self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
 
     @property
     def dropped(self) -> int:
@@ -132,10 +134,16 @@ class Recorder:
     # -- in the loop -------------------------------------------------------------------------------------------
 
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
-        if not self._begun and topic.rule is Rule.CYCLE:
+        if topic.rule is Rule.EVENT:
+            self._add_reading(time, topic, value)
+        else:
+            self._messages.append((time, (topic,), (value,)))
+
+    def _take_cycle(self, topics: tuple[Topic[Any], ...], values: Sequence[Any], time: float) -> None:
+        if not self._begun:
             self._begin(time)
         # only between two cycles, so that a failure is raised in the telemetry task and in no other
-        if time >= self._next and topic.rule is Rule.CYCLE:
+        if time >= self._next:
             self._encode()
             if time >= self._until:
                 self._until = time + self._batch_time
@@ -146,33 +154,35 @@ class Recorder:
             if self.dropped and not self._told:
                 self._told = True
                 self._runtime.state.tell(time, "the recording loses messages: the disk is full or too slow")
-        if topic.rule is Rule.EVENT:
-            self._add_reading(time, topic, value)
-        else:
-            self._messages.append((time, topic, value))
+        if None in values:
+            there = [each is not None for each in values]
+            topics, values = tuple(compress(topics, there)), tuple(compress(values, there))
+        self._messages.append((time, topics, values))
 
     def _begin(self, time: float) -> None:
         """Note when the run began, and tell the frames that every robot has."""
         self._begun = True
         self._encoder.epoch = self._origin.at(self._runtime.now)
         # the clock began anew with the run: a slow computer's reports before it would be from the future
-        self._messages = [(min(told, time), topic, value) for told, topic, value in self._messages]
-        self._messages.append((time, TF_STATIC, self._frames.mounts))
+        self._messages = [(min(told, time), topics, values) for told, topics, values in self._messages]
+        self._messages.append((time, (TF_STATIC,), (self._frames.mounts,)))
 
     def _add_reading(self, time: float, topic: Topic[Any], value: Any) -> None:
         """Add a sensor's reading, and what other programs need of it: standard messages, and its place."""
-        topics = self._framed.get(topic)
-        if topics is None:
-            for polled in self._runtime.sensors.values():
-                # in the order of the configuration, whichever reading comes first
-                self._frames.link(polled.sensor.topic)
-            topics = tuple(self._frames.framed(each, topic) for each in (topic, *beside(topic)))
-            self._framed[topic] = topics
-        for each in topics:
-            self._messages.append((time, each, value))
-        if self._frames.see(topic, value):
+        rows, placed = self._framed.get(topic) or self._frame(topic)
+        for row in rows:
+            self._messages.append((time, row, (value,)))
+        if placed and self._frames.see(topic, value):
             # the reading is older, and the last message has to have all frames
-            self._messages.append((self._runtime.now, TF_STATIC, self._frames.mounts))
+            self._messages.append((self._runtime.now, (TF_STATIC,), (self._frames.mounts,)))
+
+    def _frame(self, topic: Topic[Any]) -> tuple[list[tuple[Topic[Any]]], bool]:
+        for polled in self._runtime.sensors.values():
+            # in the order of the configuration, whichever reading comes first
+            self._frames.link(polled.sensor.topic)
+        rows = [(self._frames.framed(each, topic),) for each in (topic, *beside(topic))]
+        self._framed[topic] = rows, self._frames.link(topic) != ""
+        return self._framed[topic]
 
     def _encode(self) -> None:
         messages, self._messages = self._messages, []
@@ -184,13 +194,14 @@ class Recorder:
         """Have the batch written, or lose it where more batches than `backlog` are waiting already."""
         while self._jobs and self._jobs[0].done():
             self._jobs.popleft()
-        block = self._encoder.block()
-        if len(self._jobs) > backlog:
-            self._overflowed += block.count
-        elif self._full_speed:
-            self._write(block)
-        else:
-            self._jobs.append(self._writer.submit(self._write, block))
+        with self._failing():
+            block = self._encoder.block()
+            if len(self._jobs) > backlog:
+                self._overflowed += block.count
+            elif self._full_speed:
+                self._write(block)
+            else:
+                self._jobs.append(self._writer.submit(self._write, block))
 
     @contextmanager
     def _failing(self) -> Iterator[None]:

@@ -13,7 +13,8 @@ reach the bus in two ways:
   hands them to the listeners at once.
 
 A recorder, a screen or a bridge calls `Bus.subscribe(take, topics)`. `take(topic, value, time)` is called in the loop,
-so it must not wait: a recorder keeps a reference, and its thread does the rest.
+so it must not wait: a recorder keeps a reference, and its thread does the rest. A recorder gives `cycle`, too, which is
+told the numbers of a whole cycle in one call: seven of eight messages are among them.
 
 `Bus.sample` is called once a controller cycle, by a task that runs behind all others. The listeners then see one
 instant of the robot, after every task has done its step. It goes through the sampled topics in three groups:
@@ -42,7 +43,7 @@ from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 from zlib import crc32
 
-from txt1.telemetry.topics import Rule, Take, Topic, Unsubscribe
+from txt1.telemetry.topics import Rule, Take, TakeCycle, Topic, Unsubscribe
 
 T = TypeVar("T")
 
@@ -50,9 +51,14 @@ T = TypeVar("T")
 class _Subscriber(NamedTuple):
     take: Take
     topics: frozenset[Topic[Any]] | None
+    cycle: TakeCycle | None
 
     def wants(self, topic: Topic[Any]) -> bool:
-        return self.topics is None or topic in self.topics
+        return not (self.cycle and _is_numbers(topic)) and (self.topics is None or topic in self.topics)
+
+
+def _is_numbers(topic: Topic[Any]) -> bool:
+    return bool(topic.paths) and topic.rule is Rule.CYCLE
 
 
 class _Offer:
@@ -87,10 +93,7 @@ class Bus:
         self._offers: dict[Topic[Any], _Offer] = {}
         self._subscribers: list[_Subscriber] = []
         self._takes: dict[Topic[Any], list[Take]] = {}
-        # the offers with a subscriber, by rule; topics of `Rule.SECOND` also by their cycle in the second
-        self._every_cycle: list[_Offer] = []
-        self._on_change: list[_Offer] = []
-        self._each_second: dict[int, list[_Offer]] = {}
+        self._arrange()
 
     def full_name(self, topic: Topic[Any]) -> str:
         """Return the name of a topic, preceded by the robot's name if the robot has a name."""
@@ -126,12 +129,15 @@ class Bus:
         offer = self._offers.get(topic)
         return None if offer is None else offer.read()
 
-    def subscribe(self, take: Take, topics: Iterable[Topic[Any]] | None = None) -> Unsubscribe:
+    def subscribe(
+        self, take: Take, topics: Iterable[Topic[Any]] | None = None, cycle: TakeCycle | None = None
+    ) -> Unsubscribe:
         """Call `take` for each value of these topics, by default of all topics. Returns a function that unsubscribes.
 
+        `cycle` takes, once a cycle, all topics of `Rule.CYCLE` that tell nothing but numbers, in place of `take`.
         Values that are told on change are told once more to every subscriber, so a late subscriber has them, too.
         """
-        entry = _Subscriber(take, None if topics is None else frozenset(topics))
+        entry = _Subscriber(take, None if topics is None else frozenset(topics), cycle)
         self._subscribers.append(entry)
         for topic, offer in self._offers.items():
             if entry.wants(topic):
@@ -150,6 +156,10 @@ class Bus:
         of the run.
         """
         self._cycles += 1
+        if self._take_cycles:
+            values = [read() for read in self._reads]
+            for take_cycle in self._take_cycles:
+                take_cycle(self._numbers, values, now)
         for offer in self._every_cycle:
             value = offer.read()
             if value is not None:
@@ -181,13 +191,18 @@ class Bus:
         for offer in self._offers.values():
             offer.takes = self._takers(offer.topic)
         heard = [offer for offer in self._offers.values() if offer.takes]
+        # who takes the numbers of a cycle in one call; their topics, and what reads them
+        self._take_cycles = [each.cycle for each in self._subscribers if each.cycle]
+        self._numbers = tuple(filter(_is_numbers, self._offers))
+        self._reads = [self._offers[topic].read for topic in self._numbers]
         self._every_cycle = [offer for offer in heard if offer.topic.rule is Rule.CYCLE]
         self._on_change = [offer for offer in heard if offer.topic.rule is Rule.CHANGE]
-        self._each_second = {}
+        # topics of `Rule.SECOND` by their cycle in the second
+        self._each_second: dict[int, list[_Offer]] = {}
         for offer in heard:
             if offer.topic.rule is Rule.SECOND:
                 turn = crc32(offer.topic.name.encode()) % self._cycles_per_second
                 self._each_second.setdefault(turn, []).append(offer)
-        if self._begin is not None and (self._every_cycle or self._on_change or self._each_second):
+        if self._begin is not None and (self._take_cycles or self._every_cycle or self._on_change or self._each_second):
             begin, self._begin = self._begin, None
             begin()

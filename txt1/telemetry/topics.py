@@ -7,7 +7,7 @@ table (see docs/recording.md).
 
 import builtins
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Final, Generic, TypeVar
@@ -67,6 +67,8 @@ class Topic(Generic[T]):
 
 # a subscriber: takes a topic, a value and its time in s of the run; it is called in the loop, so it must not wait
 Take = Callable[[Topic[Any], Any, float], None]
+# the same for several topics at once; a value may be None
+TakeCycle = Callable[[tuple[Topic[Any], ...], Sequence[Any], float], None]
 Unsubscribe = Callable[[], None]
 
 TOPICS: Final[dict[str, Topic[Any]]] = {}

@@ -14,10 +14,16 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import txt1.learning.task
 import txt1.robot
 import txt1.sensors.light  # noqa: F401  # all of them declare topics
+from txt1.errors import RecordingError
 from txt1.estimation.task import FILTERED
 from txt1.model.estimate import Estimate
+from txt1.model.odometry import Odometry
+from txt1.protocol.messages import Velocity
 from txt1.record.cdr import MessageBuffer, encode
-from txt1.record.mcap_records import Encoder
+from txt1.record.mcap_records import Encoder, Told
+from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
+from txt1.tasks.fields import Encoders
+from txt1.tasks.inputs import COMMAND
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import TOPICS
 
@@ -107,6 +113,36 @@ def test_nested_sequences_and_bytes_come_back(ros: Any, statuses: list[Any], dat
 def test_an_array_takes_as_many_values_as_it_has() -> None:
     with pytest.raises(ValueError, match=r"lux takes 4 values, not 3"):
         MessageBuffer("txt1_msgs/Light", {"lux": [1.0, 2.0, 3.0]})
+
+
+def test_topics_of_a_cycle_are_recorded_together_as_each_by_itself() -> None:
+    odometry, pose = Odometry(1.0, 2.0, 0.5, 0.3, 0.1), (3.0, 4.0, -0.5)
+    wheels, asked = Encoders(7, -3), Velocity(0.3, 0.1)
+    together: list[Told] = [
+        (0.02, (ODOMETRY, POSE, ENCODERS), (odometry, pose, wheels)),
+        (0.03, (COMMAND,), (asked,)),
+        # no pose is known meanwhile
+        (0.04, (ODOMETRY, ENCODERS), (odometry, wheels)),
+        (0.06, (ODOMETRY, POSE, ENCODERS), (odometry, pose, wheels)),
+    ]
+    alone: list[Told] = [
+        (time, (topic,), (value,))
+        for time, topics, values in together
+        for topic, value in zip(topics, values, strict=True)
+    ]
+    blocks = []
+    for told in (together, alone):
+        encoder = Encoder(1.0e9)
+        encoder.take(told)
+        blocks.append(encoder.block())
+    assert blocks[0] == blocks[1]
+
+
+def test_a_number_of_a_cycle_that_its_field_cannot_hold_is_refused() -> None:
+    encoder = Encoder(0.0)
+    encoder.take([(0.02, (ENCODERS, POSE), (Encoders(1 << 40, 0), (0.0, 0.0, 0.0)))])
+    with pytest.raises(RecordingError, match=r"/encoders: no txt1_msgs/Encoders can be made of .*1099511627776"):
+        encoder.block()
 
 
 def test_numbers_in_a_template_are_the_message_written_field_by_field() -> None:

@@ -1,5 +1,6 @@
 """The bus: who has something to tell, who listens, and when it is told."""
 
+from dataclasses import replace
 from typing import Any
 
 from txt1.telemetry.bus import Bus
@@ -115,3 +116,20 @@ def test_two_who_listen_to_different_topics_each_hear_their_own() -> None:
     speed, way = listening(bus, SPEED), listening(bus, WAY)
     bus.sample(0.02)
     assert (speed, way) == ([("/speed", 1.0, 0.02)], [("/way", 2.0, 0.02)])
+
+
+def test_who_takes_whole_cycles_is_told_their_numbers_in_one_call() -> None:
+    number = replace(SPEED, paths=("data",), make=lambda value: (value,))
+    other = replace(WAY, paths=("data",), make=lambda value: (value,))
+    bus, told, beside = Bus(), Told(), Told()
+    bus.subscribe(
+        lambda topic, value, time: told.append((topic.name, value, time)),
+        cycle=lambda topics, values, time: told.append((",".join(each.name for each in topics), values, time)),
+    )
+    bus.offer(number, lambda: 1.0)
+    bus.offer(MOOD, lambda: "calm")
+    bus.offer(other, lambda: None)
+    bus.subscribe(lambda topic, value, time: beside.append((topic.name, value, time)))
+    bus.sample(0.02)
+    assert told == [("/speed,/way", [1.0, None], 0.02), ("/mood", "calm", 0.02)]
+    assert beside == [("/speed", 1.0, 0.02), ("/mood", "calm", 0.02)]
