@@ -238,7 +238,7 @@ class Scheduler:
     @property
     def steps(self) -> int:
         """Number of cycles of all tasks so far, including the present: it gives each event a place among them."""
-        return sum(entry.statistics.cycles for entry in self._entries)
+        return sum([entry.statistics.cycles for entry in self._entries])
 
     # -- the run -----------------------------------------------------------------------------------------------
 
