@@ -58,6 +58,4 @@ class Hold:
         if self.by is not None and now - self._sign > self._lasts:
             self.end(now)
             self.expired = True
-        if self.by != self._last and now - self._ended < HANDOVER:
-            return None
-        return self.by
+        return None if self.by != self._last and now - self._ended < HANDOVER else self.by

@@ -196,8 +196,7 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
             curvature, sin_slip, cos_slip, along_right, along_left = wheels(
                 turn, distance / h, sin_beta, cos_beta, tan_front * steered, wheelbase, track, understeer, sideways
             )
-            right += rolled * along_right
-            left += rolled * along_left
+            right, left = right + rolled * along_right, left + rolled * along_left
             x, y, theta = along_arc(x, y, theta, distance, curvature, sin_slip, cos_slip)
         remaining -= h
     return x, y, theta, v, phi_front, phi_rear, right, left, spin
@@ -267,8 +266,6 @@ def direction(tan_front: float, tan_rear: float) -> tuple[float, float, float, f
     They are: the difference of both tangents; the curvature times the wheelbase; sine and cosine of beta, the sideslip
     of the centre, which is 0 for opposite angles.
     """
-    if tan_rear == -tan_front:
-        return 2.0 * tan_front, 2.0 * tan_front, 0.0, 1.0
     beta = atan(0.5 * (tan_front + tan_rear))
     sin_beta, cos_beta = sin(beta), cos(beta)
     tans = tan_front - tan_rear
