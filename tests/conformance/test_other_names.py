@@ -36,6 +36,18 @@ class Found(NamedTuple):
     description: str = "CP2102"
 
 
+class DeskAtADevice(DevicePort):
+    """What is on the desk, reached through a serial device's name."""
+
+    def __init__(self, desk: Port) -> None:
+        super().__init__(OLD, 115200)
+        self._desk = desk
+
+    async def close(self) -> None:
+        await super().close()
+        await self._desk.close()
+
+
 @pytest.mark.parametrize("suite", SUITES, ids=lambda suite: suite.__name__[4:])
 def test_a_device_is_found_on_another_name(suite: type[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Another adapter of the same kind takes its old name meanwhile."""
@@ -60,7 +72,7 @@ def test_a_device_is_found_on_another_name(suite: type[Any], monkeypatch: pytest
     def over_a_device(wrap: Callable[[Port], Port]) -> Any:
         def named(desk: Port) -> Port:
             desks.append(desk)
-            port = wrap(DevicePort(OLD, 115200))
+            port = wrap(DeskAtADevice(desk))
             assert isinstance(port, OutagePort)
             outages.append(port)
             return port
