@@ -8,6 +8,7 @@ from benchmarks.obstacle_stop import LATE, drive
 from txt1.config import Config, load
 from txt1.errors import ConfigError
 from txt1.robot import Robot
+from txt1.sim.obstacles import gap
 from txt1.sim.room import clearance
 
 
@@ -44,6 +45,19 @@ async def test_a_silent_laser_stops_the_vehicle_and_backwards_is_slow() -> None:
         assert robot.pose[0] == pytest.approx(0.0, abs=1e-6)
         await robot.drive(-1.0, 0.0, 2.0)
         assert robot.runtime.state.control.v == pytest.approx(-0.3)
+
+
+@pytest.mark.parametrize(("people", "standing"), [(1.6, True), (0.0, False)])
+async def test_it_stands_when_somebody_who_walks_towards_it_arrives(people: float, standing: bool) -> None:
+    somebody = "sim.movers=[{path: [[6.0, 0.0], [-6.0, 0.0]], speed: 1.6, length: 0.3, width: 0.3}]"
+    settings = (*LATE, somebody, f"obstacle_stop.people={people}", "sim.room.length=20", "sim.room.width=20")
+    async with Robot.open("sim", settings=settings) as robot:
+        assert await robot.load_gains()
+        vehicle, left = robot.hal.vehicle, 9.0  # type: ignore[attr-defined]
+        while left > 0.03:
+            await robot.drive(0.6, 0.0, 0.02)
+            left = gap(vehicle.outline(vehicle.motion), *vehicle.world.moving(vehicle, robot.now))
+        assert (abs(vehicle.motion[3]) < 0.05) == standing
 
 
 async def test_without_a_laser_there_is_no_obstacle_stop() -> None:

@@ -227,6 +227,80 @@ def test_backwards_it_stops_before_what_it_sees_there_and_says_so() -> None:
     assert desk.guard(-1.7, 0.0, 0.3)[0] == -desk.settings.reverse, "a silent laser sees nothing"
 
 
+class Street(Desk):
+    """Somebody is ahead of the car, x m from its origin at each scan's time, and people count."""
+
+    def __init__(self, *seen: tuple[float, float | None], people: float = 1.6, **given: Any) -> None:
+        super().__init__(scan(), ObstacleStop(people=people, **given))
+        for time, x in seen:
+            self.guard(0.0, 0.0, time)
+            self.reading = Reading(time, post_all_round(9.0 if x is None else x))
+            self.guard(0.8, 0.0, time)
+
+    def comes(self, x: float, v: float, now: float = 1.0) -> float:
+        """The speed at which the guard takes somebody at x to come, m/s, by what it makes of a set-point."""
+        allowed = self.guard(v, 0.0, now)[0]
+        p = self.settings
+        free = x - 0.5 * self.body.length - p.margin
+        # they meet when the car stands, as the scan is of 1 s: h (now - 1 + t + v / a) + v t + v^2 / 2 a = free
+        stop = allowed * p.reaction + allowed**2 / (2.0 * p.deceleration)
+        return (free - stop) / (now - 1.0 + p.reaction + allowed / p.deceleration)
+
+
+@pytest.mark.parametrize(
+    ("seen", "comes"),
+    [
+        (((0.9, 1.0), (1.0, 0.9)), 1.0),
+        (((0.9, 0.95), (1.0, 0.9)), 0.5),
+        (((0.9, 0.9), (1.0, 0.9)), 0.0),
+        (((0.9, 0.8), (1.0, 0.9)), 0.0),
+        (((0.9, 1.3), (1.0, 0.9)), 1.6),
+        # out of a door
+        (((0.9, None), (1.0, 0.9)), 1.6),
+        # the newest that is far enough apart counts
+        (((0.7, 2.5), (0.9, 1.0), (0.95, 0.93), (1.0, 0.9)), 1.0),
+        (((0.925, 1.0), (1.0, 0.9)), 0.0),
+        (((0.915, 1.0), (1.0, 0.9)), 0.1 / 0.085),
+        # too old to tell
+        (((0.51, 1.0), (1.0, 0.9)), 0.1 / 0.49),
+        (((0.49, 1.0), (1.0, 0.9)), 0.0),
+        (((1.0, 0.9),), 0.0),
+    ],
+)
+def test_who_comes_towards_it_meets_it_when_it_stands(
+    seen: tuple[tuple[float, float | None], ...], comes: float
+) -> None:
+    street = Street(*seen)
+    assert street.comes(0.9, 2.0) == pytest.approx(comes, abs=0.002)
+    # they went on since
+    assert street.comes(0.9, 2.0, 1.1) == pytest.approx(comes, abs=0.002)
+
+
+@pytest.mark.parametrize("reaction", [0.2, 2.0])
+def test_who_comes_counts_from_as_far_as_it_takes_to_stop_before_them(reaction: float) -> None:
+    p = ObstacleStop(people=1.6, reaction=reaction, deceleration=0.5)
+    v, front = 0.8, 0.5 * Config().geometry.length + p.margin
+    for age in (0.0, 0.3):
+        needed = v * p.reaction + 1.6 * (p.reaction + age) + v * (0.5 * v + 1.6) / p.deceleration
+        for share, slower in ((0.98, True), (1.02, False)):
+            x = front + share * needed
+            street = Street((0.9, x + 0.2), (1.0, x), people=1.6, reaction=reaction, deceleration=0.5)
+            assert (street.guard(v, 0.0, 1.0 + age)[0] < v) == slower
+
+
+def test_the_car_s_own_motion_is_nobody_s() -> None:
+    street = Street((0.9, 1.0))
+    street.state.odometry = Odometry(0.1, 0.0, 0.0)
+    street.guard(0.0, 0.0, 1.0)
+    street.reading = Reading(1.0, post_all_round(0.9))
+    assert street.comes(0.9, 2.0) == pytest.approx(0.0, abs=0.002)
+
+
+def test_unless_people_are_told_of_all_stands() -> None:
+    assert ObstacleStop().people == 0.0
+    assert Street((0.9, 1.0), (1.0, 0.9), people=0.0).comes(0.9, 2.0) == pytest.approx(0.0, abs=0.002)
+
+
 def test_it_is_told_once_as_long_as_it_lasts_from_the_first_time_on() -> None:
     desk = Desk(post(0.6))
     for time in (0.1, 0.12, 0.14):

@@ -1,9 +1,11 @@
 """A guard of the safety gate that lowers the speed to one that the laser's free distance allows."""
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Callable
 from math import copysign, cos, hypot, inf, isfinite, sin
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,10 +19,12 @@ from txt1.sensors.base import Reading
 from txt1.sensors.readings import Scan
 from txt1.tasks.state import State
 
-# past poses, one a cycle, for 1 s
+# past poses, one a cycle, for 1 s; and past scans
 MEMORY: Final = 50
 # m/s below which a measured curvature means nothing
 SLOW: Final = 0.05
+# s at least between two scans that show a speed: closer ones show the noise of ranges; most lasers turn in 0.1 s
+APART: Final = 0.08
 
 Pose = tuple[float, float, float]
 
@@ -28,6 +32,9 @@ Pose = tuple[float, float, float]
 class LaserGuard:
     """Keeps the speed such that the robot can stop, along the commanded arc and along the present arc; backwards, too,
     if the laser sees all round.
+
+    What is nearer than an earlier scan showed it comes towards the robot, at up to `people` m/s. It goes on while the
+    robot reacts and brakes (ISO 13855).
 
     The odometry since the newest scan moves its points into the vehicle's present frame. So the laser's delay costs no
     distance, except for things that it has not seen yet.
@@ -45,11 +52,7 @@ class LaserGuard:
         self._geometry, self._parameters = geometry, parameters
         self._past: deque[tuple[float, Pose]] = deque(maxlen=MEMORY)
         self._slowed = False
-        # the one that the next three are of
-        self._reading: Reading[Scan] | None = None
-        self._points: Floats = np.empty((0, 2))
-        self._radii: Floats = np.empty(0)
-        self._nearest = inf
+        self._scans: deque[_Seen] = deque(maxlen=MEMORY)
 
     def __call__(self, v: float, omega: float, now: float) -> tuple[float, float]:
         """Return the set-point with its speed lowered, on the same arc."""
@@ -83,7 +86,7 @@ class LaserGuard:
         if reading is None or not self._past:
             return np.empty((0, 2))
         front, side = 0.5 * body.length + 2.0 * margin, 0.5 * body.width + 2.0 * margin
-        points = self._here(reading, abs(body.centre) + hypot(front, side))
+        points = self._here(self._noted(reading), abs(body.centre) + hypot(front, side))
         if points is None:
             return np.empty((0, 2))
         x, y = points[:, 0] - body.centre, np.abs(points[:, 1])
@@ -108,42 +111,77 @@ class LaserGuard:
         if reading is None:
             return 0.0
         p, body, odometry = self._parameters, self._geometry, self._state.odometry
-        needed = abs(v) * p.reaction + 0.5 * v * v / p.deceleration
-        corner = hypot(0.5 * body.length + abs(body.centre) + p.margin, 0.5 * body.width + p.margin)
-        points = self._here(reading, needed + corner)
-        if points is None:
-            return inf
-        # backwards all is as in a mirror
-        gear = copysign(1.0, v)
-        points = points * (gear, 1.0)
+        # s in which who comes goes on before the robot brakes; it does so for v / deceleration s
+        on = now - reading.time + p.reaction
+        needed = abs(v) * (p.reaction + (0.5 * abs(v) + p.people) / p.deceleration) + p.people * on
         curvatures = [commanded]
+        gear = copysign(1.0, v)
         # turning the wheels takes a while
         if gear * odometry.v > SLOW and isfinite(odometry.omega):
             driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
             curvatures.append(min(max(driven, -most), most))
-        centre = gear * body.centre
-        free = min(free_distance(points, each, body.length, body.width, p.margin, centre) for each in curvatures)
-        return stopping_speed(free, p.reaction, p.deceleration) if free < inf else inf
+        newest = self._noted(reading)
+        free, comes = self._free(newest, needed, gear, curvatures), 0.0
+        if free == inf:
+            return inf
+        if p.people and (before := self._before(newest.time)) is not None:
+            nearer = self._free(before, needed, gear, curvatures) - free
+            comes = min(max(nearer / (newest.time - before.time), 0.0), p.people)
+        return stopping_speed(free - comes * on, p.reaction + comes / p.deceleration, p.deceleration)
 
-    def _here(self, reading: Reading[Scan], reach: float) -> Floats | None:
+    def _before(self, time: float) -> _Seen | None:
+        """Return the scan to compare with one of a time, s, for the speed of what they show; None: there is none."""
+        since = time - self._parameters.timeout
+        return next((each for each in self._scans if since <= each.time <= time - APART), None)
+
+    def _free(self, seen: _Seen, needed: float, gear: float, curvatures: list[float]) -> float:
+        """Return the distance in m that a scan leaves free along arcs; inf if it is longer than needed."""
+        margin, body = self._parameters.margin, self._geometry
+        corner = hypot(0.5 * body.length + abs(body.centre) + margin, 0.5 * body.width + margin)
+        points = self._here(seen, needed + corner)
+        if points is None:
+            return inf
+        # backwards all is as in a mirror
+        points, centre = points * (gear, 1.0), gear * body.centre
+        return min(free_distance(points, each, body.length, body.width, margin, centre) for each in curvatures)
+
+    def _noted(self, reading: Reading[Scan]) -> _Seen:
+        """Return what a scan shows."""
+        if not self._scans or self._scans[0].reading is not reading:
+            points = reading.value.points
+            radii = np.hypot(points[:, 0], points[:, 1])
+            self._scans.appendleft(_Seen(reading, reading.time, points, radii, float(radii.min(initial=inf))))
+        return self._scans[0]
+
+    def _here(self, seen: _Seen, reach: float) -> Floats | None:
         """Return the points of a scan within reach (m), in the vehicle's present frame, m; None if there are none."""
-        if reading is not self._reading:
-            self._reading, self._points = reading, reading.value.points
-            self._radii = np.hypot(self._points[:, 0], self._points[:, 1])
-            self._nearest = float(self._radii.min(initial=inf))
         past = self._past
         x, y, theta = past[-1][1]
-        then = next((pose for time, pose in reversed(past) if time <= reading.time), past[0][1])
+        then = next((pose for time, pose in reversed(past) if time <= seen.time), past[0][1])
         turned = theta - then[2]
         dx, dy = x - then[0], y - then[1]
         reach += hypot(dx, dy)
-        if self._nearest > reach:
+        if seen.nearest > reach:
             return None
-        points = self._points[self._radii <= reach]
+        points = seen.points[seen.radii <= reach]
         c, s = cos(then[2]), sin(then[2])
         moved = points - np.array((c * dx + s * dy, c * dy - s * dx))
         c, s = cos(turned), sin(turned)
         return np.column_stack((c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]))
+
+
+class _Seen(NamedTuple):
+    """A scan, prepared."""
+
+    reading: Reading[Scan]
+    time: float
+    """When it was taken, s."""
+    points: Floats
+    """(n, 2), m in the vehicle's frame of then."""
+    radii: Floats
+    """Their distances from its origin, m."""
+    nearest: float
+    """The least of them; inf without points."""
 
 
 def _looks_back(reading: Reading[Scan] | None) -> bool:

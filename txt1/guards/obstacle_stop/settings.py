@@ -21,6 +21,8 @@ class ObstacleStop(Section):
     """Time from a lower set-point to a lower speed, s."""
     deceleration: Positive = 1.0
     """Deceleration of braking, m/s^2."""
+    people: NotNegative = 0.0
+    """Largest speed at which something may come towards the vehicle, m/s; people walk at 1.6 (ISO 13855)."""
     reverse: NotNegative = 0.3
     """Largest speed backwards, where the laser sees nothing, m/s."""
     timeout: Positive = 0.5
