@@ -116,9 +116,9 @@ class LearnedNoise:
         self.sigmas = tuple(map(sqrt, self._variances))
 
 
-def fusable(kind: type) -> bool:
-    """Whether values of this type can be fused."""
-    return kind in USUAL
+def wanted(kind: type, settings: FusedConfig) -> tuple[Quantity, ...]:
+    """The quantities that are taken of values of this type; none, if it cannot be fused and nothing is configured."""
+    return USUAL.get(kind, ()) if settings.fields is None else settings.fields
 
 
 def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]], list[Measurement]]:
@@ -127,7 +127,7 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
     Numbers become Python's: a single numpy.float32 among them would make the whole filter one of 7 digits. Readings are
     anybody's, so they have no type here that the compiled wheel would insist on.
     """
-    wanted = USUAL[kind] if settings.fields is None else settings.fields
+    taken = wanted(kind, settings)
     given, assumed, delay = settings.sigma, SIGMAS[kind], settings.delay
     ahead, left = settings.lever
     if kind is ImuReading:
@@ -137,12 +137,12 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
             turning = float(reading.value.rates[2]) / factor
             return [new(Measurement, (reading.time - delay, name, KIND_GYRO, (0,), (turning,), sigma, (0.0, 0.0)))]
 
-        return gyro if "omega" in wanted else lambda reading: []
+        return gyro if "omega" in taken else lambda reading: []
 
     noise = LearnedNoise([assumed[each] for each in QUANTITIES[KIND_POSE]]) if kind is TrackerReading else None
     parts = []
     for what in (KIND_POSE, KIND_VELOCITY):
-        rows = tuple(row for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted)
+        rows = tuple(row for row, quantity in enumerate(QUANTITIES[what]) if quantity in taken)
         quantities = [QUANTITIES[what][row] for row in rows]
         usual = tuple([float(given.get(quantity) or assumed.get(quantity, 0.1)) for quantity in quantities])
         # those that may tell their own standard deviation, by their places
@@ -186,18 +186,6 @@ def _fields(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
         return attrgetter(*names)
     one: Callable[[Any], Any] = attrgetter(*names)
     return lambda value: (one(value),)
-
-
-def tells_pose(kind: type, settings: FusedConfig) -> bool:
-    """Whether a sensor of these values tells where the robot is."""
-    wanted = USUAL.get(kind, ()) if settings.fields is None else settings.fields
-    return "x" in wanted and "y" in wanted
-
-
-def tells_heading(kind: type, settings: FusedConfig) -> bool:
-    """Whether a sensor of these values tells where the robot points."""
-    wanted = USUAL.get(kind, ()) if settings.fields is None else settings.fields
-    return "theta" in wanted
 
 
 # s within which readings of a sensor are averaged that arrive together

@@ -1,7 +1,7 @@
 """The filter on a robot: its sensors, its topics, and its task, which makes an estimate every 20 ms."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from math import copysign, cos, hypot, isfinite, sin, sqrt, tan
 from operator import attrgetter, itemgetter
@@ -20,11 +20,10 @@ from txt1.estimation.sensors import (
     KIND_GYRO,
     KIND_STEERING,
     KIND_TURN,
+    USUAL,
     Measurement,
-    fusable,
     plan,
-    tells_heading,
-    tells_pose,
+    wanted,
 )
 from txt1.estimation.settings import EstimationConfig, FusedConfig, Trust
 from txt1.kernel.ticks import Ticks
@@ -167,19 +166,15 @@ class Estimator:
         self.failure = ""
         """The error that ended it, in one line; empty while it is on."""
         self.settings = {name: config.settings.get(name, FusedConfig()) for name in config.names}
+        fields = {name: wanted(kind, self.settings[name]) for name, kind in kinds.items()}
         belongings = {
-            name: Belonging(
-                each.gate,
-                each.timeout,
-                name in kinds and tells_pose(kinds[name], each),
-            )
+            name: Belonging(each.gate, each.timeout, {"x", "y"} <= set(fields.get(name, ())))
             for name, each in self.settings.items()
         }
         # encoder wheels that do not steer tell the truth
         self._wheelbase = geometry.wheelbase if geometry.steering == "both" else 0.0
         start = None if config.start is None else (config.start, config.start_sigma)
-        scaled = any(kind is ImuReading for kind in kinds.values())
-        scaled = scaled and not any(tells_heading(kind, self.settings[name]) for name, kind in kinds.items())
+        headed = any("theta" in each for each in fields.values())
         skid = geometry.steering == "skid"
         usual = SKID_SIGMA if skid else TRACK_SIGMA
         gyro_scale = max(
@@ -189,7 +184,7 @@ class Estimator:
             belongings,
             slip_sigma=config.slip,
             start=start,
-            gyro_scale=gyro_scale if scaled else 0.0,
+            gyro_scale=0.0 if headed else gyro_scale,
             track_sigma=usual if config.track_sigma is None else config.track_sigma,
             drift=Drift(width=SKID_WALK) if skid else Drift(),
         )
@@ -489,11 +484,6 @@ async def estimation(
             offer(estimate, now)
 
 
-def missing(names: Sequence[str], configured: Mapping[str, object]) -> list[str]:
-    """The names of sensors to be fused that are not configured."""
-    return [name for name in names if name != ENCODERS and name not in configured]
-
-
 TWINS: Final = {"imu": "sim_imu", "gps": "sim_gps", "vicon": "sim_vicon"}
 """Drivers of the sensors that a simulated robot gets by itself when they are to be fused."""
 
@@ -508,7 +498,7 @@ async def prepare(runtime: Runtime, config: EstimationConfig) -> Estimator | Non
     await _add_twins(runtime, config)
     kinds = {name: runtime.sensors[name].sensor.topic.type for name in config.names if name != ENCODERS}
     for name, kind in kinds.items():
-        if not fusable(kind):
+        if kind not in USUAL:
             raise ConfigError(f"estimation: '{name}' tells {kind.__name__}, which cannot be fused")
     estimator = Estimator(config, kinds, runtime.config.geometry)
     for name in kinds:
@@ -540,7 +530,7 @@ def wheels(runtime: Runtime) -> Wheels:
 
 async def _add_twins(runtime: Runtime, config: EstimationConfig) -> None:
     """Give a simulated robot the simulated sensors that are to be fused and were not configured."""
-    absent = missing(config.names, runtime.sensors)
+    absent = [name for name in config.names if name != ENCODERS and name not in runtime.sensors]
     for name in absent:
         if not runtime.hal.capabilities.pose or name not in TWINS:
             raise ConfigError(
