@@ -106,8 +106,6 @@ BIASED: Final = 0.02
 FIRST: Final = 0.04
 # s that a reading may be late
 HORIZON: Final = 0.5
-# readings over which it is averaged how late a sensor is
-LAGS: Final = 25
 # rad from which a turn tells of the slip
 CURVE: Final = 0.1
 # s over which the slip of two moments is related: floors, starts and stops; chosen
@@ -302,7 +300,7 @@ class Fusion:
             group = groups.get(sensor)
             if group is None:
                 groups[sensor] = measurement, 1
-            elif alike(group[0], measurement, SLOT if kind is KIND_GYRO or self._lags(sensor) else NEWEST):
+            elif alike(group[0], measurement, SLOT if kind is KIND_GYRO else NEWEST):
                 groups[sensor] = averaged(*group, measurement), group[1] + 1
             else:
                 self._insert(group[0])
@@ -411,7 +409,6 @@ class Fusion:
         if not isfinite(sum(values)) or not min(sigmas) > 0.0:
             wrong = "no number"
         else:
-            judge.lag += (now - time - judge.lag) / LAGS
             wrong = ""
             if values == judge.last:
                 wrong = judge.frozen(measurement, self._newest()[0].mean[ROLLED], self.asked_at)
@@ -427,11 +424,6 @@ class Fusion:
             return False
         # a position that is told again is no news: its errors are those of the last one
         return not judge.same or kind is not KIND_POSE
-
-    def _lags(self, sensor: str) -> bool:
-        """Whether a sensor is always late."""
-        judge = self._judges.get(sensor)
-        return judge is not None and judge.lag > SLOT
 
     def _insert(self, measurement: Measurement) -> None:
         """Insert a reading, or the mean of some, at its time."""

@@ -106,8 +106,6 @@ class Judge:
     late: int = 0
     surprise: float = 1.0
     time: float | None = None
-    # s by which its readings are late, on average
-    lag: float = 0.0
     # when a reading came in time, or began to be waited for
     since: float = 0.0
     # when any reading came
