@@ -15,8 +15,8 @@ a power of the distance. Where its sensors sit and what its actions do, it learn
 
 The fit is least squares by Levenberg and Marquardt. A misfit counts the less, the larger it is (Cauchy), and each
 sensor by its own noise, the median of its misfits. Readings that stay the same while others change do not count: the
-sensor is dead, frozen or dazzled. At first, and where the misfit stays large, the fit begins from a grid of places of
-the light: for each, the law's first order is linear in all else (`_anew`).
+sensor is dead, frozen or dazzled. At first the fit begins with the light at places all around. So it does where the
+learner doubts its model, and then counts if it explains the episode twice as well (`_anew`).
 
 The plan moves the light in the robot's frame through the actions under way. Action b then goes on along its arc to the
 goal circle. An arc that grazes the circle may miss it and go round once more.
@@ -28,7 +28,7 @@ the learner says that its model does not fit.
 
 from math import cos, hypot, inf, log, pi, sin, sqrt
 from statistics import NormalDist
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,8 +59,6 @@ FAR: Final = 4.0
 MODEL, NOISY, USUAL = 0.03, 0.3, 0.15
 # weight of the usual deviation, in episodes; share of the goal's distance by which a course should enter it
 WEIGHT, GRAZE = 8.0, 0.06
-# mean square of the misfits, in their deviations, above which the fit begins anew
-LARGE: Final = 2.5
 # weight of the effects known before in the next: about a decision's, for ways and for turns
 KNOWN: Final = (1.0, 1e-3)
 # shares of a decision's way and curvature that stay in the next, which are tried
@@ -70,20 +68,8 @@ LATE: Final = "how long the way takes"
 PLACES: Final = np.array(
     [(r * cos(k * pi / 12.0), r * sin(k * pi / 12.0)) for r in (0.5, 0.8, 1.2, 1.8, 2.7) for k in range(24)]
 )
-
-
-class Fit(NamedTuple):
-    """What the readings tell."""
-
-    law: Array
-    # place of the light in the odometry of each episode, m
-    lights: Array
-    # deviation of each sensor's samples, and of the light's place in the last episode, m
-    noise: Array
-    deviation: float = 0.0
-    # mean square of the last episode's misfits in their deviations, and the sum of all with the prior
-    misfit: float = 0.0
-    cost: float = inf
+# of them, those from which a fit begins when nothing is known
+AROUND: Final = PLACES[48:72:3]
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "LocatorAgent":
@@ -105,7 +91,9 @@ class LocatorAgent(PeriodicAgent):
         super().__init__(PERIOD)
         self._actions, self._goal, self._alarm = actions, goal, alarm
         self._rows: Array = np.empty((0, COLUMNS))
-        self._fitted: Fit | None = None
+        # numbers of the law, then the light's place in the odometry of each episode, m; noise of each sensor; deviation
+        # of the last place, m
+        self._law, self._noise, self._deviation = PRIOR, np.full(4, NOISY), 0.0
         self._effects, self._delay = np.zeros((2, actions + 2)), 0
         # distances at which episodes ended, and log(time / plan) of fine ones
         self._ends: list[float] = []
@@ -130,12 +118,12 @@ class LocatorAgent(PeriodicAgent):
         done = len(self._history)
         if done % SETTLE == 0:
             self._learn_effects()
-        if done % 3 == 0 or self._fitted is None:
-            self._fitted = self._refit(done)
-        if self._fitted is None or (not self._ends and done < TRIES * self._actions):
-            action = done // TRIES % self._actions
+        if not self._ends and done < TRIES * self._actions:
+            action = done // TRIES
         else:
-            self._value = self._plan(self._fitted)
+            if done % 3 == 0 or self._planned == inf:
+                self._refit(done)
+            self._value = self._plan()
             action = int(self._value.argmin())
             if self._planned == inf:
                 self._began, self._planned = now, max(PERIOD * float(self._value[action]), 10.0 * PERIOD)
@@ -148,9 +136,12 @@ class LocatorAgent(PeriodicAgent):
         """The episode is over: learn how far the goal was, and how late it was."""
         if self._samples:
             self._look(odometry)
-        if success and self._fitted is not None:
-            self._ends = [*self._ends, hypot(*self._light(self._fitted))][-20:]
-            late = log(max(self._due - self._began, PERIOD) / self._planned) if self._planned < inf else inf
+        if self._planned == inf:
+            # the light's place in it is unknown
+            self._rows = self._rows[self._rows[:, EPISODE] != self._episode]
+        elif success:
+            self._ends = [*self._ends, hypot(*self._light())][-20:]
+            late = log(max(self._due - self._began, PERIOD) / self._planned)
             if not improbable(late, self._late, self._alarm):
                 self._late = [*self._late, late][-20:]
         self._episode += 1
@@ -174,8 +165,7 @@ class LocatorAgent(PeriodicAgent):
         self._rows = np.vstack([self._rows, row])
         while len(self._rows) > ROWS and (first := self._rows[0, EPISODE]) != self._episode:
             self._rows = self._rows[self._rows[:, EPISODE] != first]
-            if self._fitted is not None:
-                self._fitted = self._fitted._replace(lights=self._fitted.lights[1:])
+            self._law = np.append(self._law[:LAW], self._law[LAW + 2 :])
 
     def _paths(self, scale: float) -> tuple[Array, Array]:
         """Return the poses in the middle of each row and at its end, from its episode's start; (rows, 3)."""
@@ -188,67 +178,46 @@ class LocatorAgent(PeriodicAgent):
         places -= (places - steps)[:, first]
         return np.vstack([places - 0.5 * steps, heading - 0.5 * turn]).T, np.vstack([places, heading]).T
 
-    def _light(self, fit: Fit) -> tuple[float, float]:
+    def _light(self) -> tuple[float, float]:
         """Return the light's place in the robot's frame now, m."""
-        ahead, left = _seen_from(self._paths(float(fit.law[SCALE]))[1][-1:], fit.lights[-1:])
+        ahead, left = _seen_from(self._paths(float(self._law[SCALE]))[1][-1:], self._law[-2:])
         return float(ahead[0]), float(left[0])
 
-    def _refit(self, done: int) -> Fit | None:
-        """Return the fit with the newest row; None: there is too little yet."""
-        fit = self._fitted
-        if fit is None:
-            return self._anew() if len(self._rows) > 2 * TRIES and len(self._rows) % TRIES == 0 else None
-        if len(fit.lights) < len(np.unique(self._rows[:, EPISODE])):
-            fit = fit._replace(lights=np.vstack([fit.lights, self._nearest(fit)]))
-        fit = self._fit(fit.law, fit.lights, fit.noise, 2)
-        if done % (2 * TRIES):
-            return fit
-        other = np.vstack([fit.lights[:-1], self._nearest(fit)])
-        fit = min(fit, self._fit(fit.law, other, fit.noise, 3), key=lambda one: one.cost)
-        if done > 3 * TRIES and fit.misfit > LARGE:
-            kept = self._rows
-            again = self._anew()
-            if again.misfit < 0.5 * fit.misfit:
-                return again
-            self._rows = kept
-        return fit
+    def _refit(self, done: int) -> None:
+        """Fit the law and the places of the light with the newest rows."""
+        if len(self._law) > LAW:
+            before = self._law[: LAW + 2 * len(np.unique(self._rows[:, EPISODE])) - 2]
+            known = len(before) < len(self._law)
+            fits = [self._fit(self._law, self._noise, 2)] if known else []
+            if not known or done % (2 * TRIES) == 0:
+                fits.append(self._fit(np.append(before, self._nearest()), self._noise, 3))
+            _, self._law, self._noise, self._deviation = min(fits, key=lambda each: each[0])
+        if len(self._law) == LAW or (self.unfit and done % (2 * TRIES) == 0):
+            self._anew()
 
-    def _anew(self) -> Fit:
-        """Return the best fit to this episode alone from the likeliest places of the light in a grid."""
-        self._rows = self._rows[self._rows[:, EPISODE] == self._episode]
-        ahead, left = _seen_from(self._paths(1.0)[0], PLACES[:, None])
-        near = np.maximum(np.hypot(ahead, left), 0.3)
-        design = np.stack([np.ones_like(near), -np.log(near), ahead / near**2, left / near**2], axis=-1)
-        # g, n, n p in first order, with a ridge
-        usual, ridge = np.array([log(135.0), 2.0, 0.0, 0.0]), np.diag(1.0 / np.array([3.0, 0.7, 0.6, 0.6]) ** 2)
-        # of each place and sensor
-        logs, weight = self._rows[:, LOGS].T, (self._rows[:, SOUND] * self._rows[:, COUNT, None] / NOISY**2).T
-        turned = np.swapaxes(design[:, None] * weight[..., None], 2, 3)
-        right = turned @ logs[..., None] + (ridge @ usual)[:, None]
-        found = np.linalg.solve(turned @ design[:, None] + ridge, right)[..., 0]
-        misfit, off = logs - (design[:, None] @ found[..., None])[..., 0], found - usual
-        cost = (misfit**2 * weight).sum(axis=(1, 2)) + ((off @ ridge) * off).sum(axis=(1, 2))
-        fits = []
-        for k in np.argsort(cost)[:4]:
-            power = max(float(np.median(found[k, :, 1])), 0.5)
-            law = np.concatenate([found[k, :, 2:].ravel() / power, found[k, :, 0], [power, 0.0, 1.0]])
-            fits.append(self._fit(law, PLACES[k][None], np.full(4, NOISY), 12))
-        return min(fits, key=lambda one: one.cost)
+    def _anew(self) -> None:
+        """Begin anew from this episode alone, unless the law explains it at least half as well."""
+        rows, noise, law = self._rows, np.full(4, NOISY), np.append(self._law[:LAW], self._law[-2:])
+        self._rows = rows[rows[:, EPISODE] == self._episode]
+        found = min((self._fit(np.append(PRIOR, place), noise, 12) for place in AROUND), key=lambda each: each[0])
+        if len(self._law) > LAW and self._fit(law, noise, 0)[0] < 2.0 * found[0]:
+            self._rows = rows
+        else:
+            _, self._law, self._noise, self._deviation = found
 
-    def _nearest(self, fit: Fit) -> Array:
+    def _nearest(self) -> Array:
         """Return the place in a grid where the light fits the last episode best by the law."""
-        rows = self._rows[last := self._rows[:, EPISODE] == self._episode]
-        square = _squares(*_seen_from(self._paths(float(fit.law[SCALE]))[0][last], PLACES[:, None]), fit.law)[0]
-        misfit = rows[:, LOGS] - fit.law[GAINS] + 0.5 * fit.law[POWER] * np.log(square)
-        weight = rows[:, SOUND] / (fit.noise**2 / rows[:, COUNT, None] + MODEL**2)
+        rows, law = self._rows[last := self._rows[:, EPISODE] == self._episode], self._law
+        square = _squares(*_seen_from(self._paths(float(law[SCALE]))[0][last], PLACES[:, None]), law)[0]
+        misfit = rows[:, LOGS] - law[GAINS] + 0.5 * law[POWER] * np.log(square)
+        weight = rows[:, SOUND] / (self._noise**2 / rows[:, COUNT, None] + MODEL**2)
         best: Array = PLACES[np.log1p(misfit**2 * weight).sum(axis=(1, 2)).argmin()]
         return best
 
-    def _fit(self, law: Array, lights: Array, noise: Array, steps: int) -> Fit:
-        """Return the fit after some steps of Levenberg and Marquardt from a law and places of the light."""
-        sound, counts = self._rows[:, SOUND], self._rows[:, COUNT, None]
-        x, mean = np.concatenate([law, lights.ravel()]), np.concatenate([PRIOR, np.zeros(lights.size)])
-        certain = 1.0 / np.concatenate([SPREAD, np.full(lights.size, FAR)]) ** 2
+    def _fit(self, x: Array, noise: Array, steps: int) -> tuple[float, Array, Array, float]:
+        """Return cost, law, noise and the last light's deviation, m, by Levenberg and Marquardt from a law."""
+        sound, counts, lights = self._rows[:, SOUND], self._rows[:, COUNT, None], len(x) - LAW
+        mean, certain = np.append(PRIOR, np.zeros(lights)), np.append(SPREAD, np.full(lights, FAR)) ** -2.0
         variance, damping, least = noise**2 / counts + MODEL**2, 1e-3, inf
         at, misfit, normal, right = x, np.zeros_like(sound), np.eye(len(x)), np.zeros(len(x))
         for _ in range(steps + 1):
@@ -269,10 +238,7 @@ class LocatorAgent(PeriodicAgent):
         spread = np.where(sound > 0.0, np.abs(misfit) * np.sqrt(counts), np.nan)[:, seen]
         noise = noise.copy()
         noise[seen] = np.maximum(1.48 * np.nanmedian(spread, axis=0), MODEL)
-        last = self._rows[:, EPISODE] == self._episode
-        fits = float((sound * misfit**2 / variance)[last].sum() / max(sound[last].sum(), 1.0))
-        deviation = sqrt(max(float(np.trace(np.linalg.inv(normal)[-2:, -2:])) / 2.0, 0.0))
-        return Fit(at[:LAW], at[LAW:].reshape(-1, 2), noise, deviation, fits, least)
+        return least, at, noise, sqrt(max(float(np.trace(np.linalg.inv(normal)[-2:, -2:])) / 2.0, 0.0))
 
     def _slopes(self, x: Array) -> tuple[Array, Array]:
         """Return the misfits, (rows, 4), and the derivatives of the law by all unknowns, (rows, 4, unknowns)."""
@@ -315,17 +281,18 @@ class LocatorAgent(PeriodicAgent):
                 least, effects, self._delay = cost, np.array(found), delay
         self._effects = effects
 
-    def _plan(self, fit: Fit) -> Array:
+    def _plan(self) -> Array:
         """Return the number of decisions to the goal by the quickest course that begins with each action."""
-        way, turn, scale = self._rows[-1, WAY], self._rows[-1, TURN], float(fit.law[SCALE])
-        state = np.array([*self._light(fit), way, turn / way if abs(way) > 1e-3 else 0.0])
+        way, turn, scale = self._rows[-1, WAY], self._rows[-1, TURN], float(self._law[SCALE])
+        state = np.array([*self._light(), way, turn / way if abs(way) > 1e-3 else 0.0])
         for a in ([self._actions] * self._delay + self._history)[len(self._history) :]:
             state = _course(state[:, None], self._effects[:, [0, 1 + a]], scale, 1)[:, 0, 0]
         effects = self._effects[:, :-1]
         goal = (1.0 - GRAZE) * (sum(self._ends) + 3.0 * self._goal) / (len(self._ends) + 3.0)
         # where the episode goes on although it should be there, the goal is nearer
         goal = min(goal, 0.9 * hypot(state[0], state[1]))
-        doubt, here = hypot(fit.deviation, GRAZE * goal), np.repeat(state[:, None], self._actions, axis=1)
+        doubt = hypot(self._deviation, GRAZE * goal)
+        here = np.repeat(state[:, None], self._actions, axis=1)
         switches = np.array([m for m in range(1, 120) if m < 9 or m % 3 == 0])
         # a for m decisions, then b: shape (actions a, decisions m, actions b)
         after = _course(here, effects, scale, int(switches[-1]))[..., switches - 1]
@@ -340,23 +307,23 @@ class LocatorAgent(PeriodicAgent):
 
     def table(self) -> StoredTable:
         """Return the law as a row, and all else beside it."""
-        law = PRIOR if self._fitted is None else self._fitted.law
+        law = self._law[:LAW]
         about = {"agent": self.name, "episodes": self._episode, "memory": self.memory()}
         return StoredTable(law[None].copy(), {**about, "sensors": law[:8].reshape(4, 2).tolist()})
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
-        fit = None if self._fitted is None else [each.tolist() for each in self._fitted[:3]]
-        told = {"fit": fit, "rows": self._rows.tolist(), "effects": self._effects.tolist(), "delay": self._delay}
+        told = {"law": self._law.tolist(), "noise": self._noise.tolist(), "rows": self._rows.tolist()}
+        told |= {"effects": self._effects.tolist(), "delay": self._delay}
         return told | {"ends": self._ends, "late": self._late, "episode": self._episode}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from the result of `memory`; ValueError: it knows another number of actions."""
-        effects, fit = np.array(memory["effects"], float), memory["fit"]
+        effects = np.array(memory["effects"], float)
         if effects.shape != (2, self._actions + 2):
             raise ValueError(f"knows {effects.shape[-1] - 2} actions where {self._actions} are needed")
         self._rows, self._effects = np.array(memory["rows"], float).reshape(-1, COLUMNS), effects
-        self._fitted = None if fit is None else Fit(np.array(fit[0]), np.array(fit[1]), np.array(fit[2]))
+        self._law, self._noise = np.array(memory["law"], float), np.array(memory["noise"], float)
         self._delay = int(memory["delay"])
         self._ends, self._late = list(map(float, memory["ends"])), list(map(float, memory["late"]))
         self._episode = int(memory["episode"])
