@@ -18,8 +18,7 @@ Two kinds of topics lead to two ways of making a record, chosen once a topic:
 - Every other topic has texts or sequences. Its messages are written field by field, by the message's definition.
 
 A row of several topics is what a robot tells in each of its cycles: seven of eight messages. All of these tell numbers.
-Their templates stand one behind the other, and when a block is joined, the numbers of all its cycles are put there by
-column: a number for each message at a time would take twice as long.
+Their templates stand one behind the other, and all their numbers are put there at once.
 
 """
 
@@ -27,12 +26,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain, count
+from dataclasses import dataclass, field
+from itertools import count
 from operator import itemgetter
 from typing import Any, Final, NamedTuple
-
-import numpy as np
 
 from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S, nanoseconds
@@ -44,20 +41,18 @@ RECORD: Final = struct.Struct("<BQHIQQ")
 """The head of an MCAP message record: opcode, length, channel, sequence, log time, publish time."""
 MESSAGE: Final = 5
 _BEHIND_LENGTH: Final = RECORD.size - 9
-_VARYING: Final = ((11, "I", 0), (15, "Q", 1), (23, "Q", 1))
-"""Of a head's changing fields, offset, struct code and place in what differs: the sequence number and both times."""
+_HEAD: Final = struct.Struct("<BQHI16s")
+"""The same, with both times as bytes."""
+_SEQUENCE: Final = 11
+"""Offset of a head's changing fields: the sequence number and both times."""
+_TIMES: Final = struct.Struct("<QQ")
 _STAMP: Final = struct.Struct("<iI")
 _STAMPED: Final = ("std_msgs/Header", "builtin_interfaces/Time")
 """Types that begin with a time stamp."""
-_REFUSED: Final = (TypeError, ValueError, IndexError, AttributeError, ArithmeticError, struct.error)
-"""Errors of values that are none of their topic's."""
-
 Message = tuple[float, Topic[Any], Any]
 """Time, s of the run, topic and value."""
 Told = tuple[float, tuple[Topic[Any], ...], Sequence[Any]]
 """Time, s of the run, and topics that are told together, with their values; several topics tell numbers only."""
-_When = tuple[int, int, int]
-"""The time of a record in ns, and as a stamp's s and ns."""
 
 
 class TopicChannel(NamedTuple):
@@ -113,7 +108,7 @@ class Encoder:
         self._full_name = full_name
         self.channels = [] if channels is None else channels
         self._own: dict[Topic[Any], _OwnChannel] = {}
-        self._rows: dict[tuple[Topic[Any], ...], _Single | _Cycle] = {}
+        self._rows: dict[tuple[Topic[Any], ...], _Row] = {}
         # of the next block
         self._records: list[bytes | bytearray] = []
         self._length = 0
@@ -121,14 +116,19 @@ class Encoder:
     def take(self, told: Iterable[Told]) -> None:
         """Make records of rows, for the next block; RecordingError: a value is none of its topic's."""
         rows, records, length, epoch = self._rows, self._records, self._length, nanoseconds(self.epoch)
-        known, when = None, (0, 0, 0)
+        known, stamp, when = None, 0, (b"", b"")
         for time, topics, values in told:
             row = rows.get(topics) or self._row(topics)
-            if time != known:
-                known, stamp = time, round(time * NS_PER_S) + epoch
-                when = stamp, *divmod(stamp, NS_PER_S)
-            record = row.record(values, when)
-            row.stamps.append(when[0])
+            try:
+                if time != known:
+                    known, stamp = time, round(time * NS_PER_S) + epoch
+                    when = _TIMES.pack(stamp, stamp), _STAMP.pack(*divmod(stamp, NS_PER_S))
+                record = row.record(values, when)
+            except (TypeError, ValueError, IndexError, AttributeError, struct.error) as error:
+                names, messages = (", ".join(getattr(each, name) for each in topics) for name in ("name", "message"))
+                what = values[0] if len(values) == 1 else values
+                raise RecordingError(f"{names}: no {messages} can be made of {what!r}: {error}") from error
+            row.stamps.append(stamp)
             row.starts.append(length)
             records.append(record)
             length += len(record)
@@ -139,10 +139,8 @@ class Encoder:
         self.take((time, (topic,), (value,)) for time, topic, value in messages)
         index: dict[int, list[tuple[int, int]]] = {}
         stamps: list[int] = []
-        data = bytearray().join(self._records)
         for row in self._rows.values():
             if row.starts:
-                row.fill(data)
                 for number, place in row.places:
                     index.setdefault(number, []).extend(zip(row.stamps, map(place.__add__, row.starts), strict=True))
                 stamps += min(row.stamps), max(row.stamps)
@@ -150,12 +148,12 @@ class Encoder:
         for entries in index.values():
             # a channel may be in several rows
             entries.sort(key=itemgetter(1))
-        self._records, self._length = [], 0
-        return Block(bytes(data), index, min(stamps, default=0), max(stamps, default=0), self.channels, self.epoch)
+        data, self._records, self._length = b"".join(self._records), [], 0
+        return Block(data, index, min(stamps, default=0), max(stamps, default=0), self.channels, self.epoch)
 
-    def _row(self, topics: tuple[Topic[Any], ...]) -> _Single | _Cycle:
-        channels = [self._channel(topic) for topic in topics]
-        self._rows[topics] = _Single(*channels) if len(channels) == 1 else _Cycle(channels)
+    def _row(self, topics: tuple[Topic[Any], ...]) -> _Row:
+        make = _of_numbers if topics[0].paths else _of_fields
+        self._rows[topics] = make([self._channel(topic) for topic in topics])
         return self._rows[topics]
 
     def _channel(self, topic: Topic[Any]) -> _OwnChannel:
@@ -173,147 +171,86 @@ class _OwnChannel(NamedTuple):
     sequence: Iterator[int]
 
 
-class _Single:
-    """A row of one topic."""
+@dataclass(slots=True)
+class _Row:
+    """Topics that are told together."""
 
-    def __init__(self, channel: _OwnChannel) -> None:
-        self._topic = channel.topic
-        self._make = _of_numbers(channel) if channel.topic.paths else _of_fields(channel)
-        # each channel's number, and the place of its record in the row
-        self.places = [(channel.number, 0)]
-        # log time (ns) and offset of each row in the block that is being made
-        self.stamps: list[int] = []
-        self.starts: list[int] = []
-
-    def record(self, values: Sequence[Any], when: _When) -> bytes | bytearray:
-        """Return the record of a value."""
-        try:
-            return self._make(values[0], when)
-        except _REFUSED as error:
-            raise _no_message(self._topic, values[0], error) from error
-
-    def fill(self, data: bytearray) -> None:
-        """Add what the records in a block lack: nothing."""
+    record: Callable[[Sequence[Any], tuple[bytes, bytes]], bytes]
+    """Makes the records of their values, one behind the other; given as bytes log and publish time, and time stamp."""
+    # each channel's number, and the place of its record among them
+    places: list[tuple[int, int]]
+    # log time (ns) and offset of each row in the block that is being made
+    stamps: list[int] = field(default_factory=list)
+    starts: list[int] = field(default_factory=list)
 
 
-class _Cycle:
-    """A row of several topics of numbers."""
-
-    def __init__(self, channels: Sequence[_OwnChannel]) -> None:
-        self.places: list[tuple[int, int]] = []
-        self.stamps: list[int] = []
-        self.starts: list[int] = []
-        self._sequences = [channel.sequence for channel in channels]
-        # topics, and of each varying number its name in the templates and its place in the topic's columns
-        self._topics: list[tuple[Topic[Any], list[tuple[str, int]]]] = []
-        self._templates = b""
-        offsets, codes = list[int](), list[str]()
-        for topic, number, _ in channels:
-            head = len(self._templates)
-            template, varying = _template(topic, number)
-            named = [(str(name), at) for name, (_, _, at) in enumerate(varying, len(codes))]
-            offsets += [head + place for place, _, _ in varying]
-            codes += [f"<{code}" for _, code, _ in varying]
-            self.places.append((number, head))
-            self._topics.append((topic, named))
-            self._templates += template
-        names, width = list(map(str, range(len(codes)))), len(self._templates)
-        self._type = np.dtype({"names": names, "formats": codes, "offsets": offsets, "itemsize": width})
-        self._values: list[Sequence[Any]] = []
-        self._times: list[int] = []
-
-    def record(self, values: Sequence[Any], when: _When) -> bytes:
-        """Return the records of values without their numbers."""
-        self._values.append(values)
-        self._times += (*when, *map(next, self._sequences))
-        return self._templates
-
-    def fill(self, data: bytearray) -> None:
-        """Put the numbers into the records in a block."""
-        told, self._values = self._values, []
-        times, self._times = _columns(self._times, "q", len(told)), []
-        rows = np.tile(np.frombuffer(self._templates, np.uint8), len(told)).view(self._type)
-        for (topic, named), sequence, values in zip(self._topics, times[3:], zip(*told, strict=True), strict=True):
-            try:
-                numbers = _columns(list(chain.from_iterable(map(topic.make, values))), "d", len(told))
-                columns = sequence, *times[:3], *numbers
-                with np.errstate(over="raise", invalid="raise"):
-                    for name, at in named:
-                        rows[name] = columns[at]
-            except _REFUSED as error:
-                raise _no_message(topic, values, error) from error
-        filled, width = rows.view(np.uint8).data, len(self._templates)
-        for at, start in enumerate(self.starts):
-            data[start : start + width] = filled[at * width : (at + 1) * width]
+def _head(channel: int, length: int, sequence: int = 0, times: bytes = b"") -> bytes:
+    return _HEAD.pack(MESSAGE, _BEHIND_LENGTH + length, channel, sequence, times)
 
 
-def _columns(numbers: Sequence[float], code: str, rows: int) -> np.ndarray[Any, Any]:
-    """Return the columns of numbers that come row by row, in a third of the time of numpy's own function."""
-    return np.frombuffer(struct.pack(f"{len(numbers)}{code}", *numbers), code).reshape(rows, -1).T
-
-
-def _no_message(topic: Topic[Any], value: Any, error: Exception) -> RecordingError:
-    return RecordingError(f"{topic.name}: no {topic.message} can be made of {value!r}: {error}")
-
-
-def _of_fields(channel: _OwnChannel) -> Callable[[Any, _When], bytes]:
-    """Return the function that writes a topic's records field by field."""
-    topic, number, sequence = channel
+def _of_fields(channels: Sequence[_OwnChannel]) -> _Row:
+    """Return a row of one topic, whose records are written field by field."""
+    ((topic, number, sequence),) = channels
     first = fields(topic.message)[0]
     stamped = first.type in _STAMPED
     begun = begin(topic.message, topic.constants)
 
-    def record(value: Any, when: _When) -> bytes:
-        values: Any = topic.make(value)
-        if not isinstance(values, Mapping):
-            values = values._asdict()
-        if first.name in values:
-            message = encode(topic.message, {**topic.constants, **values})
-        else:
-            message = encode(topic.message, {**topic.constants, **values}, begun)
+    def record(values: Sequence[Any], when: tuple[bytes, bytes]) -> bytes:
+        times, stamp = when
+        told: Any = topic.make(values[0])
+        if not isinstance(told, Mapping):
+            told = told._asdict()
+        message = encode(topic.message, {**topic.constants, **told}, b"" if first.name in told else begun)
         if stamped:
-            _STAMP.pack_into(message, len(HEADER), *when[1:])
-        head = RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(message), number, next(sequence), when[0], when[0])
-        return head + message
+            message[len(HEADER) : len(HEADER) + len(stamp)] = stamp
+        return _head(number, len(message), next(sequence), times) + message
 
-    return record
+    return _Row(record, [(number, 0)])
 
 
-def _of_numbers(channel: _OwnChannel) -> Callable[[Any, _When], bytes]:
-    """Return the function that puts a topic's numbers into a template of its record.
+def _of_numbers(channels: Sequence[_OwnChannel]) -> _Row:
+    """Return a row whose numbers are put into a template of its records.
 
     One call packs the template's pieces and the numbers between them; a number at a time takes three times as long.
-    Zeros at the ends of a piece are struct's padding, as most covariances and unused axes are 0.
     """
-    topic, number, sequence = channel
-    template, varying = _template(topic, number)
-    # the pieces come behind the numbers, the first of them last
-    form, pieces, order, end = "<", list[bytes](), list[int](), 0
-    for place, code, at in (*sorted(varying), (len(template), "", None)):
-        gap = template[end:place]
-        piece = gap.strip(b"\0")
-        zeros = gap.index(piece)
-        form += f"{zeros}x{len(piece)}s{len(gap) - zeros - len(piece)}x" if piece else f"{len(gap)}x"
-        if piece:
-            pieces.insert(0, piece)
-            order.append(-len(pieces))
-        if at is not None:
-            form += code
-            order.append(at)
+    template, places = b"", list[tuple[int, int]]()
+    # place in the template and struct's code of all that differs
+    varying: list[tuple[int, str]] = []
+    # of each topic its sequence numbers, what makes its numbers, their count, and what sorts all if they need it
+    makes: list[tuple[Iterator[int], Callable[[Any], Any], int, Callable[[Any], Any] | None]] = []
+    for topic, number, sequence in channels:
+        head = len(template)
+        places.append((number, head))
+        layout = MessageBuffer(topic.message, topic.constants)
+        template += _head(number, len(layout)) + layout
+        message = head + RECORD.size
+        stamps = [place for path, (place, _) in layout.places.items() if path.endswith("stamp.sec")]
+        own = [(head + _SEQUENCE, "I"), (head + _SEQUENCE + 4, f"{_TIMES.size}s")]
+        # without a stamp, nothing of it is written
+        own.append((message + stamps[0], f"{_STAMP.size}s") if stamps else (message, "0s"))
+        own += [(message + place, code) for place, code in map(layout.places.__getitem__, topic.paths)]
+        varying += sorted(own)
+        in_order = None if own == sorted(own) else itemgetter(*sorted(range(len(own)), key=own.__getitem__))
+        makes.append((sequence, topic.make, len(topic.paths), in_order))
+    # what stands ahead of each number, the number, ..., and the rest
+    form, arguments, end = "<", list[Any](), 0
+    for place, code in varying:
+        form += f"{place - end}s{code}"
+        arguments += template[end:place], 0
         end = place + struct.calcsize(f"<{code}")
-    pack, in_order = struct.Struct(form).pack, itemgetter(*order)
-    make: Callable[[Any], Any] = topic.make
-    return lambda value, when: pack(*in_order((next(sequence), *when, *make(value), *pieces)))
+    arguments.append(template[end:])
+    pack = struct.Struct(f"{form}{len(template) - end}s").pack
 
+    def record(values: Sequence[Any], when: tuple[bytes, bytes]) -> bytes:
+        told: list[Any] = []
+        for value, (sequence, make, length, in_order) in zip(values, makes, strict=True):
+            if in_order is None:
+                told.append(next(sequence))
+                told += when
+                told += make(value)[:length]
+            else:
+                told += in_order((next(sequence), *when, *make(value)))
+        arguments[1::2] = told
+        return pack(*arguments)
 
-def _template(topic: Topic[Any], number: int) -> tuple[bytes, list[tuple[int, str, int]]]:
-    """Return a record of a topic of numbers, and offset and struct's code of each number that differs.
-
-    The third of each is its place in all of them: sequence number, time in ns, stamp's s and ns, the topic's numbers.
-    """
-    layout = MessageBuffer(topic.message, topic.constants)
-    head = RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(layout), number, 0, 0, 0)
-    stamps = [place for path, (place, _) in layout.places.items() if path.endswith("stamp.sec")][:1]
-    within = [(place + more, code, at) for place in stamps for more, code, at in ((0, "i", 2), (4, "I", 3))]
-    within += [(*layout.places[path], at) for at, path in enumerate(topic.paths, 4)]
-    return head + layout, [*_VARYING, *((RECORD.size + place, code, at) for place, code, at in within)]
+    return _Row(record, places)

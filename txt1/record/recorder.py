@@ -1,9 +1,9 @@
 """The recorder writes every message of a robot's bus, in batches, to a file or to a live view.
 
-In real time the loop makes each cycle's messages to records when the cycle is over, and puts the numbers of the cycles
-into them at the end of a batch. A thread compresses and writes the batches. It computes next to nothing that holds the
-interpreter's lock, so no cycle waits for it. A writer that falls behind loses batches; they are counted. At full speed
-the loop does all of it itself, in batches, as no deadline has to be met.
+In real time the loop makes each cycle's messages to records when the cycle is over, and a thread compresses and writes
+them, batch by batch. The thread computes next to nothing that holds the interpreter's lock, so no cycle waits for it. A
+writer that falls behind loses batches; they are counted. At full speed the loop does all of it itself, in batches, as
+no deadline has to be met.
 """
 
 import asyncio
@@ -194,14 +194,13 @@ class Recorder:
         """Have the batch written, or lose it where more batches than `backlog` are waiting already."""
         while self._jobs and self._jobs[0].done():
             self._jobs.popleft()
-        with self._failing():
-            block = self._encoder.block()
-            if len(self._jobs) > backlog:
-                self._overflowed += block.count
-            elif self._full_speed:
-                self._write(block)
-            else:
-                self._jobs.append(self._writer.submit(self._write, block))
+        block = self._encoder.block()
+        if len(self._jobs) > backlog:
+            self._overflowed += block.count
+        elif self._full_speed:
+            self._write(block)
+        else:
+            self._jobs.append(self._writer.submit(self._write, block))
 
     @contextmanager
     def _failing(self) -> Iterator[None]:
