@@ -64,3 +64,30 @@ def test_without_numpy_the_thesiss_learner_decides_the_same_to_the_last_bit() ->
     assert without.count("\n") > 20
     assert without.replace("False", "True") == end, "each decision, reward and value"
     assert without.endswith("False\n") and end.endswith("True\n")
+
+
+RECORDS = """
+import sys
+if {without}:
+    sys.modules.update({{"numba": None, "compression.zstd": sys}})
+    from txt1_browser.lacking import stand_in
+    stand_in()
+import txt1.robot
+from txt1.record import recorder
+from txt1.model.odometry import Odometry
+from txt1.tasks.encoder import ODOMETRY, POSE
+
+encoder = recorder.Encoder(0.0)
+encoder.take([(0.02, (ODOMETRY, POSE), (Odometry(1.0, 2.0, 0.5, 0.3, 0.1), (1.0, 2.0, 0.5)))])
+print(encoder.block().data.hex())
+"""
+
+
+def test_without_numpy_a_cycle_is_recorded_the_same_to_the_last_byte() -> None:
+    without, usual = (
+        subprocess.run(
+            [sys.executable, "-c", RECORDS.format(without=without)], capture_output=True, text=True, check=True
+        ).stdout
+        for without in (True, False)
+    )
+    assert len(without) > 1000 and without == usual
