@@ -233,7 +233,7 @@ async def visited(
     floor: Room | None,
 ) -> None:
     """Drive to the goals; each one's result is added."""
-    settings = (*settings, f"mapping.room={name}", "mapping.at=[0, 0, 0]")
+    settings = (*settings, f"mapping.room={name}", "mapping.at=[0, 0, 0]", f"obstacle_stop.people={given.people}")
     with Contacts() as contacts:
         async with Robot.open("sim", seed=given.seed + 1, settings=settings) as robot:
             assert await robot.load_gains()
@@ -300,6 +300,7 @@ def main() -> int:
     parser.add_argument("--each", action="store_true", help="print each goal's result")
     parser.add_argument("--maps", nargs="+", default=[], help="drive on these maps of the package instead")
     parser.add_argument("--walkers", type=int, default=0, help="walkers on each of these maps (default 0)")
+    parser.add_argument("--people", type=float, default=0.0, help="obstacle_stop.people, m/s (default 0)")
     given = parser.parse_args()
     results: list[dict[str, Any]] = []
     if given.maps:
