@@ -476,8 +476,9 @@ def test_a_table_that_does_not_fit_its_agent_is_not_driven_by(
     assert problem in capsys.readouterr().err
 
 
-def test_what_was_learned_drives_to_the_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert learn(tmp_path, "--trials", "1", "--episodes", "2") == 0
+@pytest.mark.parametrize("agent", ["thesis", "locator"])
+def test_what_was_learned_drives_to_the_light(agent: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert learn(tmp_path, "--trials", "1", "--episodes", "2", "--agent", agent) == 0
     capsys.readouterr()
     assert run("--policy", str(tmp_path / "qtable.json")) == 0
     assert json.loads(capsys.readouterr().out)["armed"]

@@ -78,7 +78,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     learning = config.section(LearningConfig)
     agent = LocatorAgent(len(learning.actions), learning.goal_radius, learning.locator.alarm)
     if table is not None:
-        agent.recall(table.about["memory"])
+        agent.recall(table.about["knows"])
     return agent
 
 
@@ -308,7 +308,7 @@ class LocatorAgent(PeriodicAgent):
     def table(self) -> StoredTable:
         """Return the law as a row, and all else beside it."""
         law = self._law[:LAW]
-        about = {"agent": self.name, "episodes": self._episode, "memory": self.memory()}
+        about = {"agent": self.name, "episodes": self._episode, "knows": self.memory()}
         return StoredTable(law[None].copy(), {**about, "sensors": law[:8].reshape(4, 2).tolist()})
 
     def memory(self) -> dict[str, Any]:
