@@ -646,7 +646,7 @@ class Fusion:
         judge.jumped_at, judge.jumped = None, 0
         if not judge.believed:
             elsewhere = judge.reason.startswith(FRAMES) and self._placed_by_another(judge, measurement)
-            soon = judge.reason not in (JUMPED, MOVES) and not (nis > gate or judge.fits(measurement.time))
+            soon = judge.reason != JUMPED and not (nis > gate or judge.fits(measurement.time))
             if soon or (nis > gate and elsewhere):
                 return _left_out(belief, entry, judge)
             self._pulls_again(judge, belief, after)
@@ -739,7 +739,7 @@ class Fusion:
         self, belief: Belief, entry: _Entry, judge: Judge, frame: Frame, residual: Sequence[float]
     ) -> Belief:
         """Leave out a reading in a frame that moves; it returns as a reading after a leap."""
-        judge.jumped_at, judge.jumped = entry.measurement.time, SEVERAL
+        judge.jumped_at, judge.jumped, judge.fitting = entry.measurement.time, SEVERAL, 0
         if judge.believed:
             self._tell(judge.doubt(MOVES))
             self.vote.clear()

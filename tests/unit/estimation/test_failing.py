@@ -270,6 +270,24 @@ def test_a_tracker_whose_frame_was_moved_is_believed_again_but_not_to_the_millim
     assert car.worst()[0] == pytest.approx(0.9, abs=0.02)
 
 
+def test_a_gps_that_drifts_is_not_believed_again_for_a_fix_that_fits_by_chance() -> None:
+    car = Car("imu-gps", busy, exact=True)
+    car.go(20.0)
+
+    def drifting(measurement: Measurement) -> Iterable[Measurement]:
+        if measurement.sensor != "gps":
+            return (measurement,)
+        x, y = measurement.values
+        return (measurement._replace(values=(x + 2.0 * (car.now - 20.0), y)),)
+
+    car.fails = drifting
+    car.go(35.0)
+    assert car.worst()[0] < 8.0, "of 30 m"
+    car.fails = sound
+    car.go(37.0)
+    assert car.believed("gps")
+
+
 def test_a_frame_that_moves_while_the_mount_is_learned_is_found_out() -> None:
     car = Car("vicon", busy, slip=0.1)
     car.go(10.0)
