@@ -3,12 +3,12 @@
 A frontier is a connected border, long enough to be worth a way (Yamauchi, "A frontier-based approach for autonomous
 exploration", CIRA 1997). Floor beside walls is no part of it: the edge of a wall on the map is uncertain. The poses
 that the car can reach are searched, the near ones first. Those from which it looks at a frontier, with nothing in
-between, are views.
+between, are views. The frontier is chosen by the cheapest view of any part of it, then the view by what it shows: the
+part that is in sight from afar may be one cell beside a corner.
 """
 
 from __future__ import annotations
 
-from itertools import product
 from math import ceil, pi
 from typing import Final, NamedTuple
 
@@ -30,9 +30,8 @@ LEAST: Final = 0.3
 """m, length of the shortest frontier: shorter ones are gaps between rays."""
 SIGHT: Final = 2.0
 """m from a frontier from which the robot looks at it at most: farther away, rays are far apart."""
-WAYS_TO_LOOK: Final = ((False, pi / 3.0), (True, pi / 3.0), (True, 2.0))
-"""Whether it looks at any part of a frontier, not only at its middle, and rad by which it may look past that; the best
-first."""
+PAST: Final = (pi / 3.0, 2.0)
+"""rad by which it may look past a frontier; the better first."""
 LARGE: Final = 0.3
 """m of way that a metre of frontier is worth,"""
 LARGEST: Final = 3.0
@@ -109,42 +108,53 @@ def frontiers(grid: Grid) -> list[Frontier]:
 
 
 def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, keep: float) -> View | None:
-    """Return the cheapest pose from which the robot looks at one of the frontiers; None: it can reach none.
+    """Return the cheapest pose from which the robot looks at most of the cheapest frontier, else at any part of it;
+    None: it can reach none.
 
     The body keeps `keep` m from walls.
     """
-    for (parts, past), narrow in product(WAYS_TO_LOOK, (False, True)):
-        best: View | None = None
+    for past in PAST:
+        part = _best(every, pose, room, body, keep, 0.0, past)
+        if part is not None:
+            return _best([part.frontier], pose, room, body, keep, 1.0 - KNOWN, past) or part
+    return None
+
+
+def _best(
+    every: list[Frontier], pose: Pose, room: Room, body: Geometry, keep: float, most: float, past: float
+) -> View | None:
+    """Return the cheapest pose from which it looks at more than a share `most` of one of the frontiers."""
+    best: View | None = None
+    for narrow in (False, True):
         for poses, least in reachable(pose, room, body, MARGINS[0] * body.radius_min, keep, narrow):
-            found = [view for each in every if (view := _cheapest(each, poses, room, parts, past)) is not None]
+            found = [view for each in every if (view := _cheapest(each, poses, room, most, past)) is not None]
             best = min([*found, *([best] if best else [])], key=lambda view: view.cost, default=None)
             if best is not None and best.cost < least - LARGE * LARGEST:
                 break
         if best is not None:
-            return best
-    return None
+            break
+    return best
 
 
-def _cheapest(frontier: Frontier, poses: Array, room: Room, parts: bool, past: float) -> View | None:
-    """Return the cheapest of the poses (n, 4) that look behind its middle, or behind any part of it, at most `past` rad
-    past that; None: none does.
+def _cheapest(frontier: Frontier, poses: Array, room: Room, most: float, past: float) -> View | None:
+    """Return the cheapest of the poses (n, 4) that look at more than a share `most` of the cells behind the frontier's
+    middle, or at any cell behind it, at most `past` rad past that; None: none does.
 
     The border of what a corner hides is in sight from where it was seen, and what is behind it is not.
     """
     assert room.walls is not None
     ends = frontier.beyond
-    if not parts:
-        ends = ends[[np.argmin(np.hypot(*(ends - frontier.middle).T))]]
-    away = ends[None] - poses[:, None, :2]
-    nearest = np.argmin(np.hypot(away[..., 0], away[..., 1]), axis=1)
-    dx, dy = away[np.arange(len(poses)), nearest].T
-    angles = np.arctan2(dy, dx)
-    aside = np.abs((angles - poses[:, 2] + pi) % (2.0 * pi) - pi)
-    grid, ranges = room.walls.grid, np.hypot(dx, dy)
-    looking = np.flatnonzero((ranges < SIGHT) & (aside < past))
-    costs = poses[:, 3] + CLOSE * ranges - LARGE * min(frontier.length, LARGEST)
-    for k in looking[np.argsort(costs[looking], kind="stable")].tolist():
+    if most:
+        ends = ends[np.hypot(*(ends - frontier.middle).T) < SAME]
+    dx, dy = (ends[None] - poses[:, None, :2]).transpose(2, 0, 1)
+    angles, ranges = np.arctan2(dy, dx), np.hypot(dx, dy)
+    looking = (ranges < SIGHT) & (np.abs((angles - poses[:, 2:3] + pi) % (2.0 * pi) - pi) < past)
+    costs = poses[:, 3] + CLOSE * ranges.min(axis=1) - LARGE * min(frontier.length, LARGEST)
+    enough = np.flatnonzero(looking.mean(axis=1) > most)
+    grid = room.walls.grid
+    for k in enough[np.argsort(costs[enough], kind="stable")].tolist():
         x, y, theta, _ = poses[k].tolist()
-        if cast(grid, x, y, angles[k], SIGHT) > ranges[k] - 1.5 * grid.resolution:
+        seen = looking[k] & (cast(grid, x, y, angles[k], SIGHT) > ranges[k] - 1.5 * grid.resolution)
+        if seen.mean() > most:
             return View((x, y, theta), float(costs[k]), frontier)
     return None

@@ -4,6 +4,7 @@ from math import atan2, hypot
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from txt1.exploring.frontiers import best_view, frontiers
 from txt1.mapping.seen_floor import QuickGrid
@@ -121,3 +122,26 @@ def test_the_car_goes_where_it_sees_what_a_corner_hides():
     view = best_view(hidden, START, room(known), BODY, KEEP)
     assert len(hidden) == 1 and view is not None
     assert not hidden[0].known(known) and hidden[0].known(looked(truth, known, view.pose))
+
+
+@pytest.mark.parametrize(("first", "last", "known_to"), [(45, 65, 64), (50, 64, 62), (50, 70, 64)])
+def test_the_car_looks_into_a_niche_where_it_sees_most_of_it(first, last, known_to):
+    # the room ends at y = 2.3 m, and a third of a niche's depth of 1.15 m is known
+    truth = seen(door=1.0).cells
+    truth[30:50, 90] = truth[56:] = OCCUPIED
+    truth[56:79, first:last] = FREE
+    known = truth.copy()
+    known[known_to:79, first:last] = UNKNOWN
+    grid, start = QuickGrid(known, 0.05, (-0.5, -0.5, 0.0)), (1.0, 1.9, 0.0)
+    (niche,) = frontiers(grid)
+    view = best_view([niche], start, room(grid), BODY, KEEP)
+    assert view is not None and niche.known(looked(QuickGrid(truth, 0.05, grid.origin), grid, view.pose))
+
+
+def test_a_good_view_of_a_far_frontier_does_not_lure_the_car_away_from_a_near_one():
+    grid = seen(door=1.0)
+    # ahead a gap of 0.3 m, through which no place shows most of what is behind it; far behind the car an open door
+    grid.cells[:, 90] = OCCUPIED
+    grid.cells[30:36, 90] = grid.cells[30:75, 91:96] = grid.cells[30:50, 9] = FREE
+    view = best_view(frontiers(grid), (3.2, 1.0, 0.0), room(grid), BODY, KEEP)
+    assert view is not None and view.frontier.middle[0] > 4.0
