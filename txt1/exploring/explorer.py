@@ -191,11 +191,14 @@ class Explorer:
                 and abs(degrees(wrap_angle(view.pose[2] - here[2]))) < FACING
             )
 
+        def seen() -> bool:
+            return on(view.frontier.gone) or on(view.frontier.known)
+
         why = await self._drive(view.pose, lambda: on(view.frontier.gone) or looks())
         ends = robot.now + MAPPED
-        while not why and not on(view.frontier.known) and robot.now < ends:
+        while not why and not seen() and robot.now < ends:
             await asyncio.sleep(LOOK)
-        if not why and not on(view.frontier.known):
+        if not why and not seen():
             why = "the laser has looked there in vain"
         self._tries.append(Try(view.frontier.middle, why))
         if why:

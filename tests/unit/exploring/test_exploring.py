@@ -12,6 +12,7 @@ import pytest
 
 from txt1.cli import execute
 from txt1.exploring import explorer
+from txt1.exploring.frontiers import Frontier
 from txt1.kernel.loop import run
 from txt1.maps import files
 from txt1.maps.grid import FREE
@@ -154,6 +155,16 @@ def test_a_frontier_to_which_no_way_leads_is_told_with_its_place(tmp_path, capsy
     assert execute([*arguments(LASER), "--duration", "60", "--explore", "-o", str(name)]) == 1
     told = capsys.readouterr().err
     assert "a frontier is left at (" in told and "no path leads to" in told and "did not come back" in told
+
+
+def test_a_frontier_that_is_gone_was_not_looked_at_in_vain(tmp_path, capsys, monkeypatch):
+    # the border has moved on, before most of what was behind it is known
+    monkeypatch.setattr(Frontier, "gone", lambda *_: True)
+    monkeypatch.setattr(Frontier, "known", lambda *_: False)
+    name = tmp_path / "room"
+    assert execute([*arguments(LASER, OBSTACLE), "--duration", "60", "--explore", "-o", str(name)]) == 1
+    told = capsys.readouterr().err
+    assert "it comes again and again" in told and "in vain" not in told
 
 
 @pytest.mark.parametrize(
