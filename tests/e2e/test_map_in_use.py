@@ -70,7 +70,7 @@ async def test_a_click_is_meant_on_the_map(
 async def test_a_lost_robot_goes_nowhere_by_a_click(robot: Robot, there: OnMap, tmp_path: Path) -> None:
     services = Services(robot, robot.config, "max", tmp_path)
     there.heard(news(robot, lost=True))
-    with pytest.raises(CommandRefused, match="does not know where the robot is"):
+    with pytest.raises(CommandRefused, match="does not know where the robot is; wait, or drive by hand"):
         services.requests["go"]([[4.5, 0.0]], 0.5)
     await services.close()
 

@@ -31,7 +31,9 @@ class PoseSource(NamedTuple):
         """Return the present pose, m and rad; raises CommandRefused while it is unknown."""
         pose = self.read()
         if pose is None:
-            raise CommandRefused(f"the pose source '{self.name}' does not know where the robot is; drive it on")
+            raise CommandRefused(
+                f"the pose source '{self.name}' does not know where the robot is; wait, or drive by hand, until it does"
+            )
         return pose
 
 
