@@ -46,6 +46,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.mapping.carmen_logs import LONGEST
 from txt1.mapping.mapper import Mapper
 from txt1.mapping.matcher import GAP, Cloud, LocalMap, compiled_kernels, joined, sparse
 from txt1.mapping.poses import composed, difference, wrapped
@@ -76,9 +77,9 @@ BELIEVED: Final = 0.75
 stand before the others.
 """
 LEAST: Final = 0.25
-"""Smallest share of a scan's rays that are not too short; with fewer, the scan decides nothing."""
+"""Smallest share of a scan's rays that are not too short. With fewer, the beams that met nothing count, too."""
 FEW: Final = 5
-"""Rays that met something of which there must be as many."""
+"""Smallest number of these rays."""
 NOTHING: Final = np.empty((0, 2))
 LOST_AFTER: Final = 1.0
 """s without a fitting scan until the filter is lost, and of fitting scans until it is found."""
@@ -266,9 +267,11 @@ class Locator:
         """Return poses for the particles round a pose, or for each round its own pose."""
         return np.asarray(poses + self._rng.standard_normal((self._count, 3)) * (spread[0], spread[0], spread[1]))
 
-    def update(self, time: float, points: Array, odometry: Any, free: Array = NOTHING) -> Located:
+    def update(
+        self, time: float, points: Array, odometry: Any, free: Array = NOTHING, reach: float = LONGEST
+    ) -> Located:
         """Take a scan: points (n, 2) in the laser's frame (m), and the laser's pose by odometry (m, rad); `free`:
-        places (n, 2) to which the other beams met nothing.
+        places (n, 2) on the other beams, which met nothing within the laser's `reach`, m.
         """
         odometry = np.asarray(odometry, dtype=np.float64)
         step = np.zeros(3) if self._before is None else difference(self._before, odometry)
@@ -284,7 +287,7 @@ class Locator:
             self._moved(step)
         if len(points) >= FEW:
             self._logs = self._logs + TOGETHER * self.weights(self.particles, *_rays_of(points))
-        fit = self._fit(self._mean()[0], points, free)
+        fit = self._fit(self._mean()[0], points, free, reach)
         told = self._told(time, fit)
         self._doubts = told.lost or fit < LOSES
         if told.lost and fit < FINDS and self._searched(time):
@@ -330,25 +333,27 @@ class Locator:
         # the map is no finer than a cell
         return mean, (weights[:, None] * off).T @ off + np.diag([0.01, 0.01, radians(0.3)]) ** 2
 
-    def _fit(self, pose: Array, points: Array, free: Array) -> float:
-        """Return the share of rays that end at a wall of the map, among those that are not too short; if these are
-        few, the share among all beams of those that meet as much of the map as they should.
+    def _fit(self, pose: Array, points: Array, free: Array, reach: float) -> float:
+        """Return the share of rays that end at a wall of the map, among those that are not too short. If these are few,
+        the beams that met nothing count, too. Return 0 if even then too few tell anything.
         """
         fits, through = self._counted(pose, points)
         if len(points) < FEW or fits + through < LEAST * min(RAYS, len(points)):
-            fits, through = self._counted(pose, points, free)
+            fits, through = self._counted(pose, points, free, reach)
             if fits + through < max(FEW, LEAST * min(RAYS, len(points) + len(free))):
                 return 0.0
         return fits / (fits + through)
 
-    def _counted(self, pose: Array, points: Array, free: Array = NOTHING) -> tuple[int, int]:
-        """Return the numbers of rays that fit the map, and that go through one of its walls: those to points fit if
-        they end at a wall, those to free places if there is none before.
+    def _counted(self, pose: Array, points: Array, free: Array = NOTHING, reach: float = LONGEST) -> tuple[int, int]:
+        """Return the numbers of rays that fit the map, and that go through one of its walls.
+
+        Those to points fit if they end at a wall. The others go through `reach`, and fit if no wall is as near.
         """
         from txt1.maps.rays import cast
 
         ranges, angles = _rays_of(np.concatenate((points, free)))
         met = np.linspace(0, len(points) + len(free) - 1, len(ranges)).astype(int) < len(points)
+        ranges = np.where(met, ranges, reach)
         expected = cast(self.grid, pose[0], pose[1], pose[2] + angles)
         with np.errstate(invalid="ignore"):
             off, margin = ranges - expected, TELLS + 0.03 * ranges

@@ -76,7 +76,7 @@ class Locating:
                 locator.place((x, y, 0.0), (0.3, 2.0 * pi))
             else:
                 locator.place(composed(task.place, task.mount))
-        found = locator.update(sweep.time, sweep.points, sweep.predicted, sweep.free)
+        found = locator.update(sweep.time, sweep.points, sweep.predicted, sweep.free, sweep.reach)
         particles = locator.particles
         chosen = particles[np.linspace(0, len(particles) - 1, min(SHOWN, len(particles))).astype(int)]
         sheet, self._sheet = self._sheet, None

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import ConfigError, RecordingError
-from txt1.mapping.carmen_logs import points_of
+from txt1.mapping.carmen_logs import LONGEST, points_of
 from txt1.mapping.poses import composed, difference
 from txt1.sensors.readings import ImuReading, Mount, Scan
 
@@ -57,6 +57,8 @@ class Sweep(NamedTuple):
     """The laser's pose by wheels and gyro; without a gyro the same as `odometry`."""
     free: Array = np.empty((0, 2))
     """Places (n, 2) as `points`, at most `FREE_WITHIN` m away, to which beams met nothing."""
+    reach: float = LONGEST
+    """m up to which a beam that met nothing met no wall."""
 
 
 class Gyro:
@@ -171,7 +173,7 @@ class Sweeper:
         points = points_of(ranges, angles, scan.range_max, swept)
         nothing = np.where(np.isposinf(ranges), min(FREE_WITHIN, 0.99 * scan.range_max), np.nan)
         free = points_of(nothing, angles, scan.range_max, swept)
-        return Sweep(middle, points, laser(middle, 1), predicted, free)
+        return Sweep(middle, points, laser(middle, 1), predicted, free, min(scan.range_max, LONGEST))
 
 
 def _end(time: float, scan: Scan) -> float:

@@ -135,6 +135,14 @@ def test_beams_leave_from_where_the_robot_was_then():
     assert np.allclose(difference(taken[0].odometry, taken[0].odometry), 0.0)
 
 
+@pytest.mark.parametrize(("said", "reach"), [(4.0, 4.0), (np.inf, 30.0)])
+def test_a_beam_that_met_nothing_tells_of_no_wall_within_the_lasers_reach(said, reach):
+    sweeper = Sweeper()
+    sweeper.seen(0.1, Scan(0.0, 0.1, 0.0, np.array([np.inf, np.nan, 2.0], np.float32), 0.1, said, None, Mount()))
+    [taken] = [each for k in range(3) for each in sweeper.moved(0.1 * k, 0.0, 0.0, 0.0)]
+    assert len(taken.points) == len(taken.free) == 1 and taken.reach == reach
+
+
 def predicted(rate_at: Callable[[float], float | None]) -> Sweep:
     """The scan at 4 s of a robot that stands for 2 s, and then turns at 0.5 rad/s while its wheels say 0.6."""
     sweeper, taken = Sweeper(), []

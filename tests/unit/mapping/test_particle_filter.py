@@ -126,18 +126,22 @@ def hall() -> Grid:
 CLOSET = (-9.0, -6.0, 0.5)
 
 
-def in_the_hall(poses, odometry, person: bool = False) -> list[Located]:
-    """What the filter told, placed at the first pose; the laser sees 4 m, ten times a second, with a person beside."""
+def in_the_hall(poses, odometry, person: bool = False, blank: int = 1000) -> list[Located]:
+    """What the filter told, placed at the first pose; the laser sees 4 m, ten times a second, with a person beside.
+    From the scan `blank` on it sees nothing.
+    """
     rng, locator, told = np.random.default_rng(1), Locator(hall(), 1, COUNT), []
     locator.place(poses[0], (0.03, 0.02))
     for k, (pose, wheels) in enumerate(zip(poses, odometry, strict=True)):
         points, ranges = scan(hall(), pose, rng, far=4.0), cast(hall(), *pose[:2], pose[2] + BEAMS, 4.0)
+        if k >= blank:
+            points, ranges = points[:0], np.full(len(BEAMS), np.inf)
         angles = BEAMS[~np.isfinite(ranges)]
         if person:
             points = np.concatenate((points, 0.8 * np.column_stack((np.cos(angles[-10:]), np.sin(angles[-10:])))))
             angles = angles[:-10]
         free = 2.5 * np.column_stack((np.cos(angles), np.sin(angles)))
-        told.append(locator.update(0.1 * k, points, wheels, free))
+        told.append(locator.update(0.1 * k, points, wheels, free, 4.0))
     return told
 
 
@@ -151,15 +155,25 @@ def test_where_no_wall_is_in_reach_it_keeps_its_pose(person):
     assert told[-1].covariance.trace() > 5.0 * told[20].covariance.trace()
 
 
-@pytest.mark.parametrize("places", [((0.0, 0.0, 0.0), CLOSET), (CLOSET, (0.0, 0.0, 0.0))])
+MIDDLE = (0.0, 0.0, 0.0)
+CORNER = (7.0, 4.0, 0.8)  # its walls are 2.9 m away, and so is that of WALL
+WALL = (7.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("places", [(MIDDLE, CLOSET), (CLOSET, MIDDLE), (CORNER, MIDDLE), (WALL, MIDDLE)])
 def test_carried_where_more_or_less_is_in_reach_than_on_the_map_it_is_lost(places):
     told = in_the_hall(np.repeat(places, (10, 30), axis=0), np.zeros((40, 3)))
     assert not told[9].lost and all(each.lost for each in told[22:])
 
 
+@pytest.mark.parametrize("place", [CLOSET, CORNER, WALL])
+def test_a_laser_that_sees_no_wall_where_there_are_some_loses_the_robot(place):
+    told = in_the_hall(np.repeat([place], 40, axis=0), np.zeros((40, 3)), blank=10)
+    assert not told[9].lost and all(each.lost for each in told[22:])
+
+
 def test_a_place_from_which_nothing_is_in_reach_does_not_tell_where_it_is():
-    middle = (0.0, 0.0, 0.0)
-    told = in_the_hall(np.repeat((middle, CLOSET, middle), (10, 15, 40), axis=0), np.zeros((65, 3)))
+    told = in_the_hall(np.repeat((MIDDLE, CLOSET, MIDDLE), (10, 15, 40), axis=0), np.zeros((65, 3)))
     assert all(each.lost and not each.foreign for each in told[22:])
 
 
