@@ -359,9 +359,9 @@ class Locator:
             off, margin = ranges - expected, TELLS + 0.03 * ranges
         return int(np.count_nonzero((off <= margin) & (~met | (off >= -margin)))), int(np.count_nonzero(off > margin))
 
-    def _is_explained(self, pose: Array) -> bool:
+    def _is_explained(self, pose: Array) -> bool | None:
         """Return whether enough of the small map's rays end at walls of the map, if the laser is at a pose now: whether
-        a share of `BELIEVED` or less is refuted.
+        a share of `BELIEVED` or less is refuted. None: even if all rays ended there, they would be too few.
         """
         if self._trail is None:
             return True
@@ -370,7 +370,8 @@ class Locator:
             fits += self._counted(composed(pose, back), points)[0]
             total += min(RAYS, len(points))
         by_chance = NormalDist().inv_cdf(1.0 - DOUBTED) * sqrt(total * BELIEVED * (1.0 - BELIEVED))
-        return fits > BELIEVED * total + by_chance
+        least = BELIEVED * total + by_chance
+        return fits > least if total > least else None
 
     def _told(self, time: float, fit: float) -> Located:
         mean, covariance = self._mean()
@@ -380,9 +381,9 @@ class Locator:
             if time - self._changes >= LOST_AFTER:
                 alone = self._is_alone(mean) if self._lost else True
                 if alone is not None:
-                    self._alike = not alone
-                    self._foreign = self._lost and alone and not self._is_explained(mean)
-                    self._lost, self._changes = not self._lost or self._alike or self._foreign, time
+                    explained = self._is_explained(mean) if self._lost and alone else None
+                    self._alike, self._foreign = not alone, explained is False
+                    self._lost, self._changes = not explained, time
         else:
             self._changes = time
         return Located(time, mean, covariance, fit, self._lost or not sure, self._alike, self._foreign)

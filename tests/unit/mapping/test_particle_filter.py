@@ -177,6 +177,15 @@ def test_a_place_from_which_nothing_is_in_reach_does_not_tell_where_it_is():
     assert all(each.lost and not each.foreign for each in told[22:])
 
 
+def test_a_laser_that_has_seen_nothing_yet_does_not_tell_that_the_map_is_of_another_room():
+    way = np.linspace(CLOSET, MIDDLE, 100)
+    poses = np.concatenate((np.repeat(way[:1], 15, axis=0), way, np.repeat(way[-1:], 30, axis=0)))
+    told = in_the_hall(poses, poses, blank=0)
+    # in the end it fits, but nothing seen bears it out
+    assert told[-1].fit > 0.9
+    assert all(each.lost and not each.foreign for each in told[15:])
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_in_a_room_that_looks_the_same_from_two_places_it_does_not_say_that_it_knows(seed):
