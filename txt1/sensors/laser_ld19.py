@@ -2,7 +2,7 @@
 
 import struct
 from dataclasses import dataclass
-from math import inf, tau
+from math import inf, isnan, nan, tau
 from typing import Annotated, Final
 
 import numpy as np
@@ -62,7 +62,10 @@ def pack(speed: float, start: float, end: float, points: list[tuple[int, int]], 
 
 
 class Ld19Decoder(Framed[Scan]):
-    """Decodes packets into scans: a turn each, clockwise from straight ahead, in beams of 0.8 degrees."""
+    """Decodes packets into scans: a turn each, clockwise from straight ahead, in beams of 0.8 degrees.
+
+    A beam without a sample is not known (NaN), as those of lost packets.
+    """
 
     def __init__(self, mount: Mount = LASER_MOUNT) -> None:
         super().__init__()
@@ -109,15 +112,14 @@ class Ld19Decoder(Framed[Scan]):
             self._before = angle
             if self._ranges is not None:
                 mm, intensity = numbers[2 * k], numbers[2 * k + 1]
-                beam = round(angle / 360.0 * BEAMS) % BEAMS
-                if mm and mm / 1000.0 < self._ranges[beam]:
-                    self._ranges[beam] = mm / 1000.0
-                    self._intensities[beam] = intensity
+                near, beam = mm / 1000.0 if mm else inf, round(angle / 360.0 * BEAMS) % BEAMS
+                if isnan(self._ranges[beam]) or near < self._ranges[beam]:
+                    self._ranges[beam], self._intensities[beam] = near, intensity
 
     def _turn(self, time: float, speed: float, found: list[Measured[Scan]]) -> None:
         """End the turn at this time, and begin the next."""
         ranges, intensities = self._ranges, self._intensities
-        self._ranges, self._intensities = np.full(BEAMS, inf, np.float32), np.zeros(BEAMS, np.float32)
+        self._ranges, self._intensities = np.full(BEAMS, nan, np.float32), np.zeros(BEAMS, np.float32)
         if ranges is None or not 0.0 < time - self._began < 2.0 * 360.0 / speed:
             return
         ranges[(ranges < RANGE_MIN) | (ranges > RANGE_MAX)] = inf

@@ -129,11 +129,14 @@ def ld19() -> Talker:
 
 
 def turn(reading: Reading[Scan]) -> bytes:
-    """Return the packets of a turn, from the nearest beams of the scan, which turns anticlockwise."""
+    """Return the packets of a turn, from the nearest beams of the scan, which turns anticlockwise.
+
+    The last packet reaches into the next turn.
+    """
     scan, packets = reading.value, b""
     step, per_second = 360.0 / laser_ld19.BEAMS, abs(scan.angle_step) / tau * 360.0 / abs(scan.time_step)
     count = laser_ld19.POINTS
-    for first in range(0, laser_ld19.BEAMS - count + 1, count):
+    for first in range(0, laser_ld19.BEAMS, count):
         angles = [step * (first + k) for k in range(count)]
         wrapped = [angle if angle <= 180.0 else angle - 360.0 for angle in angles]
         points = [(range_at(scan, -tau * angle / 360.0), 200) for angle in wrapped]

@@ -175,6 +175,38 @@ def test_a_turn_of_an_ld19_keeps_directions_and_times() -> None:
         assert age == pytest.approx(0.1, abs=0.005)
 
 
+def test_beams_of_an_ld19_are_unknown_without_a_sample_and_free_without_a_hit() -> None:
+    ranges = np.full(450, 2.0, np.float32)
+    ranges[225:300] = inf  # ahead and to the left
+    sent = [Reading(time, Scan(-pi, tau / 450, 0.1 / 450, ranges.copy(), 0.02, 12.0)) for time in (1.0, 1.1, 1.2, 1.3)]
+    data = b"".join(turn(each) for each in sent)
+    packets = [data[at : at + 47] for at in range(0, len(data), 47)]
+    whole = [scan for scan, _, _ in laser_ld19.Ld19Decoder().feed(data)]
+    assert whole and not any(np.isnan(each.ranges).any() for each in whole)
+    assert {int(np.isinf(each.ranges).sum()) for each in whole} == {75}
+    # every packet of which a corner is torn off
+    torn = b"".join(packet if k % 10 else packet[:-1] for k, packet in enumerate(packets))
+    for scan, _, _ in laser_ld19.Ld19Decoder().feed(torn):
+        lost = np.isnan(scan.ranges)
+        assert 12 <= lost.sum() <= 60
+        assert scan.ranges[~lost].tolist() == whole[0].ranges[~lost].tolist()
+
+
+@pytest.mark.parametrize("order", [(0, 900, 700), (700, 0, 900), (900, 700, 0), (700, 900, 0)])
+def test_of_the_samples_of_a_beam_of_an_ld19_the_nearest_hit_counts(order: tuple[int, ...]) -> None:
+    decoder = laser_ld19.Ld19Decoder()
+    found = []
+    for time in (0, 100, 200, 300):
+        for k, mm in enumerate(order):
+            found += decoder.feed(laser_ld19.pack(3600.0, 80.0, 80.0, [(mm, mm // 10)] * 12, time + 25 + k))
+        found += decoder.feed(laser_ld19.pack(3600.0, 280.0, 280.0, [(2000, 9)] * 12, time + 75))
+    scan = found[-1][0]
+    assert scan.intensities is not None
+    beam = round(80 / 360 * 450)
+    assert (scan.ranges[beam], scan.intensities[beam]) == (np.float32(0.7), 70)
+    assert np.isnan(scan.ranges).sum() == 448
+
+
 # -- VRPN --------------------------------------------------------------------------------------------------------
 
 COOKIE = b"vrpn: ver. 07.35  0\0\0\0\0\0"
