@@ -329,7 +329,7 @@ async def rest(robot: Robot, wheel: CommandSource, poses: PoseSource, seconds: f
 def halted(robot: Robot, gear: float, pose: Pose) -> Halted:
     """Return the error for a robot that does not move, with what stops it: seen by the obstacle stop, or touched."""
     guard, body = robot.runtime.part(LaserGuard), robot.config.geometry
-    seen = np.empty((0, 2)) if guard is None or gear < 0.0 else guard.ahead(robot.now)
+    seen = np.empty((0, 2)) if guard is None else guard.ahead(robot.now, gear)
     if not len(seen):
         across = np.linspace(-0.5, 0.5, 9) * body.width
         seen = np.column_stack((np.full(9, body.centre + gear * (0.5 * body.length + TOUCHES)), across))

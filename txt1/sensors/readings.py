@@ -50,7 +50,7 @@ LASER_MOUNT: Final = Mount(0.1905, 0.0, BASE + 0.1435)
 CAMERA_MOUNT: Final = Mount(0.1448, 0.0, BASE + 0.2832)
 TRACKER_MOUNT: Final = Mount()
 ALL_ROUND: Final = 5.5
-"""rad of known beams from which a scanner sees all round: others see 270 degrees, and a turning one misses some."""
+"""rad of a sweep from which a scanner turns all round: others see 270 degrees."""
 OPTICAL: Final = "base_camera_optical_link"
 """The camera's optical frame, for users of its pictures (REP 103): z ahead, x to the right."""
 
@@ -339,9 +339,15 @@ class Scan:
         return np.column_stack((self.mount.x + ranges * np.cos(angles), self.mount.y + ranges * np.sin(angles)))
 
     @cached_property
-    def looks_back(self) -> bool:
-        """Whether it sees all round."""
-        return bool(np.count_nonzero(~np.isnan(self.ranges)) * abs(self.angle_step) > ALL_ROUND)
+    def all_round(self) -> bool:
+        """Whether the scanner turns all round, known beams or not."""
+        return len(self.ranges) * abs(self.angle_step) > ALL_ROUND
+
+    @cached_property
+    def shows_behind(self) -> bool:
+        """Whether each beam of a turn that points backwards is known, or both its neighbours are."""
+        unknown = np.isnan(self.ranges) & (np.cos(self.angles) < 0.0)
+        return not (unknown & np.roll(unknown, 1)).any()
 
     def summary(self) -> dict[str, float]:
         """Return nearest range (m), its direction (degrees) and the number of hits, for a line on a screen."""

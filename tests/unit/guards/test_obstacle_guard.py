@@ -45,6 +45,13 @@ def post_all_round(x: float, y: float = 0.0) -> Scan:
     return Scan(atan2(y, x), np.pi / 180.0, 0.0, ranges, 0.05, 30.0, mount=Mount())
 
 
+def lacking(seen: Scan, first: int, last: int) -> Scan:
+    """A sweep of 360 degrees without the beams from one angle to another, degrees from the laser's straight ahead."""
+    ranges = seen.ranges.copy()
+    ranges[180 + first : 181 + last] = nan
+    return replace(seen, ranges=ranges)
+
+
 def looking_ahead() -> Scan:
     """A sweep of 240 degrees in which nothing is seen."""
     return Scan(-2.0 * np.pi / 3.0, np.pi / 180.0, 0.0, np.full(241, np.inf, np.float32), 0.05, 30.0)
@@ -223,8 +230,38 @@ def test_backwards_it_stops_before_what_it_sees_there_and_says_so() -> None:
     assert desk.guard(-1.7, 0.0, 0.1)[0] == pytest.approx(-desk.limit(0.8095), rel=1e-4)
     assert desk.events()[-1].endswith("something is behind")
     assert desk.guard(1.7, 0.0, 0.2) == (1.7, 0.0)
-    desk.reading = None
-    assert desk.guard(-1.7, 0.0, 0.3)[0] == -desk.settings.reverse, "a silent laser sees nothing"
+
+
+@pytest.mark.parametrize("lost", [(100, 160), (-180, -170), (-60, 60)])
+def test_backwards_it_stops_before_what_it_sees_whatever_it_has_lost(lost: tuple[int, int]) -> None:
+    seen = scan((-0.58, 0.0))
+    allowed, _ = Desk(seen).guard(-1.0, 0.0, 0.1)
+    desk = Desk(lacking(seen, *lost))
+    assert -desk.settings.reverse < allowed <= 0.0
+    assert desk.guard(-1.0, 0.0, 0.1) == (allowed, 0.0)
+    assert desk.events()[-1].endswith("something is behind")
+
+
+@pytest.mark.parametrize(("yaw", "slow"), [(0.0, [(170, 171), (91, 92), (-92, -91)]), (np.pi, [(-1, 0), (0, 50)])])
+def test_backwards_it_is_slow_where_a_part_of_what_is_behind_is_unknown(
+    yaw: float, slow: list[tuple[int, int]]
+) -> None:
+    turned = replace(scan(), mount=Mount(0.1905, yaw=yaw))
+    for lost in [(170, 171), (91, 92), (-92, -91), (-1, 0), (0, 50), (170, 170), (0, 0), (90, 91), (-91, -90)]:
+        desk = Desk(lacking(turned, *lost))
+        v = -desk.settings.reverse if lost in slow else -1.0
+        assert desk.guard(-1.0, 0.5, 0.1) == pytest.approx((v, -0.5 * v))
+        assert desk.limited() == (v != -1.0)
+        assert desk.events() == (["slowed to 0.30 m/s: the laser has not seen all behind"] if lost in slow else [])
+        assert desk.guard(1.0, 0.5, 0.2) == (1.0, 0.5)
+
+
+def test_a_silent_laser_that_turns_all_round_stops_it_backwards_too() -> None:
+    desk, timeout = Desk(scan()), ObstacleStop().timeout
+    assert desk.guard(-1.0, 0.2, timeout) == (-1.0, 0.2)
+    assert desk.guard(-1.0, 0.2, timeout + 0.001) == (0.0, 0.0)
+    assert desk.events() == ["slowed to 0.00 m/s: the laser is silent"]
+    assert not desk.limited()
 
 
 class Street(Desk):
@@ -417,9 +454,16 @@ def test_it_tells_the_points_ahead_of_the_middle_up_to_two_margins_from_the_body
     """x and y are from the middle of a body of 0.6 by 0.3 m, with a margin of 5 cm."""
     desk = Desk(post(centre + x, y), ObstacleStop(margin=0.05), length=0.6, width=0.3, centre=centre)
     desk.guard(0.0, 0.0, 0.0)
-    points = desk.guard.ahead(0.1)
+    points = desk.guard.ahead(0.1, 1.0)
     assert points.shape == (int(told), 2)
     assert not told or points[0] == pytest.approx((centre + x, y), abs=1e-6)
+    # backwards as in a mirror, where the laser turns all round
+    desk.reading = Reading(0.0, post_all_round(centre - x, y))
+    points = desk.guard.ahead(0.1, -1.0)
+    assert points.shape == (int(told), 2)
+    assert not told or points[0] == pytest.approx((centre - x, y), abs=1e-6)
+    desk.reading = Reading(0.0, post(centre - x, y))
+    assert desk.guard.ahead(0.1, -1.0).shape == (0, 2)
 
 
 @pytest.mark.parametrize("lacks", ["a scan", "a young scan", "a pose", "anything near"])
@@ -430,4 +474,4 @@ def test_it_tells_no_points_where_there_are_none(lacks: str) -> None:
     if lacks != "a pose":
         desk.guard(0.0, 0.0, 0.0)
     at = 0.1 + (desk.settings.timeout if lacks == "a young scan" else 0.0)
-    assert desk.guard.ahead(at).shape == (0, 2)
+    assert desk.guard.ahead(at, 1.0).shape == (0, 2)

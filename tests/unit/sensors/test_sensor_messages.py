@@ -18,7 +18,7 @@ from txt1.record.mcap_records import Encoder
 from txt1.sensors import laser_ld19, laser_scip
 from txt1.sensors.base import Reading
 from txt1.sensors.imu_3dmgx2 import ImuDecoder, ImuOptions, checksum
-from txt1.sensors.readings import ImuReading, Scan, imu_topic, scan_topic
+from txt1.sensors.readings import ImuReading, Mount, Scan, imu_topic, scan_topic
 from txt1.sensors.sim_imu import ImuErrors, SimulatedImu
 from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
 from txt1.sensors.virtual_lasers import turn
@@ -92,10 +92,33 @@ def test_the_simulated_lasers_sweeps_are_a_turn_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "missed", "sees"), [(360, 0, True), (360, 36, True), (360, 120, False), (270, 0, False)]
+    ("degrees", "missed", "turns"), [(360, 0, True), (360, 360, True), (316, 0, True), (315, 0, False), (270, 0, False)]
 )
-def test_a_scan_tells_whether_it_shows_what_is_behind(degrees, missed, sees):
+def test_a_scan_tells_whether_its_laser_turns_all_round_whatever_it_misses(degrees, missed, turns):
     ranges = np.full(2 * degrees, np.inf, np.float32)
     ranges[: 2 * missed] = np.nan
     for step in (np.pi / 360, -np.pi / 360):
-        assert Scan(0.0, step, 0.0, ranges, 0.05, 12.0).looks_back == sees
+        assert Scan(0.0, step, 0.0, ranges, 0.05, 12.0).all_round == turns
+
+
+@pytest.mark.parametrize(
+    ("missed", "shows"),
+    [
+        ((), True),
+        ((180, 181), False),
+        ((180,), True),
+        ((180, 182), True),
+        ((0, 1, 2), True),
+        ((88, 89, 90), True),
+        ((91, 92), False),
+        ((268, 269), False),
+    ],
+)
+def test_a_scan_tells_whether_it_shows_all_that_is_behind(missed, shows):
+    """Degrees from ahead of the vehicle, wherever a turn begins."""
+    for begins in (0, 90, 180, 181):
+        for way in (1, -1):
+            ranges = np.full(360, 2.0, np.float32)
+            ranges[[way * (each - begins) % 360 for each in missed]] = np.nan
+            scan = Scan(0.0, way * np.pi / 180, 0.0, ranges, 0.05, 12.0, mount=Mount(yaw=begins * np.pi / 180))
+            assert scan.shows_behind == shows

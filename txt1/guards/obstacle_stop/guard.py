@@ -25,13 +25,14 @@ MEMORY: Final = 50
 SLOW: Final = 0.05
 # s at least between two scans that show a speed: closer ones show the noise of ranges; most lasers turn in 0.1 s
 APART: Final = 0.08
+SILENT: Final = "the laser is silent"
 
 Pose = tuple[float, float, float]
 
 
 class LaserGuard:
     """Keeps the speed such that the robot can stop, along the commanded arc and along the present arc; backwards, too,
-    if the laser sees all round.
+    if the laser turns all round.
 
     What is nearer than an earlier scan showed it comes towards the robot, at up to `people` m/s. It goes on while the
     robot reacts and brakes (ISO 13855).
@@ -61,12 +62,12 @@ class LaserGuard:
         if v == 0.0:
             self._gate.limited = False
             return v, omega
-        limit = self._allowed(v, omega / v, now)
+        limit, why = self._allowed(v, omega / v, now)
         slowed = abs(v) > limit
-        self._gate.limited = slowed and (v < 0.0 or self._fresh(now) is not None)
+        self._gate.limited = slowed and why != SILENT
         if slowed and not self._slowed:
             self._gate.count(Fault.OBSTACLE)
-            self._state.tell(now, f"slowed to {limit:.2f} m/s: {self._why(v, now)}")
+            self._state.tell(now, f"slowed to {limit:.2f} m/s: {why}")
         self._slowed = slowed
         if not slowed:
             return v, omega
@@ -78,40 +79,43 @@ class LaserGuard:
         """The distance kept round the body, m."""
         return self._parameters.margin
 
-    def ahead(self, now: float) -> Floats:
-        """Return the points seen near the front of the body, for which the guard may have stopped it: (n, 2), m, in
-        the vehicle's frame.
+    def ahead(self, now: float, gear: float) -> Floats:
+        """Return the points seen near the end of the body that goes ahead in a gear (1 or -1), for which the guard may
+        have stopped it: (n, 2), m, in the vehicle's frame.
         """
         reading, body, margin = self._fresh(now), self._geometry, self._parameters.margin
-        if reading is None or not self._past:
+        if reading is None or not self._past or (gear < 0.0 and not reading.value.all_round):
             return np.empty((0, 2))
         front, side = 0.5 * body.length + 2.0 * margin, 0.5 * body.width + 2.0 * margin
         points = self._here(self._noted(reading), abs(body.centre) + hypot(front, side))
         if points is None:
             return np.empty((0, 2))
-        x, y = points[:, 0] - body.centre, np.abs(points[:, 1])
+        x, y = gear * (points[:, 0] - body.centre), np.abs(points[:, 1])
         return points[(x > 0.0) & (x < front) & (y < side)]
-
-    def _why(self, v: float, now: float) -> str:
-        reading = self._fresh(now)
-        if v < 0.0:
-            return "something is behind" if _looks_back(reading) else "the laser does not see backwards"
-        return "something is ahead" if reading is not None else "the laser is silent"
 
     def _fresh(self, now: float) -> Reading[Scan] | None:
         """Return the newest scan; None if it is too old."""
         reading = self._scan()
         return None if reading is None or now - reading.time > self._parameters.timeout else reading
 
-    def _allowed(self, v: float, commanded: float, now: float) -> float:
-        """Return the largest speed for a commanded speed and curvature, m/s; inf if that speed is safe."""
-        reading = self._fresh(now)
-        if v < 0.0 and not _looks_back(reading):
-            return self._parameters.reverse
+    def _allowed(self, v: float, commanded: float, now: float) -> tuple[float, str]:
+        """Return the largest speed for a commanded speed and curvature, m/s, inf if that speed is safe; and why."""
+        known, reading, reverse = self._scan(), self._fresh(now), self._parameters.reverse
+        if v < 0.0 and (known is None or not known.value.all_round):
+            return reverse, "the laser does not see backwards"
         if reading is None:
-            return 0.0
+            return 0.0, SILENT
+        limit = self._before_what_it_sees(reading, v, commanded, now)
+        if v > 0.0:
+            return limit, "something is ahead"
+        if reverse < limit and not reading.value.shows_behind:
+            return reverse, "the laser has not seen all behind"
+        return limit, "something is behind"
+
+    def _before_what_it_sees(self, reading: Reading[Scan], v: float, commanded: float, now: float) -> float:
+        """Return the largest speed that what a scan shows allows, m/s; inf if the commanded speed is safe."""
         p, body, odometry = self._parameters, self._geometry, self._state.odometry
-        # s in which who comes goes on before the robot brakes; it does so for v / deceleration s
+        # time in s from the scan until the robot brakes; whoever comes walks on in it, and while the robot brakes
         on = now - reading.time + p.reaction
         needed = abs(v) * (p.reaction + (0.5 * abs(v) + p.people) / p.deceleration) + p.people * on
         curvatures = [commanded]
@@ -147,11 +151,12 @@ class LaserGuard:
 
     def _noted(self, reading: Reading[Scan]) -> _Seen:
         """Return what a scan shows."""
-        if not self._scans or self._scans[0].reading is not reading:
+        scans = self._scans
+        if not scans or scans[0].reading is not reading:
             points = reading.value.points
             radii = np.hypot(points[:, 0], points[:, 1])
-            self._scans.appendleft(_Seen(reading, reading.time, points, radii, float(radii.min(initial=inf))))
-        return self._scans[0]
+            scans.appendleft(_Seen(reading, reading.time, points, radii, float(radii.min(initial=inf))))
+        return scans[0]
 
     def _here(self, seen: _Seen, reach: float) -> Floats | None:
         """Return the points of a scan within reach (m), in the vehicle's present frame, m; None if there are none."""
@@ -182,11 +187,6 @@ class _Seen(NamedTuple):
     """Their distances from its origin, m."""
     nearest: float
     """The least of them; inf without points."""
-
-
-def _looks_back(reading: Reading[Scan] | None) -> bool:
-    """Return whether a scan shows what is behind the vehicle."""
-    return reading is not None and reading.value.looks_back
 
 
 async def prepare(runtime: Runtime, given: ObstacleStop) -> LaserGuard | None:
