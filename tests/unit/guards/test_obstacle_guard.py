@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import atan2, cos, hypot, inf, nan, sin
 from types import SimpleNamespace
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -296,12 +297,12 @@ class Street(Desk):
         (((0.9, None), (1.0, 0.9)), 1.6),
         # the newest that is far enough apart counts
         (((0.7, 2.5), (0.9, 1.0), (0.95, 0.93), (1.0, 0.9)), 1.0),
-        (((0.925, 1.0), (1.0, 0.9)), 0.0),
+        (((0.925, 0.9), (1.0, 0.9)), 1.6),
         (((0.915, 1.0), (1.0, 0.9)), 0.1 / 0.085),
-        # too old to tell
+        # too old to tell, too near, or none: it may come
         (((0.51, 1.0), (1.0, 0.9)), 0.1 / 0.49),
-        (((0.49, 1.0), (1.0, 0.9)), 0.0),
-        (((1.0, 0.9),), 0.0),
+        (((0.49, 1.0), (1.0, 0.9)), 1.6),
+        (((1.0, 0.9),), 1.6),
     ],
 )
 def test_who_comes_towards_it_meets_it_when_it_stands(
@@ -323,6 +324,26 @@ def test_who_comes_counts_from_as_far_as_it_takes_to_stop_before_them(reaction: 
             x = front + share * needed
             street = Street((0.9, x + 0.2), (1.0, x), people=1.6, reaction=reaction, deceleration=0.5)
             assert (street.guard(v, 0.0, 1.0 + age)[0] < v) == slower
+
+
+@pytest.mark.parametrize(
+    ("people", "kept"),
+    [(0.0, [False, False, False, False, True]), (1.6, [False, True, True, True, True])],
+)
+def test_only_scans_that_may_be_compared_are_kept(people: float, kept: list[bool]) -> None:
+    # the second is the newest that is far enough from the last
+    street, seen = Street((0.7, 0.9), people=people), []
+    for time in (0.89, 0.9, 0.93, 0.96, 0.99):
+        street.reading = Reading(time, post_all_round(0.9))
+        seen.append(ref(street.reading.value))
+        street.guard(0.8, 0.0, time)
+    assert [each() is not None for each in seen] == kept
+
+
+def test_it_starts_in_a_narrow_room_as_soon_as_what_is_near_is_seen_to_stand() -> None:
+    street = Street((0.9, 0.6), (1.0, 0.6))
+    assert Street((1.0, 0.6)).guard(0.1, 0.0, 1.0)[0] < 0.02
+    assert street.guard(0.1, 0.0, 1.0) == (0.1, 0.0)
 
 
 def test_the_car_s_own_motion_is_nobody_s() -> None:

@@ -19,7 +19,7 @@ from txt1.sensors.base import Reading
 from txt1.sensors.readings import Scan
 from txt1.tasks.state import State
 
-# past poses, one a cycle, for 1 s; and past scans
+# past poses, one a cycle, for 1 s; and past scans at most
 MEMORY: Final = 50
 # m/s below which a measured curvature means nothing
 SLOW: Final = 0.05
@@ -34,8 +34,8 @@ class LaserGuard:
     """Keeps the speed such that the robot can stop, along the commanded arc and along the present arc; backwards, too,
     if the laser turns all round.
 
-    What is nearer than an earlier scan showed it comes towards the robot, at up to `people` m/s. It goes on while the
-    robot reacts and brakes (ISO 13855).
+    What is nearer than an earlier scan showed it comes towards the robot, at up to `people` m/s; without an earlier
+    scan all comes so. It goes on while the robot reacts and brakes (ISO 13855).
 
     The odometry since the newest scan moves its points into the vehicle's present frame. So the laser's delay costs no
     distance, except for things that it has not seen yet.
@@ -125,7 +125,7 @@ class LaserGuard:
             driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
             curvatures.append(min(max(driven, -most), most))
         newest = self._noted(reading)
-        free, comes = self._free(newest, needed, gear, curvatures), 0.0
+        free, comes = self._free(newest, needed, gear, curvatures), p.people
         if free == inf:
             return inf
         if p.people and (before := self._before(newest.time)) is not None:
@@ -135,8 +135,8 @@ class LaserGuard:
 
     def _before(self, time: float) -> _Seen | None:
         """Return the scan to compare with one of a time, s, for the speed of what they show; None: there is none."""
-        since = time - self._parameters.timeout
-        return next((each for each in self._scans if since <= each.time <= time - APART), None)
+        oldest = self._scans[-1]
+        return oldest if time - self._parameters.timeout <= oldest.time <= time - APART else None
 
     def _free(self, seen: _Seen, needed: float, gear: float, curvatures: list[float]) -> float:
         """Return the distance in m that a scan leaves free along arcs; inf if it is longer than needed."""
@@ -156,6 +156,9 @@ class LaserGuard:
             points = reading.value.points
             radii = np.hypot(points[:, 0], points[:, 1])
             scans.appendleft(_Seen(reading, reading.time, points, radii, float(radii.min(initial=inf))))
+            # later scans are compared with the newest that is far enough apart, or one after it
+            while len(scans) > 1 and (not self._parameters.people or scans[-2].time <= reading.time - APART):
+                scans.pop()
         return scans[0]
 
     def _here(self, seen: _Seen, reach: float) -> Floats | None:
