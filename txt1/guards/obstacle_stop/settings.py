@@ -24,6 +24,6 @@ class ObstacleStop(Section):
     people: NotNegative = 0.0
     """Largest speed at which something may come towards the vehicle, m/s; people walk at 1.6 (ISO 13855)."""
     reverse: NotNegative = 0.3
-    """Largest speed backwards, where the laser sees nothing, m/s."""
+    """Largest speed backwards, where the laser does not see all, m/s."""
     timeout: Positive = 0.5
     """Age of a scan at which the robot has to stand, s."""
