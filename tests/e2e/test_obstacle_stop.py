@@ -47,8 +47,8 @@ async def test_a_silent_laser_stops_the_vehicle_and_backwards_is_slow() -> None:
         assert robot.runtime.state.control.v == pytest.approx(-0.3)
 
 
-@pytest.mark.parametrize(("people", "standing"), [(1.6, True), (0.0, False)])
-async def test_it_stands_when_somebody_who_walks_towards_it_arrives(people: float, standing: bool) -> None:
+@pytest.mark.parametrize(("people", "slow"), [(1.6, True), (0.0, False)])
+async def test_it_has_nearly_stopped_when_somebody_walks_into_it_head_on(people: float, slow: bool) -> None:
     somebody = "sim.movers=[{path: [[6.0, 0.0], [-6.0, 0.0]], speed: 1.6, length: 0.3, width: 0.3}]"
     settings = (*LATE, somebody, f"obstacle_stop.people={people}", "sim.room.length=20", "sim.room.width=20")
     async with Robot.open("sim", settings=settings) as robot:
@@ -57,7 +57,7 @@ async def test_it_stands_when_somebody_who_walks_towards_it_arrives(people: floa
         while left > 0.03:
             await robot.drive(0.6, 0.0, 0.02)
             left = gap(vehicle.outline(vehicle.motion), *vehicle.world.moving(vehicle, robot.now))
-        assert (abs(vehicle.motion[3]) < 0.05) == standing
+        assert (abs(vehicle.motion[3]) < 0.05) == slow
 
 
 async def test_without_a_laser_there_is_no_obstacle_stop() -> None:
