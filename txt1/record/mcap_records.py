@@ -108,7 +108,7 @@ class Encoder:
         self._full_name = full_name
         self.channels = [] if channels is None else channels
         self._own: dict[Topic[Any], _OwnChannel] = {}
-        self._rows: dict[tuple[Topic[Any], ...], _Row] = {}
+        self._rows: dict[tuple[Topic[Any], ...], _CycleRow] = {}
         # of the next block
         self._records: list[bytes | bytearray] = []
         self._length = 0
@@ -151,7 +151,7 @@ class Encoder:
         data, self._records, self._length = b"".join(self._records), [], 0
         return Block(data, index, min(stamps, default=0), max(stamps, default=0), self.channels, self.epoch)
 
-    def _row(self, topics: tuple[Topic[Any], ...]) -> _Row:
+    def _row(self, topics: tuple[Topic[Any], ...]) -> _CycleRow:
         make = _of_numbers if topics[0].paths else _of_fields
         self._rows[topics] = make([self._channel(topic) for topic in topics])
         return self._rows[topics]
@@ -172,7 +172,7 @@ class _OwnChannel(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Row:
+class _CycleRow:
     """Topics that are told together."""
 
     record: Callable[[Sequence[Any], tuple[bytes, bytes]], bytes]
@@ -188,7 +188,7 @@ def _head(channel: int, length: int, sequence: int = 0, times: bytes = b"") -> b
     return _HEAD.pack(MESSAGE, _BEHIND_LENGTH + length, channel, sequence, times)
 
 
-def _of_fields(channels: Sequence[_OwnChannel]) -> _Row:
+def _of_fields(channels: Sequence[_OwnChannel]) -> _CycleRow:
     """Return a row of one topic, whose records are written field by field."""
     ((topic, number, sequence),) = channels
     first = fields(topic.message)[0]
@@ -205,10 +205,10 @@ def _of_fields(channels: Sequence[_OwnChannel]) -> _Row:
             message[len(HEADER) : len(HEADER) + len(stamp)] = stamp
         return _head(number, len(message), next(sequence), times) + message
 
-    return _Row(record, [(number, 0)])
+    return _CycleRow(record, [(number, 0)])
 
 
-def _of_numbers(channels: Sequence[_OwnChannel]) -> _Row:
+def _of_numbers(channels: Sequence[_OwnChannel]) -> _CycleRow:
     """Return a row whose numbers are put into a template of its records.
 
     One call packs the template's pieces and the numbers between them; a number at a time takes three times as long.
@@ -253,4 +253,4 @@ def _of_numbers(channels: Sequence[_OwnChannel]) -> _Row:
         arguments[1::2] = told
         return pack(*arguments)
 
-    return _Row(record, places)
+    return _CycleRow(record, places)

@@ -177,7 +177,7 @@ def test_a_place_from_which_nothing_is_in_reach_does_not_tell_where_it_is():
     assert all(each.lost and not each.foreign for each in told[22:])
 
 
-def test_a_laser_that_has_seen_nothing_yet_does_not_tell_that_the_map_is_of_another_room():
+def test_a_laser_that_has_seen_nothing_yet_does_not_call_the_map_foreign():
     way = np.linspace(CLOSET, MIDDLE, 100)
     poses = np.concatenate((np.repeat(way[:1], 15, axis=0), way, np.repeat(way[-1:], 30, axis=0)))
     told = in_the_hall(poses, poses, blank=0)
