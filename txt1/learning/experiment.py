@@ -44,6 +44,8 @@ COLUMNS: Final = (
     *("unfit_s", "touched"),
 )
 
+# beside the learner's own notes in a trial's file, which may have any other key
+OURS: Final = "txt1 learn"
 # of a `TrialResult`, as they are
 KEPT: Final = ("trial", "complete", "voided", "memory")
 
@@ -177,13 +179,12 @@ def result_file(out: Path, number: int) -> Path:
 
 def save_result(out: Path, result: TrialResult) -> None:
     """Write a trial to a file of its own: a checked Q-table, and the rest beside it."""
-    about = {
-        **result.table.about,
+    ours = {
         **{key: getattr(result, key) for key in KEPT},
         "learned": [[*one.start, *one[2:]] for one in result.episodes],
         "paths": {str(number): path for number, path in result.paths.items()},
     }
-    qtable.save(result_file(out, result.trial), StoredTable(result.table.values, about))
+    qtable.save(result_file(out, result.trial), StoredTable(result.table.values, {**result.table.about, OURS: ours}))
 
 
 def load_result(path: Path) -> TrialResult:
@@ -194,14 +195,16 @@ def load_result(path: Path) -> TrialResult:
     except QTableError as error:
         raise QTableError(str(path), error.problem, again) from error
     about = dict(stored.about)
+    # files of before have it among the learner's notes
+    ours = about.pop(OURS, about)
     try:
         episodes = [
             Episode(k, Start(bearing, heading), time, success, best, *rest)
-            for k, (bearing, heading, time, success, best, *rest) in enumerate(about.pop("learned"), 1)
+            for k, (bearing, heading, time, success, best, *rest) in enumerate(ours.pop("learned"), 1)
         ]
-        paths = {int(number): [(x, y) for x, y in path] for number, path in about.pop("paths").items()}
-        kept = {key: about.pop(key) for key in KEPT}
-    except (KeyError, TypeError, ValueError) as error:
+        paths = {int(number): [(x, y) for x, y in path] for number, path in ours.pop("paths").items()}
+        kept = {key: ours.pop(key) for key in KEPT}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise QTableError(str(path), f"is no trial: {error}", again) from error
     return TrialResult(episodes=episodes, table=StoredTable(stored.values, about), paths=paths, **kept)
 
@@ -240,7 +243,7 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
     qtable.replace_file(out / "metrics.json", json.dumps(metrics, indent=1) + "\n")
     if results:
         chosen = best(results)
-        about = {**chosen.table.about, "seed": plan.seed, "trial": chosen.trial}
+        about = {"seed": plan.seed, "trial": chosen.trial, **chosen.table.about}
         table = with_settings(settled(plan.config), plan.agent, StoredTable(chosen.table.values, about))
         qtable.save(out / "qtable.json", table)
     return metrics

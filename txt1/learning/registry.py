@@ -8,7 +8,8 @@ pyproject.toml::
 
 Here ``create(config, rng, stored) -> txt1.learning.agent.Agent``. With `stored` None the learner knows nothing yet.
 With a stored table it always takes the best action and does not learn; ValueError says why the table does not fit. The
-settings come in ``learning.options``. The table that it stores has its name as `agent`.
+settings come in ``learning.options``. The table that it stores has its name as `agent`; `settings` and `commands` are
+written beside its notes.
 """
 
 import sys

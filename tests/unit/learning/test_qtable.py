@@ -17,10 +17,12 @@ from hypothesis import strategies as st
 from txt1.config import Config
 from txt1.config import load as configured
 from txt1.errors import QTableError
+from txt1.learning.experiment import OURS, Plan, load_result, result_file, save_result, write
 from txt1.learning.light_direction import SECTORS
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, initial, load, save, update
 from txt1.learning.registry import LEARNERS, from_table, make
 from txt1.learning.thesis import TABLE_5_3, ThesisAgent, greedy_action
+from txt1.learning.trial import Episode, Start, TrialResult
 from txt1.sim.pcg64 import Pcg64
 
 # -- table and update --------------------------------------------------------------------------------------------
@@ -300,3 +302,34 @@ def test_a_stored_table_refuses_settings_of_another_meaning(given: str, told: st
     save(path, make("thesis", learned, np.random.default_rng(1)).table())
     with pytest.raises(QTableError, match=told):
         from_table(path, configured(None, [given]).config, np.random.default_rng(1))
+
+
+# -- in the files of an experiment -----------------------------------------------------------------------------------
+
+LIKE_OURS = {"memory": [1], "trial": "mine", "complete": 0.5, "voided": "no", "learned": {}, "paths": 3, "seed": None}
+
+
+def trial_with(notes: dict[str, Any], out: Path) -> tuple[TrialResult, Path]:
+    """Return a trial by a learner with these notes, and its file."""
+    table = StoredTable([[0.1, 0.2, 0.3]] * STATES, {"agent": "thesis", **notes})
+    episode = Episode(1, Start(0.5, -0.5), 4.0, True, 3.5, 2.0, False)
+    done = TrialResult(2, [episode], True, table, {"q": [1.0]}, {1: [(0.0, 1.5)]}, 1)
+    (out / "trials").mkdir()
+    save_result(out, done)
+    return done, result_file(out, 2)
+
+
+def test_a_learners_notes_keep_their_keys_whatever_the_trial_tells(tmp_path: Path) -> None:
+    done, file = trial_with(LIKE_OURS, tmp_path)
+    assert load_result(file) == done
+    write(Plan("thesis", 1, 1, 3, Config()), tmp_path, [done])
+    stored = load(tmp_path / "qtable.json").about
+    assert stored == {**stored, **LIKE_OURS}
+
+
+def test_a_trial_is_read_that_was_kept_among_the_learners_notes(tmp_path: Path) -> None:
+    done, file = trial_with({"states": "eight"}, tmp_path)
+    stored = load(file)
+    about = dict(stored.about)
+    save(file, StoredTable(stored.values, about | about.pop(OURS)))
+    assert load_result(file) == done
