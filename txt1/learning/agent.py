@@ -117,7 +117,6 @@ class PeriodicAgent:
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the light, lux."""
-        del odometry
         self._samples.append(readings)
 
     @property
@@ -127,7 +126,6 @@ class PeriodicAgent:
 
     def waits(self, now: float, odometry: Odometry) -> bool:
         """Whether the action in force goes on."""
-        del odometry
         return now < self._due - 1e-9
 
     def _rest(self) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from operator import index
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from txt1.errors import Txt1Error
 from txt1.learning.agent import Agent, Decision, Learned
@@ -54,9 +54,7 @@ def checked(agent: Agent, who: str, actions: int) -> Agent:
     there = dir(agent)
     if missing := [name for name in METHODS if name not in there]:
         raise Txt1Error(f"{who} is no txt1.learning.agent.Agent: {type(agent).__name__} has no {', '.join(missing)}")
-    made: Any = (CheckedSharer if {*SHARES} <= {*there} else Checked)(agent, who, actions)
-    own: Agent = made
-    return own
+    return cast(Agent, (CheckedSharer if {*SHARES} <= {*there} else Checked)(agent, who, actions))
 
 
 class Checked:

@@ -161,7 +161,6 @@ class ToLight(DriveTask):
 
     def far(self, seen: TaskView, fresh: Bools) -> Array:
         """Return the distance to the goal circle."""
-        del fresh
         away: Array = np.hypot(seen.poses[:, 0] - self.place[0], seen.poses[:, 1] - self.place[1])
         return away - self.goal
 
@@ -188,7 +187,6 @@ class ToPose(DriveTask):
 
     def far(self, seen: TaskView, fresh: Bools) -> Array:
         """Return distance and turn still to go, as the way along the sharpest turn."""
-        del fresh
         x, y, theta = seen.poses.T
         turn = np.abs(np.angle(np.exp(1j * theta)))
         away = np.maximum(np.hypot(x, y) - self.near, 0.0)

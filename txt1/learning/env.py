@@ -44,7 +44,7 @@ from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import Start, ready_to_learn, task_of
 from txt1.learning.world import TOUCH, LightWorld, settled, world_of
 from txt1.model.light_sensors import Readings
-from txt1.model.odometry import Odometry, WheelOdometry
+from txt1.model.odometry import WheelOdometry
 from txt1.sensors.sim_laser import standing
 from txt1.sim.batch import powered
 from txt1.sim.dynamics import dynamics
@@ -159,13 +159,11 @@ class EpisodeCar:
     """A simulated robot with its velocity loops and its odometry, and without its other tasks."""
 
     def __init__(self, hal: Hal, config: Config) -> None:
-        self.command = (0.0, 0.0)
         self._hal = hal
         self._loops = loops_for(config.car, config.geometry)
         self._linear, self._schedule = config.control.linear.gains(), config.control.schedule()
         self._motor_max = config.safety.motor_max
-        self._wheels = WheelOdometry(config.geometry)
-        self.odometry: Odometry = self._wheels.odometry
+        self.wheels = WheelOdometry(config.geometry)
 
     def pose(self, now: float) -> tuple[float, float, float]:
         """Return the true pose in the room at `now` s, m and rad."""
@@ -173,10 +171,9 @@ class EpisodeCar:
         assert pose is not None
         return pose
 
-    def control(self, now: float) -> None:
-        """Run the cycle of the controller and of the encoders at `now` s."""
-        v, omega = self.command
-        v_now, omega_now = self.odometry.v, self.odometry.omega
+    def control(self, now: float, v: float, omega: float) -> None:
+        """Run the cycle of the controller, by a command in m/s and rad/s, and of the encoders at `now` s."""
+        v_now, omega_now = self.wheels.odometry.v, self.wheels.odometry.omega
         motor = steering = 0.0
         if at_rest(v, v_now):
             self._loops.clear()
@@ -188,8 +185,7 @@ class EpisodeCar:
         self._hal.write(Outputs(int(motor), int(-steering), int(steering)), now)
         counts = self._hal.read(now).ticks
         assert counts is not None
-        self._wheels.step(counts, now)
-        self.odometry = self._wheels.odometry
+        self.wheels.step(counts, now)
 
 
 class OneBody:
@@ -203,7 +199,6 @@ class OneBody:
 
     def place(self, which: Bools, poses: Array, rng: Generator) -> Bools:
         """As `Bodies`."""
-        del which
         config = self.config
         if ranges := config.section(LearningConfig).randomised:
             config = with_values(config, {key: float(rng.uniform(*each)) for key, each in ranges.items()})
@@ -239,12 +234,10 @@ class OneBody:
 
     def rest(self, which: Bools, rng: Generator) -> None:
         """As `Bodies`."""
-        del which
         self.drive(np.zeros((1, 2)), REST_MS, rng)
 
     def drive(self, commands: Array, duration: int, rng: Generator) -> None:
         """As `Bodies`."""
-        del rng
         self.act(*commands[0].tolist())
         for _ in range(duration):
             self.tick()
@@ -256,8 +249,7 @@ class OneBody:
         while self._under_way and self._under_way[0][0] <= ms:
             self._in_force = self._under_way.pop(0)[1]
         if ms % TICK_MS == 0:
-            self._car.command = self._world.command(now, self._in_force)
-            self._car.control(now)
+            self._car.control(now, *self._world.command(now, self._in_force))
             self.touched = self.touched or self._hal.blocked_by() is not None
         if ms % LIGHT_MS == 0:
             pose = self._car.pose(now)
@@ -271,7 +263,7 @@ class OneBody:
         """As `Bodies`; the place is told in the frame of the light, which a world may move."""
         now = self._ms / 1000.0
         poses = np.array([self.pose])
-        told = self._world.odometry(now, self._car.odometry)
+        told = self._world.odometry(now, self._car.wheels.odometry)
         lux = np.array([self._filter.readings or (0.0, 0.0, 0.0, 0.0)])
         ranges = _ranges(poses, self._shapes) if self._task.laser else np.empty((1, 0))
         if self._task.light:
@@ -498,11 +490,6 @@ def many(
     return SyncVectorEnv([lambda: DriveEnv(task, one, render_mode)] * num_envs)
 
 
-def _register(name: str, **usual: str) -> None:
-    if name not in gymnasium.registry:
-        single, vector = f"{__name__}:DriveEnv", f"{__name__}:many"
-        gymnasium.register(name, entry_point=single, vector_entry_point=vector, kwargs=usual)
-
-
-_register("txt1/LightSeeking-v0", task="light")
-_register("txt1/Drive-v0")
+for _name, _usual in {"txt1/LightSeeking-v0": {"task": "light"}, "txt1/Drive-v0": {}}.items():
+    if _name not in gymnasium.registry:
+        gymnasium.register(_name, f"{__name__}:DriveEnv", vector_entry_point=f"{__name__}:many", kwargs=_usual)

@@ -42,7 +42,6 @@ class FiniteReadings:
             self._since[:] = (now, now, now, now)
             self.fault = ""
             return sample
-        told: list[float | None] = []
         silent = []
         for k, lux in enumerate(sample):
             if 0.0 <= lux < inf:
@@ -53,11 +52,10 @@ class FiniteReadings:
             elif now - self._since[k] > SILENT:
                 self._last[k] = 0.0
                 silent.append(k)
-            told.append(self._last[k])
         self.fault = "; ".join(f"light sensor {SENSORS[k]} reads {sample[k]:g}, which is no reading" for k in silent)
         if len(silent) == len(SENSORS):
             raise LightFault(self.fault)
-        numbers = [lux for lux in told if lux is not None]
+        numbers = [lux for lux in self._last if lux is not None]
         return Readings(*numbers) if len(numbers) == len(SENSORS) else None
 
     def odometry(self, odometry: Odometry) -> Odometry:

@@ -34,8 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config
-from txt1.learning.agent import Decision, PeriodicAgent
-from txt1.learning.qtable import StoredTable
+from txt1.learning.agent import Decision, PeriodicAgent, StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
@@ -59,22 +58,16 @@ FAR: Final = 4.0
 MODEL, NOISY, USUAL = 0.03, 0.3, 0.15
 # weight of the usual deviation, in episodes; share of the goal's distance by which a course should enter it
 WEIGHT, GRAZE = 8.0, 0.06
-# weight of the effects known before in the next: about a decision's, for ways and for turns
-KNOWN: Final = (1.0, 1e-3)
 # shares of a decision's way and curvature that stay in the next, which are tried
 KEEPS: Final = np.linspace(0.0, 0.95, 20)[:, None, None]
-LATE: Final = "how long the way takes"
 # around the start, m, shape (places, 2)
 PLACES: Final = np.array(
     [(r * cos(k * pi / 12.0), r * sin(k * pi / 12.0)) for r in (0.5, 0.8, 1.2, 1.8, 2.7) for k in range(24)]
 )
-# of them, those from which a fit begins when nothing is known
-AROUND: Final = PLACES[48:72:3]
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "LocatorAgent":
     """Return the learner, or one that goes on from a stored table; ValueError: the table does not fit."""
-    del rng
     learning = config.section(LearningConfig)
     agent = LocatorAgent(len(learning.actions), learning.goal_radius, learning.locator.alarm)
     if table is not None:
@@ -123,12 +116,12 @@ class LocatorAgent(PeriodicAgent):
         else:
             if done % 3 == 0 or self._planned == inf:
                 self._refit(done)
-            self._value = self._plan()
+            self._plan()
             action = int(self._value.argmin())
             if self._planned == inf:
                 self._began, self._planned = now, max(PERIOD * float(self._value[action]), 10.0 * PERIOD)
             elif improbable(log(max(now - self._began, PERIOD) / self._planned), self._late, self._alarm):
-                self.unfit = self.unfit or LATE
+                self.unfit = "how long the way takes"
         self._history.append(action)
         return action
 
@@ -167,8 +160,8 @@ class LocatorAgent(PeriodicAgent):
             self._rows = self._rows[self._rows[:, EPISODE] != first]
             self._law = np.append(self._law[:LAW], self._law[LAW + 2 :])
 
-    def _paths(self, scale: float) -> tuple[Array, Array]:
-        """Return the poses in the middle of each row and at its end, from its episode's start; (rows, 3)."""
+    def _paths(self, scale: float, back: float = 0.5) -> Array:
+        """Return the poses from the episode's start a share `back` before the end of each row, (rows, 3)."""
         first = np.searchsorted(self._rows[:, EPISODE], self._rows[:, EPISODE])
         turn, way = scale * self._rows[:, TURN], self._rows[:, WAY]
         heading = np.cumsum(turn)
@@ -176,11 +169,11 @@ class LocatorAgent(PeriodicAgent):
         steps = way * np.array([np.cos(heading - 0.5 * turn), np.sin(heading - 0.5 * turn)])
         places = np.cumsum(steps, axis=1)
         places -= (places - steps)[:, first]
-        return np.vstack([places - 0.5 * steps, heading - 0.5 * turn]).T, np.vstack([places, heading]).T
+        return np.vstack([places - back * steps, heading - back * turn]).T
 
     def _light(self) -> tuple[float, float]:
         """Return the light's place in the robot's frame now, m."""
-        ahead, left = _seen_from(self._paths(float(self._law[SCALE]))[1][-1:], self._law[-2:])
+        ahead, left = _seen_from(self._paths(self._law[SCALE], 0.0)[-1:], self._law[-2:])
         return float(ahead[0]), float(left[0])
 
     def _refit(self, done: int) -> None:
@@ -190,7 +183,7 @@ class LocatorAgent(PeriodicAgent):
             known = len(before) < len(self._law)
             fits = [self._fit(self._law, self._noise, 2)] if known else []
             if not known or done % (2 * TRIES) == 0:
-                fits.append(self._fit(np.append(before, self._nearest()), self._noise, 3))
+                fits.append(self._fit(self._nearest(before), self._noise, 3))
             _, self._law, self._noise, self._deviation = min(fits, key=lambda each: each[0])
         if len(self._law) == LAW or (self.unfit and done % (2 * TRIES) == 0):
             self._anew()
@@ -199,20 +192,21 @@ class LocatorAgent(PeriodicAgent):
         """Begin anew from this episode alone, unless the law explains it at least half as well."""
         rows, noise, law = self._rows, np.full(4, NOISY), np.append(self._law[:LAW], self._law[-2:])
         self._rows = rows[rows[:, EPISODE] == self._episode]
-        found = min((self._fit(np.append(PRIOR, place), noise, 12) for place in AROUND), key=lambda each: each[0])
+        # from places all around, 1.2 m away
+        fits = [self._fit(np.append(PRIOR, place), noise, 12) for place in PLACES[48:72:3]]
+        found = min(fits, key=lambda each: each[0])
         if len(self._law) > LAW and self._fit(law, noise, 0)[0] < 2.0 * found[0]:
             self._rows = rows
         else:
             _, self._law, self._noise, self._deviation = found
 
-    def _nearest(self) -> Array:
-        """Return the place in a grid where the light fits the last episode best by the law."""
+    def _nearest(self, before: Array) -> Array:
+        """Return what was known before with the place in a grid where the light fits the last episode best."""
         rows, law = self._rows[last := self._rows[:, EPISODE] == self._episode], self._law
-        square = _squares(*_seen_from(self._paths(float(law[SCALE]))[0][last], PLACES[:, None]), law)[0]
+        square = _squares(self._paths(law[SCALE])[last], PLACES[:, None], law)[0]
         misfit = rows[:, LOGS] - law[GAINS] + 0.5 * law[POWER] * np.log(square)
         weight = rows[:, SOUND] / (self._noise**2 / rows[:, COUNT, None] + MODEL**2)
-        best: Array = PLACES[np.log1p(misfit**2 * weight).sum(axis=(1, 2)).argmin()]
-        return best
+        return np.append(before, PLACES[np.log1p(misfit**2 * weight).sum(axis=(1, 2)).argmin()])
 
     def _fit(self, x: Array, noise: Array, steps: int) -> tuple[float, Array, Array, float]:
         """Return cost, law, noise and the last light's deviation, m, by Levenberg and Marquardt from a law."""
@@ -244,9 +238,9 @@ class LocatorAgent(PeriodicAgent):
         """Return the misfits, (rows, 4), and the derivatives of the law by all unknowns, (rows, 4, unknowns)."""
         law, lights, n = x[:LAW], x[LAW:].reshape(-1, 2), x[POWER]
         number = np.unique(self._rows[:, EPISODE], return_inverse=True)[1]
-        poses = self._paths(float(law[SCALE]))[0]
-        square, away = _squares(*_seen_from(poses, lights[number]), law)
-        other, _ = _squares(*_seen_from(self._paths(float(law[SCALE]) + 1e-4)[0], lights[number]), law)
+        poses = self._paths(law[SCALE])
+        square, away = _squares(poses, lights[number], law)
+        other, _ = _squares(self._paths(law[SCALE] + 1e-4), lights[number], law)
         slope, rows = np.zeros((len(poses), 4, len(x))), np.arange(len(poses))
         toward = n * away / square[..., None]
         s = np.arange(4)
@@ -266,10 +260,10 @@ class LocatorAgent(PeriodicAgent):
             lagging += KEEPS**k * _earlier(lagging, rows, k)
         for delay in range(DELAYS):
             found, cost, way, late = [], 0.0, 1.0, _earlier(lagging, rows, delay)
-            for seen, known, weight in zip(rows[:, [WAY, TURN]].T, self._effects[:, 1:], KNOWN, strict=True):
+            # what an action did before counts about as one decision, or it would be forgotten with its rows
+            for seen, known, weight in zip(rows[:, [WAY, TURN]].T, self._effects[:, 1:], (1.0, 1e-3), strict=True):
                 design = late * way
                 turned = np.swapaxes(design, 1, 2)
-                # what an action did before counts as one decision, or it would be forgotten with its rows
                 right = (turned @ seen + weight * known)[..., None]
                 settled = np.linalg.solve(turned @ design + weight * np.eye(len(known)), right)
                 told = design @ settled
@@ -281,8 +275,8 @@ class LocatorAgent(PeriodicAgent):
                 least, effects, self._delay = cost, np.array(found), delay
         self._effects = effects
 
-    def _plan(self) -> Array:
-        """Return the number of decisions to the goal by the quickest course that begins with each action."""
+    def _plan(self) -> None:
+        """Find the number of decisions to the goal by the quickest course that begins with each action."""
         way, turn, scale = self._rows[-1, WAY], self._rows[-1, TURN], float(self._law[SCALE])
         state = np.array([*self._light(), way, turn / way if abs(way) > 1e-3 else 0.0])
         for a in ([self._actions] * self._delay + self._history)[len(self._history) :]:
@@ -292,17 +286,14 @@ class LocatorAgent(PeriodicAgent):
         # where the episode goes on although it should be there, the goal is nearer
         goal = min(goal, 0.9 * hypot(state[0], state[1]))
         doubt = hypot(self._deviation, GRAZE * goal)
-        here = np.repeat(state[:, None], self._actions, axis=1)
         switches = np.array([m for m in range(1, 120) if m < 9 or m % 3 == 0])
         # a for m decisions, then b: shape (actions a, decisions m, actions b)
-        after = _course(here, effects, scale, int(switches[-1]))[..., switches - 1]
+        after = _course(state[:, None], effects, scale, int(switches[-1]))[..., switches - 1]
         times = switches[:, None] + _onward(after, effects, scale, goal, doubt)
-        best: Array = np.minimum(times.min(axis=(1, 2)), np.diagonal(_onward(here, effects, scale, goal, doubt)))
-        return best
+        self._value = np.minimum(times.min(axis=(1, 2)), _onward(state, effects, scale, goal, doubt))
 
     def decision(self, odometry: Odometry) -> Decision:
         """Return the decisions to the goal by each action, as costs."""
-        del odometry
         return Decision(None, None, tuple((-self._value).tolist()))
 
     def table(self) -> StoredTable:
@@ -351,9 +342,9 @@ def _earlier(values: Array, rows: Array, k: int) -> Array:
     return told
 
 
-def _squares(ahead: Array, left: Array, law: Array) -> tuple[Array, Array]:
-    """Return the squares of the light's distances from the sensors, (..., 4), and the vectors to it, (..., 4, 2)."""
-    away = np.stack([ahead, left], axis=-1)[..., None, :] - law[:8].reshape(4, 2)
+def _squares(poses: Array, lights: Array, law: Array) -> tuple[Array, Array]:
+    """Return the squares of the lights' distances from the sensors, (..., 4), and the vectors to them, (..., 4, 2)."""
+    away = np.stack(_seen_from(poses, lights), axis=-1)[..., None, :] - law[:8].reshape(4, 2)
     return np.maximum((away**2).sum(axis=-1) + law[HEIGHT], 1e-3), away
 
 
@@ -382,18 +373,16 @@ def _onward(state: Array, effects: Array, scale: float, goal: float, doubt: floa
     near = np.hypot(course[0], course[1])
     before = np.concatenate([np.hypot(start[0], start[1])[..., None], near[..., :-1]], axis=-1)
     # the decision that enters the goal counts in part
-    first = (near <= goal).argmax(axis=-1)[..., None]
     part = np.clip((before - goal) / np.maximum(before - near, 1e-9), 0.0, 1.0)
-    entered = (first + np.take_along_axis(part, first, axis=-1))[..., 0]
+    entered = (np.arange(SETTLE) + part).min(axis=-1, where=near <= goal, initial=inf)
     step, curve = effects[:, 1:] * [[1.0], [scale]]
     step, curve = np.where(np.abs(step) < 1e-4, 1e-4, step), np.where(np.abs(curve) < 1e-3, 1e-3, curve)
     radius, circle = 1.0 / np.abs(curve), 2.0 * pi / max(float(np.abs(curve).max()), 0.1)
-    ahead = np.where(step > 0.0, course[0, ..., -1], -course[0, ..., -1])
-    side = np.where(curve < 0.0, -course[1, ..., -1], course[1, ..., -1]) - radius
+    # as if it drove ahead and to the left
+    ahead, side = np.sign(step) * course[0, ..., -1], np.sign(curve) * course[1, ..., -1] - radius
     rho = np.hypot(ahead, side)
     cosine = np.clip((rho**2 + radius**2 - goal**2) / (2.0 * rho * radius + 1e-12), -1.0, 1.0)
     angle = (np.arctan2(side, ahead) - np.arccos(cosine) + 0.5 * pi) % (2.0 * pi)
     deep = goal - np.abs(rho - radius)
     again = (0.5 - 0.5 * np.tanh(0.8 * deep / doubt)) * (circle + np.maximum(-deep, 0.0))
-    onward = SETTLE + (radius * angle + again) / np.abs(step)
-    return np.where((near <= goal).any(axis=-1), entered, onward)
+    return np.where(entered < inf, entered, SETTLE + (radius * angle + again) / np.abs(step))

@@ -6,7 +6,7 @@ beginning of a key; the plug-in has its own lists. Any other that differs from t
 What a vehicle's own file sets came with the vehicle, and stays.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, Final
 
@@ -44,16 +44,6 @@ def usual_values(vehicle: str) -> dict[str, Any]:
     return dict(flatten(completed(load(options={"vehicle": vehicle}).config)))
 
 
-def differing(config: Config) -> Iterator[tuple[str, Any]]:
-    """Every value that is not the default of its vehicle, by dotted key."""
-    usual = usual_values(config.vehicle)
-    # a map takes the rectangle away
-    brought = ("sim.room.length", "sim.room.width") if config.sim.room.map is not None else ()
-    for key, value in flatten(completed(config)):
-        if usual.get(key) != value and key not in brought:
-            yield key, value
-
-
 def refuse_others(
     config: Config, modelled: Sequence[str], who: str, unless: Callable[[str], str] = lambda key: ""
 ) -> None:
@@ -67,8 +57,12 @@ def refuse_others(
     if modelled is not ONE and (body.steering == "skid" or not body.counts_per_rev):
         lacks = "geometry.steering: skid" if body.steering == "skid" else "geometry.counts_per_rev: 0"
         raise ConfigError(f"{lacks}: {who} model cars that steer, with encoders; take txt1 learn")
-    for key, value in differing(config):
+    # a map takes the rectangle away
+    brought = ("sim.room.length", "sim.room.width") if config.sim.room.map is not None else ()
+    for key, value in flatten(completed(config)):
         why = "do not model it"
+        if usual_values(config.vehicle).get(key) == value or key in brought:
+            continue
         if key.startswith("car.") and key != "car.known" and not config.car.known:
             why = "have no use for it while car.known is false"
         elif among(key, modelled) and not (why := unless(key)):

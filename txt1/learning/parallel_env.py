@@ -62,7 +62,6 @@ class LightSeekingParallelEnv(ParallelEnv):  # type: ignore[misc]  # without the
 
     def reset(self, seed: int | None = None, options: Told | None = None) -> tuple[dict[str, Observation], Told]:
         """The first observations, at rest on random starts where each has room."""
-        del options
         if seed is not None:
             self._rng = np.random.default_rng(seed)
         self.agents = list(self.possible_agents)

@@ -36,6 +36,7 @@ def draw(
     _picture(out / "learning_curve.png", 8.0, 4.7, lambda figure: _curve(figure, outcomes, floor))
     _picture(out / "paths.png", PATH * max(1, len(chosen.paths)), 3.6, lambda figure: _paths(figure, chosen, task))
     table = chosen.table
+    # the table, and beside it the driving directions, as far as they exist
     parts: list[Callable[[Any, float], None]] = []
     learner = str(table.about.get("agent"))
     if of_module(learner, "TABLE_IS_DRAWN", True):
@@ -48,7 +49,8 @@ def draw(
     if courses is not None:
         parts.append(lambda figure, left: _floor(figure, left, table, task, courses))
     if parts:
-        _picture(out / "qtable.png", PART * len(parts), 4.5, lambda figure: _learned(figure, parts))
+        width = PART * len(parts)
+        _picture(out / "qtable.png", width, 4.5, lambda figure: [one(figure, PART * k) for k, one in enumerate(parts)])
 
 
 def _picture(file: Path, width: float, height: float, paint: Callable[[Any], object]) -> None:
@@ -136,14 +138,13 @@ def _curve(figure: Any, outcomes: Sequence[TrialResult], floor: Floor | None) ->
         for k, count in lost:
             axes.annotate(str(count), (k, top), (0, 4), textcoords="offset points", ha="center", fontsize=8)
     agents = " and ".join(sorted({str(one.table.about.get("agent")) for one in outcomes}))
-    title = f"{agents}, {len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}"
     axes.set(xlabel="episode", ylabel="time / optimum", yscale="log", xlim=(0.5, length + 0.5), ylim=(0.9, 1.25 * top))
     axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_locator(ticker.NullLocator())
     axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
     axes.grid(alpha=0.3)
-    figure.suptitle(title, y=0.985, fontsize=10)
+    figure.suptitle(f"{agents}, {len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}", y=0.985, fontsize=10)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False)
 
 
@@ -175,12 +176,6 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m")
         axes.set_title(title, fontsize=10)
     figure.suptitle(f"best trial ({chosen.trial})", y=0.985, fontsize=10)
-
-
-def _learned(figure: Any, parts: Sequence[Callable[[Any, float], None]]) -> None:
-    """Draw the table, and beside it the driving directions, as far as they exist."""
-    for k, part in enumerate(parts):
-        part(figure, PART * k)
 
 
 def _floor(figure: Any, edge: float, table: StoredTable, task: Task, courses: Callable[..., Any]) -> None:

@@ -85,20 +85,16 @@ class StepTrial:
         self.late = 0
         self._rng, self._gate, self._filter = rng, FiniteReadings(), LightFilter(spread=inf)
         self._told = Decision(None, None, ())
-        self._start: Pose = (0.0, 0.0, 0.0)
+        # the pose at which the next episode begins
+        self.start: Pose = (0.0, 0.0, 0.0)
         self._late, self._since, self._due, self._asked, self._steps = 0.0, 0.0, inf, False, 0
         self._command = (0.0, 0.0)
 
     def ask(self) -> None:
         """Begin an episode: bring the robot to a new start."""
         x, y, theta = self.task.begin(1, self._rng)[0].tolist()
-        self._start = x, y, theta
+        self.start = x, y, theta
         self.phase = Phase.MOVE
-
-    @property
-    def start(self) -> Pose:
-        """The pose at which the next episode begins."""
-        return self._start
 
     def placed(self, now: float) -> None:
         """Note that the robot stands on its start since `now`."""
@@ -111,13 +107,11 @@ class StepTrial:
 
     def see(self, now: float, readings: Readings, odometry: Odometry) -> None:
         """Take a sample of the light, lux."""
-        del odometry
         if (passed := self._gate.readings(now, readings)) is not None:
             self._filter.step(passed)
 
     def look(self, now: float, points: Any, odometry: Odometry) -> None:
         """Take the places where a sweep's beams ended, in the robot's frame, m: the nearest around each ray counts."""
-        del now, odometry
         away = np.abs(np.arctan2(points[:, 1], points[:, 0]) - RAYS[:, None])
         near = np.where(away < 0.5 * (RAYS[1] - RAYS[0]), np.hypot(*points.T), inf)
         self.ranges = near.min(axis=1, initial=inf)[None]
@@ -190,7 +184,6 @@ class StepTrial:
 
     def decision(self, odometry: Odometry) -> Decision:
         """Return reward and observation, for recordings."""
-        del odometry
         return self._told
 
 

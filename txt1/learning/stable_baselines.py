@@ -66,7 +66,6 @@ def vec_env(robots: DriveVectorEnv) -> Any:
 
         def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
             """Set it for all."""
-            del indices
             setattr(self, attr_name, value)
 
         def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **named: Any) -> list[Any]:
@@ -75,7 +74,6 @@ def vec_env(robots: DriveVectorEnv) -> Any:
 
         def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
             """Return that nobody wraps a robot by itself."""
-            del wrapper_class
             return [False] * len(self._get_indices(indices))
 
     return RobotsVecEnv()

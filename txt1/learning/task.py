@@ -20,14 +20,13 @@ from txt1.learning.world import world_of
 from txt1.model.light_sensors import SAMPLE_PERIOD, Readings
 from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, map_pose, true_pose, wheel_pose
 from txt1.robot import Robot
-from txt1.sensors.base import Reading
+from txt1.sensors.base import Reading, Sensor
 from txt1.sensors.light import topic_of
 from txt1.sensors.readings import Scan, TrackerReading, heading
 from txt1.sensors.simulated_sensor import SimulatedSensor
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
-LEARNING_PRIORITY = 0
 # the driver of simulated light sensors
 SIMULATED: Final = "sim_light"
 # s, the age at which a pose of motion capture is no longer believed
@@ -133,9 +132,8 @@ class LearningTask:
         # of the arming that it waits for to pass
         self._epoch = 0
         sim = robot.config.sim
-        self._touches: Callable[[], object] = lambda: False
-        if sim.obstacles or sim.movers or sim.room.map is not None:
-            self._touches = robot.hal.blocked_by
+        blocks = sim.obstacles or sim.movers or sim.room.map is not None
+        self._touches: Callable[[], object] = robot.hal.blocked_by if blocks else lambda: False
 
     def start(self) -> None:
         """Listen to the light sensors during episodes, and add the task to the robot's tasks."""
@@ -146,7 +144,7 @@ class LearningTask:
         sweeps = [one.sensor.topic for one in self._robot.sensors.values() if issubclass(one.sensor.topic.type, Scan)]
         if sweeps and isinstance(trial.agent, Looker):
             self._robot.runtime.bus.subscribe(self._look, sweeps)
-        self._robot.add_task("learning", TICK, self.learning, LEARNING_PRIORITY)
+        self._robot.add_task("learning", TICK, self.learning)
 
     def _see(self, topic: Topic[Readings], lux: Readings, time: float) -> None:
         """Show the agent a sample of the light."""
@@ -328,7 +326,6 @@ class WorldLight(SimulatedSensor[Readings]):
 
     def see(self, pose: tuple[float, float, float], now: float, before: float) -> Reading[Readings]:
         """The readings at `now`, lux."""
-        del before
         assert self._trial.world is not None
         return Reading(now, self._trial.world.see(now - self._trial.since, pose))
 
@@ -350,17 +347,16 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None, trial: Tri
 
         movers = robot.hal.movers if robot.config.sim.movers else tuple
         trial.world = world_of(robot.config, np.random.default_rng(np.random.SeedSequence(seed)), movers)
-        light = WorldLight(trial, lambda: robot.runtime.look().pose, name)
-        (await robot.add_sensor(name, light)).needed = lambda: False
+        sensor: Sensor[Any] = WorldLight(trial, lambda: robot.runtime.look().pose, name)
+    elif name in robot.sensors:
         return
-    if name in robot.sensors:
-        return
-    if not robot.hal.capabilities.pose:
+    elif not robot.hal.capabilities.pose:
         raise HalError(
             f"learning needs four light sensors, and with the HAL '{robot.hal.name}' there are none: plug in a "
             f"Phidgets Interface Kit and set sensors.{name}.driver=phidgets_light, which needs the extra 'devices'"
         )
-    options = {} if seed is None else {"seed": list(seed)}
-    sensor = robot.runtime.make_sensor(name, SensorConfig(driver=SIMULATED, options=options))
+    else:
+        options = {} if seed is None else {"seed": list(seed)}
+        sensor = robot.runtime.make_sensor(name, SensorConfig(driver=SIMULATED, options=options))
     # until the learner needs it
     (await robot.add_sensor(name, sensor)).needed = lambda: False

@@ -103,15 +103,13 @@ def state_learning_rate(visits: int) -> float:
 
 def create(config: Config, rng: Draws, table: StoredTable | None = None) -> ThesisAgent:
     """Return a learner as configured, or a driver by a stored table; ValueError: the table has another shape."""
-    settings, exponent = config.section(LearningConfig).thesis, float(config.sim.light.exponent)
-    commands = config.section(LearningConfig).actions
-    if table is None:
-        return ThesisAgent(rng, commands, settings, exponent)
-    values = table.shaped(STATES, len(commands))
-    driving = settings.model_copy(update={"policy": "greedy", "training": 0, "learn_on": False})
-    driver = ThesisAgent(rng, commands, driving, exponent)
-    driver.q = _copy(values)
-    return driver
+    learning = config.section(LearningConfig)
+    driving = {} if table is None else {"policy": "greedy", "training": 0, "learn_on": False}
+    settings = learning.thesis.model_copy(update=driving)
+    agent = ThesisAgent(rng, learning.actions, settings, float(config.sim.light.exponent))
+    if table is not None:
+        agent.q = _copy(table.shaped(STATES, len(learning.actions)))
+    return agent
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -123,14 +121,7 @@ class ThesisAgent:
 
     name: ClassVar[str] = "thesis"
 
-    def __init__(
-        self,
-        rng: Draws,
-        commands: Commands,
-        settings: ThesisConfig | None = None,
-        exponent: float = 2.0,
-    ) -> None:
-        settings = ThesisConfig() if settings is None else settings
+    def __init__(self, rng: Draws, commands: Commands, settings: ThesisConfig, exponent: float = 2.0) -> None:
         self.settings = settings
         self.q: Table = initial(rng, actions=len(commands))
         self.episode = 0
@@ -142,7 +133,6 @@ class ThesisAgent:
         self.filter = LightFilter(spread_limit(exponent))
         # only without a filter
         self._sample: Readings | None = None
-        self._before = _copy(self.q), self.visits[:]
         self.begin()
 
     def begin(self) -> None:
@@ -157,7 +147,6 @@ class ThesisAgent:
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the light, lux."""
-        del odometry
         self.filter.step(readings)
         if not self.settings.filtered:
             self._sample = readings
@@ -247,7 +236,6 @@ class ThesisAgent:
 
     def decision(self, odometry: Odometry) -> Decision:
         """Sector, reward, and the sector's row of the table."""
-        del odometry
         values = () if self._s is None else tuple(self.q[self._s])
         return Decision(self._s, self._earned, values)
 

@@ -225,7 +225,6 @@ class Trial:
         self._in_force = (0.0, 0.0)
         self._unfit: float | None = None
         self._gate = FiniteReadings()
-        self.phase = Phase.DONE
         self._next()
 
     def carry_on(self, before: TrialResult) -> None:

@@ -54,7 +54,6 @@ class LightWorld:
     @staticmethod
     def settings(config: Config) -> Mapping[str, Any]:
         """Values of the configuration that it brings, by dotted key: obstacles, actions, the vehicle, the floor."""
-        del config
         return {}
 
     def begin(self, episode: int) -> None:
@@ -62,22 +61,18 @@ class LightWorld:
 
     def see(self, now: float, pose: Pose) -> Readings:
         """A sample of the four sensors, lux, at a pose; once every 16 ms."""
-        del now
         return self._eyes(pose)
 
     def odometry(self, now: float, odometry: Odometry) -> Odometry:
         """Return odometry for the learner; called with each sample of the light and at each decision."""
-        del now
         return odometry
 
     def command(self, now: float, command: Command) -> Command:
         """Return a command as it reaches the robot."""
-        del now
         return command
 
     def goal(self, now: float) -> tuple[float, float]:
         """Where the light is that is to be reached, m."""
-        del now
         return self.config.sim.room.light
 
 

@@ -33,11 +33,10 @@ def driven(known: bool, omega: float, seconds: float, *settings: str) -> tuple[f
     words = [f"car.known={str(known).lower()}", "sim.noise.drag=0", "sim.room.length=.inf", "sim.room.width=.inf"]
     config = load(None, [*words, *settings]).config
     car = EpisodeCar(create_sim(config), config)
-    car.command = (0.3, omega)
     path, last, speed, turned = 0.0, car.pose(0.0), 0.0, 0.0
     for tick in range(round(seconds * 50)):
         now = tick / 50
-        car.control(now)
+        car.control(now, 0.3, omega)
         pose = car.pose(now)
         step = hypot(pose[0] - last[0], pose[1] - last[1])
         turned += wrap_angle(pose[2] - last[2])

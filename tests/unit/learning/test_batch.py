@@ -51,13 +51,12 @@ def held_against_the_runtime(ticks: int = 400) -> float:
     for tick in range(ticks):
         if tick % 25 == 10:
             for i, action in enumerate(actions.integers(0, 3, COUNT)):
-                cars[i].command = COMMANDS[action]
                 many.commands[i] = COMMANDS[action]
         now = tick * 20 / 1000.0
-        for each in cars:
-            each.control(now)
+        for each, command in zip(cars, many.commands.tolist(), strict=True):
+            each.control(now, *command)
         many.run(1, rng, sense=False)
-        expected = np.array([[*car.pose(now), car.odometry.v, car.odometry.omega] for car in cars])
+        expected = np.array([[*car.pose(now), *car.wheels.odometry[3:]] for car in cars])
         got = np.concatenate([many.poses, many.velocities], axis=1)
         worst = max(worst, float(np.abs(got - expected).max()))
     assert np.abs(many.velocities[:, 0]).min() > 0.2, "they drive"

@@ -191,10 +191,9 @@ def test_the_environments_robot_drives_as_the_running_robot_does() -> None:
     car = env.EpisodeCar(create_sim(config), config)
     for tick in range(50 * (1 + len(commands)) + 1):
         k = (20 * tick - 1010) // 1000
-        car.command = (0.0, 0.0) if k < 0 else commands[k]
-        car.control(tick * 20 / 1000.0)
-    assert car.odometry == running
-    assert car.odometry.v > 0.2
+        car.control(tick * 20 / 1000.0, *((0.0, 0.0) if k < 0 else commands[k]))
+    assert car.wheels.odometry == running
+    assert running.v > 0.2
     assert car.pose(1.0 + len(commands)) == pose
 
 
