@@ -641,9 +641,10 @@ class Fusion:
             # without wheels nothing tells
             if likely and measurement.time - self._reckoning.until < LONGEST:
                 return self._moving_frame(belief, entry, judge, frame, residual)
-        if nis > gate and (leapt or judge.jumped_at is not None):
-            return self._jumped(belief, entry, judge, residual, leapt=leapt)
-        judge.jumped_at, judge.jumped = None, 0
+        if nis > gate:
+            judge.fitting = 0
+            if leapt or judge.jumped_at is not None:
+                return self._jumped(belief, entry, judge, residual, leapt=leapt)
         if not judge.believed:
             elsewhere = judge.reason.startswith(FRAMES) and self._placed_by_another(judge, measurement)
             soon = judge.reason != JUMPED and not (nis > gate or judge.fits(measurement.time))
@@ -651,6 +652,7 @@ class Fusion:
                 return _left_out(belief, entry, judge)
             self._pulls_again(judge, belief, after)
             self._tell(judge.restore())
+        judge.jumped_at, judge.jumped = None, 0
         if fits:
             judge.missed = ()
         elif judge.misses_again(measurement, residual):

@@ -288,6 +288,31 @@ def test_a_gps_that_drifts_is_not_believed_again_for_a_fix_that_fits_by_chance()
     assert car.believed("gps")
 
 
+def test_a_gps_whose_frame_moved_fits_in_a_row_before_it_is_believed_again() -> None:
+    car = Car("imu-gps", busy, exact=True)
+    car.go(20.0)
+    begun = car.now
+    car.fails = off("gps", lambda now: (2.0 * (now - begun), 0.0))
+    car.go(24.0)
+    assert not car.believed("gps")
+    # m to the side of where it is: the fourth is beyond the gate, and no leap
+    aside = [0.0, 0.0, 6.0, 11.0, 6.0, 3.0, 0.0, 0.0]
+
+    def near(measurement: Measurement) -> Iterable[Measurement]:
+        if measurement.sensor != "gps":
+            return (measurement,)
+        x, y, _ = car.pose
+        return (measurement._replace(values=(x, y + aside.pop(0))),)
+
+    car.fails = near
+    for time in (24.6, 24.8, 25.0, 25.2, 25.4):
+        car.go(time)
+        assert not car.believed("gps")
+    car.go(25.6)
+    assert car.believed("gps")
+    assert car.worst()[0] < 2.0
+
+
 def test_a_frame_that_moves_while_the_mount_is_learned_is_found_out() -> None:
     car = Car("vicon", busy, slip=0.1)
     car.go(10.0)
