@@ -253,10 +253,6 @@ class Fusion:
         judge = self._judges.get(sensor)
         return judge is not None and judge.believed
 
-    def doubt_speed(self, speed: float, dt: float) -> None:
-        """Note that the speed may have been off by `speed` m/s for dt seconds, so that the pose is off by the way."""
-        self._besides.drive(self._newest()[0].mean[THETA], speed, dt)
-
     def doubt_mount(self, sensor: str, sigma: float) -> None:
         """Note how well a sensor's place on the robot is known: its standard deviation, m."""
         self._frames[sensor].lever = max(LEVER, sigma)
@@ -319,7 +315,8 @@ class Fusion:
                     self._tell(judge.doubt(missing))
         estimate = self._estimate(self._told())
         if not self._placed:
-            self.doubt_speed(bent(estimate.covariance[12]) * estimate.v, since)
+            doubted = bent(estimate.covariance[12]) * estimate.v
+            self._besides.drive(self._newest()[0].mean[THETA], doubted, since)
         return estimate
 
     def _note_believed(self) -> None:

@@ -1,5 +1,6 @@
-"""A speed in doubt makes the pose uncertain by the way, until positions tell it."""
+"""A heading in doubt makes the pose uncertain ahead, as the way may be shorter, until positions tell it."""
 
+import numpy as np
 import pytest
 
 from txt1.estimation.fusion import Fusion
@@ -7,34 +8,35 @@ from txt1.estimation.judging import Belonging
 from txt1.estimation.sensors import Kind, Measurement
 
 PERIOD = 0.02  # s
+SPEED = 0.5  # m/s
 
 
 class Straight:
-    """A straight drive at 0.5 m/s, with a receiver of positions."""
+    """A straight drive, with a receiver of positions, from a place that is known and a heading of that sigma."""
 
-    def __init__(self) -> None:
-        self.fusion = Fusion({"encoders": Belonging(), "gps": Belonging(tells_pose=True)})
+    def __init__(self, heading: float) -> None:
+        sensors = {"encoders": Belonging(), "gps": Belonging(tells_pose=True, timeout=0.0)}
+        self.fusion = Fusion(sensors, slip_sigma=0.001, start=((0.0, 0.0, 0.0), (0.01, 0.01, heading)))
         self.cycle = 0
 
-    def go(self, seconds: float, sigma: float, doubt: float) -> tuple[float, float]:
-        """The standard deviations of x and y then, m: positions of that `sigma`, a speed in doubt by so much."""
+    def go(self, seconds: float, *, placed: bool) -> tuple[float, float]:
+        """The standard deviations of x and y then, m."""
         for _ in range(round(seconds / PERIOD)):
             self.cycle += 1
             now = self.cycle * PERIOD
-            self.fusion.take(Measurement(now, "encoders", Kind.ENCODERS, (0, 1), (0.5, 0.0), (0.006, 0.04)))
-            if self.cycle % 10 == 1:
-                where, deviations = (0.5 * now, 0.0, 0.0), (sigma, sigma, 0.05)
-                self.fusion.take(Measurement(now, "gps", Kind.POSE, (0, 1, 2), where, deviations))
-            self.fusion.doubt_speed(doubt, PERIOD)
+            self.fusion.take(Measurement(now, "encoders", Kind.ENCODERS, (0, 1), (SPEED, 0.0), (0.006, 0.04)))
+            if placed:
+                deviations = (0.02, 0.02, 0.05)
+                self.fusion.take(Measurement(now, "gps", Kind.POSE, (0, 1, 2), (SPEED * now, 0.0, 0.0), deviations))
             found = self.fusion.step(now)
         return found.sigma(0), found.sigma(1)
 
 
-def test_a_speed_in_doubt_makes_the_pose_doubtful_by_the_way_until_positions_tell_it() -> None:
-    sure, unsure = Straight(), Straight()
-    for one in (sure, unsure):
-        one.go(2.0, 0.05, 0.0)
-    usual, doubtful = sure.go(2.0, 5.0, 0.0), unsure.go(2.0, 5.0, 0.2)
-    assert doubtful[0] ** 2 == pytest.approx(usual[0] ** 2 + 0.4**2, rel=0.2), "ahead by 2 s of 0.2 m/s"
-    assert doubtful[1] == pytest.approx(usual[1], rel=0.02), "not to the side"
-    assert unsure.go(5.0, 0.02, 0.0) == pytest.approx(sure.go(5.0, 0.02, 0.0), rel=0.05)
+@pytest.mark.parametrize("heading", [0.5, 1.0])
+def test_a_heading_in_doubt_makes_the_way_ahead_doubtful_until_positions_tell_it(heading: float) -> None:
+    sure, unsure = Straight(0.001), Straight(heading)
+    usual, doubtful = sure.go(1.0, placed=False), unsure.go(1.0, placed=False)
+    shorter = 1.0 - np.cos(np.random.default_rng(1).normal(0.0, heading, 100_000))
+    ahead = SPEED * np.sqrt(np.mean(shorter**2))
+    assert doubtful[0] ** 2 == pytest.approx(usual[0] ** 2 + ahead**2, rel=0.1)
+    assert unsure.go(4.0, placed=True) == pytest.approx(sure.go(4.0, placed=True), rel=0.05)
