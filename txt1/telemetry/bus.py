@@ -25,8 +25,9 @@ instant of the robot, after every task has done its step. It goes through the sa
 3. `Rule.SECOND`: read once a second. Each such topic has a cycle of its own in the second, taken from a checksum of its
    name. So the load is spread, and the cycle is the same in every run of the program: a replay depends on that.
 
-Within a group the topics keep the order in which they were offered. Causes are offered before their effects, because a
-replay that differs from its recording names the first difference.
+Within a group the topics keep the order in which they were offered, but for whoever takes whole cycles the numbers come
+first. Causes are offered before their effects, because a replay that differs from its recording names the first
+difference.
 
 A late subscriber has missed the values that are told on change only. So after each new subscription the next `sample`
 tells these values to every subscriber once more. At the end of a run `flush` tells the values that changed after the
@@ -54,7 +55,7 @@ class _Subscriber(NamedTuple):
     cycle: TakeCycle | None
 
     def wants(self, topic: Topic[Any]) -> bool:
-        return not (self.cycle and _is_numbers(topic)) and (self.topics is None or topic in self.topics)
+        return self.topics is None or topic in self.topics
 
 
 def _is_numbers(topic: Topic[Any]) -> bool:
@@ -134,7 +135,7 @@ class Bus:
     ) -> Unsubscribe:
         """Call `take` for each value of these topics, by default of all topics. Returns a function that unsubscribes.
 
-        `cycle` takes, once a cycle, all topics of `Rule.CYCLE` that tell nothing but numbers, in place of `take`.
+        `cycle` takes, once a cycle, all offered topics of `Rule.CYCLE` that tell nothing but numbers, not `take`.
         Values that are told on change are told once more to every subscriber, so a late subscriber has them, too.
         """
         entry = _Subscriber(take, None if topics is None else frozenset(topics), cycle)
@@ -188,8 +189,10 @@ class Bus:
     def _arrange(self) -> None:
         """Find the subscribers of each offered topic."""
         self._takes.clear()
-        for offer in self._offers.values():
-            offer.takes = self._takers(offer.topic)
+        for topic, offer in self._offers.items():
+            offer.takes = [
+                each.take for each in self._subscribers if each.wants(topic) and not (each.cycle and _is_numbers(topic))
+            ]
         heard = [offer for offer in self._offers.values() if offer.takes]
         # who takes the numbers of a cycle in one call; their topics, and what reads them
         self._take_cycles = [each.cycle for each in self._subscribers if each.cycle]

@@ -133,3 +133,14 @@ def test_who_takes_whole_cycles_is_told_their_numbers_in_one_call() -> None:
     bus.sample(0.02)
     assert told == [("/speed,/way", [1.0, None], 0.02), ("/mood", "calm", 0.02)]
     assert beside == [("/speed", 1.0, 0.02), ("/mood", "calm", 0.02)]
+
+
+def test_who_takes_whole_cycles_is_told_numbers_that_are_published_one_by_one() -> None:
+    number = replace(SPEED, paths=("data",), make=lambda value: (value,))
+    bus, told = Bus(), Told()
+    bus.subscribe(
+        lambda topic, value, time: told.append((topic.name, value, time)), cycle=lambda topics, values, time: None
+    )
+    assert bus.wanted(number)
+    bus.publish(number, 1.0, 0.02)
+    assert told == [("/speed", 1.0, 0.02)]
