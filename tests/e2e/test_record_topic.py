@@ -7,9 +7,11 @@ import csv
 import json
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -102,6 +104,29 @@ def test_it_is_recorded_by_its_rule(topics: dict[Rule, Topic[Compass]], tmp_path
     for name in ("/test/change", "/test/second", "/test/event"):
         assert [(each.heading, each.sure) for each in found[name]] == [(0.0, False), (1.0, True), (2.0, True)], name
     assert found["/test/event"][0].header.frame_id == "needle"
+
+
+def test_arrays_of_numbers_and_numbers_that_are_published_are_recorded(tmp_path: Path) -> None:
+    offered, published = (
+        replace(compass(f"/test/{name}", Rule.CYCLE), make=lambda value: value.tolist())
+        for name in ("offered", "published")
+    )
+    path, value = tmp_path / "run.mcap", np.array([1.0, 0.0])
+
+    async def main() -> None:
+        async with recording(path, Config(), "max", {}, print) as attach, Robot.open(attach=attach) as robot:
+            robot.runtime.bus.offer(offered, lambda: value)
+            await asyncio.sleep(0.1)
+            robot.runtime.bus.publish(published, 2.0 * value, robot.now)
+
+    run(main(), speed="max")
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found = {
+            channel.topic: message.heading
+            for _, channel, _, message in reader.iter_decoded_messages(topics=[offered.name, published.name])
+        }
+    assert found == {"/test/offered": 1.0, "/test/published": 2.0}
 
 
 def test_it_is_listed_and_exported(

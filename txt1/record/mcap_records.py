@@ -44,11 +44,12 @@ _BEHIND_LENGTH: Final = RECORD.size - 9
 _HEAD: Final = struct.Struct("<BQHI16s")
 """The same, with both times as bytes."""
 _SEQUENCE: Final = 11
-"""Offset of a head's changing fields: the sequence number and both times."""
+"""Offset of a head's sequence number; both times follow it."""
 _TIMES: Final = struct.Struct("<QQ")
 _STAMP: Final = struct.Struct("<iI")
 _STAMPED: Final = ("std_msgs/Header", "builtin_interfaces/Time")
 """Types that begin with a time stamp."""
+
 Message = tuple[float, Topic[Any], Any]
 """Time, s of the run, topic and value."""
 Told = tuple[float, tuple[Topic[Any], ...], Sequence[Any]]
@@ -125,9 +126,13 @@ class Encoder:
                     when = _TIMES.pack(stamp, stamp), _STAMP.pack(*divmod(stamp, NS_PER_S))
                 record = row.record(values, when)
             except (TypeError, ValueError, IndexError, AttributeError, struct.error) as error:
-                names, messages = (", ".join(getattr(each, name) for each in topics) for name in ("name", "message"))
-                what = values[0] if len(values) == 1 else values
-                raise RecordingError(f"{names}: no {messages} can be made of {what!r}: {error}") from error
+                if len(topics) > 1:
+                    # the one that is at fault is refused by itself, too
+                    Encoder(self.epoch).take(
+                        (time, (each,), (value,)) for each, value in zip(topics, values, strict=True)
+                    )
+                name, message = topics[0].name, topics[0].message
+                raise RecordingError(f"{name}: no {message} can be made of {values[0]!r}: {error}") from error
             row.stamps.append(stamp)
             row.starts.append(length)
             records.append(record)

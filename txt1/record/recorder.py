@@ -154,8 +154,8 @@ class Recorder:
             if self.dropped and not self._told:
                 self._told = True
                 self._runtime.state.tell(time, "the recording loses messages: the disk is full or too slow")
-        if None in values:
-            there = [each is not None for each in values]
+        there = [each is not None for each in values]
+        if not all(there):
             topics, values = tuple(compress(topics, there)), tuple(compress(values, there))
         self._messages.append((time, topics, values))
 
