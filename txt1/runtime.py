@@ -451,8 +451,7 @@ class Runtime:
             self._seen_later = self.hal.capabilities.blind or lost
             self._rolls_until = self.now + (0.0 if at_rest else coasting_time(self.gate.limits.runaway_speed))
             if blocked is not None:
-                told = f"blocked: {blocked}" if at_rest else f"{reason}: it is at {blocked}"
-                self.gate.reason = reason = told
+                self.gate.reason = reason = f"blocked: {blocked}" if at_rest else f"{reason}: it is at {blocked}"
             elif reason is LOST and self.state.battery.state in (fields.BatteryState.WARNING, fields.BatteryState.BAD):
                 self.gate.reason = reason = f"{reason}; the battery is empty"
             if lost and self.watch is not None:

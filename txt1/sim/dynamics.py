@@ -196,7 +196,8 @@ def move(state: Motion, motor: float, front: float, rear: float, dt: float, drag
             curvature, sin_slip, cos_slip, along_right, along_left = wheels(
                 turn, distance / h, sin_beta, cos_beta, tan_front * steered, wheelbase, track, understeer, sideways
             )
-            right, left = right + rolled * along_right, left + rolled * along_left
+            right += rolled * along_right
+            left += rolled * along_left
             x, y, theta = along_arc(x, y, theta, distance, curvature, sin_slip, cos_slip)
         remaining -= h
     return x, y, theta, v, phi_front, phi_rear, right, left, spin

@@ -166,7 +166,8 @@ class Cycle:
     def watch_wheels(self, now: float) -> None:
         """Disarm on a runaway, and when the odometry is lost."""
         state, gate = self._state, self._gate
-        (right, left), odometry = state.encoders, state.odometry
+        right, left = state.encoders
+        odometry = state.odometry
         if not (self._has_ticks or self._blind):
             wheel = abs(odometry.v) + 0.5 * self._geometry.track_width * abs(odometry.omega)
             if self.dt > 0.0 and wheel < inf and (self._closes_loops or wheel >= READ):
@@ -185,7 +186,8 @@ class Cycle:
         if not -inf < self.v_now + self.omega_now < inf:
             gate.count(Fault.MEASURED)
             passes = False
-        self._passes, self.drives, self.v, self.omega, self.gains = passes, False, 0.0, 0.0, _OFF
+        self._passes, self.drives = passes, False
+        self.v, self.omega, self.gains = 0.0, 0.0, _OFF
         was_manual, self._was_manual = self._was_manual, manual
         if (
             given is None

@@ -151,7 +151,8 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Ge
         state.tell(0.0, "no encoders: odometry is dead reckoning, and the rules on runaways are off")
     async for now in ticks:
         inputs = hal.read(now)
-        state.pose, state.held = inputs.pose, inputs.held
+        state.pose = inputs.pose
+        state.held = inputs.held
         if inputs.link is not state.board:
             _note(state, inputs.link, now)
         counted = inputs.ticks

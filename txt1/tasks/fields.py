@@ -231,9 +231,8 @@ _WARN: Final = (
 
 
 def _log_message(event: Event) -> dict[str, object]:
-    warns = event.text.startswith(_WARN)
     # ROS's WARN and INFO
-    return {"level": 30 if warns else 20, "name": "txt1", "msg": event.text}
+    return {"level": 30 if event.text.startswith(_WARN) else 20, "name": "txt1", "msg": event.text}
 
 
 LOG: Final = declare(Topic("/rosout", Event, "", "rcl_interfaces/Log", Rule.EVENT, "the event log", make=_log_message))

@@ -58,10 +58,6 @@ class _Subscriber(NamedTuple):
         return self.topics is None or topic in self.topics
 
 
-def _is_numbers(topic: Topic[Any]) -> bool:
-    return bool(topic.paths) and topic.rule is Rule.CYCLE
-
-
 class _Offer:
     """A sampled topic: the function that reads it, the last value told, and its subscribers."""
 
@@ -189,15 +185,17 @@ class Bus:
     def _arrange(self) -> None:
         """Find the subscribers of each offered topic."""
         self._takes.clear()
-        for topic, offer in self._offers.items():
-            offer.takes = [
-                each.take for each in self._subscribers if each.wants(topic) and not (each.cycle and _is_numbers(topic))
-            ]
-        heard = [offer for offer in self._offers.values() if offer.takes]
         # who takes the numbers of a cycle in one call; their topics, and what reads them
         self._take_cycles = [each.cycle for each in self._subscribers if each.cycle]
-        self._numbers = tuple(filter(_is_numbers, self._offers))
+        self._numbers = tuple(topic for topic in self._offers if topic.paths and topic.rule is Rule.CYCLE)
         self._reads = [self._offers[topic].read for topic in self._numbers]
+        for topic, offer in self._offers.items():
+            offer.takes = [
+                each.take
+                for each in self._subscribers
+                if each.wants(topic) and not (each.cycle and topic in self._numbers)
+            ]
+        heard = [offer for offer in self._offers.values() if offer.takes]
         self._every_cycle = [offer for offer in heard if offer.topic.rule is Rule.CYCLE]
         self._on_change = [offer for offer in heard if offer.topic.rule is Rule.CHANGE]
         # topics of `Rule.SECOND` by their cycle in the second
