@@ -46,7 +46,7 @@ RATE_DECAY: Final = 0.9
 DIRECTIONS: Final = {"summed": direction, "diagonal": diagonal_direction, "corrected": corrected_direction}
 
 # Q-values after 30 repetitions on hardware; rows by state, columns by action (table 5.3)
-TABLE_5_3: Final = (
+TABLE_5_3: Final[tuple[tuple[float, ...], ...]] = (
     (0.9494, -0.6495, -0.5848),
     (0.7950, -0.0449, -0.2863),
     (0.7120, 0.1365, -0.3091),
