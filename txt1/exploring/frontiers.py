@@ -9,7 +9,7 @@ part that is in sight from afar may be one cell beside a corner.
 
 from __future__ import annotations
 
-from math import ceil, pi
+from math import ceil, inf, pi
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -108,26 +108,27 @@ def frontiers(grid: Grid) -> list[Frontier]:
 
 
 def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, keep: float) -> View | None:
-    """Return the cheapest pose from which the robot looks at most of the cheapest frontier, else at any part of it;
-    None: it can reach none.
+    """Return the cheapest pose from which the robot looks at most of the middle of the cheapest frontier, else at its
+    middle cell, else at any part of it; None: it can reach none.
 
     The body keeps `keep` m from walls.
     """
     for past in PAST:
-        part = _best(every, pose, room, body, keep, 0.0, past)
+        part = _best(every, pose, room, body, keep, inf, past)
         if part is not None:
-            return _best([part.frontier], pose, room, body, keep, 1.0 - KNOWN, past) or part
+            best = (_best([part.frontier], pose, room, body, keep, within, past) for within in (SAME, 0.0))
+            return next((view for view in best if view is not None), part)
     return None
 
 
 def _best(
-    every: list[Frontier], pose: Pose, room: Room, body: Geometry, keep: float, most: float, past: float
+    every: list[Frontier], pose: Pose, room: Room, body: Geometry, keep: float, within: float, past: float
 ) -> View | None:
-    """Return the cheapest pose from which it looks at more than a share `most` of one of the frontiers."""
+    """Return the cheapest pose from which it looks at one of the frontiers, as `_cheapest`."""
     best: View | None = None
     for narrow in (False, True):
         for poses, least in reachable(pose, room, body, MARGINS[0] * body.radius_min, keep, narrow):
-            found = [view for each in every if (view := _cheapest(each, poses, room, most, past)) is not None]
+            found = [view for each in every if (view := _cheapest(each, poses, room, within, past)) is not None]
             best = min([*found, *([best] if best else [])], key=lambda view: view.cost, default=None)
             if best is not None and best.cost < least - LARGE * LARGEST:
                 break
@@ -136,16 +137,16 @@ def _best(
     return best
 
 
-def _cheapest(frontier: Frontier, poses: Array, room: Room, most: float, past: float) -> View | None:
-    """Return the cheapest of the poses (n, 4) that look at more than a share `most` of the cells behind the frontier's
-    middle, or at any cell behind it, at most `past` rad past that; None: none does.
+def _cheapest(frontier: Frontier, poses: Array, room: Room, within: float, past: float) -> View | None:
+    """Return the cheapest of the poses (n, 4) that look at most of the cells behind the frontier `within` m of its
+    middle, at least at the nearest, at most `past` rad past them; inf m: at any cell behind it. None: none does.
 
     The border of what a corner hides is in sight from where it was seen, and what is behind it is not.
     """
     assert room.walls is not None
-    ends = frontier.beyond
-    if most:
-        ends = ends[np.hypot(*(ends - frontier.middle).T) < SAME]
+    aside = np.hypot(*(frontier.beyond - frontier.middle).T)
+    ends = frontier.beyond[aside <= max(within, aside.min())]
+    most = 0.0 if within == inf else 1.0 - KNOWN
     dx, dy = (ends[None] - poses[:, None, :2]).transpose(2, 0, 1)
     angles, ranges = np.arctan2(dy, dx), np.hypot(dx, dy)
     looking = (ranges < SIGHT) & (np.abs((angles - poses[:, 2:3] + pi) % (2.0 * pi) - pi) < past)
