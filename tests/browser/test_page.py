@@ -389,8 +389,13 @@ def test_a_recording_is_begun_fetched_and_shown(page: Any, car: Live) -> None:
     page.locator("#record").click()
     page.wait_for_function("() => document.getElementById('record').textContent === 'record'")
     page.wait_for_function("() => document.querySelectorAll('#panel a[download]').length")  # without Refresh
-    page.locator("#panel a[download]").first.hover()
+    link = page.locator("#panel a[download]").first
+    link.hover()
     page.mouse.down()
+    while not page.locator("#panel a[download]:active").count():  # the list was made anew, and the link is elsewhere
+        page.mouse.up()
+        link.hover()
+        page.mouse.down()
     page.evaluate("document.getElementById('record').click()")  # the list changes while the link is pressed
     page.wait_for_timeout(2500 * S)
     with page.expect_download() as fetched:
