@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
+from math import cos, inf, sin
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from txt1.learning.qtable import StoredTable
+from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
@@ -109,11 +110,23 @@ class Looker(Protocol):
 
 
 class PeriodicAgent:
-    """Base of a learner that decides once in a `period`, s, by all samples since the last decision."""
+    """Base of a learner that decides once in a `period`, s, by all samples since the last decision.
+
+    A learner that calls its `begin` has `memory` and `recall`: a void episode leaves nothing behind.
+    """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self._rest()
+
+    def begin(self) -> None:
+        """An episode begins."""
+        self._before: Any = self.memory()  # type: ignore[attr-defined]
+        self._rest()
+
+    def void(self) -> None:
+        """Forget what was learned since `begin`."""
+        self.recall(self._before)  # type: ignore[attr-defined]
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the light, lux."""
@@ -132,10 +145,19 @@ class PeriodicAgent:
         """Reset: no action is in force, and no sample has been seen."""
         self._samples: list[Readings] = []
         self._due = -inf
+        # at the last decision
+        self._at: Odometry | None = None
 
     def _decides(self, now: float) -> None:
         """Note a decision at `now` s; its action is in force for a period."""
         self._due = now + self._period
+
+    def _moved(self, odometry: Odometry) -> tuple[float, float]:
+        """Return the way, m, and the turn, rad, since the last call in this episode; 0, 0 in the first."""
+        at, self._at = self._at or odometry, odometry
+        turn = wrap_angle(odometry.theta - at.theta)
+        middle = at.theta + 0.5 * turn
+        return cos(middle) * (odometry.x - at.x) + sin(middle) * (odometry.y - at.y), turn
 
     def _seen(self) -> NDArray[np.float64]:
         """Return the samples since the last decision, lux, shape (samples, 4), and forget them."""

@@ -3,27 +3,21 @@
 It has odometry, and is told the distance at which the goal begins. It assumes a point light whose brightness falls with
 a power of the distance. Where its sensors sit and what its actions do, it learns. In each decision, 0.1 s:
 
-    z        <- logarithm of each sensor's mean reading since the last decision
-    d, h     <- way and turn since then, by odometry
+    z, d, h  <- logarithm of each sensor's mean reading since the last decision; way and turn since then, by odometry
     fit         z = g - n/2 log(|q - p|^2 + u)          over the last `ROWS` decisions (`_fit`)
                 p, g: place and sensitivity of each sensor; n, u: power, square of the light's height above the sensors
                 q: place of the light in each episode, from a path whose turns are s h
     effects     d' = k d + (1-k) c(a), b' = l b + (1-l) e(a), h = b d  over the same decisions (`_learn_effects`)
-                a: the action of L decisions before; b: curvature. They follow from rest by the actions alone, with
-                those of some k and l, and of the delays L, that have the least misfit
-    plan        the first action of the quickest course "a for m decisions, then b" to the goal (`_plan`)
+                a: the action of L decisions before; b: curvature. Those k, l and L are taken with the least misfit
+    plan        the first action of the quickest course "a for m decisions, then b" to the goal (`_plan`); b goes on
+                along its arc, which may graze the goal circle, miss it and go round once more
 
 The fit is least squares by Levenberg and Marquardt. A misfit counts the less, the larger it is (Cauchy), and each
-sensor by its own noise, the median of its misfits. Readings that stay the same while others change do not count: the
-sensor is dead, frozen or dazzled. At first the fit begins with the light at places all around. So it does where the
-learner doubts its model, and then counts if it explains the episode twice as well (`_anew`).
+sensor by its own noise; one that does not change while others do is dead, frozen or dazzled, and does not count. The
+fit begins with the light at places all around, again where the learner doubts its model (`_anew`).
 
-The plan moves the light in the robot's frame through the actions under way. Action b then goes on along its arc to the
-goal circle. An arc that grazes the circle may miss it and go round once more.
-
-The doubt is a test. log(time / first plan) is taken as normal over fine episodes, with the mean and deviation of the
-last twenty and a usual one as prior. Once an episode lasts longer than a fine one does with the probability `alarm`,
-the learner says that its model does not fit.
+The doubt is a test: log(time / first plan) is taken as normal, with mean and deviation of the last twenty fine episodes
+and a usual prior. A time that a fine one exceeds with the probability `alarm` tells that the model does not fit.
 """
 
 from math import cos, hypot, inf, log, pi, sin, sqrt
@@ -36,7 +30,6 @@ from numpy.typing import NDArray
 from txt1.config import Config
 from txt1.learning.agent import Decision, PeriodicAgent, StoredTable
 from txt1.learning.settings import LearningConfig
-from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 
@@ -66,40 +59,32 @@ PLACES: Final = np.array(
 )
 
 
-def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "LocatorAgent":
-    """Return the learner, or one that goes on from a stored table; ValueError: the table does not fit."""
-    learning = config.section(LearningConfig)
-    agent = LocatorAgent(len(learning.actions), learning.goal_radius, learning.locator.alarm)
-    if table is not None:
-        agent.recall(table.about["knows"])
-    return agent
-
-
 class LocatorAgent(PeriodicAgent):
-    """The learner; see the module."""
+    """The learner, as configured, or one that goes on from a stored table; ValueError: the table does not fit."""
 
     name = "locator"
 
-    def __init__(self, actions: int, goal: float, alarm: float) -> None:
+    def __init__(self, config: Config, _rng: object = None, table: StoredTable | None = None) -> None:
         super().__init__(PERIOD)
-        self._actions, self._goal, self._alarm = actions, goal, alarm
+        learning = config.section(LearningConfig)
+        self._actions, self._goal, self._alarm = len(learning.actions), learning.goal_radius, learning.locator.alarm
         self._rows: Array = np.empty((0, COLUMNS))
-        # numbers of the law, then the light's place in the odometry of each episode, m; noise of each sensor; deviation
-        # of the last place, m
+        # the law, then each episode's light in its odometry, m; noise of each sensor; deviation of the last light, m
         self._law, self._noise, self._deviation = PRIOR, np.full(4, NOISY), 0.0
-        self._effects, self._delay = np.zeros((2, actions + 2)), 0
+        self._effects, self._delay = np.zeros((2, self._actions + 2)), 0
         # distances at which episodes ended, and log(time / plan) of fine ones
         self._ends: list[float] = []
         self._late: list[float] = []
         self._episode = 0
+        if table is not None:
+            self.recall(table.about["knows"])
         self.begin()
 
     def begin(self) -> None:
         """An episode begins."""
-        self._before = self.memory()
-        self._rest()
-        self._at: Odometry | None = None
-        self._history: list[int] = []
+        super().begin()
+        # it rested before
+        self._history = [self._actions] * DELAYS
         self._value = np.zeros(self._actions)
         self._began = self._planned = inf
         self.unfit = ""
@@ -108,7 +93,7 @@ class LocatorAgent(PeriodicAgent):
         """Learn from the readings since the last decision, and return the next action."""
         self._decides(now)
         self._look(odometry)
-        done = len(self._history)
+        done = len(self._history) - DELAYS
         if done % SETTLE == 0:
             self._learn_effects()
         if not self._ends and done < TRIES * self._actions:
@@ -139,22 +124,13 @@ class LocatorAgent(PeriodicAgent):
                 self._late = [*self._late, late][-20:]
         self._episode += 1
 
-    def void(self) -> None:
-        """The episode does not count."""
-        self.recall(self._before)
-
     def _look(self, odometry: Odometry) -> None:
         """Add a row: the readings since the last decision, and the way that odometry tells."""
         lux = np.clip(self._seen(), LUX_MIN, LUX_MAX)
-        at = self._at or odometry
-        turn = wrap_angle(odometry.theta - at.theta)
-        middle = at.theta + 0.5 * turn
-        way = cos(middle) * (odometry.x - at.x) + sin(middle) * (odometry.y - at.y)
-        self._at = odometry
+        way, turn = self._moved(odometry)
         same = np.ptp(lux, axis=0) == 0.0
         sound = (lux.max(axis=0) < LUX_MAX) & (~same | same.all())
-        action = self._history[-1] if self._history else self._actions
-        row = [self._episode, len(lux), way, turn, action, *np.log(lux.mean(axis=0)), *sound]
+        row = [self._episode, len(lux), way, turn, self._history[-1], *np.log(lux.mean(axis=0)), *sound]
         self._rows = np.vstack([self._rows, row])
         while len(self._rows) > ROWS and (first := self._rows[0, EPISODE]) != self._episode:
             self._rows = self._rows[self._rows[:, EPISODE] != first]
@@ -171,28 +147,26 @@ class LocatorAgent(PeriodicAgent):
         places -= (places - steps)[:, first]
         return np.vstack([places - back * steps, heading - back * turn]).T
 
-    def _light(self) -> tuple[float, float]:
-        """Return the light's place in the robot's frame now, m."""
-        ahead, left = _seen_from(self._paths(self._law[SCALE], 0.0)[-1:], self._law[-2:])
-        return float(ahead[0]), float(left[0])
+    def _light(self) -> tuple[Any, Any]:
+        """Return the light's place in the robot's frame now, ahead and left, m."""
+        x, y, heading = self._paths(self._law[SCALE], 0.0)[-1]
+        return _turned(self._law[-2] - x, self._law[-1] - y, heading)
 
     def _refit(self, done: int) -> None:
         """Fit the law and the places of the light with the newest rows."""
+        known, again = self._planned < inf, done % (2 * TRIES) == 0
         if len(self._law) > LAW:
-            before = self._law[: LAW + 2 * len(np.unique(self._rows[:, EPISODE])) - 2]
-            known = len(before) < len(self._law)
             fits = [self._fit(self._law, self._noise, 2)] if known else []
-            if not known or done % (2 * TRIES) == 0:
-                fits.append(self._fit(self._nearest(before), self._noise, 3))
+            if again or not known:
+                fits.append(self._fit(self._nearest(self._law[:-2] if known else self._law), self._noise, 3))
             _, self._law, self._noise, self._deviation = min(fits, key=lambda each: each[0])
-        if len(self._law) == LAW or (self.unfit and done % (2 * TRIES) == 0):
+        if len(self._law) == LAW or (self.unfit and again):
             self._anew()
 
     def _anew(self) -> None:
-        """Begin anew from this episode alone, unless the law explains it at least half as well."""
+        """Begin anew from this episode alone, 1.2 m away, unless the law explains it at least half as well."""
         rows, noise, law = self._rows, np.full(4, NOISY), np.append(self._law[:LAW], self._law[-2:])
         self._rows = rows[rows[:, EPISODE] == self._episode]
-        # from places all around, 1.2 m away
         fits = [self._fit(np.append(PRIOR, place), noise, 12) for place in PLACES[48:72:3]]
         found = min(fits, key=lambda each: each[0])
         if len(self._law) > LAW and self._fit(law, noise, 0)[0] < 2.0 * found[0]:
@@ -241,27 +215,24 @@ class LocatorAgent(PeriodicAgent):
         poses = self._paths(law[SCALE])
         square, away = _squares(poses, lights[number], law)
         other, _ = _squares(self._paths(law[SCALE] + 1e-4), lights[number], law)
-        slope, rows = np.zeros((len(poses), 4, len(x))), np.arange(len(poses))
-        toward = n * away / square[..., None]
-        s = np.arange(4)
-        slope[:, s, 2 * s], slope[:, s, 2 * s + 1], slope[:, s, 8 + s] = toward[..., 0], toward[..., 1], 1.0
+        slope, rows, place = np.zeros((len(poses), 4, len(x))), np.arange(len(poses)), LAW + 2 * number
+        (ahead, left), s = np.moveaxis(n * away / square[..., None], -1, 0), np.arange(4)
+        slope[:, s, 2 * s], slope[:, s, 2 * s + 1], slope[:, s, 8 + s] = ahead, left, 1.0
         slope[:, :, POWER], slope[:, :, HEIGHT] = -0.5 * np.log(square), -0.5 * n / square
         slope[:, :, SCALE] = -0.5 * n * np.log(other / square) / 1e-4
-        c, s_ = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-        slope[rows, :, LAW + 2 * number] = s_ * toward[..., 1] - c * toward[..., 0]
-        slope[rows, :, LAW + 2 * number + 1] = -s_ * toward[..., 0] - c * toward[..., 1]
+        slope[rows, :, place], slope[rows, :, place + 1] = _turned(-ahead, -left, -poses[:, 2, None])
         return self._rows[:, LOGS] - law[GAINS] + 0.5 * n * np.log(square), slope
 
     def _learn_effects(self) -> None:
         """Learn the effects of the actions, their lags and their delay by least squares over the rows."""
-        rows, least, effects = self._rows, inf, self._effects
+        rows, least, before = self._rows, inf, self._effects[:, 1:]
         lagging = (1.0 - KEEPS) * (rows[:, ACTION, None] == np.arange(self._actions + 1))
         for k in (1, 2, 4, 8, 16):
             lagging += KEEPS**k * _earlier(lagging, rows, k)
         for delay in range(DELAYS):
             found, cost, way, late = [], 0.0, 1.0, _earlier(lagging, rows, delay)
             # what an action did before counts about as one decision, or it would be forgotten with its rows
-            for seen, known, weight in zip(rows[:, [WAY, TURN]].T, self._effects[:, 1:], (1.0, 1e-3), strict=True):
+            for seen, known, weight in zip(rows[:, [WAY, TURN]].T, before, (1.0, 1e-3), strict=True):
                 design = late * way
                 turned = np.swapaxes(design, 1, 2)
                 right = (turned @ seen + weight * known)[..., None]
@@ -272,14 +243,13 @@ class LocatorAgent(PeriodicAgent):
                 found.append([KEEPS[best, 0, 0], *settled[best, :, 0]])
                 cost, way = cost + log(misfit[best] + 1e-9), told[best]
             if cost < least:
-                least, effects, self._delay = cost, np.array(found), delay
-        self._effects = effects
+                least, self._effects, self._delay = cost, np.array(found), delay
 
     def _plan(self) -> None:
         """Find the number of decisions to the goal by the quickest course that begins with each action."""
         way, turn, scale = self._rows[-1, WAY], self._rows[-1, TURN], float(self._law[SCALE])
         state = np.array([*self._light(), way, turn / way if abs(way) > 1e-3 else 0.0])
-        for a in ([self._actions] * self._delay + self._history)[len(self._history) :]:
+        for a in self._history[len(self._history) - self._delay :]:
             state = _course(state[:, None], self._effects[:, [0, 1 + a]], scale, 1)[:, 0, 0]
         effects = self._effects[:, :-1]
         goal = (1.0 - GRAZE) * (sum(self._ends) + 3.0 * self._goal) / (len(self._ends) + 3.0)
@@ -298,9 +268,8 @@ class LocatorAgent(PeriodicAgent):
 
     def table(self) -> StoredTable:
         """Return the law as a row, and all else beside it."""
-        law = self._law[:LAW]
         about = {"agent": self.name, "episodes": self._episode, "knows": self.memory()}
-        return StoredTable(law[None].copy(), {**about, "sensors": law[:8].reshape(4, 2).tolist()})
+        return StoredTable(self._law[None, :LAW].copy(), about)
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
@@ -328,42 +297,35 @@ def improbable(late: float, known: list[float], alarm: float) -> bool:
     return late > mean + sqrt(square) * NormalDist().inv_cdf(1.0 - alarm)
 
 
-def _seen_from(poses: Array, places: Array) -> tuple[Array, Array]:
-    """Return places in the frames of poses, ahead and left, m."""
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    dx, dy = places[..., 0] - poses[:, 0], places[..., 1] - poses[:, 1]
-    return c * dx + s * dy, c * dy - s * dx
+def _turned(x: Any, y: Any, angle: Any) -> tuple[Any, Any]:
+    """Return vectors in a frame that is turned by an angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    return c * x + s * y, c * y - s * x
 
 
 def _earlier(values: Array, rows: Array, k: int) -> Array:
     """Return what values, shape (..., rows, any), were k rows before; 0 before the episode."""
-    told, count = np.zeros_like(values), max(len(rows) - k, 0)
-    told[..., k:, :] = values[..., :count, :] * (rows[k:, EPISODE] == rows[:count, EPISODE])[:, None]
-    return told
+    same = (np.roll(rows[:, EPISODE], k) == rows[:, EPISODE]) & (np.arange(len(rows)) >= k)
+    return np.where(same[:, None], np.roll(values, k, axis=-2), 0.0)
 
 
 def _squares(poses: Array, lights: Array, law: Array) -> tuple[Array, Array]:
     """Return the squares of the lights' distances from the sensors, (..., 4), and the vectors to them, (..., 4, 2)."""
-    away = np.stack(_seen_from(poses, lights), axis=-1)[..., None, :] - law[:8].reshape(4, 2)
+    x, y = lights[..., 0] - poses[:, 0], lights[..., 1] - poses[:, 1]
+    away = np.stack(_turned(x, y, poses[:, 2]), axis=-1)[..., None, :] - law[:8].reshape(4, 2)
     return np.maximum((away**2).sum(axis=-1) + law[HEIGHT], 1e-3), away
 
 
 def _course(state: Array, effects: Array, scale: float, decisions: int) -> Array:
-    """Return the light ahead and left, way and curvature after each decision, shape (4, ..., actions, decisions).
-
-    `effects` has the rows (k, c of each action) and (l, e of each action). Turns are `scale` times odometry's.
-    """
-    (ahead, left, way, bend), j = state[..., None], np.arange(1, decisions + 1)
-    k, keeps = effects[:, 0]
-    last_way, last_bend = effects[0, 1:, None], effects[1, 1:, None]
-    ways = last_way + (way - last_way) * k**j
-    bends = last_bend + (bend - last_bend) * keeps**j
+    """Return the light ahead and left, way and curvature after each decision, shape (4, ..., actions, decisions)."""
+    (ahead, left, *begun), j = state[..., None], np.arange(1, decisions + 1)
+    of_each = zip(begun, effects[:, 1:, None], effects[:, 0], strict=True)
+    ways, bends = (last + (first - last) * keep**j for first, last, keep in of_each)
     turns = scale * bends * ways
     heading = np.cumsum(turns, axis=-1)
     dx = ahead - np.cumsum(ways * np.cos(heading - 0.5 * turns), axis=-1)
     dy = left - np.cumsum(ways * np.sin(heading - 0.5 * turns), axis=-1)
-    c, s = np.cos(heading), np.sin(heading)
-    return np.stack([c * dx + s * dy, c * dy - s * dx, ways, bends])
+    return np.stack([*_turned(dx, dy, heading), ways, bends])
 
 
 def _onward(state: Array, effects: Array, scale: float, goal: float, doubt: float) -> Array:

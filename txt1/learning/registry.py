@@ -31,7 +31,7 @@ from txt1.sim.pcg64 import Pcg64
 from txt1.unknown import brought
 
 LEARNERS: Final = Registry(
-    "learner", "txt1.learners", {"thesis": thesis.create, "locator": "txt1.learning.locator:create"}
+    "learner", "txt1.learners", {"thesis": thesis.create, "locator": "txt1.learning.locator:LocatorAgent"}
 )
 
 

@@ -271,7 +271,6 @@ class PilotAgent(PeriodicAgent):
         self._past: list[Array] = []
         # episodes for which it doubts the model, since one took too long, and the number of these
         self._doubts = self._wastes = 0
-        self._before = self.memory()
         self.begin()
 
     def _all(self) -> list[int]:
@@ -281,13 +280,11 @@ class PilotAgent(PeriodicAgent):
 
     def begin(self) -> None:
         """An episode begins."""
-        self._before = self.memory()
+        super().begin()
         self._motion_model.begin()
         self._rows: list[list[float]] = []
-        self._rest()
         # actions, the latest first
         self._taken = [self.actions] * self.settings.delays
-        self._at: Odometry | None = None
         # distance and curvature of the last decision
         self._pace: Place = (0.0, 0.0)
         # likely places of the light in the robot's frame, the likeliest first, now and when the last readings were true
@@ -370,17 +367,14 @@ class PilotAgent(PeriodicAgent):
     def _learn(self, odometry: Odometry) -> None:
         """Take the readings and the odometry since the last decision."""
         z, noise = self._readings()
-        distance = turn = 0.0
-        if self._at is not None:
-            turn = wrap_angle(odometry.theta - self._at.theta)
-            middle = self._at.theta + 0.5 * turn
-            distance = (odometry.x - self._at.x) * cos(middle) + (odometry.y - self._at.y) * sin(middle)
+        first = self._at is None
+        distance, turn = self._moved(odometry)
+        if not first:
             pace = distance, (turn / distance if abs(distance) > 0.1 * abs(self._usual()) > 0.0 else self._pace[1])
             if self._motion_model.learn(self._pace, np.array(self._taken), pace):
                 self.unfit = self.unfit or "what the actions do"
                 self._arrival = inf
             self._pace = pace
-        self._at = odometry
         self._look_round(distance, turn, odometry)
         self._rows.append([distance, turn, *z, *noise])
         self._track(z, noise)
@@ -850,10 +844,6 @@ class PilotAgent(PeriodicAgent):
         return Decision(round((bearing + pi) / (2.0 * pi) * 72) % 72, self.misfit, values)
 
     # -- what it keeps -------------------------------------------------------------------------------------------
-
-    def void(self) -> None:
-        """Forget what was learned since `begin`."""
-        self.recall(self._before)
 
     def table(self) -> StoredTable:
         """The survey: a row for each sensor with brightness, power and place; `about` holds all else it knows."""

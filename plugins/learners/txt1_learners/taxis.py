@@ -106,13 +106,11 @@ class TaxisAgent(PeriodicAgent):
         # variance of the brightening
         self.brightens = 0.01
         self._rng = rng
-        self._before = self.memory()
         self.begin()
 
     def begin(self) -> None:
         """An episode begins."""
-        self._before = self.memory()
-        self._rest()
+        super().begin()
         # logarithms, quickly averaged
         self._sensed: Array | None = None
         # mean logarithm at the last decision, and slowly averaged
@@ -188,10 +186,6 @@ class TaxisAgent(PeriodicAgent):
         """No state of a table; by how much the result exceeded the promise; the preference for each action."""
         del odometry
         return Decision(None, self._delta, tuple(map(float, self._likes)))
-
-    def void(self) -> None:
-        """Forget what was learned since `begin`."""
-        self.recall(self._before)
 
     def table(self) -> StoredTable:
         """The synapses: a row for each sensor and a row for the unit that always fires, a column for each action."""

@@ -20,7 +20,7 @@ SAMPLE = 0.0125
 
 
 def agent(alarm: float = 0.02) -> LocatorAgent:
-    return LocatorAgent(len(COMMANDS), 0.5, alarm)
+    return LocatorAgent(load(None, (f"learning.locator.alarm={alarm}",)).config)
 
 
 def episodes(
@@ -133,7 +133,7 @@ def test_it_goes_on_from_its_memory_and_forgets_a_void_episode() -> None:
     one.void()
     assert one.memory() == before
     with pytest.raises(ValueError, match="knows 3 actions where 2 are needed"):
-        LocatorAgent(2, 0.5, 0.02).recall(before)
+        LocatorAgent(load(None, ("learning.actions=[[0.3,-0.5],[0.3,0.5]]",)).config).recall(before)
     table = one.table()
-    driver = locator.create(load(None, ()).config, np.random.default_rng(1), table)
+    driver = LocatorAgent(load(None, ()).config, np.random.default_rng(1), table)
     assert driver.memory() == before and table.values.shape == (1, 15)
