@@ -22,7 +22,7 @@ NEEDS = import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb")
 PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
 PIP_FETCH := -m pip --disable-pip-version-check wheel --quiet --quiet
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
-TEST_APART = PYTHONSAFEPATH=1 $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
+TEST_APART = $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
 # of `make test`: each collects all tests, 20 s of a processor, so no more than keep two processors busy
 JOBS ?= 4
 APART_TESTS ?= tests
@@ -57,8 +57,8 @@ coverage: $(VENV)/.dev  ## the tests, and the statements of txt1 and its plug-in
 	$(BIN)/python $(PIP_INSTALL) --group coverage
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --cov=txt1 $(PLUGINS:plugins/%=--cov=plugins/%) --cov-report=term:skip-covered
 
-# The environment has the packages of $(VENV), so nothing is resolved anew. The tree comes after what is installed: tests
-# of plug-ins run against the wheels, and those of tests/ against the sources of txt1, without a plug-in.
+# The environment has the packages of $(VENV), so nothing is resolved anew. Tests of tests/ run against the sources of txt1,
+# without a plug-in; those of plug-ins against the wheels: the tree comes after what is installed, and is no one's folder.
 test-plugins: $(VENV)/.dev  ## all other tests without any plug-in, then those of each plug-in, its wheel alone beside txt1's
 	rm -rf build plugins/*/build && mkdir build
 	$(BIN)/python -m pip --disable-pip-version-check freeze --all --exclude-editable > build/packages.txt
@@ -72,7 +72,7 @@ test-plugins: $(VENV)/.dev  ## all other tests without any plug-in, then those o
 	$(TEST_APART) $(APART_TESTS)
 	$(APART)/bin/python $(PIP_INSTALL) --no-deps --force-reinstall build/apart/txt1/*.whl
 	@for each in $(notdir $(PLUGINS)); do \
-		$(APART)/bin/python $(PIP_INSTALL) build/apart/$$each/*.whl && $(TEST_APART) plugins/$$each/tests || exit 1; \
+		$(APART)/bin/python $(PIP_INSTALL) build/apart/$$each/*.whl && PYTHONSAFEPATH=1 $(TEST_APART) plugins/$$each/tests || exit 1; \
 		$(APART)/bin/python -m pip uninstall --quiet --yes $$(basename build/apart/$$each/*.whl | cut -d- -f1) || exit 1; \
 	done
 
