@@ -219,8 +219,10 @@ class Fusion:
         self._changed = True
         # of the sensors that are believed
         self._names: set[str] = set()
-        # a gyro is, and a sensor that tells the wheels' speed
-        self._turning = self._rolling = False
+        self.turning = False
+        """Whether a gyro is believed."""
+        # a sensor that tells the wheels' speed is
+        self._rolling = False
         # a sensor that tells the place is
         self._placed = False
         # s of the run, of a gyro's newest reading
@@ -324,13 +326,8 @@ class Fusion:
         self._changed = False
         self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
         self._placed = not believed.isdisjoint(self._frames)
-        self._turning = not believed.isdisjoint(self._gyros)
+        self.turning = not believed.isdisjoint(self._gyros)
         self._rolling = not believed.isdisjoint(self._wheels_of)
-
-    @property
-    def turning(self) -> bool:
-        """Whether a gyro is believed."""
-        return self._turning
 
     def cycle(self, cycle: WitnessValues, dt: float) -> None:
         """Take in the witnesses' values for a cycle of dt seconds; wheels that fail by themselves are no witness."""
@@ -344,7 +341,7 @@ class Fusion:
         if not frames or not self._located:
             return
         _, v, turning, gyro, _ = cycle
-        omega = gyro if gyro is not None and self._turning else turning
+        omega = gyro if gyro is not None and self.turning else turning
         slip = self._newest()[0].mean[SLIP]
         self._reckoning.go(cycle.time, dt, v, omega, slip, self.sideways[0])
         for frame in frames.values():
@@ -352,7 +349,7 @@ class Fusion:
 
     def judge_by_vote(self) -> None:
         """Leave out an outvoted gyro or outvoted wheels, unless no other sensor measures the same quantity."""
-        self.vote.compare(turning=self._turning)
+        self.vote.compare(turning=self.turning)
         gyro_off, wheels_off = self.vote.outvoted(self._newest()[0].mean[SLIP] if self._exact else 0.0)
         placed = self._located and self._placed
         # whoever outvoted a gyro and has failed since was no witness
@@ -459,7 +456,7 @@ class Fusion:
         density, moves = walk.told, abs(belief.mean[ROLLED]) > MOVING
         # of a car that stands, slip does not change
         blind = moves and begin > walk.blind_from
-        if not self._turning:
+        if not self.turning:
             density = walk.settled(belief.triangle[SS]) if self._rolling else walk.untold(density)
             if self._rolling and not self._placed:
                 belief = slipping(belief, dt, 2.0 * FLOOR * walk.slip_sigma**2)
@@ -539,7 +536,7 @@ class Fusion:
         _, sensor, kind, _, _, sigmas, _ = measurement
         if kind is KIND_TURN:
             entry.new = False
-            return self._turned(belief, measurement, new=new) if self._turning else belief
+            return self._turned(belief, measurement, new=new) if self.turning else belief
         judge = self._judges.get(sensor)
         if not self._located and new and judge is not None and judge.settings.tells_pose:
             # in a frame that is still to be found: it says nothing on anybody's errors
@@ -782,7 +779,7 @@ class Fusion:
         h: Sequence[Row]
         if kind is KIND_ENCODERS:
             # how far they turn is told by `KIND_TURN`
-            if self._turning and measurement[0] - self._turned_at < STALE and rows == (0, 1):
+            if self.turning and measurement[0] - self._turned_at < STALE and rows == (0, 1):
                 return (values[0] - mean[ROLLED],), (ROLLED,)
             expected, h = encoders(mean, exact=self._exact)
         elif kind is KIND_VELOCITY:
