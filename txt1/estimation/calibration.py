@@ -105,18 +105,6 @@ class Corrections:
     scale: float = 0.0
 
 
-class _Place(NamedTuple):
-    time: float
-    x: float
-    y: float
-    # as told
-    theta: float | None
-    # as estimated
-    heading: float
-    sigma: float
-    sigma_theta: float
-
-
 class Calibration:
     """The calibration of one sensor that tells positions, and of the gyro and wheels beside it.
 
@@ -145,8 +133,9 @@ class Calibration:
         self._shortest = inf
         # end, length, speed, yaw rate
         self._cycles: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)
-        self._waiting: deque[_Place] = deque(maxlen=KEPT)
-        self._first: _Place | None = None
+        # positions, and the headings that the filter has there, rad
+        self._waiting: deque[tuple[Measurement, float]] = deque(maxlen=KEPT)
+        self._first: tuple[Measurement, float] | None = None
         self._mount = (0.0, 0.0)
         self._time = 0.0
         # of the last way, 1/m
@@ -164,23 +153,21 @@ class Calibration:
             self._shortest = now - self.heard
         self._cycles.append((end, dt, v, omega))
         waiting = self._waiting
-        if not waiting or waiting[0].time > end or (gyro and gyro[-1][0] < waiting[0].time):
+        if not waiting or waiting[0][0].time > end or (gyro and gyro[-1][0] < waiting[0][0].time):
             return False
         place, first = waiting.popleft(), self._first
         if first is not None:
-            self._compare(first, place, gyro)
+            self._compare(*first, place[0], gyro)
         self._first = place
         return first is not None
 
     def place(self, measurement: Measurement, theta: float) -> None:
         """Take in a position, and the heading that the filter has there, rad."""
         last = self._waiting[-1] if self._waiting else self._first
-        if last is not None and measurement.time - last.time < SEGMENT - 1e-6:
+        if last is not None and measurement.time - last[0].time < SEGMENT - 1e-6:
             return
-        told = measurement.values[2] if len(measurement.values) > 2 else None
-        x, y = measurement.values[:2]
         self._mount = measurement.at[0] - self.corrections.x, measurement.at[1] - self.corrections.y
-        self._waiting.append(_Place(measurement.time, x, y, told, theta, measurement.sigmas[0], measurement.sigmas[-1]))
+        self._waiting.append((measurement, theta))
 
     def learned(self, name: str) -> Calibrated:
         """A quantity beyond what is stated.
@@ -189,12 +176,6 @@ class Calibration:
         """
         place = ("x", "y", "delay", "slip", "scale", "bias", "sideways").index(name)
         return Calibrated(float(self.mean[place]), sqrt(float(self.covariance[place, place])))
-
-    def told(self, name: str) -> Calibrated:
-        """The same, with x and y from the robot's middle on."""
-        base = self._mount[("x", "y").index(name)] if name in ("x", "y") else 0.0
-        value, sigma = self.learned(name)
-        return Calibrated(base + value, sigma)
 
     @property
     def mount_variance(self) -> float:
@@ -213,8 +194,8 @@ class Calibration:
             s * s * a + 2.0 * c * s * b + c * c * d, turning,
         )  # fmt: skip
 
-    def _compare(self, one: _Place, two: _Place, gyro: deque[tuple[float, float]]) -> None:
-        """Compare the motion between two positions with dead reckoning."""
+    def _compare(self, one: Measurement, theta: float, two: Measurement, gyro: deque[tuple[float, float]]) -> None:
+        """Compare the motion between two positions with dead reckoning; the filter's heading at the first is theta."""
         begin, end = one.time, two.time
         span = end - begin
         cycles = np.array([each for each in self._cycles if each[0] > begin - 0.1 and each[0] - each[1] < end])
@@ -248,11 +229,11 @@ class Calibration:
         # what is estimated is the whole delay, though a part of it is corrected already
         tau = self.mean[TAU] - self.corrections.delay
         lx, ly = self._mount[0] + self.mean[LX], self._mount[1] + self.mean[LY]
-        ca, sa = cos(one.heading), sin(one.heading)
-        zx, zy = two.x - one.x, two.y - one.y
+        ca, sa = cos(theta), sin(theta)
+        zx, zy = two.values[0] - one.values[0], two.values[1] - one.values[1]
         zx, zy = ca * zx + sa * zy, ca * zy - sa * zx
         tau_x, tau_y = -(c * v_b - v_a), -s * v_b
-        if one.theta is not None:
+        if len(one.values) > 2:
             # so is the heading that it told
             tau_x, tau_y = tau_x - w_a * zy, tau_y + w_a * zx
         residual = [
@@ -263,15 +244,15 @@ class Calibration:
             [c - 1.0, -s, tau_x, -dx, 0.0, 0.0, side_x],
             [s, c - 1.0, tau_y, -dy, 0.0, 0.0, side_y],
         ]
-        noise = 2.0 * one.sigma**2
+        noise = 2.0 * one.sigmas[0] ** 2
         way_length = hypot(dx, dy)
         # forward and sideways as they are at the first position, which is near enough
         variances = [noise + ALONG**2 * span + (0.003 * way_length) ** 2, noise + ACROSS**2 * span]
         variances[1] += (AIMED * way_length) ** 2
-        if by_gyro and one.theta is not None and two.theta is not None:
-            residual.append(wrap_angle(two.theta - one.theta - turn) + tau * (w_b - w_a))
+        if by_gyro and len(one.values) > 2 and len(two.values) > 2:
+            residual.append(wrap_angle(two.values[2] - one.values[2] - turn) + tau * (w_b - w_a))
             rows.append([0.0, 0.0, -(w_b - w_a), 0.0, -turn, -span, 0.0])
-            variances.append(2.0 * one.sigma_theta**2 + GYRO**2 * span + (GYRO_CLOCK * (w_b - w_a)) ** 2)
+            variances.append(2.0 * one.sigmas[2] ** 2 + GYRO**2 * span + (GYRO_CLOCK * (w_b - w_a)) ** 2)
         elif not by_gyro:
             variances[1] += (BY_WHEELS * turn * way_length) ** 2
         bend = 0.0

@@ -94,7 +94,7 @@ def test_a_gyro_that_reads_too_much_is_corrected_in_full() -> None:
         await drive_as_a_person(robot, 201, 20.0)
 
     estimator = run(random_drives.driven("txt1", 201, drive, configs), speed="max")["vicon"].estimator
-    value, sigma = estimator.calibrations["vicon"].told("scale")
+    value, sigma = estimator.calibrations["vicon"].learned("scale")
     assert estimator.calibrations["vicon"].corrections.scale == value
     # it reads 1 / 1.03 now
     assert value == pytest.approx(1.0 / 1.03 - 1.0, abs=3.0 * sigma)

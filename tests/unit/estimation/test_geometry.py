@@ -100,7 +100,7 @@ def test_rtk_30_cm_from_where_it_is_stated_is_found_and_stays_believed() -> None
 
     estimator, estimate, (x, y, _) = drive(60.0, wider=0.05, positions=FixReading, told=fix)
     assert all(each.believed for each in estimator.trusts())
-    assert estimator.calibrations["place"].told("x").value == pytest.approx(0.3, abs=0.08)
+    assert estimator.calibrations["place"].learned("x").value == pytest.approx(0.3, abs=0.08)
     assert hypot(estimate.x - x, estimate.y - y) < 0.15
 
 
@@ -112,5 +112,5 @@ def test_motion_capture_30_cm_from_where_it_is_stated_is_found() -> None:
 
     estimator, estimate, (x, y, _) = drive(30.0, wider=0.05, positions=TrackerReading, told=seen)
     assert all(each.believed for each in estimator.trusts())
-    assert estimator.calibrations["place"].told("x").value == pytest.approx(0.3, abs=0.03)
+    assert estimator.calibrations["place"].learned("x").value == pytest.approx(0.3, abs=0.03)
     assert hypot(estimate.x - x, estimate.y - y) < 0.08
