@@ -38,7 +38,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import hypot, sqrt
+from math import dist, sqrt
 from typing import Final, NamedTuple
 
 from txt1.estimation.sensors import KIND_ENCODERS, KIND_POSE, Measurement
@@ -266,17 +266,6 @@ class WitnessValues(NamedTuple):
     steering: float | None  # rad/s
 
 
-class Place(NamedTuple):
-    """An absolute reading."""
-
-    time: float  # s
-    x: float  # m
-    y: float  # m
-    theta: float | None  # rad
-    sigma: float  # m
-    sigma_theta: float  # rad
-
-
 class Vote:
     """The witnesses' reports of the last seconds."""
 
@@ -288,7 +277,7 @@ class Vote:
         # s of the run
         self._compared = 0.0
         self._cycles: deque[WitnessValues] = deque()
-        self._places: dict[str, deque[Place]] = {}
+        self._places: dict[str, deque[Measurement]] = {}
 
     def clear(self) -> None:
         """Forget everything: the robot was carried elsewhere."""
@@ -305,13 +294,10 @@ class Vote:
 
     def place(self, measurement: Measurement) -> None:
         """Take in an absolute reading that was taken in by the filter, one for each piece of the path."""
-        time, sensor, _, _, values, sigmas, _ = measurement
-        places = self._places.get(sensor)
-        if places is None:
-            places = self._places[sensor] = deque()
-        elif time - places[-1].time < LEG:
+        time, places = measurement.time, self._places.setdefault(measurement.sensor, deque())
+        if places and time - places[-1].time < LEG:
             return
-        places.append(Place(time, values[0], values[1], values[2] if len(values) > 2 else None, sigmas[0], sigmas[-1]))
+        places.append(measurement)
         while time - places[0].time > WINDOW:
             places.popleft()
 
@@ -334,7 +320,7 @@ class Vote:
         begin, seen = end - WINDOW, None
         fresh = [places for places in self._places.values() if end - places[-1].time <= FRESH]
         if fresh:
-            places = min(fresh, key=lambda each: each[-1].sigma)
+            places = min(fresh, key=lambda each: each[-1].sigmas[0])
             seen = _seen(places)
             if seen is not None:
                 begin, end = places[0].time, places[-1].time
@@ -357,21 +343,18 @@ class Vote:
         return wheels_agree and not gyro_agrees, sliding or (gyro_agrees and not wheels_agree)
 
 
-def _seen(told: deque[Place]) -> tuple[float, float, float | None, float] | None:
+def _seen(told: deque[Measurement]) -> tuple[float, float, float | None, float] | None:
     """Speed (m/s) and its sigma, yaw rate (rad/s; None) and its sigma, by a sensor's absolute readings."""
     first, last = told[0], told[-1]
     span = last.time - first.time
     if span < 0.5 * WINDOW:
         return None
-    path, turned = 0.0, 0.0 if first.theta is not None else None
-    for one, two in pairwise(told):
-        path += hypot(two.x - one.x, two.y - one.y)
-        if turned is None or one.theta is None or two.theta is None:
-            turned = None
-        else:
-            turned += wrap_angle(two.theta - one.theta)
-    sigma = sqrt(2.0 * len(told)) * last.sigma / span
-    return path / span, sigma, None if turned is None else turned / span, sqrt(2.0) * last.sigma_theta / span
+    path = sum([dist(one, two) for one, two in pairwise([each.values[:2] for each in told])])
+    headings = [each.values[2] for each in told if len(each.values) > 2]
+    turned: float | None = sum([wrap_angle(two - one) for one, two in pairwise(headings)]) / span
+    if len(headings) < len(told):
+        turned = None
+    return path / span, sqrt(2.0 * len(told)) * last.sigmas[0] / span, turned, sqrt(2.0) * last.sigmas[-1] / span
 
 
 def _mean(values: tuple[float | None, ...]) -> float | None:
