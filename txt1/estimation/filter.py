@@ -493,7 +493,7 @@ def turned(
     """The belief in another frame: turned by `turn` rad about the origin, then moved by (x, y) m.
 
     `spread` is the covariance of x, y and turn, shape (3, 3), of the frame where the robot is now. `leans` is how the
-    frame leans, of `hypotheses.leaning`.
+    frame leans, of `hypotheses.aligned`.
     """
     px, py, theta, *rest = belief.mean
     c, s = cos(turn), sin(turn)

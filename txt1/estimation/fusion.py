@@ -63,7 +63,7 @@ from txt1.estimation.filter import (
     wandering,
     widened,
 )
-from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL, Besides, Frame, Reckoning, about, aligned, bent, leaning
+from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL, Besides, Frame, Reckoning, aligned, bent
 from txt1.estimation.judging import (
     CHI95,
     CHI99,
@@ -810,11 +810,10 @@ class Fusion:
             (px, py), _ = antenna(mean, measurement.at)
             lean = belief.lean.by[:2] if belief.lean is not None else (0.0, 0.0)
             self._pairs.append((px, py, *values, sigmas[0], *lean))
-            found = aligned(self._pairs)
+            found = aligned(self._pairs, mean)
             if found is None:
                 return belief
-            turn, x, y, spread = found
-            spread, leans = about(spread, mean, turn, self._pairs), leaning(self._pairs)
+            turn, x, y, spread, leans = found
         else:
             return belief
         self._base = turned(self._base[0], turn, x, y, spread, leans), self._base[1]
