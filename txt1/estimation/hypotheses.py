@@ -361,9 +361,9 @@ class Besides:
 
     def __init__(self) -> None:
         # m, m, rad by which a jump may be the robot's
-        self._carried: tuple[float, float, float] | None = None
+        self._carried = 0.0, 0.0, 0.0
         # m, m, rad by which an absolute sensor has overruled dead reckoning
-        self._overruled: Sequence[float] = ()
+        self._overruled = 0.0, 0.0, 0.0
         # m in x and y by which the way may be longer than the car's, as speed and heading may be off
         self._way = 0.0, 0.0
 
@@ -374,15 +374,13 @@ class Besides:
 
     def overrule(self, before: Belief, after: Belief) -> None:
         """Note that an absolute sensor has overruled dead reckoning, which may be right."""
-        so_far = self._overruled or (0.0, 0.0, 0.0)
-        pulled = zip(so_far, after.mean, before.mean, strict=False)
-        self._overruled = [each + here - there for each, here, there in pulled]
+        (x, y, turn), one, two = self._overruled, before.mean, after.mean
+        self._overruled = x + two[0] - one[0], y + two[1] - one[1], turn + two[2] - one[2]
 
     def fade(self, dt: float) -> None:
         """Forget, in dt seconds, by how much dead reckoning was overruled."""
-        if self._overruled:
-            fading = exp(-dt / FORGOTTEN)
-            self._overruled = [each * fading for each in self._overruled]
+        (x, y, turn), fading = self._overruled, exp(-dt / FORGOTTEN)
+        self._overruled = x * fading, y * fading, turn * fading
 
     def drive(self, theta: float, speed: float, dt: float) -> None:
         """Note that the speed may have been off by `speed` m/s for dt seconds, so that the pose is off by the way."""
@@ -391,7 +389,7 @@ class Besides:
 
     def place(self, before: Belief, after: Belief) -> None:
         """Note a position that was taken in: it takes away of the way's error what it takes of the variance."""
-        self._carried = None
+        self._carried = 0.0, 0.0, 0.0
         x, y = self._way
         if x or y:
             self._way = x * after.triangle[XX] / before.triangle[XX], y * after.triangle[YY] / before.triangle[YY]
@@ -403,35 +401,17 @@ class Besides:
 
         `places` are the judges of the sensors that tell positions, and their frames; `doubt` is of mounts and clocks.
         """
-        xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
-        others: list[tuple[float, Sequence[float]]] = []
-        if self._carried is not None:
-            others.append((OTHER, self._carried))
-        if self._overruled:
-            others.append((OTHER, self._overruled))
+        xx, xy, yy, tt = doubt
+        others = [(OTHER, self._carried), (OTHER, self._overruled), (1.0, (*self._way, 0.0))]
         for judge, frame in places:
-            if judge.mean_variance[0]:
-                others.append((1.0, (*judge.lasting(), 0.0)))
-            if any(frame.past):
-                x, y, sigma = frame.past
-                others.append((1.0, (x, y, 0.0)))
-                xx, yy = xx + sigma * sigma, yy + sigma * sigma
-            if frame.probability:
-                x, y, sigma = frame.pulled
-                others.append((frame.probability, (x, y, 0.0)))
-                more = frame.probability * sigma * sigma
-                xx, yy = xx + more, yy + more
-        for chance, (dx, dy, turn) in others:
-            xx, xy = xx + chance * dx * dx, xy + chance * dx * dy
-            yy, tt = yy + chance * dy * dy, tt + chance * turn * turn
-        more_xx, more_xy, more_yy, more_tt = doubt
-        way_x, way_y = self._way
-        return (
-            xx + more_xx + way_x * way_x,
-            xy + more_xy + way_x * way_y,
-            yy + more_yy + way_y * way_y,
-            tt + more_tt,
-        )
+            others.append((1.0, (*judge.lasting(), 0.0)))
+            for chance, (x, y, sigma) in ((1.0, frame.past), (frame.probability, frame.pulled)):
+                others.append((chance, (x, y, 0.0)))
+                xx, yy = xx + chance * sigma * sigma, yy + chance * sigma * sigma
+        for chance, (x, y, turn) in others:
+            xx, xy = xx + chance * x * x, xy + chance * x * y
+            yy, tt = yy + chance * y * y, tt + chance * turn * turn
+        return xx, xy, yy, tt
 
 
 def bent(variance: float) -> float:
