@@ -19,7 +19,7 @@ The products are written out, as an array costs more than the numbers in it: a s
 Below are beliefs that know less than before, and `Walk`, which has how the state changes by itself.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from math import asin, cos, exp, hypot, inf, isfinite, sin, sqrt
@@ -51,7 +51,7 @@ Where the track width is known well, it is 0, and wheels that turn otherwise tha
 """
 SIZE: Final = 8
 # places of variances in a covariance's triangle
-XX, XY, XU, YY, YU, TT, TO, UU, OO, SS = 0, 1, 3, 8, 10, 15, 17, 21, 26, 33
+XX, YY, TT, SS = 0, 8, 15, 33
 # of all that slip has a part in
 OF_SLIP: Final = (6, 13, 19, 24, 28, 31, 33, 34)
 # standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
@@ -102,21 +102,21 @@ _UPPER: Final = np.triu_indices(SIZE)
 
 def belief_of(mean: Sequence[float] | Array, covariance: Array, lean: Lean | None = None) -> Belief:
     """The belief of a mean and a covariance, shapes (8,) and (8, 8)."""
-    x, y, theta, rolled, omega, bias, slip, width = map(float, mean)
-    return Belief((x, y, theta, rolled, omega, bias, slip, width), tuple(covariance[_UPPER].tolist()), lean)
+    return Belief(_state(mean), tuple(covariance[_UPPER].tolist()), lean)
+
+
+def _state(numbers: Iterable[float]) -> State:
+    x, y, theta, rolled, omega, bias, slip, width = map(float, numbers)
+    return x, y, theta, rolled, omega, bias, slip, width
 
 
 def upright(belief: Belief, value: float, variance: float) -> Belief:
     """The belief that leans no more: the parameter has this value, and is uncertain by this variance about it."""
     if belief.lean is None:
         return belief
-    x, y, theta, rolled, omega, bias, slip, width = belief.mean
-    bx, by, bt, bu, bo, bb, bs, bw = belief.lean.by
-    mean = (
-        x - value * bx, y - value * by, theta - value * bt, rolled - value * bu,
-        omega - value * bo, bias - value * bb, slip - value * bs, width - value * bw,
-    )  # fmt: skip
-    pairs = zip(belief.triangle, combinations_with_replacement(belief.lean.by, 2), strict=True)
+    by = belief.lean.by
+    mean = _state([each - value * leans for each, leans in zip(belief.mean, by, strict=True)])
+    pairs = zip(belief.triangle, combinations_with_replacement(by, 2), strict=True)
     return Belief(mean, tuple([each + variance * (a * b) for each, (a, b) in pairs]))
 
 
@@ -160,16 +160,13 @@ def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
         dt: s.
 
     """
-    half, spread = 0.5 * dt, list(belief.triangle)
-    parts: tuple[tuple[int, float], ...]
+    theta, half, row = belief.mean[THETA], 0.5 * dt, np.zeros(SIZE)
+    row[place] = 1.0
     if place == OMEGA:
-        parts = (TT, half * half), (TO, half), (OO, 1.0)
+        row[THETA] = half
     else:
-        c, s = half * cos(belief.mean[THETA]), half * sin(belief.mean[THETA])
-        parts = (XX, c * c), (XY, c * s), (YY, s * s), (XU, c), (YU, s), (UU, 1.0)
-    for each, share in parts:
-        spread[each] += variance * share
-    return Belief(belief.mean, tuple(spread), belief.lean)
+        row[[X, Y]] = half * cos(theta), half * sin(theta)
+    return widened(belief, variance * np.outer(row, row))
 
 
 def predict(
@@ -421,11 +418,6 @@ def _leaning(lean: Lean, row: Row, leans: float, sigma: float, miss: float, w: S
     ), lean.known + tells * moved * moved, lean.told + tells * moved * miss))  # fmt: skip
 
 
-def turn_share(mean: State, *, exact: bool) -> float:
-    """By how much the wheels turn more than the car: by their slip if the track width is exact, else by the width."""
-    return 1.0 / (1.0 - mean[SLIP]) if exact else 1.0 + mean[WIDTH]
-
-
 def encoders(mean: State, *, exact: bool = True) -> tuple[tuple[float, float], tuple[Row, Row]]:
     """Speed and yaw rate that the wheels tell in a state, and the rows of their Jacobian."""
     _, _, _, rolled, omega, _, slip, width = mean
@@ -470,15 +462,12 @@ def velocities(mean: State) -> tuple[tuple[float, float], tuple[Row, Row]]:
     return (rolled * (1.0 - slip), omega), ((0.0, 0.0, 0.0, 1.0 - slip, 0.0, 0.0, -rolled, 0.0), OMEGA)
 
 
-_NO_MOTION: Final = (0.0, 0.0, 0.0, 0.0, 0.0)
-
-
 def antenna(mean: State, at: tuple[float, float]) -> tuple[tuple[float, float], tuple[State, State]]:
     """Where a receiver at a place on the robot (x forward, y left, m) is, and the rows of the Jacobian."""
     x, y, theta = mean[:3]
     c, s = cos(theta), sin(theta)
     dx, dy = at[0] * c - at[1] * s, at[0] * s + at[1] * c
-    return (x + dx, y + dy), ((1.0, 0.0, -dy, *_NO_MOTION), (0.0, 1.0, dx, *_NO_MOTION))
+    return (x + dx, y + dy), ((1.0, 0.0, -dy, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, dx, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 POSE: Final = (X, Y, THETA)
@@ -566,8 +555,7 @@ def considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigm
     left = np.eye(SIZE) - gain @ rows
     lean = belief.lean
     if lean is not None:
-        x, y, theta, rolled, omega, bias, slip, width = (left @ lean.by).tolist()
-        lean = lean._replace(by=(x, y, theta, rolled, omega, bias, slip, width))
+        lean = lean._replace(by=_state(left @ lean.by))
     return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T, lean)
 
 

@@ -55,7 +55,6 @@ from txt1.estimation.filter import (
     ramped,
     slip_unknown,
     slipping,
-    turn_share,
     turned,
     update,
     upright,
@@ -596,7 +595,9 @@ class Fusion:
         """The belief with how far the wheels turned the robot beside the gyro: it tells of bias and slip."""
         told, by_gyro, dt, path = measurement.values
         bias = belief.mean[BIAS]
-        share, turned_by = turn_share(belief.mean, exact=self._exact), by_gyro - bias * dt
+        # of the wheels' turn, in the car's: by their slip if the track width is exact, else by the width
+        share = 1.0 / (1.0 - belief.mean[SLIP]) if self._exact else 1.0 + belief.mean[WIDTH]
+        turned_by = by_gyro - bias * dt
         residual = (told - share * turned_by,)
         # wheels that stand tell nothing of slip: the gyro's noise in both is the same, and would be taken for some
         moving = turned_by if told else 0.0
