@@ -209,15 +209,7 @@ def averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:
     less = sqrt(1.0 - share)
     time, sensor, kind, rows, values, sigmas, at = mean
     time += share * (more.time - time)
-    if kind is KIND_GYRO:
-        (one,), (two,), (sigma,) = values, more.values, sigmas
-        return new(Measurement, (time, sensor, kind, rows, (one + share * (two - one),), (less * sigma,), at))
-    if rows == (0, 1, 2):
-        (x, y, theta), (x_too, y_too, theta_too), (sigma_x, sigma_y, sigma_theta) = values, more.values, sigmas
-        pose = x + share * (x_too - x), y + share * (y_too - y), theta + share * wrap_angle(theta_too - theta)
-        wide = less * sigma_x, less * sigma_y, less * sigma_theta
-        return new(Measurement, (time, sensor, kind, rows, pose, wide, at))
     means = [one + share * (two - one) for one, two in zip(values, more.values, strict=True)]
     if rows[-1] == HEADING:
         means[-1] = values[-1] + share * wrap_angle(more.values[-1] - values[-1])
-    return Measurement(time, sensor, kind, rows, tuple(means), tuple([less * sigma for sigma in sigmas]), at)
+    return new(Measurement, (time, sensor, kind, rows, tuple(means), tuple([less * sigma for sigma in sigmas]), at))
