@@ -37,7 +37,7 @@ State = tuple[float, float, float, float, float, float, float, float]
 Triangle = tuple[float, ...]
 """36 numbers: the upper triangle of a covariance, row by row."""
 Row = State | int
-"""A row of a Jacobian; an index if the measured number is that state itself: of the pose, `ROLLED` or `OMEGA`."""
+"""A row of a Jacobian; an index if the measured number is that state itself: `THETA`, `ROLLED` or `OMEGA`."""
 
 X, Y, THETA, ROLLED, OMEGA, BIAS, SLIP, WIDTH = range(8)
 """Places in the state: pose (m, rad), the wheels' speed (m/s), yaw rate (rad/s), the gyro's bias (rad/s), slip, width.
@@ -316,23 +316,13 @@ def update(
     for place, row in enumerate(h):
         left, noise = residual[place], sigmas[place]
         # c = P h, its spread h c, and the part of what is left that the mean's change says already
-        if row is GYRO:
-            cx, cy, ct, cu, co = xo + xb, yo + yb, to + tb, uo + ub, oo + ob
-            cb, cs, cw = ob + bb, os + bs, ow + bw
-            spread, said = co + cb, do + db
-        elif isinstance(row, int):
+        if isinstance(row, int):
             if row == ROLLED:
                 cx, cy, ct, cu, co, cb, cs, cw = xu, yu, tu, uu, uo, ub, us, uw
                 spread, said = uu, du
             elif row == OMEGA:
                 cx, cy, ct, cu, co, cb, cs, cw = xo, yo, to, uo, oo, ob, os, ow
                 spread, said = oo, do
-            elif row == X:
-                cx, cy, ct, cu, co, cb, cs, cw = xx, xy, xt, xu, xo, xb, xs, xw
-                spread, said = xx, dx
-            elif row == Y:
-                cx, cy, ct, cu, co, cb, cs, cw = xy, yy, yt, yu, yo, yb, ys, yw
-                spread, said = yy, dy
             else:
                 cx, cy, ct, cu, co, cb, cs, cw = xt, yt, tt, tu, to, tb, ts, tw
                 spread, said = tt, dt
@@ -470,8 +460,6 @@ def antenna(mean: State, at: tuple[float, float]) -> tuple[tuple[float, float], 
     return (x + dx, y + dy), ((1.0, 0.0, -dy, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, dx, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-POSE: Final = (X, Y, THETA)
-"""The Jacobian of the pose, by rows."""
 GYRO: Final[State] = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
 """The row of a gyro, which tells its bias, too."""
 

@@ -25,7 +25,6 @@ from txt1.estimation.filter import (
     BIAS,
     GYRO,
     OMEGA,
-    POSE,
     ROLLED,
     SIZE,
     SLID,
@@ -83,7 +82,6 @@ from txt1.estimation.sensors import (
     KIND_STEERING,
     KIND_TURN,
     KIND_VELOCITY,
-    NEWEST,
     SAME_INSTANT,
     SLOT,
     Measurement,
@@ -289,19 +287,14 @@ class Fusion:
         for measurement in self._arrived:
             if not self._admits(measurement, oldest):
                 continue
-            kind = measurement.kind
-            if kind is not KIND_GYRO and kind is not KIND_POSE:
-                self._insert(measurement)
-                continue
-            sensor = measurement.sensor
-            group = groups.get(sensor)
-            if group is None:
-                groups[sensor] = measurement, 1
-            elif alike(group[0], measurement, SLOT if kind is KIND_GYRO else NEWEST):
-                groups[sensor] = averaged(*group, measurement), group[1] + 1
+            mean, count = groups.get(measurement.sensor, (None, 0))
+            if mean is not None and alike(mean, measurement):
+                measurement = averaged(mean, count, measurement)
             else:
-                self._insert(group[0])
-                groups[sensor] = measurement, 1
+                if mean is not None:
+                    self._insert(mean)
+                count = 0
+            groups[measurement.sensor] = measurement, count + 1
         for measurement, _ in groups.values():
             self._insert(measurement)
         self._arrived.clear()
@@ -773,9 +766,6 @@ class Fusion:
         _, _, kind, rows, values, _, at = measurement
         if kind is KIND_GYRO:
             return (values[0] - mean[OMEGA] - mean[BIAS],), (GYRO,)
-        if kind is KIND_POSE and rows == (0, 1, 2) and at == (0.0, 0.0):
-            x, y, theta = values
-            return (x - mean[0], y - mean[1], wrap_angle(theta - mean[2])), POSE
         expected: Sequence[float]
         h: Sequence[Row]
         if kind is KIND_ENCODERS:

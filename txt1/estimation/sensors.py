@@ -196,10 +196,11 @@ NEWEST: Final = 0.005
 SAME_INSTANT: Final = 1e-6
 
 
-def alike(one: Measurement, two: Measurement, within: float) -> bool:
-    """Whether two readings of a sensor may be averaged, within so many seconds."""
+def alike(one: Measurement, two: Measurement) -> bool:
+    """Whether two readings of a sensor may be averaged."""
     time, _, kind, rows, _, _, at = one
     time_too, _, kind_too, rows_too, _, _, at_too = two
+    within = SLOT if kind is KIND_GYRO else NEWEST if kind is KIND_POSE else 0.0
     return abs(time - time_too) < within - SAME_INSTANT and kind is kind_too and rows == rows_too and at == at_too
 
 
