@@ -95,10 +95,6 @@ _COVARIANCES: Final = [
 ]
 
 
-_SIGMA: Final = itemgetter(1)
-_MOUNT_VARIANCE: Final = attrgetter("mount_variance")
-
-
 def _message(estimate: Estimate) -> tuple[float, ...]:
     x, y, theta, v, omega, covariance = estimate[:6]
     return x, y, sin(0.5 * theta), cos(0.5 * theta), v, omega, *(covariance[own] for _, _, own in _COVARIANCES)
@@ -193,14 +189,15 @@ class Estimator:
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
         # without encoders there is no witness of how it rolls
         self._counts = isfinite(geometry.count_length)
-        self._calibrations = {
+        self.calibrations = {
             name: Calibration(self.settings[name].lever_sigma, self.settings[name].delay_sigma)
             for name, each in belongings.items()
             if each.tells_pose and self._counts
         }
+        """What was learned of each sensor that tells positions, by its name."""
         # less 1
         self._gyro_scale = 0.0
-        if self._calibrations:
+        if self.calibrations:
             self.fusion.absolute = self._place
             self._choose_doubt()
             self._tell_mounts()
@@ -252,7 +249,7 @@ class Estimator:
         return tuple(trust._replace(believed=False, reason=reason) for trust in trusts)
 
     def _give(self, measurement: Measurement) -> None:
-        calibration = self._calibrations.get(measurement.sensor)
+        calibration = self.calibrations.get(measurement.sensor)
         if calibration is not None:
             calibration.heard = measurement.time
             right = calibration.corrections
@@ -293,24 +290,19 @@ class Estimator:
         self._vote(now, dt, bias)
         return estimate
 
-    @property
-    def calibrations(self) -> Mapping[str, Calibration]:
-        """What was learned of each sensor that tells positions, by its name."""
-        return self._calibrations
-
     def _place(self, measurement: Measurement, theta: float) -> None:
-        self._calibrations[measurement.sensor].place(measurement, theta)
+        self.calibrations[measurement.sensor].place(measurement, theta)
 
     def _choose_doubt(self) -> None:
         """Choose whose doubts of mount and clock the covariance has: of the sensor that leaves the least of them.
 
         Where none is believed, the pose is still what they have told.
         """
-        believed = [each for name, each in self._calibrations.items() if self.fusion.believes(name)]
-        self.fusion.doubt = min(believed or self._calibrations.values(), key=_MOUNT_VARIANCE).doubt
+        believed = [each for name, each in self.calibrations.items() if self.fusion.believes(name)]
+        self.fusion.doubt = min(believed or self.calibrations.values(), key=attrgetter("mount_variance")).doubt
 
     def _tell_mounts(self) -> None:
-        for name, each in self._calibrations.items():
+        for name, each in self.calibrations.items():
             self.fusion.doubt_mount(name, sqrt(each.mount_variance))
 
     def _vote(self, now: float, dt: float, bias: float) -> None:
@@ -330,11 +322,11 @@ class Estimator:
             else:
                 self._turning = None
                 self._compared.clear()
-            ones = list(self._calibrations.values()) if believed else []
+            ones = list(self.calibrations.values()) if believed else []
             learned = [each.cycle(now, self._read, dt, wheels[0], turning, self._gyro) for each in ones]
             if True in learned:
                 self._gyro_scale = ones[-1].corrections.scale
-                self.fusion.sideways = min([each.sideways for each in ones], key=_SIGMA)
+                self.fusion.sideways = min([each.sideways for each in ones], key=itemgetter(1))
                 self._tell_mounts()
         turns.clear()
         self._wheels = None
@@ -345,7 +337,7 @@ class Estimator:
         self._cycles += 1
         if self._cycles % VOTES == 0:
             self.fusion.judge_by_vote()
-            if self._calibrations:
+            if self.calibrations:
                 self._choose_doubt()
 
     def _compare(self, dt: float, omega: float) -> None:
