@@ -54,8 +54,6 @@ SIZE: Final = 8
 XX, YY, TT, SS = 0, 8, 15, 33
 # of all that slip has a part in
 OF_SLIP: Final = (6, 13, 19, 24, 28, 31, 33, 34)
-# standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
-STEERING: Final = 0.5
 # m/s below which the steering angle is not told from speed and yaw rate
 CRAWL: Final = 0.05
 # s for which the tyres' angle to their way is off by the same amount: about a curve; chosen
@@ -130,7 +128,7 @@ class Drift:
     heading: float = 0.0015
     # m/s: the motors and the floor
     speed: float = 0.25
-    # rad/s: beyond the steering's own
+    # rad/s: the steering
     yaw_rate: float = 0.35
     # rad/s of the gyro
     bias: float = 0.0002
@@ -174,8 +172,6 @@ def predict(
     dt: float,
     density: State,
     sideways: tuple[float, float] = (0.0, 0.0),
-    bend: float = 0.0,
-    bent: float = 0.0,
 ) -> Belief:
     """The belief dt seconds later, on the arc of its speed and yaw rate, thesis (2.2).
 
@@ -187,9 +183,6 @@ def predict(
         dt: s.
         density: variances that a second adds, of `Drift.density`.
         sideways: k and its standard deviation, s^2/m, which moves it across its way for `SIDEWAYS_FOR`.
-        bend: change of the steering's curvature meanwhile, 1/m: the yaw rate changes by speed times that, (2.12). How
-            well it follows tells nothing of the speed, as servos lag and filter; so F leaves that out.
-        bent: that change times how long it has lasted at the end, s/m.
 
     """
     x, y, theta, rolled, omega, bias, slip, width = belief.mean
@@ -247,14 +240,12 @@ def predict(
             lx + f_xt * lt + f_xu * lu + f_xo * lo + f_xs * ls, ly + f_yt * lt + f_yu * lu + f_yo * lo + f_ys * ls,
             lt + f_to * lo, lu, lo, lb, ls, lw,
         ), known, told))  # fmt: skip
-    # how well it follows the steering is one random number of rate and turn
-    rate, turned_by = STEERING * v * bend, STEERING * v * bent
     # the speed has changed evenly, so it has moved the car by half of that over dt, as in `ramped`: BLK 6.3.2
     shared = 0.5 * qu * dt
     q_xu, q_yu = shared * f_xu, shared * f_yu
     # P' = M F^T + Q dt
     return Belief(
-        (x + v * c, y + v * s, theta + omega * dt + v * bent, rolled, omega + v * bend, bias, slip, width),
+        (x + v * c, y + v * s, theta + omega * dt, rolled, omega, bias, slip, width),
         (
             m_xx + m_xt * f_xt + (m_xu + 0.5 * q_xu) * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt + across * s * s,
             m_xy + m_xt * f_yt + (m_xu + 0.5 * q_xu) * f_yu + m_xo * f_yo + m_xs * f_ys - across * s * c,
@@ -263,11 +254,11 @@ def predict(
             m_yy + m_yt * f_yt + (m_yu + 0.5 * q_yu) * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt + across * c * c,
             m_yt + m_yo * f_to, m_yu + q_yu, m_yo, m_yb, m_ys, m_yw,
 
-            m_tt + m_to * f_to + qt * dt + turned_by * turned_by, m_tu, m_to + rate * turned_by, m_tb, m_ts, m_tw,
+            m_tt + m_to * f_to + qt * dt, m_tu, m_to, m_tb, m_ts, m_tw,
 
             uu + qu * dt, uo, ub, us, uw,
 
-            oo + qo * dt + rate * rate, ob, os, ow,
+            oo + qo * dt, ob, os, ow,
 
             bb + qb * dt, bs, bw,
 

@@ -79,7 +79,6 @@ from txt1.estimation.sensors import (
     KIND_ENCODERS,
     KIND_GYRO,
     KIND_POSE,
-    KIND_STEERING,
     KIND_TURN,
     KIND_VELOCITY,
     SAME_INSTANT,
@@ -139,11 +138,7 @@ class _Entry:
 
     measurement: Measurement
     belief: Belief
-    # of the belief
-    time: float
     key: tuple[float, str]
-    # a turn of the steering that counts with the next reading; the belief is the one before it
-    waits: bool = False
     new: bool = True
     used: bool = True
     # nothing is known of the slip before it
@@ -413,12 +408,12 @@ class Fusion:
 
     def _insert(self, measurement: Measurement) -> None:
         """Insert a reading, or the mean of some, at its time."""
-        entries, time = self._entries, measurement.time
+        entries = self._entries
         # of the same instant, too, there is one order
-        key = (round(time / SAME_INSTANT), measurement.sensor)
+        key = (round(measurement.time / SAME_INSTANT), measurement.sensor)
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=_KEY)
-        entries.insert(place, _Entry(measurement, self._base[0], time, key))
+        entries.insert(place, _Entry(measurement, self._base[0], key))
         if place < self._settled:
             self._settled = place
 
@@ -427,23 +422,21 @@ class Fusion:
         if not self._settled:
             return self._base
         entry = self._entries[self._settled - 1]
-        return entry.belief, entry.time
+        return entry.belief, entry.measurement.time
 
     def _forget(self, before: float) -> None:
         """Drop all steps before the horizon; the belief at the horizon is the new beginning."""
         entries = self._entries
         old = 0
-        while old < len(entries) and entries[old].time < before:
+        while old < len(entries) and entries[old].measurement.time < before:
             old += 1
-        while old and entries[old - 1].waits:
-            old -= 1
         if old:
-            self._base = entries[old - 1].belief, entries[old - 1].time
+            self._base = entries[old - 1].belief, entries[old - 1].measurement.time
             del entries[:old]
             self._settled -= old
 
-    def _predicted(self, belief: Belief, begin: float, end: float, bend: float = 0.0, moment: float = 0.0) -> Belief:
-        """The belief at `end`, s of the run, of one at `begin`; of changes of the steering, the sum and the moment."""
+    def _predicted(self, belief: Belief, begin: float, end: float) -> Belief:
+        """The belief at `end`, s of the run, of one at `begin`."""
         dt, sideways, walk = end - begin, self.sideways, self._walk
         density, moves = walk.told, abs(belief.mean[ROLLED]) > MOVING
         # of a car that stands, slip does not change
@@ -462,28 +455,15 @@ class Fusion:
                 belief = wandering(belief, dt, walk.slip_sigma, FLOOR)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
-        return predict(belief, dt if dt > 0.0 else 0.0, density, sideways, bend, bend * end - moment)
+        return predict(belief, dt if dt > 0.0 else 0.0, density, sideways)
 
     def _apply(self) -> None:
         """Take in the entries that are not yet."""
-        entries = self._entries
         belief, time = self._newest()
-        place = self._settled
-        while place and entries[place - 1].waits:
-            place -= 1
-        # of the steering since the belief: its change, 1/m, and that times its time
-        bend = moment = 0.0
-        for entry in entries[place:]:
-            measurement = entry.measurement
-            at = measurement[0]
-            if measurement[2] is KIND_STEERING:
-                # with the next reading, as a prediction of its own takes as long as that one's
-                bend, moment = bend + measurement[4][0], moment + measurement[4][0] * at
-                entry.waits, entry.belief, entry.time = True, belief, time
-                continue
-            if bend or at - time >= SAME_INSTANT:
-                belief = self._predicted(belief, time, at, bend, moment)
-                bend = moment = 0.0
+        for entry in self._entries[self._settled :]:
+            at = entry.measurement.time
+            if at - time >= SAME_INSTANT:
+                belief = self._predicted(belief, time, at)
             time = at
             if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
                 belief = slip_unknown(belief, self._walk.slip_sigma, self.track_sigma)
@@ -492,12 +472,7 @@ class Fusion:
             if entry.wider is not None:
                 belief = widened(belief, entry.wider)
             entry.belief = belief = self._measure(belief, entry)
-        if bend:
-            # no reading has come after it
-            last = entries[-1]
-            at = last.measurement.time
-            last.waits, last.belief, last.time = False, self._predicted(belief, time, at, bend, moment), at
-        self._settled = len(entries)
+        self._settled = len(self._entries)
 
     def _told(self) -> Belief:
         """The belief now."""
@@ -729,7 +704,8 @@ class Fusion:
         self, belief: Belief, entry: _Entry, judge: Judge, frame: Frame, residual: Sequence[float]
     ) -> Belief:
         """Leave out a reading in a frame that moves; it returns as a reading after a leap."""
-        judge.jumped_at, judge.jumped, judge.fitting = entry.measurement.time, SEVERAL, 0
+        measurement = entry.measurement
+        judge.jumped_at, judge.jumped, judge.fitting = measurement.time, SEVERAL, 0
         if judge.believed:
             self._tell(judge.doubt(MOVES))
             self.vote.clear()
@@ -742,7 +718,7 @@ class Fusion:
                 entry.wider[:2, :2] += np.outer(past, past)
                 belief = moved(belief, entry.moved)
                 belief = widened(belief, entry.wider)
-        frame.refuse(entry.time)
+        frame.refuse(measurement.time)
         if not any(each.settings.tells_pose for each in self._believed()):
             self._besides.missed(residual)
         return _left_out(belief, entry, judge)

@@ -23,7 +23,6 @@ HEADING: Final = 2
 class Kind(Enum):
     """The quantities that a measurement is of."""
 
-    STEERING = "the steering's curvature: its change since the last one, and itself, 1/m"
     ENCODERS = "v and omega, by the encoders"
     GYRO = "omega and the gyro's bias"
     POSE = "x, y and theta"
@@ -32,7 +31,7 @@ class Kind(Enum):
 
 
 # the same by names of their own: in Python 3.11 an enum's attribute takes 70 to 100 ns, and a step asks for some fifty
-KIND_STEERING, KIND_ENCODERS, KIND_GYRO, KIND_POSE, KIND_VELOCITY, KIND_TURN = Kind
+KIND_ENCODERS, KIND_GYRO, KIND_POSE, KIND_VELOCITY, KIND_TURN = Kind
 
 
 class Measurement(NamedTuple):

@@ -18,7 +18,6 @@ from txt1.estimation.judging import STALE, Belonging, WitnessValues
 from txt1.estimation.sensors import (
     KIND_ENCODERS,
     KIND_GYRO,
-    KIND_STEERING,
     KIND_TURN,
     USUAL,
     Measurement,
@@ -47,8 +46,6 @@ ENCODERS: Final = "encoders"
 REST: Final = 0.5
 # rad/s of the steering; assumed
 SERVO_RATE: Final = 7.0
-# s by which a turn of the steering may be put earlier, to where readings are: half the steps
-TOGETHER: Final = 0.001
 # m/s by which the encoders miss besides their counts: the floor and the tyres; assumed
 SPEED_MODEL: Final = 0.004
 # rad/s, likewise
@@ -389,7 +386,7 @@ class Estimator:
         _, _, _, v, omega = wheels.odometry
         middle = wheels.time - 0.5 * dt
         before, self._setpoint = self._angle, wheels.setpoint
-        self._steer(wheels.steering, wheels.time - dt, dt)
+        self._steer(wheels.steering, dt)
         settings = self.settings.get(ENCODERS)
         if settings is None:
             return
@@ -418,24 +415,15 @@ class Estimator:
         if self._still >= REST:
             self.fusion.rest(middle)
 
-    def _steer(self, steering: float | None, begin: float, dt: float) -> None:
-        """Take in the change of curvature that the servos have made in dt seconds since `begin`, (2.12)."""
+    def _steer(self, steering: float | None, dt: float) -> None:
+        """Turn the angle of the steering as servos do in dt seconds, and the curvature with it, (2.12)."""
         before, self._steering = self._steering, steering
         if before is None:
             return
         share, most = before / STEERING_MAX, SERVO_RATE * dt
         turned = self._steering_max * (share if -1.0 < share < 1.0 else copysign(1.0, share)) - self._angle
-        if not turned:
-            return
-        turned = turned if -most < turned < most else copysign(most, turned)
-        self._angle += turned
-        curvature = tan(self._angle) / self._lever
-        bend, self._curvature = curvature - self._curvature, curvature
-        if bend:
-            half = 0.5 * abs(turned) / SERVO_RATE
-            middle = begin + half if half > TOGETHER else begin
-            given = middle, "", KIND_STEERING, (0, 1), (bend, curvature), (1.0, 1.0), (0.0, 0.0)
-            self.fusion.take(new(Measurement, given))
+        self._angle += max(-most, min(turned, most))
+        self._curvature = tan(self._angle) / self._lever
 
 
 def usable(estimate: Estimate) -> bool:

@@ -114,17 +114,6 @@ def test_a_car_whose_wheels_tell_another_speed_has_gained_it_on_its_way() -> Non
     assert gained.mean[X] == pytest.approx(0.5 * 0.03 * 0.02, rel=0.01)
 
 
-def test_a_turn_of_the_steering_within_a_prediction_counts_as_at_its_own_time() -> None:
-    belief = belief_of([0.1, 0.2, 0.3, 0.9, 0.5, 0.0, 0.05, 0.0], IDENTITY * 1e-6)
-    bend, before, after = 0.8, 0.007, 0.013
-    two = predict(predict(belief, before, DENSITY, bend=bend), after, DENSITY)
-    one = predict(belief, before + after, DENSITY, bend=bend, bent=bend * after)
-    assert one.mean == pytest.approx(two.mean, abs=1e-4)
-    # of the yaw rate and of what it has turned the car by since
-    for place in ((OMEGA, OMEGA), (THETA, OMEGA), (THETA, THETA)):
-        assert one.covariance[place] == pytest.approx(two.covariance[place], rel=0.03)
-
-
 @pytest.mark.parametrize("v", [1.2, -1.2])
 @pytest.mark.parametrize("omega", [2.0, -2.0])
 def test_in_a_curve_the_car_slides_outwards(v: float, omega: float) -> None:
@@ -203,7 +192,7 @@ def test_the_covariance_stays_symmetric_and_positive_whatever_is_measured(seed: 
     rng = np.random.default_rng(seed)
     belief = belief_of(rng.normal(size=SIZE), covariance(rng, SIZE))
     for _ in range(30):
-        belief = predict(belief, float(rng.uniform(0.0, 0.5)), DENSITY, bend=float(rng.normal()))
+        belief = predict(belief, float(rng.uniform(0.0, 0.5)), DENSITY)
         before = np.abs(belief.covariance).max()
         h = rng.normal(size=(int(rng.integers(1, 4)), SIZE))
         h[:, slice(0, ROLLED) if rng.random() < 0.5 else slice(ROLLED, SIZE)] = 0.0
