@@ -21,7 +21,6 @@ Below are beliefs that know less than before, and `Walk`, which has how the stat
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from math import asin, cos, exp, hypot, inf, isfinite, sin, sqrt
 from operator import mul
 from typing import Final, NamedTuple
@@ -96,6 +95,7 @@ class Belief:
 
 
 _UPPER: Final = np.triu_indices(SIZE)
+_UNITS: Final = np.eye(SIZE)
 
 
 def belief_of(mean: Sequence[float] | Array, covariance: Array, lean: Lean | None = None) -> Belief:
@@ -112,10 +112,8 @@ def upright(belief: Belief, value: float, variance: float) -> Belief:
     """The belief that leans no more: the parameter has this value, and is uncertain by this variance about it."""
     if belief.lean is None:
         return belief
-    by = belief.lean.by
-    mean = _state([each - value * leans for each, leans in zip(belief.mean, by, strict=True)])
-    pairs = zip(belief.triangle, combinations_with_replacement(by, 2), strict=True)
-    return Belief(mean, tuple([each + variance * (a * b) for each, (a, b) in pairs]))
+    by = np.array(belief.lean.by)
+    return belief_of(belief.mean - value * by, belief.covariance + variance * np.outer(by, by))
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,12 +389,8 @@ def _leaning(lean: Lean, row: Row, leans: float, sigma: float, miss: float, w: S
     else:
         expected, tells = sum(map(mul, row, by)), any(row[:ROLLED])
     moved = (leans - expected) / sigma
-    x, y, theta, rolled, omega, bias, slip, width = by
-    wx, wy, wt, wu, wo, wb, ws, ww = w
-    return new(Lean, ((
-        x + wx * moved, y + wy * moved, theta + wt * moved, rolled + wu * moved,
-        omega + wo * moved, bias + wb * moved, slip + ws * moved, width + ww * moved,
-    ), lean.known + tells * moved * moved, lean.told + tells * moved * miss))  # fmt: skip
+    by = _state([each + more * moved for each, more in zip(by, w, strict=True)])
+    return new(Lean, (by, lean.known + tells * moved * moved, lean.told + tells * moved * miss))
 
 
 def encoders(mean: State, *, exact: bool = True) -> tuple[tuple[float, float], tuple[Row, Row]]:
@@ -484,38 +478,21 @@ def outside(
 ) -> tuple[float, tuple[float, ...]]:
     """The car's speed, m/s, and the covariance of x, y, theta, that speed and the yaw rate, row by row.
 
-    `hypotheses` is what the pose's covariance is larger than believed: at x, at x and y, at y, and at theta.
+    `besides` is what the pose's covariance is larger than believed: at x, at x and y, at y, and at theta.
     """
-    _, _, _, rolled, _, _, slip, _ = belief.mean
-    (
-        xx, xy, xt, xu, xo, _, xs, _,
-        yy, yt, yu, yo, _, ys, _,
-        tt, tu, to, _, ts, _,
-        uu, uo, _, us, _,
-        oo, _, os, _,
-        _, _, _,
-        ss, _,
-        _,
-    ) = belief.triangle  # fmt: skip
-    # by which wheels' speed and slip change it
-    a, b = 1.0 - slip, -rolled
-    xv, yv, tv, ov = a * xu + b * xs, a * yu + b * ys, a * tu + b * ts, a * uo + b * os
-    vv = a * a * uu + 2.0 * a * b * us + b * b * ss
-    more_xx, more_xy, more_yy, more_tt = besides
-    xx, xy, yy, tt = xx + more_xx, xy + more_xy, yy + more_yy, tt + more_tt
-    return rolled * a, (
-        xx, xy, xt, xv, xo,
-        xy, yy, yt, yv, yo,
-        xt, yt, tt, tv, to,
-        xv, yv, tv, vv, ov,
-        xo, yo, to, ov, oo,
-    )  # fmt: skip
+    rolled, grip = belief.mean[ROLLED], 1.0 - belief.mean[SLIP]
+    rows = _UNITS[:5].copy()
+    rows[ROLLED, [ROLLED, SLIP]] = grip, -rolled
+    told = rows @ belief.covariance @ rows.T
+    xx, xy, yy, tt = besides
+    # symmetric whatever is rounded
+    told = 0.5 * (told + told.T)
+    told[:3, :3] += ((xx, xy, 0.0), (xy, yy, 0.0), (0.0, 0.0, tt))
+    return rolled * grip, tuple(told.ravel().tolist())
 
 
 # m/s, standard deviation of the speed at the start: it may be driving already
 SPEED: Final = 0.5
-
-_UNITS: Final = np.eye(SIZE)
 
 
 def considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float]) -> Belief:

@@ -302,10 +302,11 @@ class Fusion:
                 missing = "silent" if judge.heard <= judge.since else "not in time"
                 if judge.reason != missing:
                     self._tell(judge.doubt(missing))
-        estimate = self._estimate(self._told())
+        belief, time = self._newest()
+        estimate = self._estimate(self._predicted(belief, time, now) if now - time >= SAME_INSTANT else belief)
         if not self._placed:
             doubted = bent(estimate.covariance[12]) * estimate.v
-            self._besides.drive(self._newest()[0].mean[THETA], doubted, since)
+            self._besides.drive(belief.mean[THETA], doubted, since)
         return estimate
 
     def _note_believed(self) -> None:
@@ -473,11 +474,6 @@ class Fusion:
                 belief = widened(belief, entry.wider)
             entry.belief = belief = self._measure(belief, entry)
         self._settled = len(self._entries)
-
-    def _told(self) -> Belief:
-        """The belief now."""
-        belief, time = self._newest()
-        return self._predicted(belief, time, self._now) if self._now - time >= SAME_INSTANT else belief
 
     def _take_out(self, sensor: str, turned: float) -> None:
         """Leave a sensor's readings out that were taken in; before them it may have turned the pose by so much, rad."""
