@@ -12,8 +12,7 @@ which is linear in (l, tau, s, g, b, k) for small errors: a Kalman filter of the
 B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. An error that the drive does not show
 keeps its first standard deviation: a lever arm shows in turns, a clock where the speed changes, and sliding outwards in
 curves at two speeds. Without k a car that slides looks like a lever arm that points backwards. A lever arm to the left
-looks like slip that is another in each curve, as it is in each manoeuvre: so slip walks with the change of the
-curvature, too.
+looks like slip that is another in each curve.
 
 A heading that the sensor tells is late as well. So the axes in which z_B - z_A is seen are turned by -tau omega_A.
 
@@ -25,7 +24,7 @@ correction; models of cars are wrong by less than that. The estimate tells what 
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
-from math import copysign, cos, exp, hypot, inf, sin, sqrt
+from math import cos, exp, hypot, inf, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -55,10 +54,6 @@ WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias, 1e-4
 CHANGED: Final = 0.1
 # slip beyond which it is the wheels that err: it changes with each way by its own size, and tells of no mount
 ERR: Final = 0.25
-# m from which a way tells of the slip
-LEAST_WAY: Final = 0.05
-# s m^2: with a change of the curvature by 1/m, slip changes as in so long; a change of the manoeuvre, chosen
-MANOEUVRE: Final = 5.0
 # m by which the wheels miss the way after 1 s
 ALONG: Final = 0.004
 # m by which the robot slides sideways in 1 s
@@ -138,8 +133,6 @@ class Calibration:
         self._first: tuple[Measurement, float] | None = None
         self._mount = (0.0, 0.0)
         self._time = 0.0
-        # of the last way, 1/m
-        self._curvature = 0.0
         self._left = self._left_to_doubt()
 
     def cycle(
@@ -255,17 +248,12 @@ class Calibration:
             variances.append(2.0 * one.sigmas[2] ** 2 + GYRO**2 * span + (GYRO_CLOCK * (w_b - w_a)) ** 2)
         elif not by_gyro:
             variances[1] += (BY_WHEELS * turn * way_length) ** 2
-        bend = 0.0
-        if way_length > LEAST_WAY:
-            curvature = turn / copysign(way_length, dx)
-            bend, self._curvature = curvature - self._curvature, curvature
-        self._absorb(np.array(residual), np.array(rows), np.diag(variances), end, bend)
+        self._absorb(np.array(residual), np.array(rows), np.diag(variances), end)
 
-    def _absorb(self, residual: Array, rows: Array, noise: Array, time: float, bend: float) -> None:
+    def _absorb(self, residual: Array, rows: Array, noise: Array, time: float) -> None:
         dt = max(0.0, min(time - self._time, LONGEST))
-        exposed = dt + MANOEUVRE * bend * bend
         p = self.covariance + np.diag(WALK) * dt
-        p[SLIPPED, SLIPPED] += CHANGED**2 * min(exposed, 1.0)
+        p[SLIPPED, SLIPPED] += CHANGED**2 * min(dt, 1.0)
         if abs(self.mean[SLIPPED]) > ERR:
             p[SLIPPED, SLIPPED] += self.mean[SLIPPED] ** 2
         self._time = time
