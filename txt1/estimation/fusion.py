@@ -63,7 +63,6 @@ from txt1.estimation.filter import (
 )
 from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL, Besides, Frame, Reckoning, aligned, bent
 from txt1.estimation.judging import (
-    CHI95,
     CHI99,
     KEEPS,
     MOVING,
@@ -584,7 +583,7 @@ class Fusion:
         sigmas, expected = measurement.sigmas, belief.triangle
         after, nis, _ = update(belief, residual, h, sigmas)
         if not entry.new:
-            return self._softly(belief, after, nis, residual, h, sigmas) if entry.used else belief
+            return after if entry.used else belief
         entry.new = False
         gate = judge.settings.gate**2
         judge.surprised(nis, len(residual))
@@ -623,12 +622,10 @@ class Fusion:
             entry.wider = grown(measurement.rows, residual, SLID if self._rolling else 0.0)
             before, belief = belief, widened(belief, entry.wider)
             residual, h = self._expect(belief.mean, measurement)
-            after, nis, _ = update(belief, residual, h, sigmas)
+            after = update(belief, residual, h, sigmas)[0]
             self._besides.overrule(before, after)
         elif nis > gate:
             return _left_out(belief, entry, judge)
-        if nis > CHI95[len(residual) - 1]:
-            after = self._softly(belief, after, nis, residual, h, sigmas)
         judge.used += 1
         if len(residual) == 2:
             noise = sigmas[0] * sigmas[0]
@@ -648,22 +645,6 @@ class Fusion:
             if measurement.time - each.placed_at < RECENT:
                 return each.name
         return ""
-
-    def _softly(
-        self,
-        belief: Belief,
-        after: Belief,
-        nis: float,
-        residual: Sequence[float],
-        h: Sequence[Row],
-        sigmas: Sequence[float],
-    ) -> Belief:
-        """A reading beyond 95 % of chi-square with less weight, as Huber has it."""
-        usual = CHI95[len(residual) - 1]
-        if nis <= usual:
-            return after
-        soft = sqrt(sqrt(nis / usual))
-        return update(belief, residual, h, [soft * sigma for sigma in sigmas])[0]
 
     def _accepted(self, measurement: Measurement, before: Belief, after: Belief) -> None:
         self._besides.place(before, after)

@@ -5,9 +5,7 @@ A sixth is in `hypotheses`.
 1. **Valid.** A reading is ignored that is no number, never changes, is later than `fusion.HORIZON`, or of the future,
    and so is a position that is told again. A sensor that gives no others is left out. These faults show without any
    other sensor.
-2. **Robust.** A reading within the gate is taken in, with less weight beyond 95 % of chi-square: its sigma grows as
-   Huber's function has it (P. J. Huber, *Robust Statistics*, Wiley 1981; in a filter: C. D. Karlgaard, J. Guidance
-   38(5), 2015).
+2. **Near.** A position within the gate is taken in, a single one beyond it is not.
 3. **Adaptive.** A sensor that measures the pose, is fresh and agrees with itself is right where dead reckoning
    contradicts it: the model of the car is wrong, as wheels slip and servos lag. From the second reading beyond 99 % of
    chi-square on, the covariance grows until the miss is what it expects, and the reading is taken in: the strong
@@ -77,8 +75,6 @@ OTHER: Final = 0.2
 SEVERAL: Final = 3
 # chi-square of 1, 2, 3 numbers at 99 %
 CHI99: Final[tuple[float, ...]] = (6.635, 9.210, 11.345)
-# chi-square of 1, 2, 3 numbers at 95 %
-CHI95: Final[tuple[float, ...]] = (3.841, 5.991, 7.815)
 
 
 @dataclass(frozen=True, slots=True)
