@@ -16,7 +16,7 @@ from txt1.config import load
 from txt1.errors import ConfigError, NotCapable
 from txt1.estimation.calibration import Corrections
 from txt1.estimation.filter import State
-from txt1.estimation.sensors import Kind, Measurement
+from txt1.estimation.sensors import Measurement
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ESTIMATION_PERIOD, FILTERED, PRIORITY, TRUSTS, Estimator, wheels
 from txt1.kernel.loop import run
@@ -70,7 +70,7 @@ async def test_a_car_that_slides_outwards_in_curves_is_told_from_a_mount_that_is
             await robot.drive(speed, 1.5 * speed, 2.0)
             await robot.drive(speed, -1.5 * speed, 2.0)
         calibration = estimator.calibrations["vicon"]
-        sideways = calibration.told("sideways")
+        sideways = calibration.learned("sideways")
         assert sideways.value == pytest.approx(1.0 / (9.81 * robot.config.sim.vehicle.cornering), abs=0.004)
         assert sideways.sigma < 0.003
         assert calibration.corrections == Corrections()
@@ -204,7 +204,7 @@ def in_a_reading(estimator: Estimator, now: float) -> None:
 
 
 def in_its_state(estimator: Estimator, now: float) -> None:
-    estimator.fusion.take(Measurement(now, "", Kind.STEERING, (0, 1), (nan, nan), (1.0, 1.0)))
+    estimator.fusion.sideways = nan, 0.0
 
 
 @pytest.mark.parametrize(
