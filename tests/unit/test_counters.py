@@ -85,9 +85,8 @@ def test_an_opened_robot_is_a_part_of_the_whole(capsys: pytest.CaptureFixture[st
 def test_no_class_name_stands_for_two_things() -> None:
     where: dict[str, list[str]] = {}
     for file in sorted((size.ROOT / "txt1").rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
-            if isinstance(node, ast.ClassDef):
-                where.setdefault(node.name, []).append(str(file.relative_to(size.ROOT)))
+        for name in re.findall(r"^ *class (\w+)[(:\[]", file.read_text("utf-8"), re.MULTILINE):
+            where.setdefault(name, []).append(str(file.relative_to(size.ROOT)))
     assert {name: files for name, files in where.items() if len(files) > 1} == {}
 
 

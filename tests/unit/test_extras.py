@@ -19,7 +19,8 @@ PAGES = [each for each in PAGES if each.name != "CHANGELOG.md"]
 def named_by_the_program() -> Iterator[str]:
     """Each extra that `need` or `MissingExtra` is given; a third argument of the latter names a plug-in."""
     for file in (ROOT / "txt1").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        text = file.read_text("utf-8")
+        for node in ast.walk(ast.parse(text)) if "need(" in text or "MissingExtra(" in text else ():
             kind = getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
             if isinstance(node, ast.Call) and (kind == "need" or (kind == "MissingExtra" and len(node.args) < 3)):
                 extra = node.args[1]

