@@ -27,17 +27,18 @@ def has_driven(text: str) -> bool:
     return found is not None and float(found[1]) > 0.2
 
 
-@pytest.mark.parametrize(("columns", "rows"), [(60, 20), (80, 24), (120, 40)])
-def test_no_screen_of_a_practice_is_cut(columns: int, rows: int) -> None:
-    child = start(columns, rows, *PRACTICE)
-    watched = Watched(child, columns, rows)
-    watched.until("ARMED", "http://", "[MAP]")
+def test_no_screen_of_a_practice_is_cut() -> None:
+    child = start(60, 20, *PRACTICE)
     names = list(installed())
     at = names.index("MAP")
-    for name in names[at + 1 :] + names[: at + 1]:
-        child.send(b"\x1b[C")
-        watched.until(f"[{name}]", "ARMED", "http://")
-        assert "…" not in watched.text, f"{name} is cut:\n{watched.text}"
+    for columns, rows in ((60, 20), (80, 24), (120, 40)):
+        child.setwinsize(rows, columns)
+        watched = Watched(child, columns, rows)
+        watched.until("ARMED", "http://", "[MAP]")
+        for name in names[at + 1 :] + names[: at + 1]:
+            child.send(b"\x1b[C")
+            watched.until(f"[{name}]", "ARMED", "http://")
+            assert "…" not in watched.text, f"{name} is cut in {columns} columns:\n{watched.text}"
     child.send(b"q")
     child.expect(pexpect.EOF)
     child.close()

@@ -88,7 +88,7 @@ def test_a_setting_that_the_learner_does_not_read_is_refused(
 
 
 def test_no_running_robot_takes_a_world_that_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert execute(["learn", "--world", "change-slip", "--out", str(tmp_path / "out")]) == 2
+    assert execute(["learn", "--jobs", "1", "--world", "change-slip", "--out", str(tmp_path / "out")]) == 2
     assert "learning.changes: no running robot reads it, only studies do" in capsys.readouterr().err
 
 

@@ -93,30 +93,36 @@ def test_machine_code_is_kept_until_something_changes_that_it_was_made_from(tmp_
     """numba itself looks for changes in the caller's file only."""
     program = """
 import os
-import subprocess
 import sys
 from txt1.sim.batch import compiled
 sys.path.insert(0, sys.argv[1])
-import called, caller
-caller.twice = compiled(called.twice)
-made = compiled(caller.run, cache=True)
-print(made(1.0), sum(made.stats.cache_hits.values()))
+for factor, text, plus in eval(sys.argv[2]):
+    known = f"import numpy\\nFACTOR, PLUS = {factor}, numpy.array([{plus}])\\n"
+    with open(os.path.join(sys.argv[1], "called.py"), "w") as file:
+        file.write(f"{known}def twice(x):\\n    return {text}\\n")
+    sys.modules.pop("called", None), sys.modules.pop("caller", None)
+    import called, caller
+    caller.twice = compiled(called.twice)
+    made = compiled(caller.run, cache=True)
+    print(made(1.0), sum(made.stats.cache_hits.values()))
 """
     caller = "from called import FACTOR, PLUS, twice\ndef run(x):\n    return FACTOR * twice(x) + PLUS[0]\n"
     (tmp_path / "caller.py").write_text(caller)
 
-    def told(factor: float, text: str, plus: float = 0.0) -> list[str]:
-        known = f"import numpy\nFACTOR, PLUS = {factor}, numpy.array([{plus}])\n"
-        (tmp_path / "called.py").write_text(f"{known}def twice(x):\n    return {text}\n")
-        words = [sys.executable, "-B", "-c", program, str(tmp_path)]
+    def told(*versions: tuple[float, str, float]) -> list[str]:
+        words = [sys.executable, "-B", "-c", program, str(tmp_path), repr(versions)]
         environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
-        return subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout.split()
+        return subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
-    assert told(1.0, "x + x") == ["2.0", "0"]
-    assert told(1.0, "x + x") == ["2.0", "1"], "made once"
-    assert told(1.0, "x + x + 1.0") == ["3.0", "0"], "a function that it calls"
-    assert told(3.0, "x + x + 1.0") == ["9.0", "0"], "a constant that it reads"
-    assert told(3.0, "x + x + 1.0", 2.0) == ["11.0", "0"], "an array that it reads"
+    made = (1.0, "x + x", 0.0)
+    assert told(made) == ["2.0 0"]
+    again, function, constant, array = told(
+        made, (1.0, "x + x + 1.0", 0.0), (3.0, "x + x + 1.0", 0.0), (3.0, "x + x + 1.0", 2.0)
+    )
+    assert again == "2.0 1", "made once"
+    assert function == "3.0 0", "a function that it calls"
+    assert constant == "9.0 0", "a constant that it reads"
+    assert array == "11.0 0", "an array that it reads"
 
 
 def test_every_extra_that_brings_numba_for_learners_brings_scipy() -> None:
