@@ -41,8 +41,8 @@ def test_no_text_of_the_pictures_is_cut_or_stands_over_another(tmp_path: Path, m
         legends[path.name] = [text.get_text() for legend in told for text in legend.get_texts()]
 
     monkeypatch.setattr(figure.Figure, "savefig", kept)
-    words = ["learn", "--agent", "thesis", "--trials", "2", "--episodes", "4", "--jobs", "1", "--seed", "1", "--out", str(tmp_path)]
-    assert execute(words) == 0
+    words = ["learn", "--agent", "thesis", "--trials", "2", "--episodes", "4", "--jobs", "1", "--seed", "1"]
+    assert execute([*words, "--out", str(tmp_path)]) == 0
     assert found.keys() == {"times.png", "learning_curve.png", "paths.png", "qtable.png"}
     assert not any(found.values()), found
     assert legends["qtable.png"] == ["left", "straight", "right", "sensors", "goal"]
