@@ -49,6 +49,7 @@ NOT_PUBLIC: Final[dict[str, tuple[str, set[str]]]] = {
             "txt1.sim.batch",
             "txt1.sim.dynamics",
             "txt1.sim.lamp",
+            "txt1.sim.machine_code",
             "txt1.sim.obstacles",
             "txt1.sim.parameters",
             "txt1.sim.rays",
@@ -100,6 +101,7 @@ NOT_PUBLIC: Final[dict[str, tuple[str, set[str]]]] = {
             "txt1.model.vehicle",
             "txt1.sim.batch",
             "txt1.sim.dynamics",
+            "txt1.sim.machine_code",
         },
     ),
     "ros1": (

@@ -27,9 +27,10 @@ from txt1.kernel.processors import processors
 from txt1.learning.light_direction import FILTER_WEIGHT
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
-from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
+from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, move
 from txt1.sim.dynamics import dynamics
 from txt1.sim.lamp import PointLight, lux_at
+from txt1.sim.machine_code import compiled
 from txt1.sim.parameters import VehicleParameters
 
 # one vehicle step, ms: the controller's period. The light is sampled with it.

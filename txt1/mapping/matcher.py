@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from txt1.mapping import kernels
 from txt1.mapping.poses import placed
-from txt1.sim.batch import compiled
+from txt1.sim.machine_code import compiled
 
 Array = NDArray[np.float64]
 

@@ -52,7 +52,7 @@ from txt1.mapping.matcher import GAP, Cloud, LocalMap, compiled_kernels, joined,
 from txt1.mapping.poses import composed, difference, wrapped
 from txt1.mapping.whole_map import WholeMap
 from txt1.maps.grid import OCCUPIED_FROM, Grid
-from txt1.sim.batch import compiled
+from txt1.sim.machine_code import compiled
 
 Array = NDArray[np.float64]
 

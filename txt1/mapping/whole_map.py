@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from txt1.mapping import kernels
 from txt1.mapping.matcher import CELL, Cloud, LocalMap
 from txt1.maps.grid import Grid
-from txt1.sim.batch import compiled
+from txt1.sim.machine_code import compiled
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

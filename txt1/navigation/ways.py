@@ -22,7 +22,7 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.maps.files import Map
 from txt1.maps.grid import FREE, Grid
 from txt1.model.kinematics import move_along_arc, wrap_angle
-from txt1.sim.batch import compiled
+from txt1.sim.machine_code import compiled
 from txt1.sim.walls import SLOPE, Walls
 from txt1.sim.walls import STEP as STEP_BESIDE
 from txt1.tasks.on_map import MapInUse

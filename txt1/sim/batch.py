@@ -31,17 +31,9 @@ numba compiles it (extra `fast`): eight times as fast as vehicle by vehicle. Wit
 slowly. tests/unit/sim/test_many_vehicles.py checks that the two forms agree to 1e-12.
 """
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
-from functools import partial
-from hashlib import sha256
-from importlib.util import find_spec
 from math import copysign, pi, sqrt
-from pathlib import Path
-from runpy import run_path
-from types import CodeType, FunctionType, ModuleType
-from typing import Any, Final, cast
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +43,7 @@ from txt1.model.vehicle import STEERING_MAX
 from txt1.sim import dynamics, sliding
 from txt1.sim.battery import Packs, voltage_share
 from txt1.sim.dynamics import SHORT_RAMP, Dynamics
+from txt1.sim.machine_code import compiled
 from txt1.sim.parameters import Batteries, VehicleParameters
 
 Array = NDArray[np.float64]
@@ -69,67 +62,6 @@ LOSS_MAX: Final = 2.0
 
 # difference between pi / 2 and its double
 _HALF_PI_REST: Final = 6.123233995736766e-17
-
-
-def compiled(
-    function: Callable[..., Any],
-    *,
-    reorder: bool = False,
-    calls: Mapping[str, Any] | None = None,
-    cache: bool = False,
-    **options: Any,
-) -> Callable[..., Any]:
-    """Return the function, compiled if numba is installed, and scipy, whose linear algebra numba calls.
-
-    Args:
-        function: function of numbers and arrays.
-        reorder: whether sums and products may be reordered, which vector instructions need; NaN and infinity keep their
-            meaning.
-        calls: compiled functions, by the names used in its code.
-        cache: whether the machine code is kept on the disk, where that is possible.
-        options: options of numba.njit.
-
-    """
-    try:
-        from numba import njit
-    except ImportError:
-        return function
-    # without it numba ends the whole process at the first system of equations
-    if find_spec("scipy") is None:
-        return function
-    # mypyc has compiled it; numba needs its Python source, which lies beside it
-    if not isinstance(function, FunctionType):
-        source = Path(__file__).parents[2].joinpath(*function.__module__.split(".")).with_suffix(".py")
-        function = run_path(str(source))[function.__name__]
-    if calls or cache:
-        function = FunctionType(function.__code__, {**function.__globals__, **(calls or {})}, function.__name__)
-    liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
-    made = partial(njit, error_model="numpy", fastmath=liberties, **options)
-    if cache:
-        # numba looks for changes in the function's own file only
-        function.__qualname__ += f"-{_digest(function)}"
-        with suppress(OSError, RuntimeError):  # there is no folder for machine code
-            return cast("Callable[..., Any]", made(function, cache=True))
-    return cast("Callable[..., Any]", made(function))
-
-
-def _digest(function: Any) -> str:
-    """Return what tells a compiled function from others of its name: its code, the functions that it calls, and the
-    constants that it reads, in whatever file they are.
-    """
-    function = getattr(function, "py_func", function)
-    code, known = function.__code__, function.__globals__
-    parts = [code.co_code, *(repr(each).encode() for each in code.co_consts if not isinstance(each, CodeType))]
-    modules = [known[name] for name in code.co_names if isinstance(known.get(name), ModuleType)]
-    for name in code.co_names:
-        for read in (known.get(name), *(getattr(module, name, None) for module in modules)):
-            if hasattr(read, "py_func"):
-                parts.append(_digest(read).encode())
-            elif isinstance(read, int | float | str | tuple):
-                parts.append(repr(read).encode())
-            elif isinstance(read, np.ndarray):
-                parts.append(read.tobytes())
-    return sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
 def powered(vehicle: VehicleParameters, batteries: Batteries) -> VehicleParameters:

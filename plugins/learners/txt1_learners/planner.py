@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.sim import batch
+from txt1.sim import machine_code
 
 Array = NDArray[np.float64]
 Place = tuple[float, float]
@@ -20,7 +20,7 @@ Place = tuple[float, float]
 Belief = tuple[float, float, float, float, float]
 # decisions after which an action's distance and curvature have settled
 SETTLE: Final = 6
-compiled = partial(batch.compiled, cache=True)
+compiled = partial(machine_code.compiled, cache=True)
 
 
 @compiled

@@ -47,8 +47,9 @@ from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.hal import PWM_MAX
 from txt1.model.kinematics import wrap_angle
-from txt1.sim.batch import Array, compiled
+from txt1.sim.batch import Array
 from txt1.sim.dynamics import Motion
+from txt1.sim.machine_code import compiled
 from txt1.units import GRAVITY
 from txt1_physics.foreign import Foreign, MotorDrive
 

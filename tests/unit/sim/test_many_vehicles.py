@@ -19,6 +19,7 @@ from sim_steps import Parameters, advance, numbers
 from tests.examples import examples
 from txt1.sim import batch
 from txt1.sim.dynamics import VehicleState
+from txt1.sim.machine_code import compiled
 
 COUNT = 40
 PARAMETERS = st.fixed_dictionaries(
@@ -86,7 +87,7 @@ def test_the_series_are_exact_to_the_last_bits() -> None:
 def test_nothing_is_compiled_without_scipy_whose_algebra_numba_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """numba ends the process when a compiled function solves a system of equations, and scipy is missing."""
     monkeypatch.setitem(sys.modules, "scipy", None)
-    assert batch.compiled(cos) is cos
+    assert compiled(cos) is cos
 
 
 def test_machine_code_is_kept_until_something_changes_that_it_was_made_from(tmp_path: Path) -> None:
@@ -94,7 +95,7 @@ def test_machine_code_is_kept_until_something_changes_that_it_was_made_from(tmp_
     program = """
 import os
 import sys
-from txt1.sim.batch import compiled
+from txt1.sim.machine_code import compiled
 sys.path.insert(0, sys.argv[1])
 for factor, text, plus in eval(sys.argv[2]):
     known = f"import numpy\\nFACTOR, PLUS = {factor}, numpy.array([{plus}])\\n"

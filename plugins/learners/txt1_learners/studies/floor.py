@@ -28,8 +28,9 @@ from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode, o
 from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor, rounded_up
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, task_of
-from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move, powered
+from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
+from txt1.sim.machine_code import compiled
 from txt1_learners.studies.lockstep import Loops, Wheels, loops_of, wheels_of
 from txt1_learners.studies.modelled_settings import FLOOR, refuse_others
 

@@ -35,9 +35,10 @@ from txt1.learning.world import TOUCH, CheckedWorld, LightWorld, Pose, settled, 
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
 from txt1.sensors.sim_vicon import TrackerErrors
-from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move, powered
+from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, move, powered
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
+from txt1.sim.machine_code import compiled
 from txt1.sim.obstacles import gap
 from txt1.sim.parameters import Box
 from txt1.sim.rays import shapes_of, walls_of
