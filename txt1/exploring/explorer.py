@@ -2,8 +2,8 @@
 
 How it works. With each choice it looks for frontiers (`txt1.exploring.frontiers`) and takes the cheapest, by the way to
 it, its size, and how far the robot has to turn. It stays with its choice until most of the frontier is known, it has
-looked at it in vain, or no way leads there. In the last two cases the frontier is set aside, and tried once more when
-no other is left. `go_to` plans and drives every way, on the floor seen so far.
+looked at it in vain, or no way leads there. In the last two cases the frontier is set aside, and tried from other
+places when no other is left. `go_to` plans and drives every way, on the floor seen so far.
 
 It is a source of commands like any other. When a hand takes the wheel, or the robot is stopped, it waits until the
 robot is armed anew. The pose is the mapper's.
@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 from txt1.commands import say
 from txt1.driver import REFRESH
 from txt1.errors import A_STOP, CommandRefused, NotArmed, Overruled, Txt1Error
-from txt1.exploring.frontiers import SAME, Frontier, View, best_view, frontiers
+from txt1.exploring.frontiers import SAME, Frontier, Places, View, best_view, frontiers
 from txt1.exploring.growing_floor import GrowingFloor
 from txt1.guards.obstacle_stop.guard import LaserGuard
 from txt1.mapping.map_sensors import NEWS, OnMap
@@ -81,6 +81,8 @@ class Try(NamedTuple):
 
     place: tuple[float, float]
     """m."""
+    view: tuple[float, float]
+    """Place to look at it from, m."""
     why: str
     """Why it is still there; empty if it was gone."""
 
@@ -126,13 +128,15 @@ class Explorer:
 
     async def _next(self) -> View | None:
         """Return the cheapest view of a frontier that may be tried; None: there is none."""
-        view = await self._best(self._may_try)
+        view = await self._best(self._may_try, self._vain)
         if view is None and not self._again:
             self._again = True
-            view = await self._best(self._may_try)
+            view = await self._best(self._may_try, self._vain)
         return view
 
-    async def _best(self, wanted: Callable[[Frontier], bool]) -> View | None:
+    async def _best(
+        self, wanted: Callable[[Frontier], bool], vain: Callable[[Frontier], Places] = lambda _: ()
+    ) -> View | None:
         await self._until(lambda: self._read() is not None, LOST)
         pose, room, body = self._pose.pose(), self._floor.floor(), self._robot.config.geometry
         assert room is not None
@@ -140,7 +144,7 @@ class Explorer:
         def search() -> View | None:
             assert room.walls is not None
             every = frontiers(room.walls.grid)
-            there = [each for each in every if wanted(each)]
+            there = [each._replace(vain=vain(each)) for each in every if wanted(each)]
             view = best_view(there, pose, room, body, self._keep) if there else None
             cells = tuple((x, y) for each in every for x, y in each.cells.round(2).tolist())
             self._shown = Frontiers(cells, view and view.frontier.middle)
@@ -149,13 +153,16 @@ class Explorer:
         return await in_thread(search)
 
     def _may_try(self, frontier: Frontier) -> bool:
-        """Whether the frontier was not tried in vain, at the end not twice."""
-        before = self._before(frontier)
-        return len(before) < OFTEN and sum(bool(each.why) for each in before) <= self._again
+        """Whether the frontier was not tried in vain, at the end not too often."""
+        return len(self._before(frontier)) < OFTEN and (self._again or not self._vain(frontier))
 
     def _before(self, frontier: Frontier) -> list[Try]:
         x, y = frontier.middle
         return [each for each in self._tries if hypot(each.place[0] - x, each.place[1] - y) < SAME]
+
+    def _vain(self, frontier: Frontier) -> Places:
+        """Return the places from which it was tried in vain."""
+        return tuple(each.view for each in self._before(frontier) if each.why)
 
     async def _left(self) -> tuple[list[str], list[Frontier]]:
         """Return in words the frontiers that are left, and those from which the car is kept away."""
@@ -200,7 +207,7 @@ class Explorer:
             await asyncio.sleep(LOOK)
         if not why and not seen():
             why = "the laser has looked there in vain"
-        self._tries.append(Try(view.frontier.middle, why))
+        self._tries.append(Try(view.frontier.middle, view.pose[:2], why))
         if why:
             robot.tell(f"the frontier at {_at(view.frontier)} is set aside: {why}")
 

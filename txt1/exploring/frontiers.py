@@ -40,9 +40,11 @@ CLOSE: Final = 1.2
 """m of way that a metre closer to the frontier is worth: it is seldom driven to its end."""
 SQUARE: Final = np.ones((3, 3))
 SAME: Final = 0.5
-"""m within which two frontiers are the same."""
+"""m within which two frontiers are the same, and two places to look from."""
 KNOWN: Final = 0.3
 """Share of its unknown cells below which the floor behind a frontier is known."""
+
+Places = tuple[tuple[float, float], ...]
 
 
 class Frontier(NamedTuple):
@@ -56,6 +58,8 @@ class Frontier(NamedTuple):
     """m."""
     beyond: Array
     """Places of the unknown cells beside it (n, 2), m."""
+    vain: Places = ()
+    """Where the robot has looked at it in vain, or whereto it could not drive, m."""
 
     def known(self, grid: Grid) -> bool:
         """Return whether most of the unknown cells are known now."""
@@ -108,16 +112,15 @@ def frontiers(grid: Grid) -> list[Frontier]:
 
 
 def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, keep: float) -> View | None:
-    """Return the cheapest pose from which the robot looks at most of the middle of the cheapest frontier, else at its
-    middle cell, else at any part of it; None: it can reach none.
+    """Return the cheapest pose from which the robot looks at most of the middle of the cheapest frontier, else at any
+    part of it; None: it can reach none.
 
     The body keeps `keep` m from walls.
     """
     for past in PAST:
         part = _best(every, pose, room, body, keep, inf, past)
         if part is not None:
-            best = (_best([part.frontier], pose, room, body, keep, within, past) for within in (SAME, 0.0))
-            return next((view for view in best if view is not None), part)
+            return _best([part.frontier], pose, room, body, keep, SAME, past) or part
     return None
 
 
@@ -139,17 +142,18 @@ def _best(
 
 def _cheapest(frontier: Frontier, poses: Array, room: Room, within: float, past: float) -> View | None:
     """Return the cheapest of the poses (n, 4) that look at most of the cells behind the frontier `within` m of its
-    middle, at least at the nearest, at most `past` rad past them; inf m: at any cell behind it. None: none does.
+    middle, at most `past` rad past them; inf m: at any cell behind it. None: none does.
 
     The border of what a corner hides is in sight from where it was seen, and what is behind it is not.
     """
     assert room.walls is not None
-    aside = np.hypot(*(frontier.beyond - frontier.middle).T)
-    ends = frontier.beyond[aside <= max(within, aside.min())]
+    ends = frontier.beyond[np.hypot(*(frontier.beyond - frontier.middle).T) <= within]
     most = 0.0 if within == inf else 1.0 - KNOWN
     dx, dy = (ends[None] - poses[:, None, :2]).transpose(2, 0, 1)
     angles, ranges = np.arctan2(dy, dx), np.hypot(dx, dy)
     looking = (ranges < SIGHT) & (np.abs((angles - poses[:, 2:3] + pi) % (2.0 * pi) - pi) < past)
+    for x, y in frontier.vain:
+        looking[np.hypot(poses[:, 0] - x, poses[:, 1] - y) < SAME] = False
     costs = poses[:, 3] + CLOSE * ranges.min(axis=1) - LARGE * min(frontier.length, LARGEST)
     enough = np.flatnonzero(looking.mean(axis=1) > most)
     grid = room.walls.grid

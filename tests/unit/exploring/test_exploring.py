@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from itertools import combinations
 from math import hypot
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from txt1.cli import execute
 from txt1.exploring import explorer
-from txt1.exploring.frontiers import Frontier
+from txt1.exploring.frontiers import SAME, Frontier
 from txt1.kernel.loop import run
 from txt1.maps import files
 from txt1.maps.grid import FREE
@@ -155,6 +156,20 @@ def test_a_frontier_to_which_no_way_leads_is_told_with_its_place(tmp_path, capsy
     assert execute([*arguments(LASER), "--duration", "60", "--explore", "-o", str(name)]) == 1
     told = capsys.readouterr().err
     assert "a frontier is left at (" in told and "no path leads to" in told and "did not come back" in told
+
+
+def test_a_frontier_looked_at_in_vain_is_tried_from_other_places_and_told(tmp_path, capsys, monkeypatch):
+    goals: list[Pose] = []
+
+    async def stays(robot: Robot, goal: Pose, **_: object) -> None:
+        goals.append(goal)
+
+    monkeypatch.setattr(explorer, "go_to", stays)
+    assert execute([*arguments(LASER), "--duration", "60", "--explore", "-o", str(tmp_path / "room")]) == 1
+    assert "a frontier is left at (" in (told := capsys.readouterr().err) and "looked there in vain" in told
+    *views, _home = goals
+    assert len(views) > 1
+    assert all(hypot(one[0] - other[0], one[1] - other[1]) >= SAME for one, other in combinations(views, 2))
 
 
 def test_a_frontier_that_is_gone_was_not_looked_at_in_vain(tmp_path, capsys, monkeypatch):

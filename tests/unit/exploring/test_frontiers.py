@@ -145,3 +145,26 @@ def test_a_good_view_of_a_far_frontier_does_not_lure_the_car_away_from_a_near_on
     grid.cells[30:36, 90] = grid.cells[30:75, 91:96] = grid.cells[30:50, 9] = FREE
     view = best_view(frontiers(grid), (3.2, 1.0, 0.0), room(grid), BODY, KEEP)
     assert view is not None and view.frontier.middle[0] > 4.0
+
+
+def test_the_car_looks_from_another_place_after_it_has_looked_in_vain():
+    grid = seen(door=1.0)
+    (door,) = frontiers(grid)
+    vain: list[tuple[float, float]] = []
+    for _ in range(3):
+        view = best_view([door._replace(vain=tuple(vain))], START, room(grid), BODY, KEEP)
+        assert view is not None and view.frontier.middle == door.middle
+        assert all(hypot(view.pose[0] - x, view.pose[1] - y) >= 0.5 for x, y in vain)
+        vain.append(view.pose[:2])
+
+
+def test_a_car_without_room_to_turn_looks_aside():
+    # 0.8 m x 0.7 m round the car, with a gap in the wall to its left
+    cells = np.full((40, 40), UNKNOWN, np.int8)
+    cells[12:28, 11:29] = OCCUPIED
+    cells[13:27, 12:28] = FREE
+    cells[27, 13:27] = FREE
+    grid = QuickGrid(cells, 0.05, (-1.0, -1.0, 0.0))
+    (gap,) = frontiers(grid)
+    view = best_view([gap], (0.0, 0.0, 0.0), room(grid), BODY, KEEP)
+    assert view is not None and abs(view.pose[2]) < 0.3
