@@ -176,6 +176,8 @@ class ForeignPolicy:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
+        # weights in a file beside it, as PyTorch's exporter writes them
+        options.add_session_config_entry("session.model_external_initializers_file_folder_path", str(self.path.parent))
         try:
             return onnxruntime.InferenceSession(self._data, options, providers=["CPUExecutionProvider"])
         except Exception as error:

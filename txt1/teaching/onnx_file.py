@@ -201,7 +201,7 @@ def card_of(data: bytes) -> str:
                     return bytes(found[2]).decode()
                 except UnicodeDecodeError:
                     break
-    raise PolicyError("it has no card, so 'txt1 teach' has not written it")
+    raise PolicyError("it has no card, so 'txt1 teach' has not written it; tell one from elsewhere by --card CARD.yaml")
 
 
 def read(

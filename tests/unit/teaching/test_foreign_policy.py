@@ -80,6 +80,18 @@ def test_a_network_with_tinylidarnets_shapes_steers_in_rad_and_meters_a_second(t
     )
 
 
+def test_weights_in_a_file_beside_the_network_are_found_from_anywhere(tmp_path: Path) -> None:
+    outputs = np.zeros((6, 3))
+    outputs[0, 2] = 1.0
+    path, there = network(tmp_path / "foreign.onnx", [1, 6], outputs), tmp_path / "card.yaml"
+    onnx.save(onnx.load(path), path, save_as_external_data=True, location="foreign.onnx.data", size_threshold=50)
+    there.write_text(NUMBERED)
+    assert load(path, there, CONFIG).judged([(900.0, 10.0, 10.0, 10.0), (0.3, 0.0)]).steering > 0.0
+    (tmp_path / "foreign.onnx.data").unlink()
+    with pytest.raises(PolicyError, match="cannot load it"):
+        load(path, there, CONFIG)
+
+
 def test_the_largest_number_chooses_a_command(tmp_path: Path) -> None:
     outputs = np.zeros((6, 3))
     outputs[0, 2], outputs[1, 0] = 1.0, 1.0  # front left bright: left
