@@ -12,9 +12,10 @@ from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import Plan
 from txt1.learning.light_direction import sector
 from txt1.learning.qtable import STATES
-from txt1.learning.settings import TURN, ThesisConfig
+from txt1.learning.settings import TURN, LearningConfig, ThesisConfig
 from txt1.learning.thesis import TABLE_5_3, ThesisAgent
 from txt1.learning.trial import COMMANDS
+from txt1.learning.world_presets import ours, world_named
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.sensors.light import compass
@@ -99,6 +100,12 @@ def test_remedy_1_holds_until_the_command_is_reached_then_reads_the_state() -> N
     assert np.argwhere(np.array(one.q) != before).tolist() == [[sector(FRONT_LEFT), 2]], (
         "the state it read when it turned"
     )
+
+
+@pytest.mark.parametrize("world", [None, *ours()])
+def test_every_world_and_the_running_robot_read_the_direction_without_compression(world: str | None) -> None:
+    config = load(None if world is None else world_named(world)).config
+    assert config.section(LearningConfig).thesis.direction == "corrected"
 
 
 @pytest.mark.parametrize(("way", "seen"), [("summed", 4), ("corrected", 5)])
