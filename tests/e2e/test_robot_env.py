@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from math import atan2, hypot, pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +18,11 @@ from txt1.kernel.ticks import Ticks
 from txt1.learning.drive_tasks import task_named
 from txt1.learning.robot_env import EnvStep, RobotEnv, StepTrial
 from txt1.learning.task import LearningTask
+from txt1.learning.trial import Phase
+from txt1.model.odometry import Odometry
 from txt1.navigation import PoseSource
+from txt1.navigation.pose_source import true_pose
+from txt1.record.reader import FilePass
 from txt1.robot import Robot
 
 pytest.importorskip("gymnasium")
@@ -116,6 +122,44 @@ async def test_a_stop_voids_the_episode_and_nothing_of_it_is_counted() -> None:
             assert outside.trial.handed.empty(), "nothing is handed over while it is disarmed"
             robot.arm()
         assert voids == 6
+
+
+def test_a_robot_that_is_put_on_its_start_by_hand_never_drives_there_itself() -> None:
+    trial = StepTrial(task_named("pose", load(None, ENDLESS).config), np.random.default_rng(3), by_hand=True)
+    here = (5.0, 2.0, 1.0)
+    trial.placed(0.0)
+    for now in np.arange(0.0, 2.0, 0.05):
+        # taken away again before it was seen
+        assert trial.tick(now, False, here, Odometry()) == (0.0, 0.0)
+        assert trial.phase is Phase.REST and trial.handed.empty()
+    assert trial.tick(2.0, True, here, Odometry()) == (0.0, 0.0) and trial.handed.empty(), "it rests first"
+    trial.tick(3.0, True, here, Odometry())
+    assert trial.phase is Phase.DRIVE and not trial.handed.get_nowait().void
+
+
+def test_by_hand_it_begins_where_it_stands_waits_for_the_next_arming_and_records(tmp_path: Path) -> None:
+    log = tmp_path / "drive.mcap"
+    settings = [*ENDLESS, "seed=2", "sim.start=[3,1,0]"]
+    known: list[tuple[Robot, asyncio.AbstractEventLoop]] = []
+
+    async def prepare(robot: Robot) -> None:
+        known.append((robot, asyncio.get_running_loop()))
+
+    with RobotEnv("pose", settings=settings, hal="sim", arm=True, by_hand=True, log=log, prepare=prepare) as env:
+        robot, loop = known[0]
+        seen, _ = env.reset()
+        assert true_pose(robot).pose()[:2] == pytest.approx((3.0, 1.0), abs=0.05)
+        env.step(steered(seen))
+        loop.call_soon_threadsafe(robot.disarm)
+        assert env.step(steered(seen))[4]["void"]
+        anew = threading.Thread(target=env.reset)
+        anew.start()
+        anew.join(0.7)
+        assert anew.is_alive(), "it waits for a person"
+        loop.call_soon_threadsafe(robot.arm)
+        anew.join(10.0)
+        assert not anew.is_alive()
+    assert "/learning/step" in {item.topic for item in FilePass(log)}
 
 
 def test_the_environment_runs_the_robot_in_a_thread_and_stops_it() -> None:

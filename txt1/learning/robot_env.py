@@ -70,8 +70,8 @@ class EnvStep(NamedTuple):
 class StepTrial:
     """Episodes of a task by actions from elsewhere; `txt1.learning.task` conducts it. See the module."""
 
-    def __init__(self, task: DriveTask, rng: np.random.Generator) -> None:
-        self.task = task
+    def __init__(self, task: DriveTask, rng: np.random.Generator, by_hand: bool = False) -> None:
+        self.task, self._by_hand = task, by_hand
         # what is seen at each decision, and the actions for it
         self.handed: SimpleQueue[EnvStep] = SimpleQueue()
         self.actions: SimpleQueue[tuple[float, float]] = SimpleQueue()
@@ -122,6 +122,7 @@ class StepTrial:
         """Return the velocity to command, m/s and rad/s, at a pose in the room."""
         if not armed:
             self.void()
+            self._since = now
         if self.phase is Phase.REST:
             seen = self._filter.settled or not self.task.light
             ready = seen and (self.ranges is not None or not self.task.laser)
@@ -178,7 +179,8 @@ class StepTrial:
         if self.phase is Phase.REST or self.phase is Phase.DRIVE:
             # before its first observation nobody knows of it
             known = self.phase is Phase.DRIVE and (self._steps > 0 or self._asked)
-            self.phase, self._command = Phase.WAIT if known else Phase.MOVE, (0.0, 0.0)
+            again = Phase.REST if self._by_hand else Phase.MOVE
+            self.phase, self._command = Phase.WAIT if known else again, (0.0, 0.0)
             if known:
                 self.handed.put(EnvStep(np.zeros(len(self.task.low), np.float32), truncated=True, void=True))
 
@@ -224,7 +226,7 @@ class RobotEnv(gymnasium.Env[Observation, Any]):
         one = load(None, settings, options=given).config if config is None else config
         self._config = ready_to_learn(one) if task == "light" and one.hal == "sim" else one
         made = task_named(task, self._config)
-        self.trial = StepTrial(made, np.random.default_rng(self._config.own_seed))
+        self.trial = StepTrial(made, np.random.default_rng(self._config.own_seed), by_hand)
         self.observation_space, self.action_space = spaces(made)
         self._pose, self._arm, self._log, self._prepare, self._by_hand = pose, arm, log, prepare, by_hand
         self._epoch = -1
