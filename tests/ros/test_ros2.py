@@ -23,7 +23,7 @@ from tests.patience import LIMIT, TXT1, S, wait_until
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
-from txt1.record.reader import FilePass
+from txt1.record.reader import Decoding, FilePass
 from txt1.ros.install import outdated
 from txt1.ros.python import RosPython, clean, home, ros2
 
@@ -247,22 +247,16 @@ def test_the_death_of_who_drives_is_neutral_in_a_quarter_second_and_a_tick(
 
 def obeyed_for(file: Path, way: int = 1) -> float:
     """How long the last command forwards (1) or backwards (-1) was obeyed, s: until the tick before it is neutral."""
-    words = ["log", "cat", str(file), "--topic", "/input", "--topic", "/setpoint"]
-    said = subprocess.run([sys.executable, "-m", "txt1", *words], cwd=ROOT, capture_output=True, text=True).stdout
-    lines = [json.loads(line) for line in said.splitlines()]
-    given = [
-        line["message"]["given"]
-        for line in lines
-        if line["topic"] == "/input"
-        and line["message"]["kind"] == "Velocity"
-        and way * line["message"]["values"][0] > 0.0
-    ]
-    moving = [
-        i
-        for i, line in enumerate(lines)
-        if line["topic"] == "/setpoint" and way * line["message"]["twist"]["linear"]["x"] > 0.0
-    ]
-    return float(lines[moving[-1]]["time"] - max(given))
+    reading, decoding = FilePass(file), Decoding()
+    given = moving = 0.0
+    for item in reading:
+        if item.topic == "/input":
+            message = decoding.values(item)
+            if message["kind"] == "Velocity" and way * message["values"][0] > 0.0:
+                given = max(given, message["given"])
+        elif item.topic == "/setpoint" and way * decoding.values(item)["twist"]["linear"]["x"] > 0.0:
+            moving = reading.run_time(item)
+    return moving - given
 
 
 @pytest.mark.parametrize("what", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
