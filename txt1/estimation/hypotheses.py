@@ -29,7 +29,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
-from math import atan2, cos, exp, hypot, sin, sqrt
+from math import atan2, cos, dist, exp, hypot, sin, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -173,6 +173,8 @@ class Frame:
         """Standard deviation of the sensor's place on the robot, m."""
         self._picks: deque[_Pick] = deque(maxlen=round(WINDOWS[-1] / PICKED) + 2)
         self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
+        # whether it tells headings, too
+        self._headed = False
         self._last = -1.0
         self._at = 0.0, 0.0
         # the last reading at which it was likely to stand, while it is likely to move
@@ -197,6 +199,7 @@ class Frame:
         if measurement.at != self._at:
             # another mount than before would look like a frame that has moved
             self._mount(measurement.at)
+        self._headed = len(measurement.values) > 2
         since = measurement.time - self._last
         if since >= PICKED - 1e-6:
             self._last = measurement.time
@@ -279,7 +282,10 @@ class Frame:
             [-ahead * spots[:, 6], -aside * spots[:, 6]], [times, none], [none, times], *ways,
         ]).reshape(9 + len(ways), -1)  # fmt: skip
         turned = abs(spots[-1, 3] - spots[0, 3]) / span
-        direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()))
+        # a heading that its positions have told is off by the sensor's place over the way
+        way = dist(spots[0, 1:3], spots[-1, 1:3])
+        told = 0.0 if self._headed else self.lever / max(way, self.lever)
+        direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()), told)
         shared = [1e3, 1e3, USUAL, direction, self.lever, self.lever, CLOCK]
         noise = hypot(max(each.sigma for each in picks), RECKONED)
         left = np.concatenate((xs - xs.mean(), ys - ys.mean())) / noise

@@ -32,9 +32,11 @@ def drive(
     track_sigma: float = 0.05,
     until: float = inf,
     other: float = 0.0,
+    curve: float = 2.5,
 ) -> tuple[Estimator, Estimate, tuple[float, float, float]]:
     """The filter, its last estimate and the true pose after curves to both sides, with wheels so much wider apart.
 
+    A curve lasts `curve` s.
     The gyro is heard until so many seconds. By 7.5 s in 15 the wheels seem to be by `other` wider apart, as they slip.
     """
     rng, name = np.random.default_rng(1), "place"
@@ -44,7 +46,7 @@ def drive(
     x = y = theta = omega = v = 0.0
     for cycle in range(1, round(seconds / CYCLE) + 1):
         now = cycle * CYCLE
-        part = int(now / 2.5)
+        part = int(now / curve)
         asked, turn = (0.0, 0.0) if now < 2.0 else (0.4 + 0.3 * (part % 2), (0.9, -0.6, 0.0, -0.9, 0.6)[part % 5])
         v += float(np.clip(asked - v, -2.0 * CYCLE, 2.0 * CYCLE))
         omega += float(np.clip(turn - omega, -4.0 * CYCLE, 4.0 * CYCLE))
@@ -102,6 +104,20 @@ def test_rtk_30_cm_from_where_it_is_stated_is_found_and_stays_believed() -> None
     assert all(each.believed for each in estimator.trusts())
     assert estimator.calibrations["place"].learned("x").value == pytest.approx(0.3, abs=0.08)
     assert hypot(estimate.x - x, estimate.y - y) < 0.15
+
+
+@pytest.mark.parametrize(("ahead", "curve"), [(0.3, 2.0), (-0.3, 2.0), (0.3, 3.0), (-0.3, 3.0)])
+def test_rtk_30_cm_off_is_believed_whichever_curves_tell_the_heading(ahead: float, curve: float) -> None:
+    """In a curve its antenna goes another way than the car heads: that is no frame that moves."""
+
+    def fix(now: float, x: float, y: float, theta: float) -> Reading[Any]:
+        at = x + ahead * cos(theta), y + ahead * sin(theta)
+        return Reading(now, FixReading(0.0, 0.0, *at, sigma_x=0.03, sigma_y=0.03, mount=Mount(0.0, 0.0, 0.0)))
+
+    estimator, estimate, (x, y, theta) = drive(60.0, wider=0.0, positions=FixReading, told=fix, curve=curve)
+    assert all(each.believed and each.rejected < 20 for each in estimator.trusts())
+    assert hypot(estimate.x - x, estimate.y - y) < 0.05
+    assert abs(wrap_angle(estimate.theta - theta)) < 0.02
 
 
 def test_motion_capture_30_cm_from_where_it_is_stated_is_found() -> None:
