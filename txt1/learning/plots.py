@@ -1,4 +1,7 @@
-"""Pictures of the learning: the curve, paths, the table and where it drives. Needs matplotlib (extra `plots`)."""
+"""Pictures of the learning: the curve, paths, the table and where it drives. Needs matplotlib (extra `plots`).
+
+They know no learner: what one adds to them (a table beside its own, where it drives) stands in its module.
+"""
 
 from collections.abc import Callable, Sequence
 from math import cos, sin

@@ -1,4 +1,8 @@
-"""The trials of `txt1 learn`: on a robot each, one after the other or side by side in processes."""
+"""The trials of `txt1 learn`: on a robot each, one after the other or side by side in processes.
+
+`conduct` lists the trials that no file holds yet and has them done. `on_robot` does one of them from its number and the
+seed alone, so it is the same in any process. Its file is written as it ends, and that is all that `--resume` needs.
+"""
 
 import asyncio
 import signal
