@@ -6,7 +6,9 @@ import asyncio
 import re
 import subprocess
 import sys
+import textwrap
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -150,6 +152,13 @@ def test_domain_randomisation_gives_each_robot_a_world_of_its_own() -> None:
     assert len(brightest) > 2
     with pytest.raises(ConfigError, match="do not differ in it"):
         env.DriveVectorEnv(2, "light", load(None, ["learning.randomised={learning.goal_radius: [0.4, 0.5]}"]).config)
+
+
+def test_the_pages_lines_make_environments() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "environments.md").read_text()
+    lines = [line for line in page.splitlines() if line.startswith(("    import ", "    gymnasium."))]
+    assert sum("make" in line for line in lines) == 3
+    exec(textwrap.dedent("\n".join(lines)), {})
 
 
 @pytest.mark.long  # it is compiled
