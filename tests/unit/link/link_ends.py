@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import os
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager, suppress
@@ -68,10 +67,10 @@ async def turns() -> None:
 
 
 def timers() -> list[asyncio.TimerHandle]:
-    """What a loop is still to call later."""
-    now = asyncio.get_running_loop().time()
-    handles = (one for one in gc.get_objects() if isinstance(one, asyncio.TimerHandle))
-    return [handle for handle in handles if not handle.cancelled() and handle.when() > now]
+    """What the loop is still to call later."""
+    loop: Any = asyncio.get_running_loop()
+    now = loop.time()
+    return [handle for handle in loop._scheduled if not handle.cancelled() and handle.when() > now]  # noqa: SLF001
 
 
 def run_quietly(main: Coroutine[Any, Any, None], speed: Any = None) -> None:
