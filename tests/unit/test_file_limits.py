@@ -7,6 +7,7 @@ import socket
 import struct
 import zlib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -114,6 +115,7 @@ def test_a_file_that_is_larger_than_its_kind_is_refused(tmp_path: Path) -> None:
 # -- recordings --------------------------------------------------------------------------------------------------
 
 
+@cache
 def packed_zeros(size: int) -> bytes:
     """So many zeros as zstandard packs them, without ever having them all."""
     packing, piece = zstandard.ZstdCompressor(level=1).compressobj(size=size), bytes(1 << 24)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from tests.examples import some
 from txt1.errors import ConfigError
 from txt1.model.odometry import Odometry
 from txt1.record import mcap_file
@@ -19,6 +20,8 @@ from txt1.tasks.encoder import ODOMETRY
 
 BLOCKS, MESSAGES = 30, 40
 """So many blocks of so many messages are written."""
+SHARES = [k / 40 for k in range(41)]
+"""Shares of all bytes for which there is room at first."""
 
 
 class Disk:
@@ -70,7 +73,7 @@ def sink(path: Path) -> FileSink:
     return FileSink(path, {}, Rotation(size=8000), "zstd", strict=False)
 
 
-@pytest.mark.parametrize("share", [k / 40 for k in range(41)])
+@pytest.mark.parametrize("share", some(*SHARES[::4], rest=[each for k, each in enumerate(SHARES) if k % 4]))
 def test_what_is_written_once_there_is_room_again_is_recorded(
     share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
