@@ -37,6 +37,8 @@ from txt1.model.kinematics import wrap_angle
 
 WHEELBASE = 0.34
 IDENTITY = np.eye(SIZE)
+# the Jacobian of a pose, by rows
+POSE = [tuple(row) for row in IDENTITY[:3].tolist()]
 DENSITY = Drift().density()
 
 
@@ -76,7 +78,7 @@ def test_straight_ahead_it_is_the_kalman_filter_of_another_library_to_1e_9() -> 
         other.F[Y, THETA] = 0.02 * other.x[ROLLED]
         other.predict()
         z = rng.normal(size=2)
-        ours, nis, _ = update(ours, (z - ours.mean[:2]).tolist(), IDENTITY[:2].tolist(), sigmas)
+        ours, nis, _ = update(ours, (z - ours.mean[:2]).tolist(), POSE[:2], sigmas)
         other.update(z)
         assert ours.mean == pytest.approx(other.x, abs=1e-9)
         assert ours.covariance == pytest.approx(other.P, abs=1e-9)
@@ -238,7 +240,7 @@ def test_its_errors_are_as_large_as_it_says_and_so_are_its_surprises() -> None:
             told = [
                 (encoders(tuple(truth))[0], *encoders(belief.mean), of_wheels),
                 ([np.dot(GYRO, truth)], [np.dot(GYRO, belief.mean)], [GYRO], of_gyro),
-                (truth[:3], belief.mean[:3], IDENTITY[:3].tolist(), of_pose),
+                (truth[:3], belief.mean[:3], POSE, of_pose),
             ]
             z, expected, h, sigmas = told[cycle % 3]
             residual = z + np.array(sigmas) * rng.normal(size=len(z)) - expected
@@ -289,7 +291,7 @@ def test_a_belief_that_leans_tells_of_the_parameter_as_a_state_more_would() -> N
     both, spread, h = np.zeros(2), np.diag([1.0, before**2]), np.array([1.0, 1.0])
     for _ in range(30):
         told = 0.5 + 0.01 + sigma * float(rng.normal())
-        belief = update(belief, [told - belief.mean[X]], IDENTITY[:1].tolist(), [sigma], leans=1.0)[0]
+        belief = update(belief, [told - belief.mean[X]], POSE[:1], [sigma], leans=1.0)[0]
         gain = spread @ h / (h @ spread @ h + sigma**2)
         both, spread = both + gain * (told - h @ both), spread - np.outer(gain, h @ spread)
     assert belief.lean is not None
