@@ -10,7 +10,7 @@ from txt1.errors import Txt1Error
 from txt1.model.kinematics import move_along_arc
 from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
 from txt1.model.vehicle import Geometry
-from txt1.navigation.search import Ends, ends_of, round_walls, stays_clear
+from txt1.navigation.search import ends_of, round_walls, stays_clear
 from txt1.navigation.ways import BLIND
 from txt1.sim.room import Room, clearance
 
@@ -113,19 +113,17 @@ def stays_inside(
     room: Room | None,
     body: Geometry,
     keep_clear: float = 0.0,
-    goal: Pose | None = None,
     keep: float = 0.0,
-    seen: float = inf,
 ) -> bool:
     """Return whether the body keeps `keep_clear` m from the walls along a path, checked every 5 cm.
 
-    Near the start, and near a `goal`, that are closer to a map's wall, their own distance is enough.
+    Near a start that is closer to a map's wall its own distance is enough.
     """
     if room is None or not (isfinite(room.length) or isfinite(room.width) or room.walls is not None):
         return True
     if room.walls is None:
         return all(clearance(*pose, room, body) >= keep_clear for pose in along(start, path, LOOK_EVERY))
-    return stays_clear(start, path, room, body, keep_clear, _ends(start, goal, room, body, keep_clear, keep, seen))
+    return stays_clear(start, path, room, body, keep_clear, ends_of(start, None, room, body, keep_clear, keep, inf))
 
 
 def seen_part(start: Pose, path: Path, room: Room | None, body: Geometry) -> Path:
@@ -147,10 +145,6 @@ def _first(path: Path, metres: float) -> Path:
         found.append(Segment(curvature, distance))
         metres -= abs(distance)
     return path
-
-
-def _ends(start: Pose, goal: Pose | None, room: Room, body: Geometry, clear: float, keep: float, seen: float) -> Ends:
-    return ends_of(start, goal, room, body, clear, keep, seen)
 
 
 def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
@@ -200,7 +194,7 @@ def _cheapest_inside(
     every = _by_cost(start, goal, room, body)
     if room is None or room.walls is None:
         return next((path for path in every if stays_inside(start, path, room, body, keep_clear)), None)
-    ends = _ends(start, goal, room, body, keep_clear, keep, seen)
+    ends = ends_of(start, goal, room, body, keep_clear, keep, seen)
     return next((path for path in every if stays_clear(start, path, room, body, keep_clear, ends)), None)
 
 
@@ -229,7 +223,7 @@ def _round_walls(
     narrow: bool = False,
 ) -> Path | None:
     assert room is not None
-    ends = _ends(start, goal, room, body, keep_clear, keep, seen)
+    ends = ends_of(start, goal, room, body, keep_clear, keep, seen)
 
     def last(pose: Pose) -> Path | None:
         every = _by_cost(pose, goal, room, body)
