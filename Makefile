@@ -23,7 +23,7 @@ PIP_INSTALL := -m pip install --quiet --quiet --disable-pip-version-check
 PIP_FETCH := -m pip --disable-pip-version-check wheel --quiet --quiet
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
 TEST_APART = $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
-# of `make test`: each collects all tests, 20 s of a processor, so no more than keep two processors busy
+# of `make test`: each collects all tests, 5 s of a processor; one that waits leaves the processors to the others
 JOBS ?= 4
 APART_TESTS ?= tests
 RUN ?=
