@@ -210,8 +210,8 @@ async def test_an_error_of_the_owner_is_a_failure_of_one_that_is_started_again()
         raise ZeroDivisionError("bug")
 
     forever = Restart(limit=math.inf, pause=0.01)
-    async with Sidecar("beside_targets:echo", lambda: None, bug, restart=forever, tell=told.append):
-        await until(lambda: len(told) > 1)
+    async with Sidecar("beside_targets:echo", lambda: None, bug, restart=forever, tell=told.append) as beside:
+        await until(lambda: beside.counts["restarts"] > 1)
     assert told[0] == "is at fault here: ZeroDivisionError: bug and is started again in 0.01 s"
 
 
