@@ -240,8 +240,10 @@ async def test_a_robot_that_finds_no_way_round_what_it_sees_says_so_and_stays(fl
     x, y, theta = flat.pose
     # whatever it does, something comes into its way
     there._sensor = Laser(flat, lambda: [(robot_at(flat)[0] + 0.6, y + 0.1 * k) for k in range(-6, 7)])  # type: ignore[assignment] # noqa: SLF001
+    begun = flat.now
     with pytest.raises(Blocked, match="something stands in the way"):
         await go_to(flat, (x + 2.6, y, theta), pose_source=map_pose(flat), room=room)
+    assert flat.now < begun + 20.0
     await asyncio.sleep(0.5)
     assert flat.odometry.v == 0.0 and flat.driver.name != "program"
 
