@@ -1,10 +1,10 @@
 """One trial: an agent's episodes of the task, and everything that the seed decides (thesis 5.3).
 
 A trial knows neither asyncio nor the robot; `txt1.learning.task` conducts it on the running robot. How it goes: an
-episode is brought to its start (MOVE), rests there until the learner has seen enough (REST), and is driven (DRIVE) until
-the goal, the boundary, the time or a contact ends it. At each `tick` the learner says whether its action goes on, and
-decides where it does not; the action's velocity reaches the robot, later if there is a delay. An episode that is void
-is done again from the same start, and the learner forgets it.
+episode is brought to its start (MOVE), rests there until the learner has seen enough (REST), and is driven (DRIVE)
+until the goal, the boundary, the time or a contact ends it. At each `tick` the learner says whether its action goes
+on, and decides where it does not; the action's velocity reaches the robot, later if there is a delay. An episode that
+is void is done again from the same start, and the learner forgets it.
 """
 
 from collections.abc import Callable, Collection
